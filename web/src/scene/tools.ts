@@ -2,21 +2,14 @@
 
 import { type Signal, signal } from "@preact/signals-core";
 import { BufferGeometry, Line, LineBasicMaterial, type Object3D, Vector3 } from "three";
+import type { Place } from "../robot/navigation";
+import { FAR_STEP, STEP } from "./layers/handles";
 import { arrow } from "./layers/poses";
 import { disposeTree, type View } from "./view";
 
 export type ToolName = "look" | "goal" | "pose" | "measure";
 
-/** A place on the ground of the fixed frame, with a direction in radians. */
-export interface Place {
-  x: number;
-  y: number;
-  yaw: number;
-}
-
-/** Metres and radians by which a key moves and turns a place; with Shift the metres are more. */
-const STEP = 0.1;
-const FAR_STEP = 0.5;
+/** Radians by which a key turns a place. */
 const TURN = Math.PI / 12;
 /** To which share of its distance a key brings the camera. */
 const NEARER = 0.8;
@@ -37,7 +30,7 @@ export class Tools {
   readonly measured: Signal<number> = signal(Number.NaN);
   /** The place that keys move, before it is set; null before the first key. */
   readonly cursor: Signal<Place | null> = signal(null);
-  /** Called with a place that was set. */
+  /** Called with a place of the fixed frame that was set. */
   onPlace: (tool: "goal" | "pose", place: Place) => void = () => undefined;
 
   private drawn: Object3D | null = null;
@@ -72,17 +65,17 @@ export class Tools {
     this.chosen.value = tool;
     this.start = this.measureFrom = this.cursor.value = null;
     this.erase();
-    this.view.redraw();
     // So that the keys of the tool are heard.
     if (tool !== "look") this.view.canvas.focus({ preventScroll: true });
   }
 
-  /** Show where a place would be that is chosen elsewhere in the page; null for no more. */
-  preview(place: Place | null): void {
-    if (this.chosen.peek() !== "look") return;
-    if (place) this.drawArrow(place);
-    else this.erase();
-    this.view.redraw();
+  /** Show a place of a frame that is chosen elsewhere in the page, where no tool is in use; returns what ends that. */
+  preview(place: Place, frame: Object3D): () => void {
+    if (this.chosen.peek() !== "look") return () => undefined;
+    const drawn = this.drawArrow(place, frame);
+    return () => {
+      if (this.drawn === drawn) this.erase();
+    };
   }
 
   dispose(): void {
@@ -196,26 +189,24 @@ export class Tools {
     }
   }
 
-  private drawArrow({ x, y, yaw }: Place): void {
-    this.erase();
-    this.drawn = arrow(0x1f9d55, 0.9);
-    this.drawn.position.set(x, y, 0.05);
-    this.drawn.rotation.z = yaw;
-    this.show();
+  private drawArrow({ x, y, yaw }: Place, frame: Object3D = this.view.scene): Object3D {
+    const drawn = arrow(0x1f9d55, 0.9);
+    drawn.position.set(x, y, 0.05);
+    drawn.rotation.z = yaw;
+    this.show(drawn, frame);
+    return drawn;
   }
 
   private drawLine(from: Vector3, to: Vector3): void {
-    this.erase();
     const lifted = [from, to].map(({ x, y, z }) => new Vector3(x, y, z + 0.03));
-    this.drawn = new Line(
-      new BufferGeometry().setFromPoints(lifted),
-      new LineBasicMaterial({ color: 0x1f5fa8 }),
-    );
-    this.show();
+    const material = new LineBasicMaterial({ color: 0x1f5fa8 });
+    this.show(new Line(new BufferGeometry().setFromPoints(lifted), material), this.view.scene);
   }
 
-  private show(): void {
-    if (this.drawn) this.view.scene.add(this.drawn);
+  private show(drawn: Object3D, frame: Object3D): void {
+    this.erase();
+    this.drawn = drawn;
+    frame.add(drawn);
     this.view.redraw();
   }
 
@@ -224,6 +215,7 @@ export class Tools {
     disposeTree(this.drawn);
     this.drawn.removeFromParent();
     this.drawn = null;
+    this.view.redraw();
   }
 }
 

@@ -54,14 +54,12 @@ function GoalPanel({ context }: { context: PanelContext }) {
   }, [session, odometry, isVisible, touched, place, frame]);
   // Shown in the 3D view from the first change on, until it is sent or the panel is left.
   useEffect(() => {
-    navigation.draft.value = touched.value && isVisible ? { place: place.value, frame: frame.value } : null;
-  }, [navigation, touched.value, isVisible, place.value, frame.value]);
-  useEffect(
-    () => () => {
+    if (!touched.value || !isVisible) return undefined;
+    navigation.draft.value = { place: place.value, frame: frame.value };
+    return () => {
       navigation.draft.value = null;
-    },
-    [navigation],
-  );
+    };
+  }, [navigation, touched.value, isVisible, place.value, frame.value]);
   if (!navigation.way) return <p class="faint">{t("goal.none")}</p>;
   const { x, y, yaw } = place.value;
   const step = Number(config.value.step ?? 0.5);

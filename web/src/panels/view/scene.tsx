@@ -86,10 +86,10 @@ function Toolbar({ context, scene }: { context: PanelContext; scene: RobotScene 
   const { navigation, config, stop } = context;
   const { tools, frames, axes } = scene;
   const draft = navigation.draft.value;
-  useEffect(() => {
-    const from = draft && frames.pose(draft.frame);
-    tools.preview(from ? placeFrom(from, draft.place) : null);
-  }, [tools, frames, draft, frames.fixed.value, tools.chosen.value]);
+  useEffect(
+    () => (draft ? tools.preview(draft.place, frames.place(draft.frame)) : undefined),
+    [tools, frames, draft, tools.chosen.value],
+  );
   const following = scene.followed.value !== "";
   const axesShown = useSignal(axes.isShown);
   useEffect(() => {
@@ -180,12 +180,6 @@ function Toolbar({ context, scene }: { context: PanelContext; scene: RobotScene 
   );
 }
 
-/** A place of a frame that lies somewhere in another one, seen from that. */
-function placeFrom(frame: Place, { x, y, yaw }: Place): Place {
-  const [cos, sin] = [Math.cos(frame.yaw), Math.sin(frame.yaw)];
-  return { x: frame.x + cos * x - sin * y, y: frame.y + sin * x + cos * y, yaw: frame.yaw + yaw };
-}
-
 function placeText({ x, y, yaw }: Place): { x: string; y: string; degrees: string } {
   const degrees = (((yaw * 180) / Math.PI) % 360).toFixed(0);
   return { x: x.toFixed(2), y: y.toFixed(2), degrees };
@@ -227,7 +221,7 @@ function HandleButton({ handle }: { handle: Handle }) {
     <button
       type="button"
       onKeyDown={(event) => {
-        const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+        const { key } = event;
         if (taken.current && (key === "Enter" || key === "Escape")) {
           release(key === "Enter");
         } else if (handle.key(key, event.shiftKey)) {

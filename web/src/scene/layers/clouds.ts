@@ -20,13 +20,16 @@ class PointBuffer {
   /** Points that the graphics card has been sent, or will be. */
   private sent = 0;
   private limit = Number.POSITIVE_INFINITY;
+  private readonly hasColours: boolean;
 
+  /** Without a colour for all of them, each point has its own. */
   constructor(
     private readonly size: number,
-    private readonly colour: number | null,
+    colour?: number,
   ) {
-    this.material = new PointsMaterial({ size, vertexColors: colour === null });
-    if (colour === null) this.material.onBeforeCompile = asTheyAre;
+    this.hasColours = colour === undefined;
+    this.material = new PointsMaterial({ size, vertexColors: this.hasColours });
+    if (colour === undefined) this.material.onBeforeCompile = asTheyAre;
     else this.material.color.set(colour);
     this.points = new Points(new BufferGeometry(), this.material);
     this.points.frustumCulled = false;
@@ -41,12 +44,10 @@ class PointBuffer {
       geometry.dispose();
       const positions = new BufferAttribute(new Float32Array(this.capacity * 3), 3);
       geometry.setAttribute("position", positions.setUsage(DynamicDrawUsage));
-      const colours = new BufferAttribute(
-        new Uint8Array(this.colour === null ? this.capacity * 4 : 0),
-        4,
-        true,
-      );
-      if (this.colour === null) geometry.setAttribute("color", colours.setUsage(DynamicDrawUsage));
+      if (this.hasColours) {
+        const colours = new BufferAttribute(new Uint8Array(this.capacity * 4), 4, true);
+        geometry.setAttribute("color", colours.setUsage(DynamicDrawUsage));
+      }
     }
     this.count = count;
     this.points.visible = count > 0;
@@ -126,7 +127,7 @@ export class ScanLayer extends Layer {
 
 /** sensor_msgs/PointCloud2, decoded by the worker. */
 export class CloudLayer extends Layer {
-  private readonly buffer = new PointBuffer(0.025, null);
+  private readonly buffer = new PointBuffer(0.025);
 
   constructor(context: LayerContext) {
     super(context);

@@ -1,4 +1,4 @@
-/** Controls of interactive markers as the keyboard has them: by name, and moved in steps. */
+/** Controls of interactive markers: what moves them, and how the keyboard has them, by name and in steps. */
 
 import { Quaternion, Vector3 } from "three";
 
@@ -8,7 +8,7 @@ export interface Handle {
   id: string;
   marker: string;
   control: string;
-  /** What arrow keys do with it; nothing for a button or a menu. */
+  /** How it moves; not at all for a button or a menu. */
   moves: "axis" | "plane" | "turn" | null;
   /** Take it, or move what is taken, by a key; false for a key that means nothing to it. */
   key(key: string, far: boolean): boolean;
@@ -18,7 +18,7 @@ export interface Handle {
   press(at: { x: number; y: number }): void;
 }
 
-/** The `interaction_mode` of visualization_msgs/InteractiveMarkerControl, by what arrow keys do. */
+/** How the mouse and arrow keys move a control, by its `interaction_mode` (visualization_msgs/InteractiveMarkerControl). */
 const MOVES: Record<number, Handle["moves"]> = {
   3: "axis",
   4: "plane",
@@ -27,10 +27,11 @@ const MOVES: Record<number, Handle["moves"]> = {
   7: "plane",
   9: "plane",
 };
-/** Modes whose control turns, too. */
+/** Modes whose control the keyboard turns, too. */
 const TURNS = new Set([6, 9]);
-const STEP = 0.1;
-const FAR_STEP = 0.5;
+/** Metres by which a key moves a marker or a place; with Shift they are more. */
+export const STEP = 0.1;
+export const FAR_STEP = 0.5;
 const TURN = Math.PI / 24;
 
 export function movesOf(mode: number): Handle["moves"] {
@@ -58,8 +59,8 @@ export function stepOf(
   const sign = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1 }[key];
   const metres = far ? FAR_STEP : STEP;
   const still = new Vector3();
-  if (TURNS.has(mode) && (key === "q" || key === "e"))
-    return { move: still, turn: key === "q" ? TURN : -TURN };
+  const turn = { q: TURN, e: -TURN }[key.toLowerCase()];
+  if (TURNS.has(mode) && turn) return { move: still, turn };
   if (!moves || sign === undefined) return null;
   if (moves === "turn")
     return { move: still, turn: (key === "ArrowUp" || key === "ArrowLeft" ? 1 : -1) * TURN };

@@ -37,7 +37,6 @@ const MENU_SELECT = 2;
 const BUTTON_CLICK = 3;
 const MOUSE_DOWN = 4;
 const MOUSE_UP = 5;
-const MOVES = { axis: [3, 6], plane: [4, 7, 9], rotate: [5, 6] } as const;
 /** Pixels that the mouse may go and still click. */
 const CLICK = 4;
 
@@ -268,16 +267,15 @@ export class InteractiveLayer extends Layer {
     const toWorld = object.parent?.getWorldQuaternion(new Quaternion()) ?? new Quaternion();
     const local = axisOf(control.orientation, turn);
     const axis = local.clone().applyQuaternion(toWorld);
-    const mode = control.interaction_mode;
-    const isOne = (modes: readonly number[]) => modes.includes(mode);
-    if (isOne(MOVES.plane) || mode === 6) {
+    const moves = movesOf(control.interaction_mode);
+    if (moves === "plane") {
       const point = ray.intersectPlane(new Plane().setFromNormalAndCoplanarPoint(axis, from), new Vector3());
       if (!point) return null;
       const step = point.clone().sub(from).applyQuaternion(toWorld.clone().invert());
       object.position.copy(position).add(step);
       return point;
     }
-    if (isOne(MOVES.axis)) {
+    if (moves === "axis") {
       const line = from.clone().addScaledVector(axis, 100);
       const onAxis = new Vector3();
       ray.distanceSqToSegment(from.clone().addScaledVector(axis, -100), line, undefined, onAxis);
@@ -285,7 +283,7 @@ export class InteractiveLayer extends Layer {
       object.position.copy(position).addScaledVector(local, along);
       return onAxis;
     }
-    if (isOne(MOVES.rotate)) {
+    if (moves === "turn") {
       const point = ray.intersectPlane(new Plane().setFromNormalAndCoplanarPoint(axis, from), new Vector3());
       if (!point) return null;
       const centre = object.getWorldPosition(new Vector3());
