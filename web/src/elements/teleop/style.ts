@@ -41,7 +41,7 @@ export const style = `
   padding: 0;
   min-width: 0;
   display: grid;
-  grid-template-areas: "fl f fr" "l . r" "bl b br" "sl . sr";
+  grid-template-columns: repeat(3, auto);
   gap: 0.3em;
 }
 .drive-buttons button {
@@ -50,35 +50,10 @@ export const style = `
   touch-action: none;
   user-select: none;
 }
-.drive-forward_left {
-  grid-area: fl;
-}
-.drive-forward_right {
-  grid-area: fr;
-}
-.drive-back_left {
-  grid-area: bl;
-}
-.drive-back_right {
-  grid-area: br;
-}
-.drive-sideways_left {
-  grid-area: sl;
-}
+/* In the order of the page, with room between what goes left and what goes right. */
+.drive-right,
 .drive-sideways_right {
-  grid-area: sr;
-}
-.drive-forward {
-  grid-area: f;
-}
-.drive-back {
-  grid-area: b;
-}
-.drive-left {
-  grid-area: l;
-}
-.drive-right {
-  grid-area: r;
+  grid-column: 3;
 }
 .speeds {
   flex-basis: 100%;
