@@ -106,8 +106,8 @@ export function dockPanels(app: App, element: HTMLElement): () => void {
 function headerActions(api: DockviewApi): IHeaderActionsRenderer {
   const element = document.createElement("div");
   element.className = "group-actions";
-  const arrange = plainButton("⋯");
-  const close = plainButton("×");
+  const [arrange, close] = [textButton("⋯"), textButton("×")];
+  arrange.className = close.className = "plain close";
   const menu = document.createElement("div");
   menu.className = "menu arrange";
   menu.popover = "auto";
@@ -146,15 +146,20 @@ function headerActions(api: DockviewApi): IHeaderActionsRenderer {
   };
 }
 
-function plainButton(sign: string): HTMLButtonElement {
+function textButton(text: string): HTMLButtonElement {
   const button = document.createElement("button");
   button.type = "button";
-  button.className = "plain close";
-  button.textContent = sign;
+  button.textContent = text;
   return button;
 }
 
-const DIRECTIONS = ["left", "right", "above", "below"] as const;
+/** Directions as texts have them, and what Dockview calls them of groups that lie there and of places within one. */
+const DIRECTIONS = [
+  { direction: "left", where: "left", position: "left" },
+  { direction: "right", where: "right", position: "right" },
+  { direction: "above", where: "up", position: "top" },
+  { direction: "below", where: "down", position: "bottom" },
+] as const;
 /** Share of a group's size by which it grows or shrinks at a time. */
 const GROWTH = 0.15;
 
@@ -162,9 +167,7 @@ const GROWTH = 0.15;
 function arrangements(api: DockviewApi, panel: IDockviewPanel, menu: HTMLElement): HTMLElement[] {
   const { group } = panel;
   const act = (text: string, change: () => void, stays = false) => {
-    const button = document.createElement("button");
-    button.type = "button";
-    button.textContent = text;
+    const button = textButton(text);
     button.onclick = () => {
       if (!stays) menu.hidePopover();
       change();
@@ -179,14 +182,11 @@ function arrangements(api: DockviewApi, panel: IDockviewPanel, menu: HTMLElement
     ),
   ];
   if (isMaximized) return all;
-  for (const direction of DIRECTIONS) {
-    const where = ({ left: "left", right: "right", above: "up", below: "down" } as const)[direction];
+  for (const { direction, where, position } of DIRECTIONS) {
     const neighbour = api.adjacentGroupInDirection(group, where) as DockviewGroupPanel | undefined;
     if (neighbour) all.push(act(t(`panel.move.${direction}`), () => panel.api.moveTo({ group: neighbour })));
-    if (group.panels.length > 1) {
-      const position = ({ left: "left", right: "right", above: "top", below: "bottom" } as const)[direction];
+    if (group.panels.length > 1)
       all.push(act(t(`panel.split.${direction}`), () => panel.api.moveTo({ group, position })));
-    }
   }
   if (api.groups.length < 2) return all;
   const grow = (side: "width" | "height", by: number) => () =>

@@ -17,7 +17,7 @@ const PACES = [0.8, 1.2, 2, 3];
 const ROUNDS = 2;
 
 /** What can be chosen now, in the order of the page: all of a group and the stop, or else groups and what is in none. */
-export function choices(group: Element | null): HTMLElement[] {
+function choices(group: Element | null): HTMLElement[] {
   const all = [...document.querySelectorAll<HTMLElement>("[data-scan]")].filter(
     (element) => !element.matches(":disabled") && element.checkVisibility(),
   );
@@ -74,21 +74,21 @@ export function ScanBar({ app }: { app: App }) {
       // What has gone, as with its panel, is left.
       if (inside && (inside.left-- <= 0 || !inside.element.isConnected)) group.current = null;
       const all = choices(group.current?.element ?? null);
-      const left = group.current === null ? inside?.element : undefined;
-      const at = all.indexOf(left ?? current.current ?? (document.body as HTMLElement));
+      const last = inside && !group.current ? inside.element : current.current;
+      const at = last ? all.indexOf(last) : -1;
       light(all[(at + 1) % all.length] ?? null);
     };
     const timer = setInterval(goOn, seconds * 1000);
-    const enter = (element: HTMLElement) => {
+    const stayIn = (element: HTMLElement) => {
       group.current = { element, left: ROUNDS * choices(element).length };
-      light(choices(element).find((each) => element.contains(each)) ?? null);
     };
     const press = (element: HTMLElement) => {
       if (element.matches("[data-scan-group]")) {
-        enter(element);
+        stayIn(element);
+        light(choices(element).find((each) => element.contains(each)) ?? null);
         return;
       }
-      if (group.current) group.current.left = ROUNDS * choices(group.current.element).length;
+      if (group.current) stayIn(group.current.element);
       held.current = element;
       element.focus();
       if (element.dataset.scan === "hold") key(element, "keydown");

@@ -48,7 +48,7 @@ export function Tabs({ app }: { app: App }) {
                 app.front.value = id;
               }}
             >
-              {t(panelKind(kind)?.title ?? "panel.nothing")}
+              {titleOf(kind)}
             </button>
           ))}
         </div>
@@ -56,7 +56,7 @@ export function Tabs({ app }: { app: App }) {
           <button
             type="button"
             class="plain close"
-            aria-label={t("panel.close", { name: t(panelKind(front.kind)?.title ?? "panel.nothing") })}
+            aria-label={t("panel.close", { name: titleOf(front.kind) })}
             onClick={() => app.close(front.id)}
           >
             ×
@@ -65,6 +65,10 @@ export function Tabs({ app }: { app: App }) {
       </div>
     </div>
   );
+}
+
+function titleOf(kind: string): string {
+  return t(panelKind(kind)?.title ?? "panel.nothing");
 }
 
 function Framed({ app, panel }: { app: App; panel: OpenPanel }) {

@@ -8,11 +8,17 @@ export type Translation = Partial<Record<TextKey, string>>;
 /** Gives the text of a key with its `{places}` filled in. */
 export type Texts = (key: TextKey, values?: Record<string, string | number>) => string;
 
-let table: Translation = en;
+/** The text of a key in English. */
+export const english = textsIn(en);
+
+let spoken = english;
+
+/** The text of a key in the language that the page speaks. */
+export const t: Texts = (key, values) => spoken(key, values);
 
 /** Take another language's table. */
 export function translate(translation: Translation): void {
-  table = { ...en, ...translation };
+  spoken = textsIn(translation);
 }
 
 /** Languages besides English by their codes (RFC 5646); each is loaded when it is wanted. */
@@ -28,21 +34,17 @@ export function chooseLanguage(languages: readonly string[]): string {
 
 /** Speak a language from now on. */
 export async function speak(language: string): Promise<void> {
-  translate((await LANGUAGES[language]?.()) ?? {});
+  spoken = await textsOf(language);
 }
 
-/** The texts of a language; those that its table lacks, or all where there is none, are English. */
+/** The texts of a language; English where there is no table of it. */
 export async function textsOf(language: string): Promise<Texts> {
   const translation = await LANGUAGES[language]?.();
-  return translation ? (key, values) => fill(translation[key] ?? en[key], values) : english;
+  return translation ? textsIn(translation) : english;
 }
 
-/** The text of a key in the language that the page speaks. */
-export const t: Texts = (key, values) => fill(table[key] ?? en[key], values);
-
-/** The text of a key in English. */
-export const english: Texts = (key, values) => fill(en[key], values);
-
-function fill(text: string, values: Record<string, string | number> = {}): string {
-  return text.replace(/\{(\w+)\}/g, (_, name: string) => String(values[name] ?? ""));
+/** The texts of a table; those that it lacks are English. */
+function textsIn(table: Translation): Texts {
+  return (key, values = {}) =>
+    (table[key] ?? en[key]).replace(/\{(\w+)\}/g, (_, name: string) => String(values[name] ?? ""));
 }

@@ -121,7 +121,7 @@ function Picture({ details, chosen }: { details: ReadonlyMap<string, NodeDetails
   if (!shown.length) return <p class="faint">{t("nodes.none")}</p>;
   return (
     <>
-      {/* biome-ignore lint/a11y/noNoninteractiveTabindex: what scrolls must be reached by the keyboard. */}
+      {/* biome-ignore lint/a11y/noNoninteractiveTabindex: arrow keys scroll only what has the focus. */}
       <div class="nodes-picture" tabIndex={0}>
         <svg
           viewBox={`0 0 ${WIDTH} ${rows * ROW}`}

@@ -107,18 +107,12 @@ function ShortType({ type }: { type: string }) {
 
 function Traffic({ context, name }: { context: PanelContext; name: string }) {
   const traffic = context.session.traffic.value.get(name);
-  if (!traffic) {
-    return (
-      <>
-        <td class="rate" />
-        <td class="bandwidth" />
-      </>
-    );
-  }
   return (
     <>
-      <td class="number rate">{(traffic.messages / traffic.seconds).toFixed(1)} Hz</td>
-      <td class="number bandwidth">{(traffic.bytes / traffic.seconds / 1024).toFixed(1)} KB/s</td>
+      <td class="number rate">{traffic && `${(traffic.messages / traffic.seconds).toFixed(1)} Hz`}</td>
+      <td class="number bandwidth">
+        {traffic && `${(traffic.bytes / traffic.seconds / 1024).toFixed(1)} KB/s`}
+      </td>
     </>
   );
 }

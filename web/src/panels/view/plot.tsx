@@ -170,7 +170,7 @@ const LEAST_SPAN = 0.02;
  * Another part of a whole: a share of the part that was shown around its middle, and moved by a share of its length;
  * null for all of it.
  */
-export function partOf(shown: Span, whole: Span, share: number, aside: number): Span | null {
+function partOf(shown: Span, whole: Span, share: number, aside: number): Span | null {
   const length = Math.max((shown[1] - shown[0]) * share, LEAST_SPAN);
   if (length >= whole[1] - whole[0]) return null;
   const middle = (shown[0] + shown[1]) / 2 + aside * (shown[1] - shown[0]);
