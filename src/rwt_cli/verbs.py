@@ -13,7 +13,6 @@ import os
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, TypeVar
 
@@ -149,38 +148,33 @@ def add_tls_options(to: argparse._ActionsContainer) -> None:
     )
 
 
-def seconds(text: str) -> float:
-    """An option's value in seconds: from a microsecond to thirty years."""
-    return _within(text, "seconds", _LEAST, _MOST)
-
-
-def hertz(text: str) -> float:
-    """An option's value in Hz: up to a million, and as slow as a timer can be."""
-    return _within(text, "times a second", _LEAST, 1e6)
-
-
-def seconds_or_none(text: str) -> float:
-    """An option's value in seconds, which may be 0."""
-    return _within(text, "seconds", 0.0, _MOST)
-
-
 def number_within(what: str, least: float, most: float) -> Callable[[str], float]:
     """Reads an option's value that is a number in a range.
 
     Args:
         what: what it is, for a refusal.
     """
-    return partial(_within, what=what, least=least, most=most)
+
+    def read(text: str) -> float:
+        try:
+            number = float(text)
+        except ValueError:
+            number = math.nan
+        if not least <= number <= most:
+            raise argparse.ArgumentTypeError(f"expected {what} from {least:g} to {most:g}, got {text!r}")
+        return number
+
+    return read
 
 
-def _within(text: str, what: str, least: float, most: float) -> float:
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not least <= number <= most:
-        raise argparse.ArgumentTypeError(f"expected {what} from {least:g} to {most:g}, got {text!r}")
-    return number
+seconds: Final = number_within("seconds", _LEAST, _MOST)
+"""An option's value in seconds: from a microsecond to thirty years."""
+
+seconds_or_none: Final = number_within("seconds", 0.0, _MOST)
+"""An option's value in seconds, which may be 0."""
+
+hertz: Final = number_within("times a second", _LEAST, 1e6)
+"""An option's value in Hz: up to a million, and as slow as a timer can be."""
 
 
 def topic_glob(text: str) -> str:

@@ -185,9 +185,8 @@ def run_executable(package: str, executable: str, arguments: Sequence[str], root
         CannotRun: there is no such package or executable.
     """
     found = find_executable(package, executable, root)
-    own = [each for each in packages(root) if each.name == package]
-    others = [each for each in packages(root) if each.name != package]
-    sys.path[:0] = [str(each.python_folder.resolve()) for each in (*own, *others)]
+    own_first = sorted(packages(root), key=lambda each: each.name != package)
+    sys.path[:0] = [str(each.python_folder.resolve()) for each in own_first]
     if found.file is not None:
         run_file(found.file, arguments)
         return

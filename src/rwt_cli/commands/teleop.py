@@ -54,6 +54,9 @@ class HeldKey:
         return self._key if now < self._until else None
 
 
+_speed = number_within("a speed", 0, 1000)
+
+
 def _arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "topic",
@@ -69,10 +72,6 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-r", "--rate", type=hertz, default=20.0, metavar="HZ", help="commands a second (default 20)"
     )
-
-
-def _speed(text: str) -> float:
-    return number_within("a speed", 0, 1000)(text)
 
 
 async def _teleop(robot: Robot, arguments: Arguments, output: Output) -> None:

@@ -10,7 +10,6 @@ import asyncio
 import os
 from collections import deque
 from collections.abc import Iterable, MutableMapping, Sequence
-from pathlib import Path
 from typing import Any, Protocol, TypeAlias, TypeVar
 
 from rwt_program.errors import RobotError
@@ -49,7 +48,7 @@ def text(context: LaunchContext, value: SomeText) -> str:
         return value
     if isinstance(value, Substitution):
         return value.perform(context)
-    if isinstance(value, (int, float, Path, os.PathLike)):
+    if isinstance(value, (int, float, os.PathLike)):
         return str(value)
     if isinstance(value, Iterable):
         return "".join(text(context, each) for each in value)
@@ -138,7 +137,7 @@ class LaunchContext:
         self.events: deque[Event] = deque()
         #: What this process is asked for so far by one name, for the numbers of processes.
         self.process_count = 0
-        self.news: asyncio.Event | None = None
+        self.news = asyncio.Event()
         self._locals: list[dict[str, Any]] = [{}]
         self._configurations: list[dict[str, Any]] = []
         self._environments: list[dict[str, str]] = []
@@ -159,6 +158,7 @@ class LaunchContext:
     def begin(self) -> None:
         """Run in the present loop from now on."""
         self._loop, self.news = asyncio.get_running_loop(), asyncio.Event()
+        self.is_shutdown = False
 
     @property
     def locals(self) -> Locals:
@@ -221,8 +221,7 @@ class LaunchContext:
     def emit_event_sync(self, event: Event) -> None:
         """Let it be handled after those that wait already."""
         self.events.append(event)
-        if self.news is not None:
-            self.news.set()
+        self.news.set()
 
     async def emit_event(self, event: Event) -> None:
         """:meth:`emit_event_sync` for coroutines."""

@@ -61,10 +61,12 @@ class EventHandler:
 BaseEventHandler = EventHandler
 
 
-class _OnEvent(EventHandler):
+class OnMatch(EventHandler):
     """Does what it is given: visits actions, or calls a function."""
 
-    def __init__(self, matcher: Callable[[Event], bool], on_event: OnEvent | None, handle_once: bool) -> None:
+    def __init__(
+        self, matcher: Callable[[Event], bool], on_event: OnEvent | None, handle_once: bool = False
+    ) -> None:
         self.on_event = on_event if callable(on_event) else None
         super().__init__(
             matcher=matcher, entities=None if callable(on_event) else on_event, handle_once=handle_once
@@ -76,7 +78,7 @@ class _OnEvent(EventHandler):
         return entities if self.on_event is None else entities_of(self.on_event(event, context))
 
 
-class _OnAction(_OnEvent):
+class _OnAction(OnMatch):
     """Waits for an event of one action, of those that a function picks, or of any."""
 
     event_class: ClassVar[type[ActionEvent]]
@@ -151,7 +153,7 @@ class OnProcessIO(_OnAction):
         super().__init__(target_action, tell, handle_once)
 
 
-class OnShutdown(_OnEvent):
+class OnShutdown(OnMatch):
     """When the launch ends."""
 
     def __init__(self, *, on_shutdown: OnEvent, handle_once: bool = False) -> None:

@@ -18,13 +18,12 @@ from rwt_rclpy.launch.entities import (
     LaunchContext,
     LaunchDescriptionEntity,
     LaunchError,
-    SomeEntitiesType,
     SomeSubstitutionsType,
     SomeText,
     text,
     truth,
 )
-from rwt_rclpy.launch.event_handlers import EventHandler, OnEvent, OnProcessExit, OnShutdown
+from rwt_rclpy.launch.event_handlers import OnEvent, OnMatch, OnProcessExit, OnShutdown
 from rwt_rclpy.launch.events import (
     ProcessExited,
     ProcessIO,
@@ -169,12 +168,18 @@ class ExecuteProcess(Action):
         for handler in (
             OnShutdown(on_shutdown=self._on_shutdown),
             OnProcessExit(target_action=self, on_exit=self._on_exit),
-            _on_process(ShutdownProcess, self, lambda event: self._end(context, sends_sigint=True)),
-            _on_process(SignalProcess, self, lambda event: self._signal(event.signal)),
+            self._on_request(ShutdownProcess, lambda event, _: self._end(context, sends_sigint=True)),
+            self._on_request(SignalProcess, lambda event, _: self._signal(event.signal)),
         ):
             context.register_event_handler(handler)
         self._task = context.asyncio_loop.create_task(self._run(context))
         return None
+
+    def _on_request(
+        self, kind: type[ShutdownProcess | SignalProcess], call: Callable[[Any, LaunchContext], None]
+    ) -> OnMatch:
+        """Hears of events that pick processes, as far as they pick this one."""
+        return OnMatch(lambda event: isinstance(event, kind) and event.process_matcher(self), call)
 
     def _describe(self, context: LaunchContext) -> None:
         """Find out what is run, by which name, where and in which environment."""
@@ -320,16 +325,3 @@ class ExecuteProcess(Action):
 
 
 ExecuteLocal = ExecuteProcess
-
-
-def _on_process(
-    kind: type[ShutdownProcess | SignalProcess], action: ExecuteProcess, call: Callable[[Any], None]
-) -> EventHandler:
-    """Hears of events that pick processes, as far as they pick one."""
-
-    class Picked(EventHandler):
-        def handle(self, event: Any, context: LaunchContext) -> SomeEntitiesType | None:  # type: ignore[override]  # it gives nothing
-            call(event)
-            return None
-
-    return Picked(matcher=lambda event: isinstance(event, kind) and event.process_matcher(action))

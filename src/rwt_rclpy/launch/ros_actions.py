@@ -17,7 +17,7 @@ from rwt_rclpy.launch.entities import (
     text,
 )
 from rwt_rclpy.launch.processes import ExecuteProcess
-from rwt_rclpy.launch.ros_parameters import arguments_of, flattened
+from rwt_rclpy.launch.ros_parameters import arguments_of
 from rwt_rclpy.names.validation import validate_namespace, validate_node_name
 from rwt_rclpy.running import find_executable, is_python, root
 
@@ -107,8 +107,7 @@ class Node(ExecuteProcess):
         if namespace is not None:
             yield from ("-r", f"__ns:={namespace}")
         self.node_name = f"{(namespace or '').rstrip('/')}/{name or '<node_name_unspecified>'}"
-        for kind, value in held.get(_PARAMETERS, ()):
-            yield from (kind, value)
+        yield from held.get(_PARAMETERS, ())
         yield from arguments_of(context, self._parameters)
         for old, new in (*held.get(_REMAPPINGS, ()), *self._remappings):
             yield from ("-r", f"{text(context, old)}:={text(context, new)}")
@@ -150,7 +149,7 @@ class _ForLaterNodes(Action):
         # A new list: the one before belongs to those outside of the group.
         held[self.kept_as] = [*held.get(self.kept_as, ()), *self._given(context)]
 
-    def _given(self, context: LaunchContext) -> Iterator[tuple[str, str]]:
+    def _given(self, context: LaunchContext) -> Iterable[Any]:
         raise NotImplementedError
 
 
@@ -162,9 +161,8 @@ class SetParameter(_ForLaterNodes):
         self.name = name
         self.value = value
 
-    def _given(self, context: LaunchContext) -> Iterator[tuple[str, str]]:
-        for name, value in flattened(context, {text(context, self.name): self.value}):
-            yield "-p", f"{name}:={value}"
+    def _given(self, context: LaunchContext) -> Iterable[str]:
+        return arguments_of(context, [{text(context, self.name): self.value}])
 
 
 class SetUseSimTime(SetParameter):
@@ -181,9 +179,8 @@ class SetParametersFromFile(_ForLaterNodes):
         super().__init__(**action)
         self.filename = filename
 
-    def _given(self, context: LaunchContext) -> Iterator[tuple[str, str]]:
-        kind, path = arguments_of(context, [self.filename])
-        yield kind, path
+    def _given(self, context: LaunchContext) -> Iterable[str]:
+        return arguments_of(context, [self.filename])
 
 
 class SetRemap(_ForLaterNodes):
@@ -196,8 +193,8 @@ class SetRemap(_ForLaterNodes):
         self.src = src
         self.dst = dst
 
-    def _given(self, context: LaunchContext) -> Iterator[tuple[str, str]]:
-        yield text(context, self.src), text(context, self.dst)
+    def _given(self, context: LaunchContext) -> Iterable[tuple[str, str]]:
+        return [(text(context, self.src), text(context, self.dst))]
 
 
 _COMPONENTS = "components are C++; run them on a machine with ROS, and join it over Zenoh or rosbridge"

@@ -15,6 +15,7 @@ from rwt_rclpy.launch.entities import (
     SomeText,
     Substitution,
     text,
+    truth,
 )
 
 
@@ -64,7 +65,7 @@ class ParameterFile:
         path = Path(text(context, self.param_file))
         if not path.is_file():
             raise LaunchError(f"{path}: no such file of parameters")
-        if str(self.allow_substs).lower() in ("true", "1"):
+        if truth(context, self.allow_substs):
             raise LaunchError(
                 f"{path}: substitutions in files of parameters are not available here; give the parameters"
                 " that need them in the launch file"
@@ -99,23 +100,17 @@ def _read(said: str) -> object:
         ) from None
 
 
-def flattened(
+def _flattened(
     context: LaunchContext, given: Mapping[Any, Any], before: str = ""
 ) -> Iterator[tuple[str, str]]:
     """The parameters of a dictionary, which may be nested, each with its value as YAML of one line."""
     for key, value in given.items():
         name = f"{before}{text(context, key)}"
         if isinstance(value, Mapping):
-            yield from flattened(context, value, f"{name}.")
+            yield from _flattened(context, value, f"{name}.")
         else:
-            yield name, in_one_line(_value(context, value))
-
-
-def in_one_line(value: object) -> str:
-    """A value as YAML."""
-    return (
-        yaml.safe_dump(value, default_flow_style=True, width=1 << 30).removesuffix("\n").removesuffix("\n...")
-    )
+            line = yaml.safe_dump(_value(context, value), default_flow_style=True, width=1 << 30)
+            yield name, line.removesuffix("\n").removesuffix("\n...")
 
 
 def arguments_of(context: LaunchContext, parameters: Iterable[Any]) -> Iterator[str]:
@@ -125,11 +120,11 @@ def arguments_of(context: LaunchContext, parameters: Iterable[Any]) -> Iterator[
         LaunchError: one of them is none of these, or has no such value.
     """
     for given in parameters:
+        if isinstance(given, Parameter):
+            given = {text(context, given.name): given.value}
         if isinstance(given, Mapping):
-            for name, value in flattened(context, given):
+            for name, value in _flattened(context, given):
                 yield from ("-p", f"{name}:={value}")
-        elif isinstance(given, Parameter):
-            yield from ("-p", f"{text(context, given.name)}:={in_one_line(given.value.evaluate(context))}")
         else:
             file = given if isinstance(given, ParameterFile) else ParameterFile(given)
             yield from ("--params-file", str(file.evaluate(context)))

@@ -77,9 +77,6 @@ class LaunchService:
         """Run it in the present loop; see :meth:`run`. Signals are answered in the main thread only."""
         self._loop, self._return_code = asyncio.get_running_loop(), 0
         self.context.begin()
-        self.context.is_shutdown = False
-        news = self.context.news
-        assert news is not None  # It was just made.
         try:
             with self._signals(self._loop):
                 while not (self.context.is_shutdown and self._is_idle()):
@@ -89,8 +86,8 @@ class LaunchService:
                         self._guarded(self.context.events.popleft())
                         await asyncio.sleep(0)  # What was started gets its turn.
                         continue
-                    news.clear()
-                    await news.wait()
+                    self.context.news.clear()
+                    await self.context.news.wait()
         finally:
             self._loop = None
         return self._return_code
@@ -142,8 +139,7 @@ class LaunchService:
         self._pending.discard(future)
         if not future.cancelled() and (error := future.exception()) is not None:
             self._fail(error)
-        if self.context.news is not None:
-            self.context.news.set()
+        self.context.news.set()
 
     @contextmanager
     def _signals(self, loop: asyncio.AbstractEventLoop) -> Iterator[None]:

@@ -10,6 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rwt_cli.commands.programs.joined_graph import add_graph_options, install_rclpy, serve_graph
 from rwt_cli.errors import CommandError
 from rwt_cli.parser import Commands
 from rwt_cli.verbs import Arguments
@@ -31,27 +32,7 @@ def add_launch_command(commands: Commands) -> None:
     parser = commands.add_parser(
         "launch", description=__doc__, epilog=_EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument(
-        "--interfaces",
-        action="append",
-        default=[],
-        metavar="DIR",
-        help="folder with .msg, .srv and .action files; may be given several times",
-    )
-    parser.add_argument(
-        "--serve",
-        action="append",
-        default=[],
-        metavar="URL",
-        help="serve the nodes' graph to rosbridge clients at ws://HOST:PORT; may be given several times",
-    )
-    parser.add_argument(
-        "--graph",
-        metavar="WHERE",
-        help="the graph that the nodes join: ws://HOST:PORT or unix:///PATH of a server, zenoh, or"
-        " zenoh:ENDPOINT; without it what RWT_RCLPY_GRAPH says, or else one of their own",
-    )
-    parser.add_argument("--root", type=Path, metavar="DIR", help="where packages are looked for (default .)")
+    add_graph_options(parser)
     parser.add_argument("-s", "--show-args", action="store_true", help="say which arguments it takes")
     parser.add_argument(
         "-n",
@@ -70,9 +51,7 @@ def add_launch_command(commands: Commands) -> None:
 
 
 def _run(arguments: Arguments) -> int:
-    import rwt_rclpy
     from rwt_program.errors import RobotError
-    from rwt_rclpy.running import interface_folders, use_root
 
     words = [each for each in arguments.program if ":=" not in each]
     given = dict(each.split(":=", 1) for each in arguments.program if ":=" in each)
@@ -82,15 +61,9 @@ def _run(arguments: Arguments) -> int:
             f" {' '.join(arguments.program)}",
             exit_code=2,
         )
-    if arguments.serve and arguments.graph:
-        raise CommandError(
-            "--serve serves a graph of this command, and --graph joins another: give one of them", exit_code=2
-        )
     try:
-        if rwt_rclpy.install(interface_folders(arguments.interfaces)) == "ros":
+        if install_rclpy(arguments) == "ros":
             raise CommandError("ROS is installed: use ros2 launch")
-        if arguments.root is not None:
-            use_root(arguments.root)
         from rwt_rclpy.launch.sources import description_of_file, find_launch_file
 
         description = description_of_file(find_launch_file(*words))
@@ -109,27 +82,14 @@ def _launch(description: LaunchDescription, given: dict[str, str], arguments: Ar
 
     with ExitStack() as stack:
         where = arguments.graph or ("" if arguments.serve else os.environ.get(VARIABLE, ""))
-        os.environ[VARIABLE] = where if where not in ("", "memory") else _serve(arguments.serve, stack)
+        if where in ("", "memory"):
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="rwt-launch-"))
+            where = f"unix://{Path(folder) / 'graph.sock'}"
+            serve_graph(arguments, stack, where)
+        os.environ[VARIABLE] = where
         return run_description(
             description, given, argv=arguments.program, noninteractive=arguments.noninteractive
         )
-
-
-def _serve(urls: list[str], stack: ExitStack) -> str:
-    """Serve a graph to the nodes over a Unix socket, and to others at URLs; gives the former's URL."""
-    from rwt.server import Server, listening
-    from rwt_cli.commands.serve import command_errors
-    from rwt_graph.memory.graph import MemoryGraph
-    from rwt_rclpy.messages.loaded import classes
-
-    folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="rwt-launch-"))
-    own = f"unix://{Path(folder) / 'graph.sock'}"
-    with command_errors():
-        server = Server(own, *urls, graph=MemoryGraph(classes().registry))
-        stack.enter_context(server)
-    if urls:
-        print(listening(server), file=sys.stderr)
-    return own
 
 
 def _show(description: LaunchDescription) -> None:

@@ -5,15 +5,11 @@ from __future__ import annotations
 import argparse
 import sys
 from contextlib import ExitStack
-from pathlib import Path
-from typing import TYPE_CHECKING
 
+from rwt_cli.commands.programs.joined_graph import add_graph_options, install_rclpy, serve_graph
 from rwt_cli.errors import CommandError
 from rwt_cli.parser import Commands
 from rwt_cli.verbs import Arguments
-
-if TYPE_CHECKING:
-    from rwt_interfaces.registry import Registry
 
 _EXAMPLES = """\
 examples:
@@ -30,23 +26,7 @@ def add_run_command(commands: Commands) -> None:
     parser = commands.add_parser(
         "run", description=__doc__, epilog=_EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument(
-        "--interfaces",
-        action="append",
-        default=[],
-        metavar="DIR",
-        help="folder with .msg, .srv and .action files; may be given several times",
-    )
-    parser.add_argument(
-        "--serve", metavar="URL", help="serve the program's graph to rosbridge clients at ws://HOST:PORT"
-    )
-    parser.add_argument(
-        "--graph",
-        metavar="WHERE",
-        help="the graph to join: memory (default), ws://HOST:PORT or unix:///PATH of a server, zenoh, or"
-        " zenoh:ENDPOINT; without it what RWT_RCLPY_GRAPH says",
-    )
-    parser.add_argument("--root", type=Path, metavar="DIR", help="where packages are looked for (default .)")
+    add_graph_options(parser)
     parser.add_argument(
         "program",
         nargs=argparse.REMAINDER,
@@ -59,50 +39,26 @@ def add_run_command(commands: Commands) -> None:
 def _run(arguments: Arguments) -> int:
     import rwt_rclpy
     from rwt_program.errors import RobotError
-    from rwt_rclpy.running import interface_folders, run_program, use_root
+    from rwt_rclpy.running import run_program
 
     if not arguments.program:
         raise CommandError(
             "what to run is missing: a Python file, or a package and an executable", exit_code=2
         )
     try:
-        if rwt_rclpy.install(interface_folders(arguments.interfaces)) == "ros":
+        if install_rclpy(arguments) == "ros":
             if arguments.serve:
                 raise CommandError(
                     "ROS is installed, and its own rclpy would run, which --serve does not show"
                 )
             print("ROS is installed, and its own rclpy runs", file=sys.stderr)
         with ExitStack() as stack:
-            if arguments.serve and arguments.graph:
-                raise CommandError(
-                    "--serve serves a graph of this process, and --graph joins another: give one of them",
-                    exit_code=2,
-                )
             if arguments.serve:
-                _serve(arguments.serve, stack)
+                rwt_rclpy.use_graph(serve_graph(arguments, stack))
+                stack.callback(rwt_rclpy.use_graph, None)
             else:
                 stack.enter_context(rwt_rclpy.join(arguments.graph))
-            if arguments.root is not None:
-                use_root(arguments.root)
             run_program(arguments.program)
     except RobotError as error:
         raise CommandError(str(error)) from error
     return 0
-
-
-def _serve(url: str, stack: ExitStack) -> None:
-    """Serve one graph to clients, and let the program's nodes join it."""
-    import rwt_rclpy
-    from rwt.server import Server, listening
-    from rwt_cli.commands.serve import command_errors
-    from rwt_graph.memory.graph import MemoryGraph
-    from rwt_rclpy.messages.loaded import classes
-
-    registry: Registry = classes().registry
-    graph = MemoryGraph(registry)
-    with command_errors():
-        server = Server(url, graph=graph)
-        stack.enter_context(server)
-    rwt_rclpy.use_graph(graph)
-    stack.callback(rwt_rclpy.use_graph, None)
-    print(listening(server), file=sys.stderr)
