@@ -2,7 +2,7 @@
 
 import { type Signal, signal } from "@preact/signals-core";
 import { Group, Matrix4, type Object3D, Quaternion, Vector3 } from "three";
-import { frameName, seconds, shortType } from "../robot/names";
+import { frameName, seconds } from "../robot/names";
 import type { RobotSession } from "../robot/session";
 import type { Message } from "../robot/subscriptions";
 
@@ -49,7 +49,7 @@ export class Frames {
   /** `root` is where the places are added, drawn in the fixed frame. */
   constructor(
     session: RobotSession,
-    private readonly root: Object3D,
+    private readonly root: Object3D = new Group(),
   ) {
     this.ends = ["/tf", "/tf_static"].map((topic) => {
       const type = session.graph.peek().topics.get(topic) ?? "tf2_msgs/TFMessage";
@@ -171,9 +171,4 @@ export class Frames {
     const [first] = this.tree.keys();
     return first === undefined ? "" : this.up(first).root;
   }
-}
-
-/** Whether a robot tells its frames. */
-export function tellsFrames(session: RobotSession): boolean {
-  return shortType(session.graph.value.topics.get("/tf") ?? "").endsWith("TFMessage");
 }

@@ -1,10 +1,13 @@
 /** Sending the robot somewhere by numbers and buttons: what the scene does with the mouse, for everybody. */
 
-import { useSignal } from "@preact/signals";
+import { type Signal, useSignal } from "@preact/signals";
 import { useEffect, useId } from "preact/hooks";
 import { Choice } from "../../forms/inputs";
+import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import type { Place } from "../../robot/navigation";
+import type { Message } from "../../robot/subscriptions";
+import type { Frames } from "../../scene/frames";
 import { componentPanel } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 import { NavigationState } from "./navigation_state";
@@ -12,8 +15,14 @@ import { NavigationState } from "./navigation_state";
 /** How far one press moves the goal, in metres, and how much it turns it, in radians. */
 const STEPS = [0.1, 0.5, 2];
 const TURN = Math.PI / 8;
-/** Frames that a goal is usually said in. */
+/** Frames that a goal is usually said in, and the one of them that stays where it is. */
 const FRAMES = ["map", "odom", "base_link"];
+const MAP = "map";
+
+interface Goal {
+  place: Place;
+  frame: string;
+}
 
 export const goal: PanelKind = {
   name: "goal",
@@ -28,54 +37,32 @@ export const goal: PanelKind = {
 };
 
 function GoalPanel({ context }: { context: PanelContext }) {
-  const { session, navigation, stop, visible, config } = context;
+  const { navigation, stop, visible, config } = context;
   const frames = useId();
-  const place = useSignal<Place>({ x: 0, y: 0, yaw: 0 });
-  const frame = useSignal("map");
-  const touched = useSignal(false);
-  const odometry = session.topicsOf("nav_msgs/Odometry")[0] ?? "";
+  const problem = useSignal("");
+  // The goal begins where the robot is, until somebody moves it.
+  const robot = useRobot(context, problem);
+  const chosen = useSignal<Goal | null>(null);
+  const { place, frame } = chosen.value ?? robot.value;
   const isVisible = visible.value;
-  useEffect(() => {
-    if (!odometry || !isVisible) return undefined;
-    return session.subscribe(
-      odometry,
-      session.graph.peek().topics.get(odometry) ?? "",
-      (message) => {
-        // The goal begins where the robot is, until somebody moves it.
-        if (touched.value) return;
-        const { position, orientation: q } = (message.pose as { pose: OdometryPose }).pose;
-        // Where the robot is, it says in a frame of its own.
-        frame.value = String((message.header as { frame_id?: unknown })?.frame_id || "map");
-        const yaw = Math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z));
-        place.value = { x: position.x, y: position.y, yaw };
-      },
-      { throttle: 500 },
-    );
-  }, [session, odometry, isVisible, touched, place, frame]);
   // Shown in the 3D view from the first change on, until it is sent or the panel is left.
   useEffect(() => {
-    if (!touched.value || !isVisible) return undefined;
-    navigation.draft.value = { place: place.value, frame: frame.value };
+    if (!isVisible) return undefined;
+    navigation.draft.value = chosen.value;
     return () => {
       navigation.draft.value = null;
     };
-  }, [navigation, touched.value, isVisible, place.value, frame.value]);
+  }, [navigation, isVisible, chosen.value]);
   if (!navigation.way) return <p class="faint">{t("goal.none")}</p>;
-  const { x, y, yaw } = place.value;
+  const { x, y, yaw } = place;
   const step = Number(config.value.step ?? 0.5);
-  const shift = (along: number, turn: number) => {
-    touched.value = true;
-    place.value = {
-      x: x + along * Math.cos(yaw),
-      y: y + along * Math.sin(yaw),
-      yaw: yaw + turn,
-    };
+  const change = (part: Partial<Place>) => {
+    chosen.value = { place: { ...place, ...part }, frame };
   };
+  const shift = (along: number) => change({ x: x + along * Math.cos(yaw), y: y + along * Math.sin(yaw) });
   const set = (part: keyof Place, text: string) => {
     const value = Number(text);
-    if (!Number.isFinite(value)) return;
-    touched.value = true;
-    place.value = { ...place.value, [part]: part === "yaw" ? (value * Math.PI) / 180 : value };
+    if (Number.isFinite(value)) change({ [part]: part === "yaw" ? (value * Math.PI) / 180 : value });
   };
   return (
     <form
@@ -83,7 +70,7 @@ function GoalPanel({ context }: { context: PanelContext }) {
       onSubmit={(event) => {
         event.preventDefault();
         if (stop.stopped.value) return;
-        navigation.send(place.value, frame.value);
+        navigation.send(place, frame);
         navigation.draft.value = null;
       }}
     >
@@ -102,10 +89,9 @@ function GoalPanel({ context }: { context: PanelContext }) {
             size={6}
             data-scan="next"
             list={frames}
-            value={frame.value}
+            value={frame}
             onInput={(event) => {
-              touched.value = true;
-              frame.value = event.currentTarget.value;
+              chosen.value = { place, frame: event.currentTarget.value };
             }}
           />
           <datalist id={frames}>
@@ -125,23 +111,23 @@ function GoalPanel({ context }: { context: PanelContext }) {
         />
       </div>
       <fieldset class="goal-buttons" data-scan-group aria-label={t("goal.move")}>
-        <button type="button" data-scan="press" onClick={() => shift(step, 0)}>
+        <button type="button" data-scan="press" onClick={() => shift(step)}>
           {t("goal.ahead", { step })}
         </button>
-        <button type="button" data-scan="press" onClick={() => shift(-step, 0)}>
+        <button type="button" data-scan="press" onClick={() => shift(-step)}>
           {t("goal.behind", { step })}
         </button>
-        <button type="button" data-scan="press" onClick={() => shift(0, TURN)}>
+        <button type="button" data-scan="press" onClick={() => change({ yaw: yaw + TURN })}>
           {t("goal.left")}
         </button>
-        <button type="button" data-scan="press" onClick={() => shift(0, -TURN)}>
+        <button type="button" data-scan="press" onClick={() => change({ yaw: yaw - TURN })}>
           {t("goal.right")}
         </button>
         <button
           type="button"
           data-scan="press"
           onClick={() => {
-            touched.value = false;
+            chosen.value = null;
           }}
         >
           {t("goal.here")}
@@ -152,19 +138,63 @@ function GoalPanel({ context }: { context: PanelContext }) {
           {t("goal.go")}
         </button>
         {navigation.takesPose && (
-          <button
-            type="button"
-            data-scan="press"
-            onClick={() => navigation.setPose(place.value, frame.value)}
-          >
+          <button type="button" data-scan="press" onClick={() => navigation.setPose(place, frame)}>
             {t("goal.is")}
           </button>
         )}
       </div>
       <NavigationState navigation={navigation} />
+      {problem.value && <Problem text={t("panel.failed", { reason: problem.value })} />}
       <p class="faint">{t("goal.by", { name: navigation.way.name })}</p>
     </form>
   );
+}
+
+/** Where the robot is by its odometry: in the map where tf tells how that lies there, else in odometry's own frame. */
+function useRobot({ session, visible }: PanelContext, problem: Signal<string>): Signal<Goal> {
+  const robot = useSignal<Goal>({ place: { x: 0, y: 0, yaw: 0 }, frame: MAP });
+  const odometry = session.topicsOf("nav_msgs/Odometry")[0] ?? "";
+  const tellsFrames = session.graph.value.topics.has("/tf");
+  const isVisible = visible.value;
+  useEffect(() => {
+    if (!odometry || !isVisible) return undefined;
+    let frames: Frames | undefined;
+    let ended = false;
+    if (tellsFrames) {
+      // With the library of the 3D view, which is loaded later than the page.
+      import("../../scene/frames")
+        .then((module) => {
+          if (ended) return;
+          frames = new module.Frames(session);
+          frames.fix(MAP);
+        })
+        .catch((error: Error) => {
+          problem.value = error.message;
+        });
+    }
+    const type = session.graph.peek().topics.get(odometry) ?? "";
+    const take = (message: Message) => {
+      const { position, orientation: q } = (message.pose as { pose: OdometryPose }).pose;
+      const yaw = Math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z));
+      const place = { x: position.x, y: position.y, yaw };
+      const own = String((message.header as { frame_id?: unknown })?.frame_id || MAP);
+      const inMap = frames?.pose(own);
+      robot.value = inMap ? { place: placeFrom(inMap, place), frame: MAP } : { place, frame: own };
+    };
+    const end = session.subscribe(odometry, type, take, { throttle: 500 });
+    return () => {
+      ended = true;
+      frames?.dispose();
+      end();
+    };
+  }, [session, odometry, tellsFrames, isVisible, robot, problem]);
+  return robot;
+}
+
+/** A place of a frame that lies somewhere in another one, seen from that. */
+function placeFrom(frame: Place, { x, y, yaw }: Place): Place {
+  const [cos, sin] = [Math.cos(frame.yaw), Math.sin(frame.yaw)];
+  return { x: frame.x + cos * x - sin * y, y: frame.y + sin * x + cos * y, yaw: frame.yaw + yaw };
 }
 
 interface OdometryPose {
