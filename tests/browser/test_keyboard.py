@@ -26,9 +26,10 @@ from rwt_nodes.interactive_markers import (
     move_plane,
     six_dof,
 )
-from tests.browser.driver import LEFT_MESH, LEFT_STREAM, PATIENCE, Browser, Page, until
+from tests.browser.driver import LEFT_MESH, LEFT_STREAM, PATIENCE, REFUSED, Browser, Page, until
 from tests.browser.stand import Stand, stand
 from tests.browser.test_panels import KINDS, open_panels, panel, text
+from tests.processes import running
 
 pytestmark = [
     pytest.mark.anyio,
@@ -294,6 +295,56 @@ async def test_driving_with_its_limits_by_keys(browser: Browser) -> None:
         await press(page, "Tab")
         await until(lambda: sent[-3:] == [(0.0, 0.0, 0.0)] * 3)
         await page.keyboard("up", "Enter")
+
+
+#: A gamepad whose left stick and shoulder button are held all the time.
+GAMEPAD = """navigator.getGamepads = () => globalThis.gamepadIsHeld ? [{
+  axes: [0, -1, 0],
+  buttons: Array.from({ length: 8 }, () => ({ pressed: true })),
+}] : []; globalThis.gamepadIsHeld = true"""
+
+
+async def test_what_is_held_over_a_restart_of_the_server_sends_nothing_until_it_is_taken_anew(
+    browser: Browser,
+) -> None:
+    with running("serve", "ws://127.0.0.1:0", "--demo") as (process, url):
+        page_url = url.replace("ws", "http", 1) + "/"
+        async with browser.page(f"{page_url}healthz", 500, 400) as page:
+            page.forgive(REFUSED, "ERR_CONNECTION_REFUSED", "WebSocket")
+            await open_panels(page, page_url, [("teleop", {})])
+            await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
+            # The keyboard is where it stays, whatever the connection does.
+            await page.evaluate("document.querySelector('.limit button').focus()")
+            await page.keyboard("down", "w")
+            await page.wait(f"{text('.drive-sent')}.startsWith('0.40 m/s')")
+            await page.evaluate(GAMEPAD)
+            process.kill()
+            process.wait()
+            await page.wait("document.querySelector('.state-lost')")
+            async with Server(url, demo=True) as second:
+                sent: list[tuple[float, float]] = []
+                second.node("test").subscribe("/cmd_vel", lambda it: sent.append((it.linear.x, it.angular.z)))
+                await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
+                assert await page.evaluate(f"{FOCUSED}.closest('.limit') !== null")
+                await page.keyboard("down", "w")  # It repeats.
+                # Longer than the clocks of the drive and the gamepad take for several commands.
+                await page.evaluate("new Promise((later) => setTimeout(later, 500))")
+                # Another key is pressed, while the first and the gamepad are held as before: it alone counts.
+                await page.keyboard("down", "a")
+                await until(lambda: len(sent) >= 3)
+                assert sent == [pytest.approx((0.0, 0.8))] * len(sent)
+                await page.keyboard("up", "a")
+                await until(lambda: sent[-3:] == [(0.0, 0.0)] * 3)
+                assert all(forward == 0.0 for forward, _ in sent)
+                await page.keyboard("up", "w")
+                await page.keyboard("down", "w")
+                await until(lambda: sent[-1] == pytest.approx((0.4, 0.0)))
+                await page.keyboard("up", "w")
+                await until(lambda: sent[-3:] == [(0.0, 0.0)] * 3)
+                await page.evaluate("globalThis.gamepadIsHeld = false")
+                await page.evaluate("new Promise((later) => setTimeout(later, 500))")
+                await page.evaluate("globalThis.gamepadIsHeld = true")
+                await until(lambda: sent[-1] == pytest.approx((0.4, 0.0)))
 
 
 @asynccontextmanager
@@ -575,21 +626,21 @@ async def test_one_switch_does_all_that_the_goal_panel_offers(browser: Browser) 
         served.node.subscribe("/plan", lambda plan: ends.append(plan.poses[-1].pose.position))
         served.node.subscribe("/initialpose", lambda it: poses.append((it.header.frame_id, it.pose.pose)))
         await page.wait("document.querySelector('.goal [type=submit]:not(:disabled)')")
-        # It begins where the robot is, in the frame in which the robot says so.
-        await page.wait("document.querySelector('.goal [list]').value === 'odom'")
+        # It begins where the robot is in the map, as tf says: its odometry begins at naught.
+        await page.wait("Math.abs(document.querySelector('.goal-numbers input').value - -3.4) < 0.01")
+        assert await page.evaluate("document.querySelector('.goal [list]').value") == "map"
         async with one_switch(page) as switch:
             await switch.press("Move the goal", "0.5 m ahead", "Turn left", "Go there")
             await page.wait("document.querySelector('.goal-underway')")
             await until(lambda: bool(ends))
-            # The plan is in the map, where the robot began at -3.4, -2.5.
             assert (ends[0].x, ends[0].y) == pytest.approx((-2.9, -2.5), abs=0.15)
             await switch.press("Cancel")
             await page.wait("document.querySelector('.goal-canceled')")
-            await switch.press("Step 0.5", "Frame odom", "Frame base_link")
+            await switch.press("Step 0.5", "Frame map", "Frame odom")
             await switch.press("Move the goal", "2 m back", "The robot is there")
             await until(lambda: bool(poses))
             frame, pose = poses[0]
-            assert frame == "map"
+            assert frame == "base_link"
             assert (pose.position.x, pose.position.y) == pytest.approx(
-                (0.5 - 2 * math.cos(math.pi / 8), -2 * math.sin(math.pi / 8)), abs=0.02
+                (-2.9 - 2 * math.cos(math.pi / 8), -2.5 - 2 * math.sin(math.pi / 8)), abs=0.02
             )

@@ -81,6 +81,11 @@ export class Drive {
     }
   }
 
+  /** Whether a control counts as held: after a stop or the loss of the connection only once it is taken anew. */
+  holds(control: string): boolean {
+    return this.held.has(control);
+  }
+
   /** A control was let go. */
   release(control: string): void {
     this.held.delete(control);

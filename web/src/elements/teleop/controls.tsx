@@ -160,7 +160,7 @@ export function Stick({ drive, disabled }: { drive: Drive; disabled: boolean }) 
       onPointerMove={(event) => {
         if (held.current !== event.pointerId) return;
         // What was stopped, or lost its connection, begins again with another grip only.
-        if (drive.moving.peek()) move(event);
+        if (drive.holds("stick")) move(event);
         else letGo();
       }}
       onPointerUp={letGo}
@@ -187,6 +187,10 @@ export function followKeys(element: HTMLElement | Document, drive: Drive): () =>
     if (held.size) drive.hold("keys", wishOfKeys(held));
     else drive.release("keys");
   };
+  // Keys that were down when the drive was stopped, or lost its connection, count again once they are pressed anew.
+  const forgetLost = () => {
+    if (!drive.holds("keys")) held.clear();
+  };
   const keyOf = (event: KeyboardEvent) => (event.key.length === 1 ? event.key.toLowerCase() : event.key);
   const down = (event: KeyboardEvent) => {
     const key = keyOf(event);
@@ -194,10 +198,12 @@ export function followKeys(element: HTMLElement | Document, drive: Drive): () =>
     event.preventDefault();
     // A key that repeats was pressed before: perhaps for a connection that is lost, or before the page was left.
     if (event.repeat) return;
+    forgetLost();
     held.add(key);
     changed();
   };
   const up = (event: KeyboardEvent) => {
+    forgetLost();
     if (held.delete(keyOf(event))) changed();
   };
   const letGo = () => {

@@ -168,10 +168,14 @@ export function wishOfGamepad(pad: Pick<Gamepad, "axes" | "buttons">): Wish | nu
 }
 
 function followGamepad(drive: Drive): () => void {
+  let taken = false;
   const timer = setInterval(() => {
     const pads = navigator.getGamepads?.() ?? [];
-    const wish = document.hasFocus() ? pads.map((pad) => pad && wishOfGamepad(pad)).find(Boolean) : null;
-    if (wish) drive.hold("gamepad", wish);
+    const wish = pads.map((pad) => pad && wishOfGamepad(pad)).find(Boolean);
+    // What was stopped, or lost its connection or the page, begins again with another grip only.
+    const isLost = taken && !drive.holds("gamepad");
+    taken = Boolean(wish);
+    if (wish && !isLost && document.hasFocus()) drive.hold("gamepad", wish);
     else drive.release("gamepad");
   }, GAMEPAD_PERIOD);
   return () => clearInterval(timer);
