@@ -321,7 +321,7 @@ async def _publish_to_peers(endpoint: str, count: int, seconds: float, start: Ca
         for _ in range(count):
             start()
         with anyio.fail_after(READY_SECONDS + 5 * count):
-            while publisher.subscriber_count < count:  # noqa: ASYNC110 - A graph tells of nobody's coming.
+            while publisher.subscriber_count < count:  # noqa: ASYNC110 - a graph has no event for a subscriber that comes
                 await anyio.sleep(0.02)
         begin, sent = time.process_time(), 0
         until = time.monotonic() + seconds

@@ -21,7 +21,7 @@ import anyio
 from bench.paper.camera import RATE, pictures
 from bench.paper.report import Report
 from bench.processes import Server
-from tests.browser.driver import Browser, find_browser
+from tests.browser.driver import Browser, find_browser, opened_browser
 
 SECONDS: Final = 10.0
 _WARM_UP: Final = 6.0
@@ -130,12 +130,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     kind = find_browser()
     if kind is None:
         parser.error("the browser is not installed; name its program in the environment variable CHROMIUM")
-    with TemporaryDirectory() as folder, (Path(folder) / "browser.log").open("wb") as log:
-        browser = Browser(kind, Path(folder), log)
-        try:
-            report = measure(browser, options.seconds, [way for way in WAYS if options.only in way])
-        finally:
-            browser.close()
+    with TemporaryDirectory() as folder, opened_browser(kind, Path(folder)) as opened:
+        report = measure(opened, options.seconds, [way for way in WAYS if options.only in way])
     print(report.text())
     return int(bool(report.missed) and options.check)
 

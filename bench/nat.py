@@ -33,7 +33,7 @@ from rwt.settings.webrtc import WebRtcSettings
 from rwt_client import connect
 from rwt_transports.connect import connect as connect_transport
 from rwt_transports.relay.hub import open_hub
-from tests.browser.driver import Browser, find_browser
+from tests.browser.driver import find_browser, opened_browser
 
 OUTSIDE: Final = "203.0.113.1"
 HUB_PORT, STUN_PORT, TURN_PORT = 9091, 3478, 3479
@@ -209,7 +209,7 @@ async def hub() -> None:
     transport, _ = await loop.create_datagram_endpoint(StunServer, local_addr=(OUTSIDE, STUN_PORT))
     async with open_hub(f"ws://{OUTSIDE}:{HUB_PORT}") as opened:
         print("up", flush=True)
-        while not any(each.idle for each in opened.robots):  # noqa: ASYNC110 - the hub tells nobody
+        while not any(each.idle for each in opened.robots):  # noqa: ASYNC110 - a hub has no event for a robot that comes
             await anyio.sleep(0.05)
         print("the robot is there", flush=True)
         await anyio.to_thread.run_sync(sys.stdin.read)
@@ -249,13 +249,9 @@ async def browser() -> None:
     """Do as :func:`operator` does from a page in Chromium, which any page of the hub's origin could."""
     kind = find_browser()
     assert kind is not None  # Who starts this has looked.
-    with TemporaryDirectory() as folder, (Path(folder) / "browser.log").open("wb") as log:
-        running = Browser(kind, Path(folder), log)
-        try:
-            async with running.page(f"http://{OUTSIDE}:{HUB_PORT}/rosie/webrtc") as page:
-                print(json.dumps(await page.evaluate(SCRIPT)), flush=True)
-        finally:
-            running.close()
+    with TemporaryDirectory() as folder, opened_browser(kind, Path(folder)) as opened:
+        async with opened.page(f"http://{OUTSIDE}:{HUB_PORT}/rosie/webrtc") as page:
+            print(json.dumps(await page.evaluate(SCRIPT)), flush=True)
 
 
 class _Nobody:

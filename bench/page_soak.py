@@ -25,7 +25,7 @@ import anyio
 import numpy as np
 
 from rwt import Server
-from tests.browser.driver import NODE, Browser, Kind, Page, Size, find_browser
+from tests.browser.driver import NODE, Browser, Kind, Page, Size, find_browser, opened_browser
 
 KINDS = (
     *("scene", "camera", "teleop", "goal", "approvals", "device", "topics", "plot", "services", "actions"),
@@ -129,12 +129,9 @@ def robot(points: int) -> Iterator[str]:
 @contextmanager
 def measured_browser(kind: Kind) -> Iterator[Browser]:
     """Chromium as it is without a graphics card, and without what else watches the page in tests."""
-    with tempfile.TemporaryDirectory() as name, (Path(name) / "browser.log").open("wb") as log:
-        browser = Browser(replace(kind, driver=NODE / "bare.mjs"), Path(name), log)
-        try:
-            yield browser
-        finally:
-            browser.close()
+    bare = replace(kind, driver=NODE / "bare.mjs")
+    with tempfile.TemporaryDirectory() as folder, opened_browser(bare, Path(folder)) as opened:
+        yield opened
 
 
 async def measure(browser: Browser, url: str, seconds: float) -> Figures:

@@ -50,11 +50,6 @@ def seconds_each(node: Any, executor: Any, make: Callable[[], Any], messages: in
     return spent / messages
 
 
-def best(measure: Callable[[], float], rounds: int) -> float:
-    """The least of some rounds."""
-    return min(measure() for _ in range(rounds))
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure both; prints a line for each."""
     parser = argparse.ArgumentParser(prog="python -m bench.rclpy", description=__doc__)
@@ -84,7 +79,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         ("Image of 921,600 bytes, from numpy each time", fresh),
     ):
         messages = options.messages if name == "Twist" else max(1, options.messages // 20)
-        each = best(lambda m=make, n=messages: seconds_each(node, executor, m, n), options.rounds)  # type: ignore[misc]  # defaults bind the loop's values
+        each = min(seconds_each(node, executor, make, messages) for _ in range(options.rounds))
         print(f"{name}: {each * 1e6:.0f} µs of CPU, {1 / each:,.0f} a second")
     return 0
 

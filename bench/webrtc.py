@@ -77,8 +77,8 @@ async def _drive(send: Callable[[str], Awaitable[None]], seconds: float) -> None
     until = time.monotonic() + seconds
     while time.monotonic() < until:
         now = time.time()
-        command = {"op": "publish", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"}
-        command |= {"msg": {"linear": {"x": 0.1, "y": 0.0, "z": now}}}  # type: ignore[dict-item] # an op
+        msg = {"linear": {"x": 0.1, "y": 0.0, "z": now}}
+        command = {"op": "publish", "topic": "/cmd_vel", "type": "geometry_msgs/Twist", "msg": msg}
         await send(json.dumps(command))
         await anyio.sleep(1 / HZ)
 

@@ -17,6 +17,7 @@ import urllib.request
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Final
+from unittest.mock import patch
 
 import anyio
 import anyio.to_thread
@@ -77,11 +78,18 @@ async def robot() -> None:
 
 
 class Viewer:
-    """One viewer by WHEP."""
+    """One viewer by WHEP.
+
+    Attributes:
+        seen: its pictures, where it reads them.
+        has_track: is set when it has been told of the video.
+        has_picture: is set when the first picture has come.
+    """
 
     def __init__(self, base: str, *, reads: bool) -> None:
         self.seen: Seen = []
-        self.count = 0
+        self.has_track = anyio.Event()
+        self.has_picture = anyio.Event()
         self._base = base
         self._reads = reads
         self._track: MediaStreamTrack | None = None
@@ -89,13 +97,9 @@ class Viewer:
         self.connection.addTransceiver("video", "recvonly")
         self.connection.on("track", self._take)
 
-    @property
-    def has_track(self) -> bool:
-        """Whether the answer has come."""
-        return self._track is not None
-
     def _take(self, track: MediaStreamTrack) -> None:
         self._track = track
+        self.has_track.set()
 
     async def begin(self) -> None:
         """Ask for the video."""
@@ -116,7 +120,7 @@ class Viewer:
         try:
             while True:
                 frame = await self._track.recv()
-                self.count += 1
+                self.has_picture.set()
                 if self._reads:
                     assert isinstance(frame, VideoFrame)
                     _note(self.seen, np.asarray(frame.to_ndarray(format="rgb24"), np.uint8))
@@ -138,8 +142,7 @@ async def operator(way: str, seconds: float) -> None:
     if way == "webrtc":
         viewer = Viewer(base, reads=True)
         await viewer.begin()
-        while not viewer.has_track:  # noqa: ASYNC110 - aiortc tells nobody
-            await anyio.sleep(0.05)
+        await viewer.has_track.wait()
         with anyio.move_on_after(seconds):
             await viewer.watch()
         print(json.dumps(viewer.seen), flush=True)
@@ -198,10 +201,11 @@ async def encoder_seconds(viewers: int, seconds: float) -> float:
         finally:
             spent.append(time.thread_time() - began)
 
-    VideoEncoder.encode = timed  # type: ignore[method-assign] # put back below
-    try:
-        peers = WebRtcSettings(enabled=True)
-        async with Server("ws://127.0.0.1:0", webrtc=peers) as server, anyio.create_task_group() as tasks:
+    async with (
+        Server("ws://127.0.0.1:0", webrtc=WebRtcSettings(enabled=True)) as server,
+        anyio.create_task_group() as tasks,
+    ):
+        with patch.object(VideoEncoder, "encode", timed):
             tasks.start_soon(play, server.node("camera"))
             url = server.urls[0].replace("ws", "http", 1)
             command = [sys.executable, "-m", "bench.webrtc_video", "--watch", str(viewers), url]
@@ -213,8 +217,6 @@ async def encoder_seconds(viewers: int, seconds: float) -> float:
             await process.wait()
             lasted = server.graph.clock.monotonic() - began
             tasks.cancel_scope.cancel()
-    finally:
-        VideoEncoder.encode = encode  # type: ignore[method-assign] # as it was
     # What a second of the camera costs, however many pictures of it this machine has had the time for.
     return sum(spent) / lasted
 
@@ -227,8 +229,8 @@ async def watch(viewers: int, url: str, seconds: float) -> None:
     async with anyio.create_task_group() as tasks:
         for each in made:
             tasks.start_soon(each.watch)
-        while not all(each.count for each in made):  # noqa: ASYNC110 - viewers tell nobody
-            await anyio.sleep(0.05)
+        for each in made:
+            await each.has_picture.wait()
         print("all see it", flush=True)
         await anyio.sleep(seconds)
         tasks.cancel_scope.cancel()

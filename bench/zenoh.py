@@ -88,7 +88,7 @@ def large(graph: MemoryGraph) -> Payload:
 
 
 async def ready(publisher: Publisher) -> None:
-    while not publisher.subscriber_count:  # noqa: ASYNC110 - A graph tells of nobody's coming.
+    while not publisher.subscriber_count:  # noqa: ASYNC110 - a graph has no event for a subscriber that comes
         await anyio.sleep(0.01)
 
 

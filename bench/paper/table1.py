@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
@@ -15,7 +15,7 @@ from typing import Any, Final
 from bench.paper.camera import MARKED_ROWS, RATE, Picture, pictures, read_mark
 from bench.paper.likeness import psnr, ssim
 from bench.paper.report import Report
-from bench.paper.watching import Counted, by_parts, by_rosbridge, by_video
+from bench.paper.watching import Counted, Pictures, by_parts, by_rosbridge, by_video
 from bench.processes import Server
 
 SECONDS: Final = 12.0
@@ -51,7 +51,7 @@ class Column:
     """
 
     name: str
-    watch: Callable[[str, int, Counted], Iterator[Picture]]
+    watch: Callable[[str, int, Counted], Pictures]
     paper: int | None = None
 
 
@@ -104,7 +104,7 @@ def watch(server: Server, column: Column, seconds: float) -> Watched:
     begun = time.perf_counter()
     measuring, first_bytes, first_cpu = False, 0, 0.0
     shown = column.watch(server.host, server.port, counted)
-    with closing(shown):  # type: ignore[type-var]  # they are generators
+    with closing(shown):
         for picture in shown:
             now = time.perf_counter()
             number, delay = read_mark(picture)

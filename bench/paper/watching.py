@@ -5,7 +5,7 @@ from __future__ import annotations
 import http.client
 import io
 import json
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -14,13 +14,13 @@ import cbor2
 import numpy as np
 import pybase64
 from av.codec.context import Flags
-from numpy.typing import NDArray
 from PIL import Image
 from websockets.sync.client import connect
 
-from bench.paper.camera import TOPIC
+from bench.paper.camera import TOPIC, Picture
 
-Picture = NDArray[np.uint8]
+Pictures = Generator[Picture, None, None]
+"""Pictures that are decoded as they come, until it is closed."""
 
 _PATIENCE: Final = 15.0
 
@@ -32,7 +32,7 @@ class Counted:
     bytes: int = 0
 
 
-def by_rosbridge(host: str, port: int, compression: str, counted: Counted) -> Iterator[Picture]:
+def by_rosbridge(host: str, port: int, compression: str, counted: Counted) -> Pictures:
     """The raw topic through the protocol, `none` (JSON) or `cbor`."""
     with connect(f"ws://{host}:{port}", max_size=None, compression=None) as wire:
         wish = {"op": "subscribe", "topic": TOPIC, "compression": compression, "queue_length": 1}
@@ -71,7 +71,7 @@ class _Body(io.RawIOBase):
         super().close()
 
 
-def by_parts(host: str, port: int, query: str, counted: Counted) -> Iterator[Picture]:
+def by_parts(host: str, port: int, query: str, counted: Counted) -> Pictures:
     """JPEG or PNG pictures of `/stream`."""
     with _Body(host, port, query, counted) as body:
         held = bytearray()
@@ -87,7 +87,7 @@ def by_parts(host: str, port: int, query: str, counted: Counted) -> Iterator[Pic
             yield np.asarray(Image.open(io.BytesIO(picture)).convert("RGB"))
 
 
-def by_video(host: str, port: int, query: str, counted: Counted) -> Iterator[Picture]:
+def by_video(host: str, port: int, query: str, counted: Counted) -> Pictures:
     """A video of `/stream`, decoded without waiting for more than each picture needs."""
     # The first picture is what the size is learnt from; `nobuffer` would throw it away, and it is the key.
     quick = {"probesize": "1000", "analyzeduration": "0"}

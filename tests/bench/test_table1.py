@@ -75,7 +75,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
 @pytest.mark.parametrize("column", COLUMNS, ids=[column.name for column in COLUMNS])
 def test_every_column_sees_the_pictures_that_are_sent(column: Column, server: Server) -> None:
     counted = Counted()
-    with closing(column.watch(server.host, server.port, counted)) as shown:  # type: ignore[type-var]  # generators
+    with closing(column.watch(server.host, server.port, counted)) as shown:
         for picture in islice(shown, 3):
             number, delay = camera.read_mark(picture)
             assert 0 <= number < 10

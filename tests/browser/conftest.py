@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.browser.driver import NODE, Browser, find_browser
+from tests.browser.driver import NODE, Browser, find_browser, opened_browser
 
 _HOW = (
     "the browser is not installed: `apt-get install chromium` on Debian, or name its program in the"
@@ -37,8 +37,5 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     for folder in dict.fromkeys((NODE, kind.driver.parent)):
         if not (folder / "node_modules").is_dir():
             pytest.fail(f"the npm packages are not installed: run `npm ci --prefix {folder}`", pytrace=False)
-    folder = tmp_path_factory.mktemp("browser")
-    with (folder / "browser.log").open("wb") as log:
-        running = Browser(kind, folder, log)
-        yield running
-        running.close()
+    with opened_browser(kind, tmp_path_factory.mktemp("browser")) as opened:
+        yield opened

@@ -10,8 +10,8 @@ import shutil
 import subprocess
 import sys
 import threading
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, TypedDict
@@ -77,6 +77,17 @@ def find_browser() -> Kind | None:
     driver, names = _KINDS[wanted]
     program = os.environ.get(wanted.upper()) or next(filter(None, map(shutil.which, names)), None)
     return Kind(driver, program) if program else None
+
+
+@contextmanager
+def opened_browser(kind: Kind, folder: Path) -> Iterator[Browser]:
+    """A browser within the block; what it needs, and its log, is written to `folder`."""
+    with (folder / "browser.log").open("wb") as log:
+        browser = Browser(kind, folder, log)
+        try:
+            yield browser
+        finally:
+            browser.close()
 
 
 class Browser:
