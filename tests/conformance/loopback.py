@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import os
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from collections.abc import AsyncIterator, Awaitable
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
@@ -18,13 +18,14 @@ from rosbridge_conformance.wire.dialing import dialer
 from rosbridge_conformance.wire.wires import Dial, StreamWire, Wire
 from rwt_protocol.transport import Accept
 from rwt_transports.drivers.standard_streams import StandardStreamsDriver
-from rwt_transports.http import HttpRequest, HttpResponse, Route, Routes, Work
+from rwt_transports.http import HttpRequest, HttpResponse, Route, Routes
 from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.listener import listen
 from rwt_transports.webrtc.ice import IceServer
 from rwt_transports.webrtc.peer import PeerTerms
 from rwt_transports.webrtc.signalling import PeerBounds, data_routes, open_peers
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
+from tests.nodes.readers import NobodyInParticular
 
 Transport = Literal["ws", "tcp", "unix", "stdio", "webrtc"]
 
@@ -68,24 +69,7 @@ async def _peers(accept: Accept) -> AsyncIterator[str]:
 
 
 def _as_anybody(route: Route, request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
-    return route.page(request, NOBODY)
-
-
-class _Nobody:
-    """A reader of whom nothing is asked; satisfies :class:`rwt_transports.http.Reader`."""
-
-    @property
-    def work(self) -> Work:
-        raise NotImplementedError
-
-    def may_subscribe(self, topic: str) -> bool:
-        raise NotImplementedError
-
-    def while_allowed(self, topics: Iterable[str], end: Callable[[str], None]) -> Callable[[], None]:
-        return lambda: None
-
-
-NOBODY = _Nobody()
+    return route.page(request, NobodyInParticular())
 
 
 class Pipes:

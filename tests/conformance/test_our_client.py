@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
-from collections.abc import Iterator
 from dataclasses import replace
 
 import anyio
@@ -17,12 +15,7 @@ from rosbridge_conformance.suite.rules import load_rules
 from rosbridge_conformance.suite.target import find_client_target
 from tests.conformance.client_faults import CLIENT_FAULTS, TARGET, ClientFault, asked, play_client
 
-
-@pytest.fixture(autouse=True)
-def quiet() -> Iterator[None]:
-    logging.disable()
-    yield
-    logging.disable(logging.NOTSET)
+pytestmark = pytest.mark.usefixtures("quiet")
 
 
 def test_our_client_passes_every_case() -> None:

@@ -5,9 +5,7 @@ from __future__ import annotations
 import asyncio
 import itertools
 import json
-import logging
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -28,12 +26,7 @@ from tests.conformance.mutants import hunt_all, table
 from tests.conformance.transports import PIPES, server
 from tests.conformance.two_servers import two_servers
 
-
-@pytest.fixture(autouse=True)
-def quiet() -> Iterator[None]:
-    logging.disable()
-    yield
-    logging.disable(logging.NOTSET)
+pytestmark = pytest.mark.usefixtures("quiet")
 
 
 async def _in_memory(distro: str) -> Run:

@@ -4,7 +4,7 @@ fields: each question has one answer, which is no internal error, and leaves the
 from __future__ import annotations
 
 import os
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import anyio
 import anyio.lowlevel
@@ -90,8 +90,7 @@ def _services(distro: str) -> dict[str, Any]:
     }
 
 
-Distro = Literal["jazzy", "noetic"]
-SERVICES: Final = {distro: _services(distro) for distro in ("jazzy", "noetic")}
+SERVICES: Final = {distro: _services(distro) for distro in DISTROS}
 
 _texts = st.sampled_from(NAMES) | st.sampled_from(VALUES)
 _wholes = st.sampled_from(NUMBERS)
@@ -150,16 +149,14 @@ async def _ask(distro: str, questions: list[Question]) -> None:
                     await anyio.lowlevel.checkpoint()
                     answers += client.heard()
                     turns += 1
-                assert [(each["op"], each["id"]) for each in answers] == [("service_response", number)], (
-                    question,
-                    answers,
-                )
+                heard = [(each["op"], each["id"]) for each in answers]
+                assert heard == [("service_response", number)], (question, answers)
                 assert "internal error" not in str(answers), (question, answers)
             assert (graph.topics(), graph.services(), graph.actions(), graph.nodes()) == before, questions
 
 
-@pytest.mark.parametrize("distro", ["jazzy", "noetic"])
-def test_every_question_has_one_answer_and_leaves_nothing(distro: Distro) -> None:
+@pytest.mark.parametrize("distro", DISTROS)
+def test_every_question_has_one_answer_and_leaves_nothing(distro: str) -> None:
     @settings(max_examples=EXAMPLES, derandomize=EXAMPLES == FEW)
     @given(questions=_questions(distro))
     def ask(questions: list[Question]) -> None:

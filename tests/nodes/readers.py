@@ -21,6 +21,20 @@ class CountedWork:
         self.seconds += seconds
 
 
+class NobodyInParticular:
+    """A reader of whom nothing is asked but whether an answer may last."""
+
+    @property
+    def work(self) -> CountedWork:
+        raise NotImplementedError
+
+    def may_subscribe(self, topic: str) -> bool:
+        raise NotImplementedError
+
+    def while_allowed(self, topics: Iterable[str], end: Callable[[str], None]) -> Callable[[], None]:
+        return lambda: None
+
+
 class SeesNothing:
     """A reader who may subscribe to no topic."""
 

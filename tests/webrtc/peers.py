@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Iterable
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 
@@ -12,12 +12,13 @@ from aiortc import RTCConfiguration, RTCDataChannel, RTCPeerConnection, RTCSessi
 
 from rwt_protocol.transport import Accept, PeerInfo, Sink
 from rwt_transports.api import FlowControl
-from rwt_transports.http import HttpRequest, HttpResponse, Work
+from rwt_transports.http import HttpRequest, HttpResponse
 from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.webrtc.ice import IceServer
 from rwt_transports.webrtc.peer import PeerTerms
 from rwt_transports.webrtc.signalling import PeerBounds, Peers, data_routes, open_peers
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
+from tests.nodes.readers import NobodyInParticular
 
 PATIENCE = 60.0
 
@@ -50,20 +51,6 @@ class End:
 
     def closed(self, code: int, reason: str) -> None:
         self.closed_with = (code, reason)
-
-
-class NobodyInParticular:
-    """A reader of whom nothing is asked; satisfies :class:`rwt_transports.http.Reader`."""
-
-    @property
-    def work(self) -> Work:
-        raise NotImplementedError
-
-    def may_subscribe(self, topic: str) -> bool:
-        raise NotImplementedError
-
-    def while_allowed(self, topics: Iterable[str], end: Callable[[str], None]) -> Callable[[], None]:
-        return lambda: None
 
 
 class Side:

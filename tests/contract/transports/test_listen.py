@@ -31,7 +31,7 @@ from websockets.frames import Frame as WebSocketFrame
 from websockets.frames import Opcode
 from websockets.uri import parse_uri
 
-from rwt_protocol.transport import Accept, Endpoint, Frame, PeerInfo, Sink
+from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
 from rwt_transports import HttpRequest, HttpResponse, Limits, ListenError, Refused, Routes, listen
 from rwt_transports.api import Driver, FlowControl
 from rwt_transports.drivers.anyio_stream import AnyioDriver
@@ -214,10 +214,9 @@ class Pipes(DescriptorStream):
 
 
 class Echo:
-    """Sends every message back, and what was sent to `hub` to everyone."""
+    """Sends every message back."""
 
-    def __init__(self, hub: Hub, sink: Sink, peer: PeerInfo) -> None:
-        self.hub = hub
+    def __init__(self, sink: Sink, peer: PeerInfo) -> None:
         self.sink = sink
         self.peer = peer
         self.closings: list[tuple[int, str]] = []
@@ -234,14 +233,15 @@ class Echo:
 class Hub:
     """An accept function that keeps its endpoints."""
 
-    def __init__(self) -> None:
+    def __init__(self, make: type[Echo] = Echo) -> None:
+        self.make = make
         self.endpoints: list[Echo] = []
         self.refuse = ""
 
     def __call__(self, sink: Sink, peer: PeerInfo) -> Endpoint:
         if self.refuse:
             raise Refused(403, self.refuse)
-        endpoint = Echo(self, sink, peer)
+        endpoint = self.make(sink, peer)
         self.endpoints.append(endpoint)
         return endpoint
 
@@ -255,7 +255,6 @@ class Site:
         self.scheme = scheme
         self.make_driver = make_driver
         self.hub = Hub()
-        self.accept: Accept | None = None
         self.path = folder / "s.sock"
         self.certificate = certificate
         self.pipes: list[tuple[int, int]] = []
@@ -276,7 +275,7 @@ class Site:
             tls.load_cert_chain(self.certificate)
         chosen = limits or Limits(close_seconds=1)
         async with listen(
-            self.url, self.accept or self.hub, limits=chosen, routes=routes, driver=self.driver(), tls=tls
+            self.url, self.hub, limits=chosen, routes=routes, driver=self.driver(), tls=tls
         ) as listener:
             if self.scheme != "stdio":
                 yield listener
@@ -413,7 +412,13 @@ class TurnsOfMessages(Hub):
     """Counts the turns of the event loop, and notes in which of them each message was complete."""
 
     def __init__(self) -> None:
-        super().__init__()
+        hub = self
+
+        class Noted(Echo):
+            def receive(self, data: bytes, binary: bool) -> None:
+                hub.turns.append(hub.turn)
+
+        super().__init__(Noted)
         self.turn = 0
         self.turns: list[int] = []
 
@@ -421,11 +426,6 @@ class TurnsOfMessages(Hub):
         while True:
             await anyio.lowlevel.checkpoint()
             self.turn += 1
-
-    def __call__(self, sink: Sink, peer: PeerInfo) -> Endpoint:
-        endpoint = super().__call__(sink, peer)
-        endpoint.receive = lambda data, binary: self.turns.append(self.turn)  # type: ignore[method-assign]  # noted
-        return endpoint
 
     def received(self) -> int:
         """Bytes of all connections."""
@@ -505,33 +505,34 @@ class HeldBack(Echo):
         self.flow_control = flow_control
 
 
+async def cut(stream: ByteStream) -> None:
+    """End a connection with a reset, as when its process is killed."""
+    peer = stream.extra(SocketAttribute.raw_socket)
+    peer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+    await anyio.aclose_forcefully(stream)
+
+
 @pytest.mark.skipif(not hasattr(select, "POLLRDHUP"), reason="the system does not tell")
 @every_stack
 @over_secure_ws
 async def test_a_peer_that_is_cut_while_it_is_held_back_is_missed(site: Site) -> None:
-    endpoints: list[HeldBack] = []
-
-    def accept(sink: Sink, peer: PeerInfo) -> Endpoint:
-        endpoints.append(HeldBack(site.hub, sink, peer))
-        return endpoints[-1]
-
-    site.accept = accept
+    site.hub = Hub(HeldBack)
     async with site.listen() as listener, site.client(listener) as client:
         assert isinstance(client, WebSocketClient)
-        await client.send({"n": 1})
-        await client.receive()
-        endpoints[0].flow_control.pause()
+        endpoint = await site.endpoint(client)
+        assert isinstance(endpoint, HeldBack)
+        endpoint.flow_control.pause()
         for _ in range(3):
             await client.send({"data": "x" * 100_000})
-        peer = client.stream.extra(SocketAttribute.raw_socket)
-        peer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-        await anyio.aclose_forcefully(client.stream)
+        await cut(client.stream)
         with anyio.fail_after(20):
-            await endpoints[0].over.wait()
+            await endpoint.over.wait()
 
 
 class Slow(HeldBack):
     """Takes one message, and for the time being no other."""
+
+    taken = 0
 
     def receive(self, data: bytes, binary: bool) -> None:
         self.taken = len(data)
@@ -541,24 +542,17 @@ class Slow(HeldBack):
 @every_stack
 @over_secure_ws
 async def test_few_large_messages_wait_to_be_read_and_the_rest_with_their_senders(site: Site) -> None:
-    endpoints: list[Slow] = []
-
-    def accept(sink: Sink, peer: PeerInfo) -> Endpoint:
-        endpoints.append(Slow(site.hub, sink, peer))
-        return endpoints[-1]
-
     def taken() -> list[Slow]:
-        return [each for each in endpoints if hasattr(each, "taken")]
+        return [each for each in site.hub.endpoints if isinstance(each, Slow) and each.taken]
 
     async def takes(count: int) -> None:
         with anyio.fail_after(60):
             while len(taken()) < count:
                 await anyio.lowlevel.checkpoint()
 
-    site.accept = accept
-    limits = Limits(
-        close_seconds=1, message_bytes=1 << 20, incoming_bytes=3_500_000
-    )  # A quarter of which may wait.
+    site.hub = Hub(Slow)
+    # A quarter of the bytes that come in may wait.
+    limits = Limits(close_seconds=1, message_bytes=1 << 20, incoming_bytes=3_500_000)
     async with site.listen(limits) as listener, AsyncExitStack() as stack:
         clients = []
         async with anyio.create_task_group() as tasks:
@@ -575,10 +569,7 @@ async def test_few_large_messages_wait_to_be_read_and_the_rest_with_their_sender
             first.flow_control.resume()
             await takes(2)
             second = next(each for each in taken() if each is not first)
-            leaving = clients[endpoints.index(second)].stream
-            peer = leaving.extra(SocketAttribute.raw_socket)
-            peer.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-            await anyio.aclose_forcefully(leaving)
+            await cut(clients[site.hub.endpoints.index(second)].stream)
             await takes(3)
             tasks.cancel_scope.cancel()
 
@@ -658,8 +649,7 @@ async def test_the_client_is_killed_in_the_midst_of_a_message(site: Site) -> Non
             endpoint = await site.endpoint(client)
             assert isinstance(client, WebSocketClient | JsonClient)
             await client.stream.send(b"\x81\xff\0\0\0\0\0\1\0\0abcd{")
-            raw = client.stream.extra(SocketAttribute.raw_socket)
-            raw.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            await cut(client.stream)
         with anyio.fail_after(5):
             await endpoint.over.wait()
         assert [code for code, _ in endpoint.closings] == [1006]

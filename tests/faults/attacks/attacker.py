@@ -19,8 +19,9 @@ import threading
 import time
 import traceback
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
+from functools import partial
 from itertools import islice, repeat
 from typing import Final, NoReturn
 
@@ -38,6 +39,7 @@ _LETTERS: Final = "x" * _MB
 _LONG: Final = _LETTERS[:60_000]
 _BOOL: Final = "std_srvs/SetBool"
 _FIBONACCI: Final = "example_interfaces/Fibonacci"
+_NOETIC: Final = "noetic" in sys.argv
 
 Messages = Iterator[bytes | dict[str, object]]
 """What is sent one after the other, for as long as the time lasts: CBOR, or the members of an op."""
@@ -98,6 +100,22 @@ class Attacker:
             except OSError:
                 return False
         return True
+
+
+def _held_connections(attacker: Attacker, count: int, headers: tuple[bytes, ...] = ()) -> list[Attacker]:
+    """Many more connections, which stay until this process ends."""
+    many = [Attacker(attacker.port, headers=headers) for _ in range(count)]
+    _held.extend(many)
+    return many
+
+
+def _together(acts: Iterable[Callable[[], object]]) -> None:
+    """Do several things at the same time."""
+    threads = [threading.Thread(target=act, daemon=True) for act in acts]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
 
 
 def _ops(op: str, **members: object) -> Messages:
@@ -260,38 +278,26 @@ _BOMB: Final = _bomb()
 def inflated_at_once(attacker: Attacker) -> None:
     """The same over many connections at once, each of which waits for its turn."""
     wants = b"Sec-WebSocket-Extensions: permessage-deflate; client_no_context_takeover"
-    many = [Attacker(attacker.port, headers=(wants,)) for _ in range(25)]
-    _held.extend(many)
-    for each in many:
+    for each in _held_connections(attacker, 25, (wants,)):
         each.send_raw(_BOMB)
+
+
+def _send_at_once(attacker: Attacker, message: bytes, count: int) -> None:
+    """Send the same message twice over each of many connections at the same time."""
+    data, over = frame(TEXT, message, key=bytes(4)) * 2, time.monotonic() + 4 * SECONDS
+    _together(partial(each.send_raw, data, over) for each in _held_connections(attacker, count))
 
 
 def whole_at_once(attacker: Attacker) -> None:
     """Whole messages of megabytes over many connections at once, of which each waits for its turn."""
-    message = frame(TEXT, _LONG_TEXT, key=bytes(4))
-    many = [Attacker(attacker.port) for _ in range(25)]
-    _held.extend(many)
-    over = time.monotonic() + 4 * SECONDS
-    threads = [threading.Thread(target=each.send_raw, args=(message * 2, over), daemon=True) for each in many]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    _send_at_once(attacker, _LONG_TEXT, 25)
 
 
 def lists_at_once(attacker: Attacker) -> None:
     """Whole messages that take long to be read, over as many connections as an address may have."""
     numbers = b"1," * (LARGEST // 2 - 100)
     text = b'{"op":"publish","topic":"/a","type":"std_msgs/Int16MultiArray","msg":{"data":[%s1]}}' % numbers
-    message = frame(TEXT, text, key=bytes(4))
-    many = [Attacker(attacker.port) for _ in range(60)]
-    _held.extend(many)
-    over = time.monotonic() + 4 * SECONDS
-    threads = [threading.Thread(target=each.send_raw, args=(message * 2, over), daemon=True) for each in many]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    _send_at_once(attacker, text, 60)
 
 
 def cut_with_a_backlog(attacker: Attacker) -> None:
@@ -488,13 +494,17 @@ def pictures_of_text(attacker: Attacker) -> None:
     attacker.send(_ops("publish", topic="/text", type="std_msgs/String", msg={"data": f"#é{_LETTERS * 2}"}))
 
 
+def _set_large(attacker: Attacker, value: str) -> str:
+    """Set a parameter to JSON; its name."""
+    name = "/large" if _NOETIC else "/rosapi:large"
+    args = {"name": name, "value": value}
+    Attacker(attacker.port, {"op": "call_service", "service": "/rosapi/set_param", "id": "1", "args": args})
+    return name
+
+
 def large_description(attacker: Attacker) -> None:
     """A parameter of a megabyte, asked for again and again."""
-    args = {"name": "/rosapi:large", "value": json.dumps(_LETTERS)}
-    if "noetic" in sys.argv:
-        args["name"] = "/large"
-    Attacker(attacker.port, {"op": "call_service", "service": "/rosapi/set_param", "id": "1", "args": args})
-    ask = {"name": args["name"], "default_value": ""}
+    ask = {"name": _set_large(attacker, json.dumps(_LETTERS)), "default_value": ""}
     attacker.send(_ops("call_service", service="/rosapi/get_param", id="#", args=ask))
 
 
@@ -505,35 +515,27 @@ def _in_text(item: str, count: int) -> str:
 
 def lists_in_texts(attacker: Attacker) -> None:
     """Millions of lists in a text that is read as JSON: what to answer where a parameter is not set."""
-    field = "default" if "noetic" in sys.argv else "default_value"
-    for item in ("[]", "0", '{"a":[]}'):
-        args = {"name": "/nothing", field: _in_text(item, 9_000_000 // (len(item) + 1))}
-        if item[0] == "{":
-            args[field] = args[field].replace('"', "'")[:4_000_000].replace("'", '"')
-            args[field] = args[field].rpartition(",")[0] + "]"
+    field = "default" if _NOETIC else "default_value"
+    for item, count in (("[]", 3_000_000), ("0", 4_500_000), ('{"a":[]}', 444_444)):
+        args = {"name": "/nothing", field: _in_text(item, count)}
         attacker.send(_ops("call_service", service="/rosapi/get_param", id="#", args=args))
 
 
 def lists_as_parameters(attacker: Attacker) -> None:
     """Parameters with as many values as may be, set and asked for, all of them at once."""
-    noetic = "noetic" in sys.argv
-    many = [Attacker(attacker.port) for _ in range(5)]
-    _held.extend(many)
-    for number, each in enumerate(many):
+    for number, each in enumerate(_held_connections(attacker, 5)):
         for item, count in (("{}", 30_000), ("0", 30_000), ("[]", 3_000_000), ("0", 4_000_000)):
-            name = f"/lists{number}" if noetic else "/rosapi:lists"
+            name = f"/lists{number}" if _NOETIC else "/rosapi:lists"
             args = {"name": name, "value": _in_text(item, count)}
             each.send(islice(_ops("call_service", service="/rosapi/set_param", args=args), 1), 3 * SECONDS)
-    for name in ("/", "/lists0") if noetic else ("/rosapi:lists",):
+    for name in ("/", "/lists0") if _NOETIC else ("/rosapi:lists",):
         attacker.send(_ops("call_service", service="/rosapi/get_param", id="#", args={"name": name}))
     attacker.send(_ops("call_service", service="/rosapi/get_param_names", id="#"))
 
 
 def tables_as_parameters(attacker: Attacker) -> None:
     """Parameters with as many names as may be, set and asked for, all of them at once."""
-    many = [Attacker(attacker.port) for _ in range(5)]
-    _held.extend(many)
-    for number, each in enumerate(many):
+    for number, each in enumerate(_held_connections(attacker, 5)):
         table = json.dumps({f"n{count}": "\x01" * 20 for count in range(6_000)})
         args = {"name": f"/tables{number}", "value": table}
         each.send(islice(_ops("call_service", service="/rosapi/set_param", args=args), 1))
@@ -605,10 +607,9 @@ _FOXGLOVE: Final = b"Sec-WebSocket-Protocol: foxglove.sdk.v1"
 
 def foxglove_parameters(attacker: Attacker) -> None:
     """Questions of Foxglove's clients about a thousand parameters each, of which some are large."""
-    args = {"name": "/large" if "noetic" in sys.argv else "/rosapi:large", "value": _in_text("0", 30_000)}
-    Attacker(attacker.port, {"op": "call_service", "service": "/rosapi/set_param", "id": "1", "args": args})
+    large = _set_large(attacker, _in_text("0", 30_000))
     viewer = Attacker(attacker.port, headers=(_FOXGLOVE,))
-    names = [args["name"].replace(":", ".")] + [f"/rosapi.{'x' * 900}{number}" for number in range(990)]
+    names = [large.replace(":", ".")] + [f"/rosapi.{'x' * 900}{number}" for number in range(990)]
     viewer.send(_ops("getParameters", parameterNames=names, id="#"))
     viewer.send(_ops("getParameters", parameterNames=[], id="#"))
     viewer.send(_ops("subscribeParameterUpdates", parameterNames=names))
@@ -633,14 +634,7 @@ def many_connections(attacker: Attacker) -> None:
     elsewhere = (b"X-Forwarded-For: 192.0.2.1",)
     attackers = [Attacker(attacker.port, headers=elsewhere) for _ in range(40)]
     call = json.dumps({"op": "call_service", "service": "/rosapi/topics", "id": "1"}).encode()
-    threads = [
-        threading.Thread(target=each.send, args=(repeat(call * 300, 1_000),), daemon=True)
-        for each in attackers
-    ]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    _together(partial(each.send, repeat(call * 300, 1_000)) for each in attackers)
 
 
 def smallest_pieces(attacker: Attacker) -> None:
@@ -785,7 +779,7 @@ def header_at_the_end(attacker: Attacker) -> None:
     """Hundreds of thousands of poses in a message whose header stands behind them."""
     kind = {"topic": "/poses", "type": "geometry_msgs/PoseArray"}
     Attacker(attacker.port, {"op": "subscribe", **kind})
-    seq = b'"seq":1,' if "noetic" in sys.argv else b""
+    seq = b'"seq":1,' if _NOETIC else b""
     stamp = b'"secs":1,"nsecs":2' if seq else b'"sec":1,"nanosec":2'
     pose = b'{"position":{"x":0,"y":0,"z":0},"orientation":{"x":0,"y":0,"z":0,"w":1}}'
     poses = b",".join([pose] * (LARGEST // (len(pose) + 1) - 10))
