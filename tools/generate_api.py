@@ -121,7 +121,7 @@ def _signature(value: object) -> str:
     if isinstance(value, type) and issubclass(value, msgspec.Struct):
         return f"({', '.join(value.__struct_fields__)})"
     try:
-        signature = inspect.signature(value)  # type: ignore[arg-type]  # a class or function
+        signature = inspect.signature(value)  # type: ignore[arg-type]  # what cannot be called is a TypeError, below
     except (TypeError, ValueError):
         return "(…)"
     parameters = [

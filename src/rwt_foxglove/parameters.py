@@ -250,7 +250,7 @@ class Parameters:
         self._want_turn()
 
     def _want_turn(self) -> None:
-        if self._due and not self._has_turn and not self._closed:
+        if self._due and self._calls < _AT_ONCE and not self._has_turn and not self._closed:
             self._has_turn = True
             self._turns.wait(self._go_on)
 
@@ -263,8 +263,7 @@ class Parameters:
             worked = monotonic() - began
         self._turns.note(worked)
         self._graph.work.add(worked, "messages")
-        if self._calls < _AT_ONCE:
-            self._want_turn()
+        self._want_turn()
 
     def _call_now(self, service: str, request: Mapping[str, object], done: Done) -> None:
         self._calls += 1

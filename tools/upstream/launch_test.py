@@ -47,8 +47,8 @@ class ReadyToTest(Action):
 
 def _offer_launch_testing() -> None:
     whole, actions = ModuleType("launch_testing"), ModuleType("launch_testing.actions")
-    actions.ReadyToTest = ReadyToTest  # type: ignore[attr-defined]  # it is a new module
-    whole.actions = actions  # type: ignore[attr-defined]  # likewise
+    vars(actions)["ReadyToTest"] = ReadyToTest
+    vars(whole)["actions"] = actions
     sys.modules.update({"launch_testing": whole, "launch_testing.actions": actions})
 
 
