@@ -25,9 +25,9 @@ from rosbridge_conformance.suite.target import (
     TargetError,
     find_client_target,
     find_target,
-    read_expected,
     shipped,
     shipped_clients,
+    with_known,
 )
 from rosbridge_conformance.wire.dialing import BadAddress, dialer
 from rosbridge_conformance.wire.pipes import takes_several_clients
@@ -118,7 +118,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("url", nargs="?", help="ws://, wss://, tcp://, unix:// or stdio:COMMAND")
-    _add_options(parser, shipped(), CASES, jobs=8)
+    _add_options(parser, shipped(), CASES, jobs=16)
     return parser
 
 
@@ -182,8 +182,7 @@ def _add_options(parser: argparse.ArgumentParser, targets: Sequence[str], cases:
 def _target(arguments: argparse.Namespace, find: Callable[[str], Target]) -> Target:
     target = find(arguments.target) if arguments.target else Target()
     if arguments.expect is not None:
-        known = read_expected(arguments.expect, SUITE_VERSION)
-        target = replace(target, expected={**target.expected, **known})
+        target = with_known(target, arguments.expect, SUITE_VERSION)
     if not arguments.profile:
         return target
     profiles = tuple(arguments.profile.upper().split(","))

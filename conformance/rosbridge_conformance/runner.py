@@ -108,7 +108,7 @@ class Conditions:
         outlives: whether the server goes on when the first connection has ended.
     """
 
-    jobs: int = 8
+    jobs: int = 16
     strict: bool = False
     framing: Framing = "messages"
     several_clients: bool = True
@@ -139,7 +139,7 @@ async def run_cases(
     pace: Pace | None = None,
     told: Callable[[Result], None] = lambda result: None,
 ) -> Run:
-    """Play cases, several at once, those that want to be alone afterwards.
+    """Play cases, several at once, then those that measure time, then those that want to be alone.
 
     Answers are waited for as long as this server's own take, as :class:`Tempo` has it. A case that failed is
     asked once more at the end, alone and with twice the time, before it counts: the machine may have been
@@ -181,8 +181,7 @@ async def judge_cases(
     failed: list[Result] = []
 
     async def one(case: Case) -> Result:
-        async with gate:
-            result = await judge.result(case)
+        result = await judge.result(case)
         if result.unexpected and again is not None:
             failed.append(result)
             if len(failed) == _ASKED_AGAIN + 1:
@@ -193,11 +192,24 @@ async def judge_cases(
         told(result)
         return result
 
-    alone = [case for case in cases if target.alone_with(case)]
-    # Those that wait longest begin first, and are through when the others are.
-    together = sorted((case for case in cases if not target.alone_with(case)), key=_waiting, reverse=True)
-    results = list(await asyncio.gather(*(one(case) for case in together)))
-    results += [await one(case) for case in alone]
+    async def in_turn(lane: Sequence[Case]) -> list[Result]:
+        async with gate:
+            return [await one(case) for case in lane]
+
+    async def in_company(case: Case) -> Result:
+        async with gate:
+            result = await judge.result(case)
+        if result.verdict != "fail":
+            told(result)
+        return result
+
+    order = _Order.of(cases, target, conditions.jobs)
+    results = [each for lane in await asyncio.gather(*map(in_turn, order.lanes)) for each in lane]
+    timed = await asyncio.gather(*map(in_company, order.timed))
+    results += [result for result in timed if result.verdict != "fail"]
+    # One that measures time may have failed for its company.
+    not_yet = [result.case for result in timed if result.verdict == "fail"]
+    results += [await one(case) for case in (*not_yet, *order.alone)]
     if again is not None and len(failed) <= _ASKED_AGAIN:
         patient = _Judge(target, again, conditions)
         for result in failed:
@@ -207,6 +219,43 @@ async def judge_cases(
             told(results[-1])
     results.sort(key=lambda result: result.case.id)
     return Run(target, url, tuple(results), _stale(target, results), pace.now() - began)
+
+
+@dataclass(frozen=True, slots=True)
+class _Order:
+    """Which cases are played beside each other.
+
+    Attributes:
+        lanes: are played at the same time, the cases in each one after the other.
+        timed: cases that measure time. They wait most of theirs, and so they wait beside each other, when all
+            else is through.
+        alone: cases beside which nothing is played.
+    """
+
+    lanes: Sequence[Sequence[Case]]
+    timed: Sequence[Case]
+    alone: Sequence[Case]
+
+    @classmethod
+    def of(cls, cases: Sequence[Case], target: Target, jobs: int) -> _Order:
+        """Cases that wait longest begin first, and are through when the others are."""
+        turns: dict[str, list[Case]] = {}
+        together: list[Case] = []
+        timed: list[Case] = []
+        alone: list[Case] = []
+        for case in cases:
+            if target.alone_with(case):
+                alone.append(case)
+            elif case.timed:
+                (timed if jobs > 1 else alone).append(case)
+            elif glob := target.turn(case):
+                turns.setdefault(glob, []).append(case)
+            else:
+                together.append(case)
+        # What is known to fail comes last: it may leave the server busy with what never ends.
+        together.sort(key=lambda case: (target.reason(case.id) is not None, -_waiting(case)))
+        timed.sort(key=_waiting, reverse=True)
+        return cls((*turns.values(), *((case,) for case in together)), timed, alone)
 
 
 def _waiting(case: Case) -> float:

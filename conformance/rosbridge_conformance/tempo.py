@@ -92,8 +92,10 @@ class Tempo:
         self._spread: float | None = None
         self._load: _Load | None = None
         self._silent = False
+        self._failed_at = -math.inf
         self._asked_at = -math.inf
         self._answering = asyncio.Lock()
+        self._measuring = asyncio.Lock()
 
     async def measure(self) -> None:
         """Look how long it takes until one client hears what another begins to publish."""
@@ -126,10 +128,11 @@ class Tempo:
 
     async def play(self, case: Case, tag: str) -> Played:
         """Play a case in the time that the server needs."""
-        if not case.alone:
+        if not case.timed:
             return await self._play(case, tag)
-        if self._load is None:
-            self._load = await self._measured()
+        async with self._measuring:  # Several may come at once.
+            if self._load is None:
+                self._load = await self._measured()
         return await self._stretched(case, self._load.times(case), tag)
 
     async def again(self, case: Case, tag: str) -> Played:
@@ -148,26 +151,25 @@ class Tempo:
 
     async def _play(self, case: Case, tag: str, target: Target | None = None) -> Played:
         async with self._answering:  # Nothing is asked while the server is waited for.
+            if self._failed_at > self._asked_at and not self._silent:
+                await self._wait_until_it_answers()
             target = target or self.limits()
         played = await play(case, target, self._dial, self._pace, tag)
         self._answers.extend(played.answers)
         if played.fault is None:
             self._silent = False
-        elif self._one_server and not self._silent:
-            await self._wait_until_it_answers(self._pace.now())
+        elif self._one_server:
+            self._failed_at = self._pace.now()
         return played
 
-    async def _wait_until_it_answers(self, failed_at: float) -> None:
+    async def _wait_until_it_answers(self) -> None:
         """Ask a new connection for a sign of life; one that gives none is waited for once."""
-        async with self._answering:
-            if self._asked_at > failed_at:  # Somebody else has asked since.
-                return
-            self._asked_at = self._pace.now()
-            patient = replace(self._target, timeout=_SILENCE)
-            played = await self._ask("It answers again", (Settle(("a",)),) * 2, ("a",), patient)
-            self._silent = played.fault is not None
-            # The first may have waited for the server to come back; the next is what an answer takes now.
-            self._answers.extend(played.answers[1:])
+        self._asked_at = self._pace.now()
+        patient = replace(self._target, timeout=_SILENCE)
+        played = await self._ask("It answers again", (Settle(("a",)),) * 2, ("a",), patient)
+        self._silent = played.fault is not None
+        # The first may have waited for the server to come back; the next is what an answer takes now.
+        self._answers.extend(played.answers[1:])
 
     async def _measured(self) -> _Load:
         """How busy the server is now."""

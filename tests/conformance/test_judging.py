@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import re
 from dataclasses import replace
@@ -10,18 +11,19 @@ from pathlib import Path
 import pytest
 
 from rosbridge_conformance.command import main
-from rosbridge_conformance.player import Fault, Line
+from rosbridge_conformance.player import Fault, Line, Played
 from rosbridge_conformance.reports import expected, html, junit
 from rosbridge_conformance.reports.counts import grade
 from rosbridge_conformance.reports.json_file import ReportError, read_results, render
-from rosbridge_conformance.runner import Result, Run, Verdict, select
-from rosbridge_conformance.suite.case import Expect, ExpectNothing, Send, Wait
+from rosbridge_conformance.runner import Conditions, Result, Run, Verdict, judge_cases, select
+from rosbridge_conformance.suite.case import Case, Expect, ExpectNothing, Send, Wait
 from rosbridge_conformance.suite.loading import read_case
 from rosbridge_conformance.suite.matching import Difference
 from rosbridge_conformance.suite.rules import load_rules
 from rosbridge_conformance.suite.stretch import AT_ONCE, MOST, factor, stretched
-from rosbridge_conformance.suite.target import Target, TargetError, find_target, read_expected
+from rosbridge_conformance.suite.target import Target, TargetError, find_target, with_known
 from rosbridge_conformance.suite.values import Json
+from rosbridge_conformance.wire.pace import RealPace
 
 _CASE = read_case(
     "topics/thing",
@@ -83,9 +85,17 @@ def test_a_target_says_what_is_asked_and_what_is_missing() -> None:
 
 
 def test_what_failed_is_written_as_a_target_that_expects_it(tmp_path: Path) -> None:
-    target = Target(name='a "quoted" server', ros=1, profiles=("CORE", "PNG"), settle=0.5)
+    target = Target(
+        name='a "quoted" server',
+        ros=1,
+        profiles=("CORE", "PNG"),
+        settle=0.5,
+        in_turn=("t/*",),
+        unstable={"t/some*": "at times"},
+    )
     known = _result("fail", "t/known", why="issue 12")
-    run = replace(_run(_result("fail", "t/new"), known, _result("pass", "t/well")), target=target)
+    sometimes = _result("fail", "t/sometimes", why="at times")
+    run = replace(_run(_result("fail", "t/new"), known, sometimes, _result("pass", "t/well")), target=target)
     file = tmp_path / "mine.toml"
     file.write_text(expected.render(run, {}), encoding="utf-8")
     written = find_target(str(file))
@@ -148,7 +158,7 @@ def test_all_times_of_a_case_are_stretched_alike() -> None:
             "rules": ["THR-01"],
             "level": "MUST",
             "profile": "CORE",
-            "alone": True,
+            "timed": True,
             "steps": steps,
         },
     )
@@ -179,8 +189,15 @@ def test_known_failures_come_beside_those_of_the_target(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     known = tmp_path / "known.toml"
-    known.write_text('suite = "1.0.0"\n[expected_failures]\n"publish/*" = "known"\n')
-    assert read_expected(known, "1.7.0") == {"publish/*": "known"}
+    known.write_text(
+        'suite = "1.0.0"\n'
+        '[expected_failures]\n"publish/*" = "known"\n'
+        '[unstable]\n"subscribe/*" = "at times"\n'
+    )
+    target = Target(expected={"envelope/*": "of the target"})
+    both = with_known(target, known, "1.7.0")
+    assert both.expected == {**target.expected, "publish/*": "known"}
+    assert both.unstable == {"subscribe/*": "at times"}
     assert main(["ws://127.0.0.1:9", "--expect", str(known), "--list", "--run", "publish/*"]) == 0
     assert "publish/" in capsys.readouterr().out
 
@@ -190,7 +207,7 @@ def test_known_failures_come_beside_those_of_the_target(
     [
         ('suite = "2.0.0"\n', "made with '2.0.0', and this is 1.0.0"),
         ("suite = 1\n", "made with 1, and this is 1.0.0"),
-        ("ros = 1\n", "`ros`: unknown; known are suite and expected_failures"),
+        ("ros = 1\n", "`ros`: unknown; known are suite, expected_failures and unstable"),
         ('[expected_failures]\n"a/b" = ""\n', "expected the reason as text"),
         ("suite = ", "not TOML"),
     ],
@@ -201,11 +218,79 @@ def test_known_failures_that_cannot_be_used(
     known = tmp_path / "known.toml"
     known.write_text(text)
     with pytest.raises(TargetError, match=re.escape(said)):
-        read_expected(known, "1.0.0")
+        with_known(Target(), known, "1.0.0")
     assert main(["ws://127.0.0.1:9", "--expect", str(known)]) == 2
     assert said.split(", and this")[0] in capsys.readouterr().err
 
 
 def test_a_file_of_known_failures_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(TargetError, match="cannot be read: No such file"):
-        read_expected(tmp_path / "none.toml", "1.0.0")
+        with_known(Target(), tmp_path / "none.toml", "1.0.0")
+
+
+# -- which cases are played beside each other ----------------------------------------------------------------
+
+
+class _Plays:
+    """Notes which cases are under way at the same time; one of them fails where others are."""
+
+    def __init__(self, fails_in_company: str = "") -> None:
+        self.fails_in_company = fails_in_company
+        self.under_way: set[str] = set()
+        self.beside: dict[str, set[str]] = {}
+        self.played: list[str] = []
+
+    async def __call__(self, case: Case, tag: str) -> Played:
+        self.under_way.add(case.id)
+        self.played.append(case.id)
+        for each in self.under_way:
+            self.beside.setdefault(each, set()).update(self.under_way - {each})
+        for _ in range(3):
+            await asyncio.sleep(0)
+        self.under_way.remove(case.id)
+        if case.id == self.fails_in_company and self.beside.pop(case.id):
+            return Played(_FAULT, (), (), 0.0)
+        return Played(None, (), (), 0.0)
+
+
+async def _judged(plays: _Plays, target: Target, *cases: Case) -> Run:
+    return await judge_cases(cases, target, plays, "ws://x", Conditions(jobs=4), RealPace())
+
+
+def _case(name: str, *, timed: bool = False, alone: bool = False) -> Case:
+    return replace(_result("pass", name).case, timed=timed, alone=alone)
+
+
+def test_cases_are_played_beside_those_that_they_may_be_played_beside() -> None:
+    plays = _Plays()
+    target = Target(in_turn=("turn/*",), alone=("hang/*",))
+    cases = [_case(name) for name in ("turn/a", "turn/b", "hang/a", "free/a", "free/b")]
+    timed = [_case(f"time/{letter}", timed=True) for letter in "abc"]
+    run = asyncio.run(_judged(plays, target, *cases, *timed, _case("count/a", alone=True)))
+    assert [each.case.id for each in run.results] == sorted(plays.played)
+    assert plays.beside["hang/a"] == plays.beside["count/a"] == set()
+    assert plays.beside["time/a"] == {"time/b", "time/c"}
+    assert "turn/b" not in plays.beside["turn/a"]
+    assert {"turn/a", "free/a"} <= plays.beside["free/b"]
+
+
+def test_a_case_that_measures_time_is_played_alone_before_it_counts_as_failed() -> None:
+    plays = _Plays("time/a")
+    run = asyncio.run(_judged(plays, Target(), *(_case(f"time/{letter}", timed=True) for letter in "abc")))
+    assert plays.played.count("time/a") == 2
+    assert [each.verdict for each in run.results] == ["pass"] * 3
+
+
+def test_what_fails_at_times_is_neither_news_nor_stale() -> None:
+    target = Target(expected={"t/always": "known"}, unstable={"t/time*": "at times"})
+    assert target.reason("t/timely") == "at times"
+
+    async def passes(case: Case, tag: str) -> Played:
+        return Played(None, (), (), 0.0)
+
+    async def fails(case: Case, tag: str) -> Played:
+        return Played(_FAULT, (), (), 0.0)
+
+    cases = [_case("t/timely")]
+    for play in (passes, fails):
+        assert asyncio.run(judge_cases(cases, target, play, "ws://x", Conditions(), RealPace())).ok

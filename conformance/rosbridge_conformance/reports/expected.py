@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 
 from rosbridge_conformance.runner import Result, Run
 from rosbridge_conformance.suite.rules import Rule
@@ -15,10 +15,15 @@ def render(run: Run, rules: Mapping[str, Rule]) -> str:
     and what came instead."""
     declared = {each.name: getattr(run.target, each.name) for each in fields(run.target)}
     declared.pop("expected")
+    unstable = declared.pop("unstable")
     lines = [f"{key} = {_value(value)}" for key, value in declared.items() if value is not None]
+    at_times = replace(run.target, expected={})
     lines += ["", "[expected_failures]"]
-    failed = sorted((each for each in run.results if each.verdict == "fail"), key=lambda each: each.case.id)
-    lines += [f"{_value(each.case.id)} = {_value(each.expected or _reason(each))}" for each in failed]
+    for each in sorted(run.results, key=lambda each: each.case.id):
+        if each.verdict == "fail" and at_times.reason(each.case.id) is None:
+            lines.append(f"{_value(each.case.id)} = {_value(each.expected or _reason(each))}")
+    if unstable:
+        lines += ["", "[unstable]", *(f"{_value(key)} = {_value(why)}" for key, why in unstable.items())]
     return "\n".join(lines) + "\n"
 
 

@@ -193,6 +193,7 @@ class Case:
         clients: names of all connections, in order of first use; the first is open from the start, unless
             the first step tells a client library to connect.
         alone: whether other cases may not run meanwhile.
+        timed: whether it measures time, and only others that do so too may run meanwhile.
         leftover: whether frames may come that no step expects.
         probe: whether every open connection has to answer after the last step.
         notes: for each step the sentence that its file gives, or "".
@@ -213,6 +214,7 @@ class Case:
     ros: tuple[int, ...] = (1, 2)
     needs: tuple[str, ...] = ()
     alone: bool = False
+    timed: bool = False
     leftover: bool = False
     probe: bool = True
     example: tuple[str, ...] = ()

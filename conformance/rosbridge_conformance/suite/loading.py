@@ -44,8 +44,8 @@ CLIENT_CASES = Path(__file__).parents[1] / "cases-client"
 
 REQUIRED = ("title", "rules", "level", "profile", "steps")
 OPTIONAL = (
-    "$schema", "about", "spec", "ros", "needs", "alone", "leftover", "probe", "example", "divergences",
-    "side",
+    "$schema", "about", "spec", "ros", "needs", "alone", "timed", "leftover", "probe", "example",
+    "divergences", "side",
 )  # fmt: skip
 
 VERBS: Mapping[str, tuple[str, ...]] = {
@@ -142,6 +142,7 @@ def read_case(case_id: str, value: Json) -> Case:
         ros=_ros(at.key("ros"), fields.get("ros", [1, 2])),
         needs=at.key("needs").texts(fields.get("needs", [])),
         alone=at.key("alone").flag(fields.get("alone", False)),
+        timed=at.key("timed").flag(fields.get("timed", False)),
         leftover=at.key("leftover").flag(fields.get("leftover", False)),
         probe=at.key("probe").flag(fields.get("probe", True)),
         example=at.key("example").texts(fields.get("example", [])),

@@ -1,6 +1,6 @@
 """Cases that measure time, on the time of the server that is asked.
 
-A case that plays alone says its times for a server and a machine that answer at once. Where an answer takes
+A case that is timed says its times for a server and a machine that answer at once. Where an answer takes
 longer, all its times become longer alike: what it waits, and the throttle that it asks for. What it asks
 about, the order of things and their relation, stays.
 """

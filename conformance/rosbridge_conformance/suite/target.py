@@ -5,7 +5,7 @@ from __future__ import annotations
 import fnmatch
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -49,7 +49,10 @@ class Target:
         probe: how to ask whether a connection is alive; not used for clients.
         auth_secret: what the AUTH cases compute the mac with, and other cases log in with.
         expected: case id or glob → why it fails; a stale entry is an error.
-        alone: ids or globs of cases beside which no other may run, as connections are not kept apart there.
+        unstable: case id or glob → why it fails in some runs and not in others.
+        alone: ids or globs of cases beside which no other may run, as they hold up all connections there.
+        in_turn: ids or globs; cases of the same one run one after the other, as connections are not kept
+            apart there.
     """
 
     name: str = "unnamed server"
@@ -62,7 +65,9 @@ class Target:
     probe: Probe = "loopback"
     auth_secret: str | None = None
     expected: Mapping[str, str] = field(default_factory=dict)
+    unstable: Mapping[str, str] = field(default_factory=dict)
     alone: tuple[str, ...] = ()
+    in_turn: tuple[str, ...] = ()
 
     def asked(self, case: Case) -> bool:
         """Whether the case makes sense for this ROS generation."""
@@ -78,9 +83,14 @@ class Target:
         """Whether no other case may run meanwhile."""
         return case.alone or any(fnmatch.fnmatchcase(case.id, glob) for glob in self.alone)
 
+    def turn(self, case: Case) -> str | None:
+        """The entry of `in_turn` that the case belongs to."""
+        return next((glob for glob in self.in_turn if fnmatch.fnmatchcase(case.id, glob)), None)
+
     def reason(self, case_id: str) -> str | None:
-        """Why the case is expected to fail, or None."""
-        return next((why for key, why in self.expected.items() if fnmatch.fnmatchcase(case_id, key)), None)
+        """Why the case is expected to fail, always or at times, or None."""
+        known = (*self.expected.items(), *self.unstable.items())
+        return next((why for key, why in known if fnmatch.fnmatchcase(case_id, key)), None)
 
 
 def shipped() -> tuple[str, ...]:
@@ -107,24 +117,31 @@ def find_client_target(name: str) -> Target:
     return _find(name, SHIPPED_CLIENTS, CLIENT_FEATURES)
 
 
-def read_expected(path: Path, suite: str) -> Mapping[str, str]:
-    """The failures that a file expects, in `[expected_failures]`; its `suite` is the version that it is for.
+def with_known(target: Target, path: Path, suite: str) -> Target:
+    """The target with the failures of a file besides its own: its `[expected_failures]` and `[unstable]`.
 
     Args:
+        target: what is known without the file.
+        path: the file; its `suite` is the version that it is for.
         suite: the version of the cases that are asked.
 
     Raises:
         TargetError: the file cannot be read, or was made for a suite in which other cases may fail.
     """
     fields = _read(path)
-    if unknown := sorted(set(fields) - {"suite", "expected_failures"}):
-        raise TargetError(f"{path}: `{unknown[0]}`: unknown; known are suite and expected_failures")
+    if unknown := sorted(set(fields) - {"suite", "expected_failures", "unstable"}):
+        raise TargetError(f"{path}: `{unknown[0]}`: unknown; known are suite, expected_failures and unstable")
     wanted = fields.pop("suite", suite)
     if not isinstance(wanted, str) or wanted.split(".")[0] != suite.split(".")[0]:
         raise TargetError(
             f"{path}: `suite`: it was made with {wanted!r}, and this is {suite}; look at its failures again"
         )
-    return _Fields(str(path), fields, ()).target().expected
+    known = _Fields(str(path), fields, ()).target()
+    return replace(
+        target,
+        expected={**target.expected, **known.expected},
+        unstable={**target.unstable, **known.unstable},
+    )
 
 
 def _read(path: Path) -> dict[str, object]:
@@ -156,7 +173,7 @@ class _Fields:
 
     _KNOWN = (
         "name", "ros", "type_names", "profiles", "features", "settle", "timeout", "probe", "auth_secret",
-        "expected_failures", "alone",
+        "expected_failures", "unstable", "alone", "in_turn",
     )  # fmt: skip
 
     def __init__(self, path: str, fields: dict[str, object], features: tuple[str, ...]) -> None:
@@ -182,8 +199,10 @@ class _Fields:
             if self._choice("probe", get_args(Probe), "loopback") == "get_time"
             else "loopback",
             auth_secret=None if secret is None else self._text("auth_secret", ""),
-            expected=self._expected(),
+            expected=self._reasons("expected_failures"),
+            unstable=self._reasons("unstable"),
             alone=self._globs("alone"),
+            in_turn=self._globs("in_turn"),
         )
 
     def _error(self, key: str, text: str) -> TargetError:
@@ -228,11 +247,11 @@ class _Fields:
             raise self._error(key, f"expected seconds from 0 to 60, got {value!r}")
         return float(value)
 
-    def _expected(self) -> dict[str, str]:
-        value = self._fields.get("expected_failures", {})
+    def _reasons(self, key: str) -> dict[str, str]:
+        value = self._fields.get(key, {})
         if not isinstance(value, dict):
-            raise self._error("expected_failures", "expected a table of case ids and reasons")
-        for key, why in value.items():
+            raise self._error(key, "expected a table of case ids and reasons")
+        for case, why in value.items():
             if not isinstance(why, str) or not why:
-                raise self._error(f"expected_failures.{key}", "expected the reason as text")
+                raise self._error(f"{key}.{case}", "expected the reason as text")
         return dict(value)
