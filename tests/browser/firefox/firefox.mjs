@@ -19,6 +19,13 @@ export async function launch(executablePath) {
       'layout.css.devPixelsPerPx': '1.0',
     },
   });
+  // Only the page in front is drawn and has the mouse; one that is opened is in front.
+  let front;
+  const inFront = (page, act) => async (...args) => {
+    if (front !== page) await page.bringToFront();
+    front = page;
+    return act(...args);
+  };
   return {
     version: await browser.version(),
     async open(width, height, locale) {
@@ -30,6 +37,9 @@ export async function launch(executablePath) {
         Object.defineProperty(navigator, 'languages', { get: () => languages });
       }, [locale]);
       page.setDefaultTimeout(PATIENCE);
+      front = page;
+      page.screenshot = inFront(page, page.screenshot.bind(page));
+      page.mouse.move = inFront(page, page.mouse.move.bind(page.mouse));
       page.mouse.dblclick = (x, y) => page.mouse.click(x, y, { count: 2 });
       const press = page.keyboard.press.bind(page.keyboard);
       page.keyboard.press = async (chord) => {
