@@ -210,3 +210,24 @@ def test_any_text_is_an_expression_or_refused(text: str) -> None:
         content_filter(text, "1").matches(Pose(1.0, "a"))
     except ValueError:
         return
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "IncompatibleTypeInfo",
+        "QoSLivelinessChangedInfo",
+        "QoSLivelinessLostInfo",
+        "QoSMessageLostInfo",
+        "QoSOfferedDeadlineMissedInfo",
+        "QoSOfferedIncompatibleQoSInfo",
+        "QoSPublisherMatchedInfo",
+        "QoSRequestedDeadlineMissedInfo",
+        "QoSRequestedIncompatibleQoSInfo",
+        "QoSSubscriptionMatchedInfo",
+    ],
+)
+def test_what_callbacks_get_is_in_the_module_that_programs_import_it_from(rclpy: Any, name: str) -> None:
+    from rclpy import event_handler
+
+    assert isinstance(getattr(event_handler, name), type)

@@ -15,7 +15,9 @@ from rwt_rclpy.endpoints.event_handler import (
     OnEvent,
     QoSDeadlineInfo,
     QoSIncompatibleInfo,
+    QoSLivelinessChangedInfo,
     QoSMatchedInfo,
+    QoSMessageLostInfo,
 )
 from rwt_rclpy.endpoints.event_watches import Watched, make_handler
 from rwt_rclpy.exceptions import UnsupportedEventTypeError
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
 __all__ = [
     "EventHandler",
     "PublisherEventCallbacks",
+    "QoSLivelinessChangedInfo",
+    "QoSMessageLostInfo",
     "SubscriptionEventCallbacks",
     "UnsupportedEventTypeError",
 ]
