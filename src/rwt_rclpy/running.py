@@ -15,6 +15,7 @@ from typing import Final
 
 from rwt_interfaces.definitions.package_directories import package_name
 from rwt_program.errors import RobotError
+from rwt_rclpy.modules import MODULES
 
 
 class CannotRun(RobotError):
@@ -173,7 +174,8 @@ def find_executable(package: str, executable: str, root: Path) -> Executable:
 def run_executable(package: str, executable: str, arguments: Sequence[str], root: Path) -> None:
     """Run an executable as `ros2 run PACKAGE EXECUTABLE` does, from the package's source.
 
-    The modules of the other packages below the folder can be imported, as in a workspace that is built.
+    The modules of the other packages below the folder can be imported, as in a workspace that is built, but
+    for those that are here: the source of `tf2_ros` would ask for C++ that nobody has built.
 
     Args:
         package: the name of a package below `root`.
@@ -186,7 +188,9 @@ def run_executable(package: str, executable: str, arguments: Sequence[str], root
     """
     found = find_executable(package, executable, root)
     own_first = sorted(packages(root), key=lambda each: each.name != package)
-    sys.path[:0] = [str(each.python_folder.resolve()) for each in own_first]
+    sys.path[:0] = [
+        str(each.python_folder.resolve()) for each in own_first if each.name == package or not _is_here(each)
+    ]
     if found.file is not None:
         run_file(found.file, arguments)
         return
@@ -195,6 +199,12 @@ def run_executable(package: str, executable: str, arguments: Sequence[str], root
     outcome = getattr(importlib.import_module(module), function)()
     if outcome:
         raise SystemExit(outcome)
+
+
+def _is_here(package: Package) -> bool:
+    """Whether the source of a package has modules under a name that this project's have."""
+    names = {each.partition(".")[0] for each in MODULES}
+    return any((package.python_folder / name / "__init__.py").is_file() for name in names)
 
 
 def is_python(file: Path) -> bool:

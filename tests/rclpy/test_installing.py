@@ -82,6 +82,17 @@ def test_an_executable_of_a_package_is_run(workspace: Path) -> None:
     assert done.returncode == 1 and "it has talker" in done.stderr
 
 
+def test_the_source_of_what_is_here_is_left_alone(workspace: Path) -> None:
+    """Of a whole checkout of geometry2: its `tf2_ros` imports C++ that nobody has built."""
+    source = workspace / "src/tf2_ros_py/tf2_ros"
+    source.mkdir(parents=True)
+    (source / "__init__.py").write_text("from tf2_py._tf2_py import *")
+    (source.parent / "setup.py").write_text(SETUP.replace("talking", "tf2_ros_py"))
+    (workspace / "src/talking/talking/node.py").write_text("import tf2_ros\n" + NODE)
+    done = ran("-m", "rwt_cli", "run", "--interfaces", ".", "talking", "talker", *ARGUMENTS, cwd=workspace)
+    assert (done.returncode, done.stdout.strip()) == (0, EXPECTED), done.stderr
+
+
 def test_an_installed_ros_is_not_put_aside(tmp_path: Path) -> None:
     (tmp_path / "rclpy").mkdir()
     (tmp_path / "rclpy/__init__.py").write_text("real = True")
