@@ -194,6 +194,18 @@ def test_a_rate_sleeps_in_a_thread_beside_the_executor(rclpy: Any, rclpy_graph: 
     executor.shutdown()
 
 
+def test_a_period_that_ends_while_nobody_sleeps_is_not_lost(rclpy: Any, rclpy_graph: VirtualDomain) -> None:
+    executor = rclpy.executors.SingleThreadedExecutor()
+    it = node(rclpy, executor)
+    rate = it.create_rate(2.0)
+    executor.spin_until_future_complete(rclpy.task.Future(), timeout_sec=1.2)
+    rate.sleep()  # Nothing spins any more: this would wait for ever.
+    rate.destroy()
+    with pytest.raises(RuntimeError, match="destroyed"):
+        rate.sleep()
+    executor.shutdown()
+
+
 def test_timers_can_be_cancelled_and_reset(rclpy: Any, executor: Any) -> None:
     calls: list[int] = []
     timer = node(rclpy, executor).create_timer(1.0, lambda: calls.append(1))

@@ -85,6 +85,92 @@ print("end", flush=True)
 """
 
 
+#: Nobody answers: each of these waits until a signal comes.
+BLOCKING = """
+import threading
+import rclpy
+from example_interfaces.action import Fibonacci
+from example_interfaces.srv import AddTwoInts
+from rclpy.action import ActionClient
+from rclpy.duration import Duration
+from rclpy.wait_for_message import wait_for_message
+from std_msgs.msg import String
+
+def begin(at_wait):
+    rclpy.init(args=["--ros-args", "--log-level", "fatal"])
+    node = rclpy.create_node("asks")
+
+    def spin():
+        try:
+            rclpy.spin(node, rclpy.executors.SingleThreadedExecutor())
+        except rclpy.executors.ExternalShutdownException:
+            pass
+        finally:
+            node.destroy_node()
+
+    keeper = node.context.link.timekeeper
+
+    def wait(condition, deadline):
+        if threading.current_thread() is not spinner:
+            at_wait()
+        type(keeper).wait(keeper, condition, deadline)
+
+    keeper.wait = wait
+    spinner = threading.Thread(target=spin)
+    spinner.start()
+    client, goals = node.create_client(AddTwoInts, "nobody"), ActionClient(node, Fibonacci, "nobody")
+    return spinner, {
+        "call": lambda: client.call(AddTwoInts.Request()),
+        "send_goal": lambda: goals.send_goal(Fibonacci.Goal()),
+        "rate.sleep": node.create_rate(0.001).sleep,
+        "sleep_for": lambda: node.get_clock().sleep_for(Duration(seconds=1000)),
+        "wait_for_message": lambda: wait_for_message(String, node, "/silence"),
+        "wait_for_service": client.wait_for_service,
+    }
+
+def outcome(name, wait):
+    try:
+        said = wait()
+    except BaseException as error:
+        said = type(error).__name__
+    print(f"{name} {said}\\n", end="", flush=True)
+"""
+
+IN_THREADS = (
+    BLOCKING
+    + """
+import time
+
+waiting = set()
+spinner, waits = begin(lambda: waiting.add(threading.current_thread()))
+threads = [threading.Thread(target=outcome, args=item) for item in waits.items()]
+for thread in threads:
+    thread.start()
+while len(waiting) < len(threads):
+    time.sleep(0.02)
+print("spinning", flush=True)
+while spinner.is_alive() or any(thread.is_alive() for thread in threads):
+    time.sleep(0.02)
+print("end", flush=True)
+"""
+)
+
+#: Raised where each of them waits: one from outside may come just before, which Python does not notice then.
+IN_THE_MAIN_THREAD = (
+    BLOCKING
+    + """
+import signal
+
+print("spinning", flush=True)
+for name in ("call", "send_goal", "rate.sleep", "sleep_for", "wait_for_message", "wait_for_service"):
+    spinner, waits = begin(lambda: signal.raise_signal(signal.SIGINT))
+    outcome(name, waits[name])
+    spinner.join()  # Else the signal may end the next context, too.
+    rclpy.try_shutdown()
+"""
+)
+
+
 def run(tmp_path: Path, program: str, number: signal.Signals | None) -> tuple[list[str], int]:
     """What a program says from when it spins and gets a signal, if any, and its exit code."""
     file = tmp_path / "program.py"
@@ -149,6 +235,28 @@ def test_ctrl_c_cuts_nothing_in_two_that_takes_locks_or_starts_threads(
     program = INTERRUPTED_WITHIN.format(executor=executor, path=path, name=name, pool=pool)
     said, code = run(tmp_path, program, None)
     assert said == ["goes on", "interrupted", "end"] and code == 0
+
+
+def test_what_waits_ends_with_sigterm(tmp_path: Path) -> None:
+    said, code = run(tmp_path, IN_THREADS, signal.SIGTERM)
+    assert (sorted(said[:-1]), said[-1], code) == (
+        [
+            "call ExternalShutdownException",
+            "rate.sleep ROSInterruptException",
+            "send_goal ExternalShutdownException",
+            "sleep_for False",
+            "wait_for_message (False, None)",
+            "wait_for_service False",
+        ],
+        "end",
+        0,
+    )
+
+
+def test_ctrl_c_interrupts_what_waits_in_the_main_thread(tmp_path: Path) -> None:
+    said, code = run(tmp_path, IN_THE_MAIN_THREAD, None)
+    waits = ("call", "send_goal", "rate.sleep", "sleep_for", "wait_for_message", "wait_for_service")
+    assert (said, code) == ([f"{name} KeyboardInterrupt" for name in waits], 0)
 
 
 def test_who_interrupts_twice_does_not_wait() -> None:

@@ -25,7 +25,9 @@ from rwt_rclpy.endpoints.serialization import message_of, payload_of
 from rwt_rclpy.endpoints.subscription import Subscription
 from rwt_rclpy.endpoints.type_support import action_type as type_behind
 from rwt_rclpy.endpoints.type_support import message_type
+from rwt_rclpy.execution.blocking import Wait
 from rwt_rclpy.execution.entity import Entity
+from rwt_rclpy.execution.executors import ExternalShutdownException
 from rwt_rclpy.execution.task import Future
 from rwt_rclpy.execution.waitable import NumberOfEntities
 from rwt_rclpy.messages.loaded import message_class
@@ -179,17 +181,10 @@ class ActionClient(Entity):
         self.wake()
 
     def _wait(self, future: Future) -> Any:
-        keeper = self._link.timekeeper
-        condition = keeper.condition()
-
-        def wake() -> None:
-            with condition:
-                condition.notify_all()
-
-        future.resume_with(wake)
-        with condition:
-            while not future.done():
-                keeper.wait(condition, None)
+        wait = Wait(self._node.context)
+        future.resume_with(wait.wake)
+        if not wait.until(future.done):
+            raise ExternalShutdownException
         return future.result()
 
     # Goals
@@ -207,6 +202,7 @@ class ActionClient(Entity):
 
         Raises:
             TypeError: the goal is of another class.
+            ExternalShutdownException: the context ended before the result came.
         """
         handle = self._wait(self.send_goal_async(goal, feedback_callback, goal_uuid))
         return handle.get_result() if handle.accepted else None

@@ -254,20 +254,22 @@ class _Sleeper:
         self._source_changed = False
         self._woken = False
 
-    def clock_changed(self) -> None:
+    def wake(self) -> None:
         """Look again."""
         with self._condition:
             self._woken = True
             self._condition.notify_all()
 
+    clock_changed = wake
+
     def _jumped(self, jump: TimeJump) -> None:
         if jump.clock_change in (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVATED):
             self._source_changed = True
-        self.clock_changed()
+        self.wake()
 
     def sleep(self) -> bool:
         handle = self._clock.handle
-        self._context.on_shutdown(self.clock_changed)
+        self._context.wake_on_end(self)
         threshold = JumpThreshold(min_forward=Duration(nanoseconds=1), min_backward=None)
         with self._clock.create_jump_callback(threshold, post_callback=self._jumped):
             handle.watchers.add(self)

@@ -7,7 +7,6 @@ import threading
 from collections.abc import Callable, Coroutine
 from typing import TYPE_CHECKING, Any, Self
 
-from rwt_rclpy.clocks import timekeeper
 from rwt_rclpy.clocks.clock import Clock, ClockChange, JumpThreshold, TimeJump
 from rwt_rclpy.clocks.duration import Duration
 from rwt_rclpy.clocks.time import ClockType, Time
@@ -250,32 +249,32 @@ def _takes_info(callback: Callable[..., object]) -> bool:
 
 
 class Rate:
-    """Sleeps to the end of each period. An executor must run in another thread meanwhile."""
+    """Sleeps to the end of each period. An executor must run in another thread meanwhile.
+
+    A period that ends while nobody sleeps is not lost: the next sleep ends at once.
+    """
 
     def __init__(self, timer: Timer, *, context: Context) -> None:
+        # Not above: a context needs what needs clocks.
+        from rwt_rclpy.execution.blocking import Wait
+
         self._timer = timer
-        self._keeper = timekeeper.current()
-        self._condition = self._keeper.condition()
+        self._context = context
+        self._wait = Wait(context)
         self._lock = threading.Lock()
-        self._is_shutdown = False
         self._is_destroyed = False
-        self._ticks = 0
+        self._is_due = False
+        self._sleepers = 0
         timer.callback = self._tick
-        context.on_shutdown(self._on_shutdown)
 
     def _tick(self) -> None:
-        with self._condition:
-            self._ticks += 1
-            self._condition.notify_all()
-
-    def _on_shutdown(self) -> None:
-        self._is_shutdown = True
-        self.destroy()
+        self._is_due = True
+        self._wait.wake()
 
     def destroy(self) -> None:
         """Wake who sleeps, and sleep no more."""
         self._is_destroyed = True
-        self._tick()
+        self._wait.wake()
 
     def sleep(self) -> None:
         """Sleep to the end of the period.
@@ -285,16 +284,21 @@ class Rate:
             RuntimeError: the rate was destroyed.
             InvalidHandle: its timer was destroyed.
         """
-        if self._is_shutdown:
+        if not self._context.ok():
             raise ROSInterruptException
         if self._is_destroyed:
             raise RuntimeError("Rate cannot sleep because it has been destroyed")
         if not self._timer.handle:
             self.destroy()
             raise InvalidHandle("Rate cannot sleep because the timer has been destroyed")
-        with self._condition:
-            seen = self._ticks
-            while self._ticks == seen:
-                self._keeper.wait(self._condition, None)
-        if self._is_shutdown:
+        with self._lock:
+            self._sleepers += 1
+        try:
+            self._wait.until(lambda: self._is_due or self._is_destroyed)
+        finally:
+            with self._lock:
+                self._sleepers -= 1
+                if not self._sleepers:
+                    self._is_due = False
+        if not self._context.ok():
             raise ROSInterruptException

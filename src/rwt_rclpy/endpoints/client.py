@@ -17,7 +17,9 @@ from rwt_rclpy.endpoints.serialization import message_of, payload_of
 from rwt_rclpy.endpoints.type_variables import SrvType as SrvType
 from rwt_rclpy.endpoints.type_variables import SrvTypeRequest as SrvTypeRequest
 from rwt_rclpy.endpoints.type_variables import SrvTypeResponse as SrvTypeResponse
+from rwt_rclpy.execution.blocking import Wait
 from rwt_rclpy.execution.entity import Entity
+from rwt_rclpy.execution.executors import ExternalShutdownException
 from rwt_rclpy.execution.task import Future
 from rwt_rclpy.logs.logger import get_logger
 
@@ -92,27 +94,18 @@ class Client(Entity):
         Raises:
             TypeError: the request is of another class.
             CallFailed: the service answered that it failed.
+            ExternalShutdownException: the context ended before a response came.
             InvalidHandle: the client was destroyed.
         """
-        keeper = self._link.timekeeper
-        condition = keeper.condition()
+        wait = Wait(self.context)
         future = self.call_async(request)
-
-        def wake() -> None:
-            with condition:
-                condition.notify_all()
-
-        future.resume_with(wake)
-        deadline = (
-            None if timeout_sec is None or timeout_sec < 0 else keeper.steady_ns() + int(timeout_sec * 1e9)
-        )
-        with condition:
-            while not future.done() and (deadline is None or keeper.steady_ns() < deadline):
-                keeper.wait(condition, deadline)
-        if not future.done():
-            self.remove_pending_request(future)
-            return None
-        return future.result()
+        future.resume_with(wait.wake)
+        if wait.until(future.done, timeout_sec):
+            return future.result()
+        self.remove_pending_request(future)
+        if not self.context.ok():
+            raise ExternalShutdownException
+        return None
 
     def call_async(self, request: Any) -> Future:
         """Call the service; the future gets the response from the executor.

@@ -7,7 +7,7 @@ import sys
 import threading
 import weakref
 from collections.abc import Callable, Sequence
-from typing import Self
+from typing import Protocol, Self
 
 from rwt_rclpy.destroyable import Destroyable
 from rwt_rclpy.exceptions import RCLError
@@ -117,7 +117,12 @@ class Context:
             callback = weak()
             if callback is not None:
                 callback()
-        for waker in tuple(self._wakers):
+        self._wake()
+
+    def _wake(self) -> None:
+        with self._lock:  # Threads that begin to wait would change the set under way.
+            wakers = tuple(self._wakers)
+        for waker in wakers:
             waker.wake()
 
     def shutdown(self) -> None:
@@ -143,11 +148,10 @@ class Context:
         self._call_callbacks()
 
     def shutdown_by_signal(self) -> None:
-        """End it from outside: what spins raises ExternalShutdownException."""
+        """End it from outside: what spins or waits for an answer raises ExternalShutdownException."""
         if self._handle is not None:
             self._handle.shutdown()
-        for waker in tuple(self._wakers):
-            waker.wake()
+        self._wake()
 
     def on_shutdown(self, callback: OnShutdown) -> None:
         """Call a function when the context is shut down; at once when it was. Methods are held weakly.
@@ -172,8 +176,9 @@ class Context:
             self._callbacks.remove(weak)
 
     def wake_on_end(self, waker: Wakeable) -> None:
-        """Wake an executor when the context ends in whatever way."""
-        self._wakers.add(waker)
+        """Wake what waits when the context ends in whatever way."""
+        with self._lock:
+            self._wakers.add(waker)
 
     def get_domain_id(self) -> int:
         """The ROS domain. Raises RuntimeError before :meth:`init`."""
@@ -195,12 +200,11 @@ class Context:
         self.try_shutdown()
 
 
-class Wakeable:
+class Wakeable(Protocol):
     """What waits, and can be told to look again."""
 
     def wake(self) -> None:
         """Look again."""
-        raise NotImplementedError
 
 
 def initialised_contexts() -> list[Context]:

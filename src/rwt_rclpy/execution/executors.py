@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from rwt_rclpy.clocks import timekeeper
 from rwt_rclpy.exceptions import InvalidHandle
-from rwt_rclpy.execution.context import Context, Wakeable, get_default_context
+from rwt_rclpy.execution.context import Context, get_default_context
 from rwt_rclpy.execution.entity import Entity
 from rwt_rclpy.execution.interruption import UNINTERRUPTED
 from rwt_rclpy.execution.task import Future, Task, Work
@@ -43,7 +43,7 @@ class ShutdownException(Exception):
 
 
 class ExternalShutdownException(Exception):
-    """The context was shut down while an executor waited."""
+    """The context was shut down during a wait, of an executor or for an answer."""
 
     def __init__(self) -> None:
         super().__init__("the context was shut down")
@@ -92,7 +92,7 @@ class WorkTracker:
         return True
 
 
-class Executor(Wakeable):
+class Executor:
     """Base of executors: which nodes it has, and what has work."""
 
     def __init__(self, *, context: Context | None = None) -> None:

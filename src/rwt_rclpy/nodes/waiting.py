@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from rwt_rclpy.endpoints.qos import QoSProfile
+from rwt_rclpy.execution.blocking import Wait
 
 if TYPE_CHECKING:
     from rwt_rclpy.nodes.node import Node
@@ -24,25 +25,13 @@ def wait_for_message(
         time_to_wait: seconds; negative for as long as it takes.
 
     Returns:
-        Whether one came, and the message or None.
+        Whether one came, and the message or None; none comes once the context has ended.
     """
-    keeper = node.context.link.timekeeper
-    condition = keeper.condition()
+    wait = Wait(node.context)
     subscription = node.create_subscription(msg_type, topic, lambda message: None, qos_profile)
-
-    def wake() -> None:
-        with condition:
-            condition.notify_all()
-
-    subscription.wake = wake
-    node.context.on_shutdown(wake)
-    deadline = None if time_to_wait < 0 else keeper.steady_ns() + int(time_to_wait * 1e9)
+    subscription.wake = wait.wake
     try:
-        with condition:
-            while not subscription.has_work() and node.context.ok():
-                if deadline is not None and keeper.steady_ns() >= deadline:
-                    return False, None
-                keeper.wait(condition, deadline)
+        wait.until(subscription.has_work, time_to_wait)
         taken = subscription._take()
     finally:
         node.destroy_subscription(subscription)
