@@ -165,7 +165,7 @@ def find_executable(package: str, executable: str, root: Path) -> Executable:
             names = ", ".join(sorted(known)) or "none"
             raise CannotRun(
                 f"package {package} in {found.folder} has no executable {executable!r} in Python; it has"
-                f" {names}"
+                f" {names}. One in C++ runs on a machine with ROS, which joins over Zenoh or rosbridge"
             )
         return known[executable]
     raise CannotRun(f"no package {package!r} with a package.xml or setup.py below {root.resolve()}")

@@ -79,7 +79,7 @@ def test_an_executable_of_a_package_is_run(workspace: Path) -> None:
     done = ran("-m", "rwt_cli", "run", "--interfaces", ".", "talking", "talker", *ARGUMENTS, cwd=workspace)
     assert (done.returncode, done.stdout.strip()) == (0, EXPECTED), done.stderr
     done = ran("-m", "rwt_cli", "run", "talking", "singer", cwd=workspace)
-    assert done.returncode == 1 and "it has talker" in done.stderr
+    assert done.returncode == 1 and "it has talker. One in C++ runs on a machine with ROS" in done.stderr
 
 
 def test_the_source_of_what_is_here_is_left_alone(workspace: Path) -> None:
@@ -125,6 +125,20 @@ def test_every_module_can_be_imported(name: str) -> None:
 def test_what_is_absent_is_named_with_what_to_do_instead(name: str) -> None:
     with pytest.raises(ImportError, match=r"is not available without ROS: \w"):
         importlib.import_module(name)
+
+
+def test_nodes_do_not_start_without_the_enclaves_that_are_demanded(monkeypatch: pytest.MonkeyPatch) -> None:
+    import rclpy
+    from rclpy.context import Context
+
+    monkeypatch.setenv("ROS_SECURITY_ENABLE", "true")
+    monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Enforce")
+    with pytest.raises(rclpy.exceptions.RCLError, match="enclaves"):
+        rclpy.init(args=[], context=Context())
+    monkeypatch.setenv("ROS_SECURITY_STRATEGY", "Permissive")
+    context = Context()
+    rclpy.init(args=["--ros-args", "--enclave", "/house"], context=context)
+    context.shutdown()
 
 
 def test_which_one_runs() -> None:

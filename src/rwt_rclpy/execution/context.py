@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import os
 import sys
 import threading
 import weakref
@@ -88,6 +89,7 @@ class Context:
         Raises:
             RuntimeError: it was initialised before, or the domain is negative.
             UnicodeEncodeError: an argument is not of characters of UTF-8.
+            RCLError: the environment demands security enclaves, which only DDS has.
             UnknownROSArgsError: an argument after ``--ros-args`` is not ROS's.
         """
         with self._lock:
@@ -99,6 +101,7 @@ class Context:
                 each.encode()  # A wrong locale leaves surrogates in it, which no name may have.
             arguments = parse_arguments(given)
             arguments.refuse_unknown()
+            _refuse_enclaves()
             self._handle = ContextHandle(arguments, domain)
             _initialised.add(self)
         if initialize_logging:
@@ -198,6 +201,19 @@ class Context:
 
     def __exit__(self, *exc: object) -> None:
         self.try_shutdown()
+
+
+def _refuse_enclaves() -> None:
+    """Who demands that messages are encrypted must not believe that they are.
+
+    ROS demands it by these two variables (https://design.ros2.org/articles/ros2_dds_security.html).
+    """
+    enabled = os.environ.get("ROS_SECURITY_ENABLE") == "true"
+    if enabled and os.environ.get("ROS_SECURITY_STRATEGY") == "Enforce":
+        raise RCLError(
+            "ROS_SECURITY_STRATEGY=Enforce demands security enclaves, which are DDS's and not available here;"
+            " unset it, and use TLS and tokens of rwt serve, or Zenoh's"
+        )
 
 
 class Wakeable(Protocol):
