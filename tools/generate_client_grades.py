@@ -125,7 +125,7 @@ def _noted(results: Sequence[Entry]) -> Iterator[str]:
     """What INFO cases found, which is no failure."""
     noted = [entry for entry in results if entry["verdict"] == "informational" and entry["fault"]]
     if noted:
-        yield "\nFor information, no: " + "; ".join(entry["title"] for entry in noted) + "."
+        yield "\nNot so, for information only: " + "; ".join(entry["title"] for entry in noted) + "."
 
 
 def _reason(entry: Entry) -> str:

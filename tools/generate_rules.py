@@ -22,8 +22,10 @@ _HEAD = """\
 
 Every rule of the protocol that the [conformance suite](../how-to/conformance.md) knows, with the cases that check
 it, made from the suite by `tools/generate_rules.py`. A report names a rule by its id; `rwt conformance URL --run ID`
-asks its cases alone. MUST and SHOULD are those of RFC 2119; COMPAT is what the field does beside them, HARDEN a defect
-known in the field that nobody should share.
+asks its cases alone. [What MUST, SHOULD, COMPAT, HARDEN and INFO mean](../how-to/conformance.md#verdicts-and-grades).
+
+In rules, S1 to S3 are the protocol texts (the ros1 and ros2 branches of rosbridge_suite, and 2.0.0), R1 and R2 its servers for
+ROS 1 and ROS 2 (R2+: later than 2.1), J roslibjs, P roslibpy, U roslibrust, JB jrosbridge, and W ros2-web-bridge.
 """
 
 

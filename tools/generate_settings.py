@@ -5,6 +5,7 @@ Run it after a change of `rwt.settings.models`: ``python tools/generate_settings
 
 from __future__ import annotations
 
+import inspect
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -65,7 +66,7 @@ def _lines() -> Iterator[str]:
 def _section(table: Key) -> Iterator[str]:
     if table:
         yield f"\n## `[{'.'.join(table)}]`\n"
-        yield (table_at(table).__doc__ or "").strip()
+        yield inspect.cleandoc(table_at(table).__doc__ or "")
     else:
         yield "## At the top of the file"
     if table[:1] == ("roles",):

@@ -192,9 +192,9 @@ async def judge_cases(
         told(result)
         return result
 
-    async def in_turn(lane: Sequence[Case]) -> list[Result]:
+    async def beside(case: Case) -> Result:
         async with gate:
-            return [await one(case) for case in lane]
+            return await one(case)
 
     async def in_company(case: Case) -> Result:
         async with gate:
@@ -204,7 +204,7 @@ async def judge_cases(
         return result
 
     order = _Order.of(cases, target, conditions.jobs)
-    results = [each for lane in await asyncio.gather(*map(in_turn, order.lanes)) for each in lane]
+    results = list(await asyncio.gather(*map(beside, order.together)))
     timed = await asyncio.gather(*map(in_company, order.timed))
     results += [result for result in timed if result.verdict != "fail"]
     # One that measures time may have failed for its company.
@@ -226,20 +226,19 @@ class _Order:
     """Which cases are played beside each other.
 
     Attributes:
-        lanes: are played at the same time, the cases in each one after the other.
+        together: are played beside each other, as many as there are jobs.
         timed: cases that measure time. They wait most of theirs, and so they wait beside each other, when all
             else is through.
         alone: cases beside which nothing is played.
     """
 
-    lanes: Sequence[Sequence[Case]]
+    together: Sequence[Case]
     timed: Sequence[Case]
     alone: Sequence[Case]
 
     @classmethod
     def of(cls, cases: Sequence[Case], target: Target, jobs: int) -> _Order:
         """Cases that wait longest begin first, and are through when the others are."""
-        turns: dict[str, list[Case]] = {}
         together: list[Case] = []
         timed: list[Case] = []
         alone: list[Case] = []
@@ -248,14 +247,12 @@ class _Order:
                 alone.append(case)
             elif case.timed:
                 (timed if jobs > 1 else alone).append(case)
-            elif glob := target.turn(case):
-                turns.setdefault(glob, []).append(case)
             else:
                 together.append(case)
         # What is known to fail comes last: it may leave the server busy with what never ends.
         together.sort(key=lambda case: (target.reason(case.id) is not None, -_waiting(case)))
         timed.sort(key=_waiting, reverse=True)
-        return cls((*turns.values(), *((case,) for case in together)), timed, alone)
+        return cls(together, timed, alone)
 
 
 def _waiting(case: Case) -> float:

@@ -90,7 +90,7 @@ def test_what_failed_is_written_as_a_target_that_expects_it(tmp_path: Path) -> N
         ros=1,
         profiles=("CORE", "PNG"),
         settle=0.5,
-        in_turn=("t/*",),
+        alone=("t/*",),
         unstable={"t/some*": "at times"},
     )
     known = _result("fail", "t/known", why="issue 12")
@@ -263,15 +263,14 @@ def _case(name: str, *, timed: bool = False, alone: bool = False) -> Case:
 
 def test_cases_are_played_beside_those_that_they_may_be_played_beside() -> None:
     plays = _Plays()
-    target = Target(in_turn=("turn/*",), alone=("hang/*",))
-    cases = [_case(name) for name in ("turn/a", "turn/b", "hang/a", "free/a", "free/b")]
+    target = Target(alone=("hang/*",))
+    cases = [_case(name) for name in ("hang/a", "hang/b", "free/a", "free/b")]
     timed = [_case(f"time/{letter}", timed=True) for letter in "abc"]
     run = asyncio.run(_judged(plays, target, *cases, *timed, _case("count/a", alone=True)))
     assert [each.case.id for each in run.results] == sorted(plays.played)
-    assert plays.beside["hang/a"] == plays.beside["count/a"] == set()
+    assert plays.beside["hang/a"] == plays.beside["hang/b"] == plays.beside["count/a"] == set()
     assert plays.beside["time/a"] == {"time/b", "time/c"}
-    assert "turn/b" not in plays.beside["turn/a"]
-    assert {"turn/a", "free/a"} <= plays.beside["free/b"]
+    assert plays.beside["free/a"] == {"free/b"}
 
 
 def test_a_case_that_measures_time_is_played_alone_before_it_counts_as_failed() -> None:

@@ -51,8 +51,6 @@ class Target:
         expected: case id or glob → why it fails; a stale entry is an error.
         unstable: case id or glob → why it fails in some runs and not in others.
         alone: ids or globs of cases beside which no other may run, as they hold up all connections there.
-        in_turn: ids or globs; cases of the same one run one after the other, as connections are not kept
-            apart there.
     """
 
     name: str = "unnamed server"
@@ -67,7 +65,6 @@ class Target:
     expected: Mapping[str, str] = field(default_factory=dict)
     unstable: Mapping[str, str] = field(default_factory=dict)
     alone: tuple[str, ...] = ()
-    in_turn: tuple[str, ...] = ()
 
     def asked(self, case: Case) -> bool:
         """Whether the case makes sense for this ROS generation."""
@@ -82,10 +79,6 @@ class Target:
     def alone_with(self, case: Case) -> bool:
         """Whether no other case may run meanwhile."""
         return case.alone or any(fnmatch.fnmatchcase(case.id, glob) for glob in self.alone)
-
-    def turn(self, case: Case) -> str | None:
-        """The entry of `in_turn` that the case belongs to."""
-        return next((glob for glob in self.in_turn if fnmatch.fnmatchcase(case.id, glob)), None)
 
     def reason(self, case_id: str) -> str | None:
         """Why the case is expected to fail, always or at times, or None."""
@@ -173,7 +166,7 @@ class _Fields:
 
     _KNOWN = (
         "name", "ros", "type_names", "profiles", "features", "settle", "timeout", "probe", "auth_secret",
-        "expected_failures", "unstable", "alone", "in_turn",
+        "expected_failures", "unstable", "alone",
     )  # fmt: skip
 
     def __init__(self, path: str, fields: dict[str, object], features: tuple[str, ...]) -> None:
@@ -202,7 +195,6 @@ class _Fields:
             expected=self._reasons("expected_failures"),
             unstable=self._reasons("unstable"),
             alone=self._globs("alone"),
-            in_turn=self._globs("in_turn"),
         )
 
     def _error(self, key: str, text: str) -> TargetError:
