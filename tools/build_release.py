@@ -59,8 +59,12 @@ def main() -> int:
     return 0
 
 
-def build_release(out: Path) -> list[Path]:
+def build_release(out: Path, installed: Path | None = None) -> list[Path]:
     """Build every distribution into a folder, which is emptied first.
+
+    Args:
+        out: the folder.
+        installed: what npm has installed by the lock file of the page; without it, npm installs it here.
 
     Raises:
         ReleaseError: a build failed, two builds differ, or a check found something.
@@ -68,8 +72,8 @@ def build_release(out: Path) -> list[Path]:
     # Both builds are of one commit, even if another is made meanwhile.
     commit, when = output("git", "log", "-1", "--format=%H %ct").split()
     with tempfile.TemporaryDirectory() as folder:
-        first = build_once(Path(folder) / "first", commit, when)
-        installed = Path(folder) / "first" / "source" / "web" / "node_modules"
+        first = build_once(Path(folder) / "first", commit, when, installed)
+        installed = installed or Path(folder) / "first" / "source" / "web" / "node_modules"
         second = build_once(Path(folder) / "second of another length", commit, when, installed)
         if sums(first) != sums(second):
             odd = sorted(set(sums(first).items()) ^ set(sums(second).items()))
@@ -95,7 +99,7 @@ def build_once(folder: Path, commit: str, when: str, installed: Path | None = No
     """The files of one build, from a copy of a commit.
 
     Args:
-        installed: what npm has installed for another build of the commit, which serves for this one, too.
+        installed: what npm has installed by the same lock file, which serves for this build, too.
     """
     copy = folder / "source"
     copy.mkdir(parents=True)
@@ -106,7 +110,7 @@ def build_once(folder: Path, commit: str, when: str, installed: Path | None = No
     if installed is None:
         run("npm", "ci", "--prefix", web, "--no-audit", "--no-fund", "--loglevel=error")
     else:
-        shutil.copytree(installed, copy / "web" / "node_modules", symlinks=True, copy_function=os.link)
+        shutil.copytree(installed, copy / "web" / "node_modules", symlinks=True, copy_function=link)
     run("npm", "run", "--silent", "--prefix", web, "build")
     widgets = folder / "widgets"
     out = folder / "out"
@@ -128,6 +132,14 @@ def build_once(folder: Path, commit: str, when: str, installed: Path | None = No
             environment={"SOURCE_DATE_EPOCH": when},
         )
     return sorted(out.iterdir())
+
+
+def link(source: str, target: str) -> None:
+    """Give a file a second name; on another file system, where it can have none, copy it."""
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copy2(source, target)
 
 
 def check_top_level(wheel: Path) -> None:

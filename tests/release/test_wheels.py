@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -35,8 +36,24 @@ with server as robot:
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a whole release; building it compares two builds and checks them."""
     out = tmp_path_factory.mktemp("release") / "dist"
-    build_release(out)
+    build_release(out, installed_by_npm())
     return out
+
+
+def installed_by_npm() -> Path | None:
+    """What npm has installed for the tests of the page, if it is what the lock file of the commit names."""
+    folder = ROOT / "web" / "node_modules"
+    done = folder / ".package-lock.json"
+    if not done.exists():
+        return None
+    has = json.loads(done.read_bytes())["packages"]
+    lock = subprocess.run(
+        ["git", "show", "HEAD:web/package-lock.json"], cwd=ROOT, capture_output=True, check=True
+    )
+    named = {name: package for name, package in json.loads(lock.stdout)["packages"].items() if name}
+    missing = named.keys() - has.keys()
+    same = all(named.get(name, {}).get("integrity") == package["integrity"] for name, package in has.items())
+    return folder if same and all(named[name].get("optional") for name in missing) else None
 
 
 @pytest.fixture(scope="module")
