@@ -160,7 +160,7 @@ export const de: Record<TextKey, string> = {
   "goal.move": "Ziel verschieben",
   "goal.is": "Dort ist der Roboter",
   "goal.go": "Dorthin fahren",
-  "goal.by": "Geht an {name}.",
+  "goal.by": "Ziele gehen an {name}.",
   "goal.cancel": "Abbrechen",
   "goal.underway": "Unterwegs nach {where}",
   "goal.sent": "Geschickt nach {where}",

@@ -155,7 +155,7 @@ export const en = {
   "goal.move": "Move the goal",
   "goal.is": "The robot is there",
   "goal.go": "Go there",
-  "goal.by": "Sent to {name}.",
+  "goal.by": "Goals go to {name}.",
   "goal.cancel": "Cancel",
   "goal.underway": "On the way to {where}",
   "goal.sent": "Sent to {where}",
