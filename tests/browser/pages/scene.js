@@ -48,6 +48,12 @@ const show = {
       height: 256,
       pointSize: 4,
     });
+    // Firefox tells of each picture of MJPEG that it has loaded, and DepthCloud then makes all its points once more.
+    const begin = cloud.initStreamer;
+    cloud.initStreamer = () => {
+      cloud.initStreamer = () => undefined;
+      begin.call(cloud);
+    };
     if (!cloud.isMjpeg) {
       // DepthCloud looks at new pictures only when the player could play to the end, and of a live video Chromium
       // seldom believes that.
