@@ -108,10 +108,15 @@ class Work(Protocol):
         """Count that something of the client waits, since it is beyond its rate."""
 
 
+def _always() -> bool:
+    return True
+
+
 class Arriving(NamedTuple):
-    """A message that is still being read."""
+    """A message that is still being read, in turns in which it may be."""
 
     steps: Iterator[None]
+    may_go_on: Callable[[], bool] = _always
 
 
 class TakesTurns(ABC, Generic[T]):
@@ -189,9 +194,9 @@ class TakesTurns(ABC, Generic[T]):
         self._turns.note(seconds)
         self._is_beyond = self._needs_turn = self._work.excess > 0.0
 
-    def take_steps(self, steps: Iterator[None]) -> None:
+    def take_steps(self, steps: Iterator[None], may_go_on: Callable[[], bool]) -> None:
         """Take the steps in which a message is read from its wire, in turns, as what it asks for."""
-        self._wait(Arriving(steps))
+        self._wait(Arriving(steps, may_go_on))
 
     def _wait(self, what: T | Arriving) -> None:
         """Let a frame or a message wait for a later turn, or the rest of one; until then nothing is read from
@@ -215,7 +220,9 @@ class TakesTurns(ABC, Generic[T]):
     def _go_on(self) -> None:
         """Take this turn's share of what waits."""
         first = self._waiting[0] if self._waiting else None
-        if first is not None and not isinstance(first, Arriving) and self._is_held_up(first):
+        if first is not None and (
+            not first.may_go_on() if isinstance(first, Arriving) else self._is_held_up(first)
+        ):
             self._turns.later(self._ask_for_turn)
             return
         waiting, self._waiting = self._waiting, deque()

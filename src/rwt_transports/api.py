@@ -123,9 +123,9 @@ class Holding(Protocol):
         """Hand over what has come meanwhile."""
 
 
-TakeSteps = Callable[[Iterator[None]], None]
-"""Takes work in short steps, some of them in each turn of the event loop. Until all are taken nothing is read
-from the peer."""
+TakeSteps = Callable[[Iterator[None], Callable[[], bool]], None]
+"""Takes work in short steps, some of them in each turn of the event loop, once the function says that it may
+be gone on with, which is asked before each turn. Until all are taken nothing is read from the peer."""
 
 
 @runtime_checkable
@@ -143,7 +143,7 @@ class StepWise(Protocol):
 class StepTaking(Protocol):
     """An endpoint that takes the steps of its wire as it does its own work."""
 
-    def take_steps(self, steps: Iterator[None]) -> None:
+    def take_steps(self, steps: Iterator[None], may_go_on: Callable[[], bool]) -> None:
         """As :data:`TakeSteps` says."""
 
 

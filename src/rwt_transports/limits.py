@@ -25,7 +25,7 @@ class Limits:
             is closed with 1009.
         incoming_bytes: what all connections of a listener together may hold of messages whose end has not
             come. Beyond it the connection whose message began first is closed with 1008. While a quarter as
-            many came to their end over WebSocket and wait to be read, no more of large ones is received.
+            many came to their end and wait to be read, no more of large ones is received or inflated.
         strict_utf8: close with 1007 when a text message is not UTF-8 (RFC 6455 section 8.1). Off by
             default: the endpoint gets the bytes as they came and answers, so that one bad message does not
             cost the connection.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import socket
+import ssl
 import struct
 import time
 from typing import Any
@@ -22,10 +23,14 @@ class Refused(Exception):
 
 
 class BlockingClient:
-    """One client; its socket is there for whoever wants to do wrong."""
+    """One client; its socket is there for whoever wants to do wrong. In TLS it asks for no certificate."""
 
-    def __init__(self, port: int, *headers: bytes) -> None:
+    def __init__(self, port: int, *headers: bytes, tls: bool = False) -> None:
         self.socket = socket.create_connection(("127.0.0.1", port), PATIENCE)
+        if tls:
+            context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+            context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+            self.socket = context.wrap_socket(self.socket)
         self._data = b""
         try:
             self._shake_hands(headers)

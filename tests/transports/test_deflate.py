@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
 
 import pytest
@@ -19,6 +19,7 @@ from rwt_transports.listener import listen
 from rwt_transports.websocket.deflate import LARGEST, DeflateWire, shared_framing
 from rwt_transports.websocket.extensions import Deflate, DeflateTerms
 from rwt_transports.websocket.handshake import answer_handshake
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from tests.transports.test_websocket_wire import Heard, frame
 
 LIMIT = 100_000
@@ -31,11 +32,19 @@ class Peer(Heard):
     """What a wire with compression reported."""
 
     def __init__(
-        self, *, keeps: bool = False, peer_keeps: bool = True, strict: bool = False, limit: int = LIMIT
+        self,
+        *,
+        keeps: bool = False,
+        peer_keeps: bool = True,
+        strict: bool = False,
+        limit: int = LIMIT,
+        buffers: ReceiveBufferPool | None = None,
     ) -> None:
         super().__init__(skip=True)
         terms = DeflateTerms(keeps_context=keeps, peer_keeps_context=peer_keeps, window_bits=12)
-        self.wire = self.inflating = DeflateWire(self, terms, max_size=limit, strict_utf8=strict)
+        self.wire = self.inflating = DeflateWire(
+            self, terms, max_size=limit, strict_utf8=strict, buffers=buffers
+        )
         self.wire.message = lambda data, binary: self.messages.append((data, binary))
 
 
@@ -112,7 +121,7 @@ def test_a_bomb_ends_the_connection() -> None:
 def test_a_large_message_is_inflated_in_steps_and_what_follows_waits_for_it() -> None:
     peer = Peer(limit=10_000_000)
     taken: list[Iterator[None]] = []
-    peer.inflating.take_steps = taken.append
+    peer.inflating.take_steps = lambda steps, _: taken.append(steps)
     text = bytes(range(256)) * 30_000
     packer = Packer()
     peer.wire.feed(
@@ -126,10 +135,31 @@ def test_a_large_message_is_inflated_in_steps_and_what_follows_waits_for_it() ->
     assert peer.messages == [(text, True), (b"after", False), (b"x", False)]
 
 
+def test_one_large_message_is_inflated_after_the_other_where_there_is_no_room_for_both() -> None:
+    pool = ReceiveBufferPool(30_000_000)  # A quarter of which may be whole and unread.
+    taken: list[tuple[Iterator[None], Callable[[], bool]]] = []
+    peers = [Peer(limit=10_000_000, buffers=pool) for _ in range(3)]
+    text = bytes(range(256)) * 30_000
+    for peer in peers:
+        peer.inflating.take_steps = lambda *steps: taken.append(steps)
+        peer.wire.feed(frame(RSV1 | BINARY, Packer()(text)))
+    first, second, third = taken
+    assert first[1]()
+    assert not second[1]() and not third[1]()
+    assert first[1]()
+    list(first[0])
+    assert peers[0].messages == [(text, True)]
+    assert not second[1](), "it is whole, and nobody has read it"
+    pool.is_read(peers[0].wire)  # As a connection says when it goes on, and when it is lost.
+    assert second[1]() and not third[1]()
+    pool.is_read(peers[1].wire)
+    assert third[1]()
+
+
 def test_a_bomb_ends_the_connection_in_steps() -> None:
     peer = Peer(limit=10_000_000)
     taken: list[Iterator[None]] = []
-    peer.inflating.take_steps = taken.append
+    peer.inflating.take_steps = lambda steps, _: taken.append(steps)
     peer.wire.feed(frame(RSV1 | TEXT, Packer()(bytes(20_000_000))))
     (steps,) = taken
     assert peer.codes == []

@@ -48,9 +48,9 @@ class LimitSettings(BridgeLimits):
         Field(
             description="bytes of messages whose end has not come, over all connections of a listener; beyond"
             " it the client whose message began first is disconnected; while a quarter as many came to their"
-            " end and wait for their turn, no more of large ones is received over WebSocket"
+            " end and wait for their turn, no more of large ones is received or inflated"
         ),
-    ] = 64 * MIB
+    ] = 48 * MIB
     handshake_seconds: Annotated[
         Seconds, Field(description="from connecting to the end of the HTTP request")
     ] = 10.0

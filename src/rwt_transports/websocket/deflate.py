@@ -261,11 +261,17 @@ class DeflateWire(WebSocketWire):
                 return
         assert take is not None  # Else all steps are taken.
         self._is_held = True
-        take(self._deliver_later(steps, binary))
+        self._buffers.hand_on(
+            lambda _, binary: take(self._deliver_later(steps, binary), self._may_inflate), payload, binary
+        )
+
+    def _may_inflate(self) -> bool:
+        return self._buffers.may_inflate(self, self._max_size)
 
     def _deliver_later(self, steps: Generator[None, None, bytes], binary: bool) -> Iterator[None]:
         try:
             message = yield from steps
+            self._buffers.count_unread(self, len(message))
             super()._deliver(message, binary)
         except ProtocolViolation as violation:
             self._fail(violation.code, str(violation))

@@ -557,12 +557,8 @@ class WebSocketWire:
                 raise ProtocolViolation(INVALID_DATA, "a text message must be UTF-8") from None
         if len(payload) < DIRECT_BYTES:
             self.message(payload, binary)
-            return
-        self._buffers.arriving = len(payload)
-        try:
-            self.message(payload, binary)
-        finally:
-            self._buffers.arriving = 0
+        else:
+            self._buffers.hand_on(self.message, payload, binary)
 
     def _close_frame(self, payload: bytes) -> None:
         """The peer closes, or agrees to (RFC 6455 sections 5.5.1 and 7.4)."""

@@ -72,7 +72,7 @@ class BsonStreamWire(StreamWire):
             return False
         document = bytes(buffer[:length])
         del buffer[:length]
-        self.message(document, True)
+        self._hand_on(document, True)
         return True
 
     def _skip(self, length: int) -> bool:

@@ -133,7 +133,7 @@ class JsonStreamWire(StreamWire):
             self._over = True
             self._events.ended(POLICY, "this port speaks JSON, not HTTP: web pages use ws://", agreed=False)
         elif message.strip():
-            self.message(message, False)
+            self._hand_on(message, False)
         self._fresh = False
 
     def _too_large(self) -> None:

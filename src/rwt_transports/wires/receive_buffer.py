@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 STAGING_BYTES = 256 * 1024
@@ -26,14 +27,19 @@ class ReceiveBufferPool:
 
     Args:
         most: bytes of incomplete messages, over all connections; while a quarter as many are complete and
-            wait to be read by whom they are for, nothing more of large messages is received.
-
-    Attributes:
-        arriving: bytes of the large message that is handed on at the moment, else 0: whoever takes it may
-            pause its connection meanwhile, and so says that it keeps it unread.
+            wait to be read by whom they are for, nothing more of large messages is received or inflated.
     """
 
-    __slots__ = ("_held", "_incomplete", "_kept", "_most", "_unread", "_unread_bytes", "arriving")
+    __slots__ = (
+        "_arriving",
+        "_held",
+        "_incomplete",
+        "_inflating",
+        "_kept",
+        "_most",
+        "_unread",
+        "_unread_bytes",
+    )
 
     def __init__(self, most: int = 96 * 1024 * 1024) -> None:
         self._kept: bytearray | None = None
@@ -42,7 +48,8 @@ class ReceiveBufferPool:
         self._incomplete: dict[Incomplete, int] = {}
         self._unread: dict[Incomplete, int] = {}
         self._unread_bytes = 0
-        self.arriving = 0
+        self._inflating: set[Incomplete] = set()
+        self._arriving = 0  # bytes of the large message that is handed on at the moment
 
     def take(self, size: int) -> bytearray:
         """A buffer for a message of `size` bytes; smaller than that when none large enough is kept."""
@@ -73,15 +80,39 @@ class ReceiveBufferPool:
         """Count that `holder` has none."""
         self._held -= self._incomplete.pop(holder, 0)
 
+    def hand_on(self, receive: Callable[[bytes, bool], None], message: bytes, binary: bool) -> None:
+        """Hand a large message on. Who takes it may pause its connection meanwhile, and so says that it keeps
+        it unread (:meth:`keep_unread`)."""
+        self._arriving = len(message)
+        try:
+            receive(message, binary)
+        finally:
+            self._arriving = 0
+
     def keep_unread(self, holder: Incomplete) -> None:
         """Count what arrives as complete and unread, if it is large, until :meth:`is_read`."""
-        if self.arriving:
-            self._unread_bytes += self.arriving - self._unread.get(holder, 0)
-            self._unread[holder] = self.arriving
+        if self._arriving:
+            self.count_unread(holder, self._arriving)
+
+    def count_unread(self, holder: Incomplete, size: int) -> None:
+        """Count that `holder` keeps so many bytes, until :meth:`is_read`."""
+        self._unread_bytes += size - self._unread.get(holder, 0)
+        self._unread[holder] = size
+
+    def may_inflate(self, holder: Incomplete, most: int) -> bool:
+        """Whether `holder` may inflate a message now, which is then counted as unread, with the `most` bytes
+        that it may come to. One at a time always may, until it :meth:`is_read`."""
+        if holder not in self._inflating:
+            if self._inflating and self.has_much_unread():
+                return False
+            self._inflating.add(holder)
+            self.count_unread(holder, most)
+        return True
 
     def is_read(self, holder: Incomplete) -> None:
         """Count that `holder` keeps nothing unread."""
         self._unread_bytes -= self._unread.pop(holder, 0)
+        self._inflating.discard(holder)
 
     def has_much_unread(self) -> bool:
         """Whether nothing more of large messages is to be received for now."""

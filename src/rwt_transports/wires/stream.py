@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 
 from rwt_transports.api import Framing, WireEvents
 from rwt_transports.websocket.close_codes import POLICY
 from rwt_transports.wires.receive_buffer import STAGING_BYTES, ReceiveBufferPool
 
+PART_BYTES = 64 * 1024
+"""Bytes of a large message that are received at once."""
 
-class StreamWire:
+
+class StreamWire(ABC):
     """A buffer of what has come, out of which a subclass takes messages.
 
     Args:
@@ -19,13 +23,13 @@ class StreamWire:
         buffers: where is counted what has come of large messages.
     """
 
-    __slots__ = ("_buffer", "_buffers", "_events", "_framing", "_is_counted", "_max_size", "_over", "message")
+    __slots__ = ("_buffer", "_buffers", "_events", "_framing", "_max_size", "_over", "_part", "message")
 
     def __init__(
         self, events: WireEvents, max_size: int, framing: Framing, buffers: ReceiveBufferPool | None = None
     ) -> None:
         self._buffers = ReceiveBufferPool() if buffers is None else buffers
-        self._is_counted = False
+        self._part: bytearray | None = None  # where the next bytes of a large message are received
         self._events = events
         self._max_size = max_size
         self._framing = framing
@@ -54,21 +58,35 @@ class StreamWire:
         """Count what has come of a message whose end has not."""
         size = len(self._buffer)
         if size >= STAGING_BYTES:
-            self._is_counted = True
+            self._part = self._part or bytearray(PART_BYTES)
             self._buffers.hold(self, size)
-        elif self._is_counted:
-            self._is_counted = False
+        elif self._part is not None:
+            self._part = None
             self._buffers.release(self)
 
     def ping(self) -> bytes:
         """There is none."""
         return b""
 
-    def get_buffer(self) -> None:
-        """Messages are put together in a buffer of the wire's own."""
+    def get_buffer(self) -> memoryview | None:
+        """Where the next bytes of a large message go, so that it is received as large ones are: when there is
+        time, and room for it."""
+        return None if self._part is None else memoryview(self._part)
 
     def buffer_updated(self, count: int) -> None:
-        """Never called, since there is no :meth:`get_buffer`."""
+        """`count` bytes were received into :meth:`get_buffer`."""
+        if self._part is not None:
+            self.feed(bytes(memoryview(self._part)[:count]))
+
+    @abstractmethod
+    def feed(self, data: bytes) -> None:
+        """Take what arrived."""
+
+    def _hand_on(self, message: bytes, binary: bool) -> None:
+        if len(message) < STAGING_BYTES:
+            self.message(message, binary)
+        else:
+            self._buffers.hand_on(self.message, message, binary)
 
 
 def _ignore(_data: bytes, _binary: bool) -> None:

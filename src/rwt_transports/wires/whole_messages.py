@@ -83,7 +83,7 @@ class MessageWire(StreamWire):
         if self._size > self._max_size:
             self._events.oversized_head(self._size, data)
         else:
-            self.message(data, self._binary)
+            self._hand_on(data, self._binary)
 
 
 def whole_messages(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> MessageWire:

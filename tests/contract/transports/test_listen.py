@@ -540,7 +540,7 @@ class Slow(HeldBack):
 
 
 @every_stack
-@over_secure_ws
+@every_server
 async def test_few_large_messages_wait_to_be_read_and_the_rest_with_their_senders(site: Site) -> None:
     def taken() -> list[Slow]:
         return [each for each in site.hub.endpoints if isinstance(each, Slow) and each.taken]
@@ -558,7 +558,7 @@ async def test_few_large_messages_wait_to_be_read_and_the_rest_with_their_sender
         async with anyio.create_task_group() as tasks:
             for _ in range(3):
                 client = await stack.enter_async_context(site.client(listener))
-                assert isinstance(client, WebSocketClient)
+                assert isinstance(client, WebSocketClient | JsonClient)
                 clients.append(client)
                 tasks.start_soon(client.send, {"data": "x" * 900_000})
             await takes(1)

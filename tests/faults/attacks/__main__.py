@@ -11,13 +11,16 @@ from tests.faults.attacks.attacked import Damage, attacked_server, suffer
 from tests.faults.attacks.attacker import ATTACKS
 
 
+def described(name: str) -> str:
+    """What an attack does."""
+    what = " ".join((ATTACKS[name].__doc__ or name).split()).removesuffix(".")
+    return what if what[:2].isupper() else what[0].lower() + what[1:]
+
+
 def row(name: str, damage: Damage) -> str:
     """What an attack does, and has done, as a row of a table in Markdown."""
-    what = (ATTACKS[name].__doc__ or name).strip().removesuffix(".")
-    what = " ".join(what.split())
     held, ran = round(damage.held * 1000), round(damage.ran * 1000)
-    what = what if what[:2].isupper() else what[0].lower() + what[1:]
-    return f"| {what} | {held} | {ran} | {max(0, round(damage.grown))} |"
+    return f"| {described(name)} | {held} | {ran} | {max(0, round(damage.grown))} |"
 
 
 def main() -> None:

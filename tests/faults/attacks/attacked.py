@@ -3,6 +3,7 @@ both."""
 
 from __future__ import annotations
 
+import datetime
 import json
 import os
 import resource
@@ -16,8 +17,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Final
 
+from rwt_access.certificates.authority import make_authority, make_server, pem
+from tests.faults.attacks.attacker import SCHEMES
 from tests.faults.attacks.watched_server import Look
-from tests.processes import LONGEST, ROOT, free_port
+from tests.processes import LONGEST, ROOT
 
 MIB: Final = 1 << 20
 
@@ -106,17 +109,16 @@ def _piped(process: subprocess.Popen[str]) -> Iterator[subprocess.Popen[str]]:
 @contextmanager
 def attacked_server(distro: str, role: str) -> Iterator[Attacked]:
     """A server of which everybody has that role, with an ordinary client."""
-    port = free_port()
     with (
+        tempfile.TemporaryDirectory() as folder,
         tempfile.NamedTemporaryFile(suffix=".log") as log,
-        _piped(_served(port, distro, role, log)) as process,
+        _piped(_served(distro, role, _certificate(Path(folder)), log)) as process,
     ):
-        assert process.stdout is not None
-        assert process.stdout.readline().startswith("listening on ")
+        ports = [_port_of(process) for _ in SCHEMES]
         resource.prlimit(process.pid, resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
         with (
-            _piped(_begun("ordinary_client", str(port), str(process.pid))) as ordinary,
-            _piped(_begun("attacker", str(port), distro)) as attacker,
+            _piped(_begun("ordinary_client", ports[0], str(process.pid))) as ordinary,
+            _piped(_begun("attacker", distro, *ports)) as attacker,
         ):
             attacked = Attacked(process, Path(log.name), ordinary, attacker)
             attacked.waits()  # answered once it is connected
@@ -125,17 +127,35 @@ def attacked_server(distro: str, role: str) -> Iterator[Attacked]:
             yield attacked
 
 
-def _served(port: int, distro: str, role: str, log: IO[bytes]) -> subprocess.Popen[str]:
+def _port_of(process: subprocess.Popen[str]) -> str:
+    """What the server says next of where it listens."""
+    assert process.stdout is not None
+    line = process.stdout.readline()
+    assert line.startswith("listening on "), line
+    return line.strip().rpartition(":")[2]
+
+
+def _certificate(folder: Path) -> Path:
+    """A file with a certificate and its key."""
+    now, path = datetime.datetime.now(datetime.UTC), folder / "robot.pem"
+    names = ("127.0.0.1",)
+    path.write_bytes(pem(make_server(make_authority(names, now), names, now)))
+    return path
+
+
+def _served(distro: str, role: str, certificate: Path, log: IO[bytes]) -> subprocess.Popen[str]:
     settings = (
         f"auth.default_role={role}",
         'proxies=["127.0.0.1"]',  # so that attackers may come from elsewhere
         f"unregister_timeout={LINGER}",
         "deflate=shared",  # so that attackers may compress
+        f"tls.certfile={certificate}",
+        f"tls.keyfile={certificate}",
     )
     return _begun(
         "watched_server",
         "serve",
-        f"ws://127.0.0.1:{port}",
+        *(f"{scheme}://127.0.0.1:0" for scheme in SCHEMES),
         "--distro",
         distro,
         *(argument for setting in settings for argument in ("--set", setting)),

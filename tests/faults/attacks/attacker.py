@@ -1,4 +1,5 @@
-"""Clients that attack, each in a process of its own: `python -m tests.faults.attacks.attacker PORT DISTRO`.
+"""Clients that attack, each in a process of its own: `python -m tests.faults.attacks.attacker DISTRO WS WSS
+TCP`, with a port for each scheme.
 
 For each line that it reads, the name of an attack, it lets a new process do that for a while, prints a line,
 and lets the process stay connected until the next line, which is empty: then it is killed.
@@ -28,6 +29,12 @@ from typing import Final, NoReturn
 from tests.faults.blocking_client import BlockingClient
 from tests.transports.rfc6455.frames import BINARY, TEXT, frame
 
+SCHEMES: Final = ("ws", "wss", "tcp")
+"""Over which the server listens, each on a port of its own."""
+
+_PORTS: Final[dict[str, int]] = {}
+"""The port of each."""
+
 SECONDS: Final = 0.6
 """For which most attacks last."""
 
@@ -53,6 +60,7 @@ class Attacker:
         first: ops that are done before anything else.
         headers: of its handshake.
         reads: whether it reads at all.
+        tls: whether the port is one of TLS.
     """
 
     def __init__(
@@ -61,9 +69,10 @@ class Attacker:
         *first: Mapping[str, object],
         headers: tuple[bytes, ...] = (),
         reads: bool = True,
+        tls: bool = False,
     ) -> None:
         self.port = port
-        self._client = BlockingClient(port, *headers)
+        self._client = BlockingClient(port, *headers, tls=tls)
         for op in first:
             self._client.socket.sendall(frame(TEXT, json.dumps(op).encode(), key=bytes(4)))
         if first:
@@ -90,16 +99,19 @@ class Attacker:
 
     def send_raw(self, data: bytes, over: float | None = None) -> bool:
         """Send bytes until the time is over; whether all were taken."""
-        if over is None:
-            over = time.monotonic() + SECONDS
-        view = memoryview(data)
-        while view:
-            self._socket.settimeout(max(0.01, over - time.monotonic()))
-            try:
-                view = view[self._socket.send(view) :]
-            except OSError:
-                return False
-        return True
+        return _send_all(self._socket, data, time.monotonic() + SECONDS if over is None else over)
+
+
+def _send_all(connection: socket.socket, data: bytes, over: float) -> bool:
+    """Send bytes until the time is over; whether all were taken."""
+    view = memoryview(data)
+    while view:
+        connection.settimeout(max(0.01, over - time.monotonic()))
+        try:
+            view = view[connection.send(view) :]
+        except OSError:
+            return False
+    return True
 
 
 def _held_connections(attacker: Attacker, count: int, headers: tuple[bytes, ...] = ()) -> list[Attacker]:
@@ -263,47 +275,73 @@ _LONG_TEXT: Final = (
 )
 
 
-def _bomb() -> bytes:
-    """The same message in a compressed frame of a few kilobytes."""
+_DEFLATE: Final = b"Sec-WebSocket-Extensions: permessage-deflate; client_no_context_takeover"
+
+
+def _compressed(text: bytes) -> bytes:
+    """The same message in a compressed frame."""
     packer = zlib.compressobj(9, zlib.DEFLATED, -15)
-    packed = packer.compress(_LONG_TEXT)
+    packed = packer.compress(text)
     message = bytearray(frame(TEXT, (packed + packer.flush(zlib.Z_SYNC_FLUSH))[:-4], key=bytes(4)))
     message[0] |= 0x40
     return bytes(message)
 
 
-_BOMB: Final = _bomb()
+_BOMB: Final = _compressed(_LONG_TEXT)
 
 
 def inflated_at_once(attacker: Attacker) -> None:
     """The same over many connections at once, each of which waits for its turn."""
-    wants = b"Sec-WebSocket-Extensions: permessage-deflate; client_no_context_takeover"
-    for each in _held_connections(attacker, 25, (wants,)):
+    for each in _held_connections(attacker, 25, (_DEFLATE,)):
         each.send_raw(_BOMB)
 
 
-def _send_at_once(attacker: Attacker, message: bytes, count: int) -> None:
-    """Send the same message twice over each of many connections at the same time."""
-    data, over = frame(TEXT, message, key=bytes(4)) * 2, time.monotonic() + 4 * SECONDS
-    _together(partial(each.send_raw, data, over) for each in _held_connections(attacker, count))
+def _send_at_once(many: Iterable[Attacker], data: bytes) -> None:
+    """Send the same over each of many connections at the same time."""
+    over = time.monotonic() + 4 * SECONDS
+    _together([partial(each.send_raw, data, over) for each in many])
 
 
 def whole_at_once(attacker: Attacker) -> None:
     """Whole messages of megabytes over many connections at once, of which each waits for its turn."""
-    _send_at_once(attacker, _LONG_TEXT, 25)
+    _send_at_once(_held_connections(attacker, 25), frame(TEXT, _LONG_TEXT, key=bytes(4)) * 2)
+
+
+def _long_list() -> bytes:
+    """A whole message that takes long to be read."""
+    numbers = b"1," * (LARGEST // 2 - 100)
+    return b'{"op":"publish","topic":"/a","type":"std_msgs/Int16MultiArray","msg":{"data":[%s1]}}' % numbers
 
 
 def lists_at_once(attacker: Attacker) -> None:
     """Whole messages that take long to be read, over as many connections as an address may have."""
-    numbers = b"1," * (LARGEST // 2 - 100)
-    text = b'{"op":"publish","topic":"/a","type":"std_msgs/Int16MultiArray","msg":{"data":[%s1]}}' % numbers
-    _send_at_once(attacker, text, 60)
+    _send_at_once(_held_connections(attacker, 60), frame(TEXT, _long_list(), key=bytes(4)) * 2)
+
+
+def lists_in_tls(attacker: Attacker) -> None:
+    """The same in TLS."""
+    many = [Attacker(_PORTS["wss"], reads=False, tls=True) for _ in range(60)]
+    _held.extend(many)
+    _send_at_once(many, frame(TEXT, _long_list(), key=bytes(4)) * 2)
+
+
+def lists_over_tcp(attacker: Attacker) -> None:
+    """The same over TCP without WebSocket."""
+    many = [socket.create_connection(("127.0.0.1", _PORTS["tcp"]), 5) for _ in range(60)]
+    _held.extend(many)
+    data, over = _long_list() * 2, time.monotonic() + 4 * SECONDS
+    _together([partial(_send_all, each, data, over) for each in many])
+
+
+def lists_inflated(attacker: Attacker) -> None:
+    """The same in compressed frames of a few kilobytes."""
+    _send_at_once(_held_connections(attacker, 60, (_DEFLATE,)), _compressed(_long_list()) * 3)
+    time.sleep(4 * SECONDS)  # They have been sent before they are inflated.
 
 
 def cut_with_a_backlog(attacker: Attacker) -> None:
     """Many connections, of which each has large messages waiting for their turn when it is cut."""
-    wants = b"Sec-WebSocket-Extensions: permessage-deflate; client_no_context_takeover"
-    many = [BlockingClient(attacker.port, wants) for _ in range(60)]
+    many = [BlockingClient(attacker.port, _DEFLATE) for _ in range(60)]
     for each in many:
         each.socket.sendall(_BOMB * 3)
     for each in many:
@@ -864,14 +902,7 @@ def every_type(attacker: Attacker) -> None:
 
 def deflate_bombs(attacker: Attacker) -> None:
     """Messages of megabytes in compressed frames of a few kilobytes."""
-    packer = zlib.compressobj(9, zlib.DEFLATED, -15)
-    text = b'{"op":"publish","topic":"/a","type":"std_msgs/String","msg":{"data":"' + b"x" * (LARGEST - 99)
-    packed = packer.compress(text + b'"}}') + packer.flush(zlib.Z_SYNC_FLUSH)
-    bomb = bytearray(frame(TEXT, packed[:-4], key=bytes(4)))
-    bomb[0] |= 0x40
-    wants = (b"Sec-WebSocket-Extensions: permessage-deflate; client_no_context_takeover",)
-    compressing = Attacker(attacker.port, headers=wants)
-    compressing.send_raw(bytes(bomb) * 20)
+    Attacker(attacker.port, headers=(_DEFLATE,)).send_raw(_BOMB * 20)
 
 
 def picture_bombs(attacker: Attacker) -> None:
@@ -960,7 +991,8 @@ ATTACKS: Final[Mapping[str, Callable[[Attacker], None]]] = {
         throttled_queue, endless_depth, latched_topics, lingering_publishers, endless_goals, unanswered_calls,
         long_ids, long_goal_ids, long_names_to_hear, long_names_to_offer, long_names_of_services,
         long_questions, unread_answers, half_messages, pieces_of_a_frame, inflated_at_once,
-        whole_at_once, lists_at_once, cut_with_a_backlog, blanks, header_at_the_end,
+        whole_at_once, lists_at_once, lists_in_tls, lists_over_tcp, lists_inflated, cut_with_a_backlog,
+        blanks, header_at_the_end,
         half_bodies, forms_of_what_is_kept, feedback_flood,
         long_lists_of_numbers, small_typed_arrays,
         fragments_left_open, spellings, rosapi_flood, many_in_a_frame, smallest_pieces, colliding_keys,
@@ -980,14 +1012,14 @@ ATTACKS: Final[Mapping[str, Callable[[Attacker], None]]] = {
 
 def main() -> None:
     """Attack by what is read; with the input's end the attacker is gone."""
-    port = int(sys.argv[1])
+    _PORTS.update(zip(SCHEMES, map(int, sys.argv[2:]), strict=True))
     attacking = 0
     for line in sys.stdin:
         name = line.strip()
         if name:
             attacking = os.fork()
             if not attacking:
-                _attack(port, name)
+                _attack(name)
         else:
             os.kill(attacking, signal.SIGKILL)
             os.waitpid(attacking, 0)
@@ -999,11 +1031,11 @@ def _say(word: str) -> None:
     sys.stdout.flush()
 
 
-def _attack(port: int, name: str) -> NoReturn:
+def _attack(name: str) -> NoReturn:
     """Attack, say so, and wait for the end."""
     ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG: gone with the process that waits for it
     try:
-        ATTACKS[name](Attacker(port))
+        ATTACKS[name](Attacker(_PORTS["ws"]))
         _say("done")
     except Exception:
         traceback.print_exc()

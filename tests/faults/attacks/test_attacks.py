@@ -61,7 +61,8 @@ OF_VIEWERS: Final = frozenset(
      "many_in_a_member", "constants", "long_numbers",
      "expensive_videos", "refusals", "long_names_to_hear", "long_questions", "unread_answers",
      "half_messages", "pieces_of_a_frame", "half_bodies", "inflated_at_once",
-     "whole_at_once", "cut_with_a_backlog", "blanks", "lists_in_texts",
+     "whole_at_once", "lists_at_once", "lists_over_tcp", "lists_inflated", "cut_with_a_backlog", "blanks",
+     "lists_in_texts",
      "drops_of_handshakes", "drops_of_requests", "bodies", "foxglove_numbers",
      "everything_subscribed", "come_and_go", "many_connections", "picture_bombs", "snapshots_again"}
 )  # fmt: skip
