@@ -63,7 +63,7 @@ TYPES: Final = (
 """What somebody else subscribes to."""
 
 _NAMES: Final = ("", "a", "x", "pose", "header", "points", "color", "name", "data")
-_LEAVES: Final = ("", "a", "é", "NaN", "[{", 0, 255, -1, 1 << 40, 0.1, -0.0, True, None)
+_LEAVES: Final = ("", "a", "é", "NaN", "[{", 0, 255, -1, 1 << 40, 0.1, -0.0, 1e300, True, None)
 
 
 def _topic(name: str) -> str:
@@ -178,6 +178,9 @@ KEPT: Final = (
     Case("json", "points", {}),
     Case("json", "numbers", -0.0),
     Case("json", "unknown member", [[]]),
+    Case("json", "numbers", 1e300),
+    Case("json", "qos", 1e300),
+    Case("json", "arguments", [1e300]),
     Case("cbor", "points", []),
     Case("cbor", "points", {}),
     Case("cbor", "unknown field", {"": []}),

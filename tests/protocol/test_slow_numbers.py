@@ -27,3 +27,19 @@ def test_payloads_are_passed_over() -> None:
 def test_what_is_in_a_text_is_no_number() -> None:
     (found,) = split_whole(f'{{"op":"fragment","id":"x","num":0,"total":1,"data":"{NUMBERS}"}}'.encode(), 100)
     assert isinstance(found, dict) and found["data"] == NUMBERS
+
+
+def test_what_many_messages_of_one_frame_hold_is_counted_together() -> None:
+    numbers = ",".join(["1e308"] * 600)
+    one = f'{{"op":"subscribe","id":"x","qos":[{numbers}]}}'
+    first, second = split_whole((one * 3).encode(), 100)
+    assert isinstance(first, dict) and first["qos"] == [1e308] * 600
+    assert isinstance(second, DecodeFailure) and second.members == {"op": "subscribe", "id": "x"}
+    assert second.reason == (
+        "more than 1000 numbers in one frame have exponents of three digits, as 1e300; the rest was dropped"
+    )
+
+
+def test_payloads_of_many_messages_in_one_frame_are_passed_over() -> None:
+    one = f'{{"op":"publish","topic":"/a","msg":{{"data":[{NUMBERS}]}}}}'
+    assert all(isinstance(found, dict) for found in split_whole((one * 5).encode(), 100))

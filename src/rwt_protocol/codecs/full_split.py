@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Final
 
 import msgspec
@@ -53,6 +55,9 @@ _NOT_BRACKETS: Final = bytes(byte for byte in range(256) if byte not in b"{}[]")
 _STRING_APART: Final = re.compile(rb'("(?:[^"\\]|\\.)*+")', re.DOTALL)
 
 
+_ADDRESS: Final = ("op", "id", "service", "action")
+"""The members that say to whom an answer goes, and about what."""
+
 _QUICK: Final = 4096
 """Bytes that may hold any numbers."""
 
@@ -66,6 +71,20 @@ def _is_slow(data: bytes) -> bool:
     if len(data) <= _QUICK or data.count(b"e") + data.count(b"E") <= _MOST_SLOW:
         return False
     return data[:1] != b'"' and len(_SLOW_NUMBER.findall(data)) > _MOST_SLOW
+
+
+def _slow_in(piece: bytes) -> int:
+    """How many such numbers are decoded of one object."""
+    try:
+        members = _decode_no_member(piece)
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        return len(_SLOW_NUMBER.findall(piece))
+    views = (
+        memoryview(raw)
+        for name, raw in members.items()
+        if name not in UNDECODED and isinstance(raw, msgspec.Raw)
+    )
+    return sum(len(_SLOW_NUMBER.findall(view)) for view in views if view[0] != ord('"'))
 
 
 class _MemberTooLarge(Exception):
@@ -137,6 +156,19 @@ def _too_large(data: bytes, error: _MemberTooLarge) -> DecodeFailure:
     return DecodeFailure(f"{where}: {what}", readable)
 
 
+def _too_slow(piece: bytes) -> DecodeFailure:
+    """An object beyond as many slow numbers as a frame may hold, and those texts of it that address the
+    answer."""
+    what = f"more than {_MOST_SLOW} numbers in one frame have exponents of three digits, as 1e300"
+    readable: Members = {}
+    with suppress(msgspec.DecodeError, UnicodeDecodeError):
+        for name, raw in _decode_no_member(piece).items():
+            assert isinstance(raw, msgspec.Raw)
+            if name in _ADDRESS and memoryview(raw)[0] == ord('"'):
+                readable[name] = msgspec.json.decode(raw)
+    return DecodeFailure(f"{what}; the rest was dropped", readable)
+
+
 def _split_several(data: bytes, max_depth: int) -> list[Members | DecodeFailure]:
     """What a frame holds that is not one plain object: several, garbage, or JSON as Python writes it.
 
@@ -150,6 +182,7 @@ def _split_several(data: bytes, max_depth: int) -> list[Members | DecodeFailure]
     if not rest:
         return [DecodeFailure("the message is empty")]
     position, cleaned = 0, False
+    left = _MOST_SLOW if _is_slow(rest) else math.inf  # of slow numbers
     while position < len(rest):
         if len(found) >= MOST_MESSAGES:
             found.append(
@@ -173,7 +206,13 @@ def _split_several(data: bytes, max_depth: int) -> list[Members | DecodeFailure]
             if end < 0:
                 break
         else:
-            found.append(_read_value(rest[position:end], max_depth))
+            piece = rest[position:end]
+            if left < math.inf:
+                left -= _slow_in(piece)
+            if left < 0:
+                found.append(_too_slow(piece))
+                break
+            found.append(_read_value(piece, max_depth))
         position = end
         while position < len(rest) and rest[position] in b" \t\r\n":
             position += 1
@@ -267,7 +306,7 @@ def _readable(piece: bytes) -> tuple[Members, str]:
         except (msgspec.DecodeError, UnicodeDecodeError):
             wrong = wrong or name
             continue
-        if name in ("op", "id", "service", "action") and isinstance(value, str | int):
+        if name in _ADDRESS and isinstance(value, str | int):
             members[name] = value
     return members, wrong
 

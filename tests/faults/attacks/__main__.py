@@ -14,7 +14,7 @@ from tests.faults.attacks.attacker import ATTACKS
 def described(name: str) -> str:
     """What an attack does."""
     what = " ".join((ATTACKS[name].__doc__ or name).split()).removesuffix(".")
-    return what if what[:2].isupper() else what[0].lower() + what[1:]
+    return what if what[:2].isalpha() and what[:2].isupper() else what[0].lower() + what[1:]
 
 
 def row(name: str, damage: Damage) -> str:

@@ -753,6 +753,21 @@ def constants(attacker: Attacker) -> None:
     )
 
 
+def slow_numbers(attacker: Attacker) -> None:
+    """Numbers as 1e308, of which each takes long to be read: in payloads, members and texts, by the message
+    and by the frame."""
+    kind = b'"topic":"/slow","type":"std_msgs/Float64MultiArray"'
+    for count in (600, 8_000, LARGEST // 6 - 100):
+        numbers = b"[" + b"1e308," * count + b"1e-308]"
+        in_payload = b'{"op":"publish",' + kind + b',"msg":{"data":' + numbers + b"}}"
+        in_member = b'{"op":"subscribe","topic":"/slow","qos":{"depth":' + numbers + b"}}"
+        in_arguments = b'{"op":"call_service","service":"/rosapi/get_param","args":' + numbers + b"}"
+        args = {"name": "/nothing", "default_value": numbers.decode()}
+        in_text = json.dumps({"op": "call_service", "service": "/rosapi/get_param", "args": args}).encode()
+        for one in (in_payload, in_member, in_arguments, in_text):
+            Attacker(attacker.port).send(repeat(one * max(1, 600_000 // len(one)), 3))
+
+
 def long_numbers(attacker: Attacker) -> None:
     """Numbers of millions of digits."""
     attacker.send(
@@ -996,10 +1011,10 @@ ATTACKS: Final[Mapping[str, Callable[[Attacker], None]]] = {
         half_bodies, forms_of_what_is_kept, feedback_flood,
         long_lists_of_numbers, small_typed_arrays,
         fragments_left_open, spellings, rosapi_flood, many_in_a_frame, smallest_pieces, colliding_keys,
-        empty_maps, nested_arrays, deep_json, deep_payload, many_in_a_member, constants, long_numbers,
-        defaults, incomplete_poses, empty_names, parameters, refusals, services_again, small_video,
-        expensive_videos, lists_of_many, offers_again, everything_subscribed, come_and_go, pages_again,
-        pictures_of_text, large_description, lists_in_texts, lists_as_parameters,
+        empty_maps, nested_arrays, deep_json, deep_payload, many_in_a_member, constants, slow_numbers,
+        long_numbers, defaults, incomplete_poses, empty_names, parameters, refusals, services_again,
+        small_video, expensive_videos, lists_of_many, offers_again, everything_subscribed, come_and_go,
+        pages_again, pictures_of_text, large_description, lists_in_texts, lists_as_parameters,
         tables_as_parameters, drops_of_handshakes, drops_of_requests, bodies, stalled_events,
         foxglove_parameters, foxglove_numbers, many_connections, names_in_cbor, values_in_cdr,
         numbers_in_an_item, broken_lists, large_arguments, everything_kept, deep_arrays, simple_values,

@@ -58,7 +58,7 @@ costs."""
 OF_VIEWERS: Final = frozenset(
     {"rosapi_flood", "many_in_a_frame", "fragments_left_open", "colliding_keys", "empty_maps",
      "nested_arrays", "deep_arrays", "simple_values", "deep_json", "large_arguments", "everything_kept",
-     "many_in_a_member", "constants", "long_numbers",
+     "many_in_a_member", "constants", "slow_numbers", "long_numbers",
      "expensive_videos", "refusals", "long_names_to_hear", "long_questions", "unread_answers",
      "half_messages", "pieces_of_a_frame", "half_bodies", "inflated_at_once",
      "whole_at_once", "lists_at_once", "lists_over_tcp", "lists_inflated", "cut_with_a_backlog", "blanks",
