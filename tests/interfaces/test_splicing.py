@@ -14,7 +14,7 @@ from typing import Any
 
 import cbor2
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from rwt_interfaces import payload as payload_form
@@ -167,6 +167,7 @@ def wholly(kind: MessageType, raw: bytes) -> object:
     st.sampled_from((0, 7, 60)),
     st.sampled_from(((",", ":"), (", ", ": "))),
 )
+@example("t_msgs/Deep", 1, ",", Random(2), False, 0, (",", ":"))  # one text with a comma, in an array
 def test_to_splice_is_to_decode_and_encode(
     name: str,
     version: int,

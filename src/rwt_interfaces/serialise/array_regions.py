@@ -38,13 +38,13 @@ class Region(NamedTuple):
         begin, end: of the array, brackets included.
         separators: of an array of objects: before one of these an item ends with a brace, and behind the
             comma the next begins; none where items are single numbers or words.
-        cuts: of an array of texts: the commas between the pieces.
+        cuts: of an array of texts: the commas between the pieces; None of another one.
     """
 
     begin: int
     end: int
     separators: tuple[bytes, ...] = ()
-    cuts: tuple[int, ...] = ()
+    cuts: tuple[int, ...] | None = None
 
 
 def regions(data: bytes, size: int) -> Steps[list[Region]]:
@@ -188,7 +188,7 @@ class Pieces:
     def __iter__(self) -> Iterator[tuple[int, int] | None]:
         data, region = self._data, self._region
         start, last = region.begin + 1, region.end - 1
-        if region.cuts:
+        if region.cuts is not None:
             for cut in (*region.cuts, last):
                 yield start, cut
                 start = cut + 1
