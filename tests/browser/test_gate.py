@@ -14,7 +14,7 @@ from tests.browser.test_panels import open_panels, text, violations
 
 pytestmark = pytest.mark.anyio
 
-GATE = {"rules": {"drive": {"topics": ["/cmd_vel"], "lease": {}, "stop": {}, "emergency": True}}}
+GATE = {"rules": {"drive": {"topics": ["/cmd_vel"], "lease": {"seconds": 60}, "stop": {}, "emergency": True}}}
 TWIST = "geometry_msgs/Twist"
 
 
