@@ -29,8 +29,8 @@ _NEEDED = ("rosbridge_server/scripts/rosbridge_websocket.py", "rosapi/scripts/ro
 #: What its unmodified code imports that is no part of ROS: the names of the modules.
 _MODULES = ("tornado", "cbor", "bson", "PIL")
 
-#: Seconds after which rosapi is taken for stuck: longer than it waits for a node's services of parameters.
-_PATIENCE = 7.0
+#: Seconds after which rosapi is taken for stuck; it waits for five for the services of a node's parameters.
+_PATIENCE = 6.0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
