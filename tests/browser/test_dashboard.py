@@ -278,7 +278,7 @@ async def test_a_viewer_sees_no_controls_that_it_may_not_use_and_why(browser: Br
         await page.wait(f"{text('.state')}.includes('viewer')")
         await page.click("button >> text='/cmd_vel'")
         await page.wait(f"{text('.refusal')}?.includes('viewer')")
-        assert await page.evaluate("document.querySelector('.scene-tools button').disabled")
+        await page.wait("document.querySelector('.scene-tools button')?.disabled")
 
 
 async def test_a_token_is_asked_for_and_kept_out_of_every_address(browser: Browser) -> None:
