@@ -261,9 +261,8 @@ class DeflateWire(WebSocketWire):
                 return
         assert take is not None  # Else all steps are taken.
         self._is_held = True
-        self._buffers.hand_on(
-            lambda _, binary: take(self._deliver_later(steps, binary), self._may_inflate), payload, binary
-        )
+        self._buffers.count_unread(self, len(payload))
+        take(self._deliver_later(steps, binary), self._may_inflate)
 
     def _may_inflate(self) -> bool:
         return self._buffers.may_inflate(self, self._max_size)
