@@ -142,12 +142,12 @@ bench: $(STAMP)-dev
 
 # How old /cmd_vel and /odom are over a bad line, by WebSocket and by WebRTC; needs Linux, root and /dev/net/tun.
 bench-webrtc: $(STAMP)-dev
-	$(BIN)/python -m bench.webrtc $(ARGS)
-	$(BIN)/python -m bench.webrtc_video $(ARGS)
+	$(BIN)/python -m bench.network.webrtc $(ARGS)
+	$(BIN)/python -m bench.network.webrtc_video $(ARGS)
 
 # A robot and an operator, each behind a masquerading router: found by STUN or by TURN; needs Linux, root, nft and coturn.
 nat: $(STAMP)-dev
-	$(BIN)/python -m bench.nat $(ARGS)
+	$(BIN)/python -m bench.network.nat $(ARGS)
 
 # What more of everything costs, and the plots of docs/explanation/performance.md; some minutes.
 growth: $(STAMP)-dev
@@ -161,15 +161,15 @@ paper: $(STAMP)-dev
 
 # A thousand clients, ten of them stopped dead; about a minute, needs Linux.
 load: $(STAMP)
-	$(BIN)/python -m bench.load_1000 $(ARGS)
+	$(BIN)/python -m bench.fleet.load_1000 $(ARGS)
 
 # Ten minutes of clients that come and go; `make soak ARGS='--seconds 60'` is a shorter run. Needs Linux.
 soak: $(STAMP)
-	$(BIN)/python -m bench.soak $(ARGS)
+	$(BIN)/python -m bench.fleet.soak $(ARGS)
 
 # The robot's page with all of its panels open, in Chromium; `make page-soak ARGS='--seconds 60'` is a shorter run.
 page-soak: $(STAMP)-dev $(BROWSER)/node_modules/.installed $(PAGE)
-	$(BIN)/python -m bench.page_soak $(ARGS)
+	$(BIN)/python -m bench.page.soak $(ARGS)
 
 # Fuzzing guided by coverage, two minutes, and two thousand extreme requests and damaged recordings; `make fuzz ARGS='--seconds 600 session bridge'` for more of some.
 fuzz: $(STAMP)-dev

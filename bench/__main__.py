@@ -14,15 +14,15 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from bench.cases import CASES, METRICS, Case, Metric, Peer
-from bench.dialects import FOXGLOVE, ROSBRIDGE, WrongAnswer
-from bench.processes import Server, ServerFailed
 from bench.report import Results, document, rows, table
+from bench.traffic.dialects import FOXGLOVE, ROSBRIDGE, WrongAnswer
+from bench.traffic.processes import Server, ServerFailed
 from bench.turns import Turns
 
 HERE = Path(__file__).parent
 PROGRAMS = {
-    Peer.RELAY: (str(HERE / "relay.py"),),
-    Peer.FOXGLOVE: ("-m", "bench.foxglove_sdk"),
+    Peer.RELAY: (str(HERE / "peers" / "relay.py"),),
+    Peer.FOXGLOVE: ("-m", "bench.peers.foxglove_sdk"),
 }
 FULL = (5, 1.0)
 QUICK = (2, 0.5)
@@ -46,7 +46,7 @@ def arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         "--server",
         metavar="ARGS",
         type=shlex.split,
-        default=[str(HERE / "server.py")],
+        default=[str(HERE / "peers" / "server.py")],
         help="Python arguments of another server, one that prints `listening on ws://HOST:PORT`",
     )
     options = parser.parse_args(argv)

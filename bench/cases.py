@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from bench import load, messages
-from bench.load import Latency, Throughput, Window
-from bench.processes import Memory, Server
+from bench.traffic import load, messages
+from bench.traffic.load import Latency, Throughput, Window
+from bench.traffic.processes import Memory, Server
 
 Result = Throughput | Latency | Memory
 

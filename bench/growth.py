@@ -28,12 +28,12 @@ from typing import Final
 import anyio
 import anyio.lowlevel
 
-from bench import load, messages
-from bench.dialects import DEFLATE, WrongAnswer
-from bench.load import Throughput, Window
-from bench.processes import Server
-from bench.wire import Connection, Loop, masked
-from bench.zenoh import free_endpoint, small
+from bench.traffic import load, messages
+from bench.traffic.dialects import DEFLATE, WrongAnswer
+from bench.traffic.load import Throughput, Window
+from bench.traffic.processes import Server
+from bench.traffic.wire import Connection, Loop, masked
+from bench.transport.zenoh import free_endpoint, small
 from rwt_graph.zenoh import ZenohGraph
 from rwt_program.qos import DEFAULT_QOS
 

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from statistics import median
 
 from bench.cases import Case, Compared, Floor, Metric, Peer, Result
-from bench.load import Latency, Throughput
+from bench.traffic.load import Latency, Throughput
 
 Results = Mapping[str, Sequence[Result]]
 """The results of each case, one a round."""

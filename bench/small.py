@@ -21,9 +21,9 @@ from pathlib import Path
 from statistics import median
 from typing import Final
 
-from bench import messages
-from bench.processes import Server
-from bench.wire import Connection, Loop, masked
+from bench.traffic import messages
+from bench.traffic.processes import Server
+from bench.traffic.wire import Connection, Loop, masked
 
 ROOT: Final = Path(__file__).parent.parent
 EXTRAS: Final = ("fast", "mcap", "video", "zenoh")

@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from typing import Final
 
 from bench.cases import MEMORY, Case, Peer, Result
-from bench.load import Latency, Throughput
-from bench.processes import Server, ServerFailed
-from bench.wire import ConnectionLost
+from bench.traffic.load import Latency, Throughput
+from bench.traffic.processes import Server, ServerFailed
+from bench.traffic.wire import ConnectionLost
 
 Results = dict[str, list[Result]]
 """The results of each case, one a round."""

@@ -16,7 +16,7 @@ from bench.paper.camera import MARKED_ROWS, RATE, Picture, pictures, read_mark
 from bench.paper.likeness import psnr, ssim
 from bench.paper.report import Report
 from bench.paper.watching import Counted, Pictures, by_parts, by_rosbridge, by_video
-from bench.processes import Server
+from bench.traffic.processes import Server
 
 SECONDS: Final = 12.0
 """Of each column. The paper has two minutes; the camera goes round in ten seconds, so more says the same."""

@@ -8,8 +8,8 @@ import threading
 import cbor2
 import pytest
 
-from bench.client import Row, table
-from bench.client_peer import CASES, MESSAGES, Frames
+from bench.client.__main__ import Row, table
+from bench.client.peer import CASES, MESSAGES, Frames
 from rwt_protocol.transport import Frame
 from rwt_transports.websocket.wire import CLIENT_FRAMING
 

@@ -6,10 +6,10 @@ import struct
 
 import pytest
 
-from bench import load, messages
-from bench.dialects import FOXGLOVE, ROSBRIDGE, Dialect, WrongAnswer
-from bench.load import Window
-from bench.processes import Server
+from bench.traffic import load, messages
+from bench.traffic.dialects import FOXGLOVE, ROSBRIDGE, Dialect, WrongAnswer
+from bench.traffic.load import Window
+from bench.traffic.processes import Server
 
 
 def delivery(subscription: int, payload: bytes) -> bytes:
@@ -44,7 +44,7 @@ def test_what_is_no_delivery_is_no_result(dialect: Dialect, data: bytes) -> None
 
 def test_foxgloves_sdk_carries_the_load() -> None:
     pytest.importorskip("foxglove")
-    server = Server("Foxglove's SDK", ["-m", "bench.foxglove_sdk"], dialect=FOXGLOVE)
+    server = Server("Foxglove's SDK", ["-m", "bench.peers.foxglove_sdk"], dialect=FOXGLOVE)
     try:
         result = load.fan_out(server, messages.twists(), 3, Window(4, 1), 0.05)
     finally:

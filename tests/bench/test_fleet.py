@@ -6,8 +6,8 @@ from contextlib import ExitStack
 
 import pytest
 
-from bench.fleet import measure, two_servers
-from bench.workers import Workers, take_turn
+from bench.fleet.two_servers import measure, two_servers
+from bench.fleet.workers import Workers, take_turn
 
 
 @pytest.mark.timeout(90)

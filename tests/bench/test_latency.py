@@ -1,8 +1,8 @@
-"""`python -m bench.latency`: what counts as late. That pictures are seen is a test of tests/browser."""
+"""`python -m bench.page.latency`: what counts as late. That pictures are seen is a test of tests/browser."""
 
 from __future__ import annotations
 
-from bench.latency import Seen, missed
+from bench.page.latency import Seen, missed
 
 
 def test_the_bounds_are_on_the_medians_of_mjpeg_and_webrtc() -> None:

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from bench.cases import Compared, Floor, Metric, Peer, Result
-from bench.load import Throughput
 from bench.markdown import BEGIN, END, HEAD, main, replaced
 from bench.report import document, rows, table
+from bench.traffic.load import Throughput
 
 
 def measured(*rates: float, lost: int = 0) -> list[Result]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.scale import MACHINES, Constants, Fleet, copies, cost, main, table, totals
+from bench.fleet.scale import MACHINES, Constants, Fleet, copies, cost, main, table, totals
 
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "scale.md"
 

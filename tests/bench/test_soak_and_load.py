@@ -21,12 +21,12 @@ def run(*arguments: str) -> str:
 
 
 def test_clients_that_come_and_go_leave_nothing_behind() -> None:
-    printed = run("bench.soak", "--seconds", "20")
+    printed = run("bench.fleet.soak", "--seconds", "20")
     assert "in the handshake" in printed and "in a call, reset" in printed
 
 
 def test_the_healthy_lose_nothing_to_those_that_stopped() -> None:
     printed = run(
-        "bench.load_1000", "--clients", "100", "--operators", "60", "--settle", "2", "--seconds", "2"
+        "bench.fleet.load_1000", "--clients", "100", "--operators", "60", "--settle", "2", "--seconds", "2"
     )
     assert "lost by operators           0" in printed

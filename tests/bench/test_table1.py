@@ -18,7 +18,7 @@ from bench.paper import camera
 from bench.paper.likeness import psnr, ssim
 from bench.paper.table1 import COLUMNS, Column, watch
 from bench.paper.watching import Counted
-from bench.processes import Server
+from bench.traffic.processes import Server
 
 ROOT = Path(__file__).parents[2]
 

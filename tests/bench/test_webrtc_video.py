@@ -1,4 +1,4 @@
-"""`python -m bench.webrtc_video`: that its viewers see the camera, and that the time in a picture is read."""
+"""`python -m bench.network.webrtc_video`: its viewers see the camera, and the time in a picture is read."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import time
 import anyio
 import numpy as np
 
+from bench.network.webrtc_video import Seen, _note, encoder_seconds
 from bench.paper.camera import mark
-from bench.webrtc_video import Seen, _note, encoder_seconds
 
 
 def test_viewers_see_the_camera_and_the_encoder_is_timed() -> None:

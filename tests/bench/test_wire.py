@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from websockets.frames import Frame, Opcode
 
-from bench.wire import CLOSE, PING, ConnectionLost, FrameCounter, masked
+from bench.traffic.wire import CLOSE, PING, ConnectionLost, FrameCounter, masked
 
 SIZES = st.sampled_from([0, 1, 125, 126, 127, 1_000, 65_535, 65_536, 70_000])
 

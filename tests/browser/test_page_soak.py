@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from bench.page_soak import measure, measured_browser, robot
+from bench.page.soak import measure, measured_browser, robot
 from tests.browser.driver import find_browser
 
 pytestmark = pytest.mark.anyio

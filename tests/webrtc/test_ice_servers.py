@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.nat import StunServer
+from bench.network.nat import StunServer
 from rwt import Server
 from rwt.settings.webrtc import WebRtcSettings
 from rwt_cli.commands.doctor.ice import examine_servers

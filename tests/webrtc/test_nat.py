@@ -5,7 +5,7 @@ from __future__ import annotations
 import anyio.to_thread
 import pytest
 
-from bench.nat import CASES, Case, Operator, measure, why_not
+from bench.network.nat import CASES, Case, Operator, measure, why_not
 from tests.browser.driver import find_browser
 
 pytestmark = [

@@ -1,0 +1,1 @@
+"""How fast the Python client is beside roslibpy."""

@@ -1,0 +1,1 @@
+"""Which servers take part: the one under test, the bare relay, and Foxglove's SDK."""

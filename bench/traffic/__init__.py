@@ -1,0 +1,1 @@
+"""What the load says to a server, in which dialect, and what it reads off the server's process meanwhile."""

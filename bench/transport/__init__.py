@@ -1,0 +1,1 @@
+"""What each way between processes costs, beside the bare kernel and beside other programs that use it."""
