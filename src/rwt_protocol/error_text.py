@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import types
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Final, Literal, Union, get_args, get_origin
@@ -45,11 +45,12 @@ _PLURALS: Final[Mapping[object, str]] = {
     str: "strings",
     Path: "paths",
 }
-_BOUNDS: Final[Mapping[type, str]] = {
-    Ge: " of at least {0.ge}",
-    Gt: " greater than {0.gt}",
-    Le: " and at most {0.le}",
+_BOUNDS: Final[Mapping[type, tuple[str, str, Callable[[float, float], float]]]] = {
+    Ge: ("ge", " of at least {}", max),
+    Gt: ("gt", " greater than {}", max),
+    Le: ("le", " and at most {}", min),
 }
+"""Of each kind: its attribute, its words, and which of two counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,12 +209,21 @@ def expected(annotation: object) -> str:
 
 
 def _bounds(annotation: object) -> str:
+    """The bounds of a number in words; a type that narrows another one has the narrower bound only."""
+    limits: dict[type, float] = {}
+    for bound in _bounds_within(annotation):
+        attribute, _, narrower = _BOUNDS[type(bound)]
+        limit = getattr(bound, attribute)
+        limits[type(bound)] = narrower(limits.get(type(bound), limit), limit)
+    return "".join(_BOUNDS[kind][1].format(limit) for kind, limit in limits.items())
+
+
+def _bounds_within(annotation: object) -> Iterator[object]:
     if get_origin(annotation) in (Union, types.UnionType):
-        return "".join(_bounds(part) for part in get_args(annotation))
-    if get_origin(annotation) is not Annotated:
-        return ""
-    inner, *metadata = get_args(annotation)
-    every = [each for item in metadata for each in (item, *getattr(item, "metadata", ()))]
-    return _bounds(inner) + "".join(
-        _BOUNDS[type(each)].format(each) for each in every if type(each) in _BOUNDS
-    )
+        for part in get_args(annotation):
+            yield from _bounds_within(part)
+    elif get_origin(annotation) is Annotated:
+        inner, *metadata = get_args(annotation)
+        yield from _bounds_within(inner)
+        for item in metadata:
+            yield from (each for each in (item, *getattr(item, "metadata", ())) if type(each) in _BOUNDS)

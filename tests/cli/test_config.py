@@ -104,6 +104,7 @@ def test_a_role_may_be_an_empty_table(tmp_path: Path) -> None:
             "[limits]\nping_seconds = nan",
             "`limits.ping_seconds`: expected a number of at least 0 and at most 1000000000, got nan",
         ),
+        ("[gate.audit]\nfiles = 0", "expected a whole number of at least 1 and at most 1000, got 0"),
         ("[limits]\nmax_depth = 501", "expected a whole number of at least 4 and at most 500, got 501"),
         (
             "[limits.connections]\na = 1",
