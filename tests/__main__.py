@@ -1,5 +1,4 @@
-"""Runs all tests: in several programs beside each other, those that measure alone, and those that failed once
-more, alone.
+"""Runs all tests: in several programs beside each other, and those that failed once more, alone.
 
 A machine that does other things at the same time may starve a real browser or a real client until its test
 gives up. So whatever failed is asked again with nothing beside it. The run fails with what fails then, or if
@@ -25,11 +24,29 @@ from xml.etree import ElementTree
 
 TESTS: Final = Path(__file__).parent
 
-ALONE: Final = ("bench", "faults/attacks")
-"""Folders whose tests measure."""
+LONG: Final = (
+    "faults/attacks",
+    "conformance",
+    "browser",
+    "cli",
+    "docs",
+    "clients",
+    "faults",
+    "release",
+    "rwt",
+    "mcp",
+    "zenoh",
+    "pytest_plugin",
+    "webrtc",
+)
+"""Folders whose tests start servers, clients, browsers and compilers, the longest first: they are begun
+before the others, so that no core is idle while the last one runs."""
 
 FILES: Final = 6
-"""Files in one program."""
+"""Files of such a folder in one program."""
+
+SHORT_FILES: Final = 18
+"""Files of another folder in one program, whose start takes longer than many a file."""
 
 MANY: Final = 25
 """Failures that no busy machine explains."""
@@ -49,6 +66,7 @@ class Outcome:
         files: whose tests it ran.
         output: what it printed.
         seconds: how long it took.
+        cpu: seconds that processors worked for it and for what it started and waited for.
         tests: how many it ran.
         failed: those of them that failed, as pytest names them; of a program that did not come to its end,
             its files.
@@ -57,6 +75,7 @@ class Outcome:
     files: tuple[str, ...]
     output: str
     seconds: float
+    cpu: float
     tests: int
     failed: tuple[str, ...]
 
@@ -69,31 +88,29 @@ class Outcome:
     def show(self) -> None:
         """Print how it ended, and of what failed everything."""
         failed = f", {len(self.failed)} FAILED" if self.failed else ""
-        print(f"{self.seconds:6.1f} s {self.tests:5} tests  {self.name}{failed}", flush=True)
+        took = f"{self.seconds:6.1f} s {self.cpu:6.1f} s CPU"
+        print(f"{took} {self.tests:5} tests  {self.name}{failed}", flush=True)
         if self.failed:
             # Those that passed are not worth a line each; the last one that began may be the one that hung.
             lines = self.output.splitlines()
             print("\n".join(line for line in lines if " PASSED " not in line), flush=True)
 
 
-def programs(paths: Iterable[Path]) -> tuple[list[tuple[str, ...]], list[tuple[str, ...]]]:
-    """The files of each program, the largest first: those that run beside each other, and those that run
-    alone."""
-    beside: list[tuple[int, tuple[str, ...]]] = []
-    alone: list[tuple[str, ...]] = []
+def programs(paths: Iterable[Path]) -> list[tuple[str, ...]]:
+    """The files of each program, those that take longest first."""
+    found: list[tuple[int, int, tuple[str, ...]]] = []
     by_folder: dict[Path, list[Path]] = {}
     for path in paths:
         for file in sorted(path.rglob("test_*.py")) if path.is_dir() else [path]:
             by_folder.setdefault(file.parent, []).append(file)
     for folder, files in by_folder.items():
-        for start in range(0, len(files), FILES):
-            chosen = files[start : start + FILES]
-            names = tuple(os.path.relpath(file) for file in chosen)
-            if folder.resolve().relative_to(TESTS).as_posix() in ALONE:
-                alone.append(names)
-            else:
-                beside.append((sum(file.stat().st_size for file in chosen), names))
-    return [names for _, names in sorted(beside, reverse=True)], alone
+        name = os.path.relpath(folder, TESTS)
+        rank, most = (LONG.index(name), FILES) if name in LONG else (len(LONG), SHORT_FILES)
+        for start in range(0, len(files), most):
+            chosen = files[start : start + most]
+            size = sum(file.stat().st_size for file in chosen)
+            found.append((rank, -size, tuple(os.path.relpath(file) for file in chosen)))
+    return [names for _, _, names in sorted(found)]
 
 
 _running: set[int] = set()
@@ -120,7 +137,10 @@ def run(files: tuple[str, ...], further: list[str]) -> Outcome:
             ends = Timer(PATIENCE, os.killpg, (program.pid, signal.SIGKILL))
             ends.start()
             _running.add(program.pid)
-            output = program.communicate()[0].decode(errors="replace")
+            assert program.stdout is not None
+            output = program.stdout.read().decode(errors="replace")
+            _, status, used = os.wait4(program.pid, 0)
+            program.returncode = os.waitstatus_to_exitcode(status)
             _running.discard(program.pid)
             ends.cancel()
         seconds = time.monotonic() - began
@@ -131,7 +151,7 @@ def run(files: tuple[str, ...], further: list[str]) -> Outcome:
         else:
             failed = files
         tests = len(list(ElementTree.parse(report).iter("testcase"))) if report.exists() else 0
-    return Outcome(files, output, seconds, tests, failed)
+    return Outcome(files, output, seconds, used.ru_utime + used.ru_stime, tests, failed)
 
 
 def _failed(report: Path) -> tuple[str, ...]:
@@ -164,7 +184,7 @@ def main() -> int:
     signal.signal(signal.SIGTERM, _end)
     if hasattr(signal, "SIGHUP"):
         signal.signal(signal.SIGHUP, lambda *_: None)
-    beside, alone = programs(options.paths)
+    began = time.monotonic()
     outcomes: list[Outcome] = []
 
     def done(files: tuple[str, ...]) -> None:
@@ -173,11 +193,11 @@ def main() -> int:
         outcomes.append(outcome)
 
     with ThreadPoolExecutor(options.processes) as pool:
-        list(pool.map(done, beside))
-    for files in alone:
-        done(files)
+        list(pool.map(done, programs(options.paths)))
     failed = [test for outcome in outcomes for test in outcome.failed]
-    print(f"{sum(outcome.tests for outcome in outcomes)} tests, {len(failed)} failed")
+    minutes, cpu = (time.monotonic() - began) / 60, sum(outcome.cpu for outcome in outcomes) / 60
+    took = f"in {minutes:.1f} minutes, {cpu:.1f} minutes of CPU"
+    print(f"{sum(outcome.tests for outcome in outcomes)} tests, {len(failed)} failed, {took}")
     if not failed:
         return 0
     if len(failed) > MANY:

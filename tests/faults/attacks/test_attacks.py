@@ -25,7 +25,6 @@ from tests.faults.attacks.attacker import ATTACKS
 pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="memory and open files are read from /proc"),
     pytest.mark.timeout(180),
-    pytest.mark.alone,
 ]
 
 VIEWER, ADMIN = 150, 400
