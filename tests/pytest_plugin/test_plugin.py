@@ -324,22 +324,29 @@ def test_both_distributions_and_interfaces_beside_the_test(suite: Suite) -> None
     )
 
 
-@pytest.mark.parametrize(
-    ("line", "complaint"),
-    [
-        ("@pytest.mark.rwt(dsitro='noetic')", "has no argument dsitro; did you mean distro?"),
-        ("@pytest.mark.rwt('noetic')", "takes distro, demo, interfaces, settings by name"),
-        ("@pytest.mark.rwt(distro='humble')", "no distro 'humble'; known are jazzy, noetic, both"),
-        ("@pytest.mark.rwt(settings={'limits.conections': 2})", "did you mean `limits.connections`?"),
-        ("@pytest.mark.rwt(settings=3)", "is expected, not 3"),
-        ("@pytest.mark.rwt(interfaces='nowhere')", "nowhere"),
-    ],
-)
-def test_a_wrong_option_is_named(suite: Suite, line: str, complaint: str) -> None:
-    said = suite.run(f"import pytest\n\n{line}\ndef test_it(rwt_server):\n    pass\n")
-    assert complaint in said, said
+WRONG_OPTIONS = {
+    "@pytest.mark.rwt(dsitro='noetic')": "has no argument dsitro; did you mean distro?",
+    "@pytest.mark.rwt('noetic')": "takes distro, demo, interfaces, settings by name",
+    "@pytest.mark.rwt(distro='humble')": "no distro 'humble'; known are jazzy, noetic, both",
+    "@pytest.mark.rwt(settings={'limits.conections': 2})": "did you mean `limits.connections`?",
+    "@pytest.mark.rwt(settings=3)": "is expected, not 3",
+    "@pytest.mark.rwt(interfaces='nowhere')": "nowhere",
+}
+
+
+def test_a_wrong_option_is_named(suite: Suite) -> None:
+    for number, line in enumerate(WRONG_OPTIONS):
+        text = f"import pytest\n\n{line}\ndef test_{number}(rwt_server):\n    pass\n"
+        suite.write(f"test_{number}.py", text)
+    said, _ = suite.begin("--continue-on-collection-errors").communicate(timeout=PATIENCE)
     assert "pluggy" not in said
     assert " passed" not in said
+    assert f"{len(WRONG_OPTIONS)} errors" in said, said
+    parts = said.partition(" short test summary ")[0].split("ERROR ")[1:]
+    for number, complaint in enumerate(WRONG_OPTIONS.values()):
+        # It begins with `collecting test_0.py` or `at setup of test_0`.
+        (part,) = (part for part in parts if f"test_{number}" in part.partition("\n")[0])
+        assert complaint in part, said
 
 
 def test_many_processes_at_once_do_not_meet(suite: Suite) -> None:
