@@ -125,9 +125,12 @@ async def _over(transport: Transport, distro: str, folder: Path) -> Run:
 
 
 @pytest.mark.timeout(120)
-@pytest.mark.parametrize("transport", ["ws", "tcp", "unix", "stdio", "webrtc"])
-@pytest.mark.parametrize("distro", ["jazzy", "noetic"])
+@pytest.mark.parametrize(
+    ("transport", "distro"),
+    [("ws", "jazzy"), ("ws", "noetic"), *((other, "jazzy") for other in ("tcp", "unix", "stdio", "webrtc"))],
+)
 def test_every_case_over_every_transport(transport: Transport, distro: str, tmp_path: Path) -> None:
+    """What a distribution changes is nothing that a transport sees: one more is enough."""
     run = asyncio.run(_over(transport, distro, tmp_path))
     assert len(run.results) > 500
     assert not [failure(result, load_rules()) for result in run.results if result.unexpected]
@@ -142,16 +145,13 @@ def test_the_suite_finds_every_fault() -> None:
     assert not [one.fault.name for one in hunts if not one.found], table(hunts)
 
 
-@pytest.mark.parametrize("distro", ["jazzy", "noetic"])
-def test_over_websockets_with_every_report(
-    distro: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_over_websockets_with_every_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files = {kind: tmp_path / kind for kind in ("json", "junit", "html", "badge", "summary")}
     options = [part for kind, path in files.items() for part in (f"--{kind}", str(path))]
     long = ["throttle/*", "unadvertise/gone*", "advertise/*", "malformed/object-over*"]
     skips = [part for glob in long for part in ("--skip", glob)]
-    with server("ws://127.0.0.1:0", "--distro", distro) as url:
-        code = main([url, "--target", f"rwt-{distro}", *options, *skips])
+    with server("ws://127.0.0.1:0", "--distro", "noetic") as url:
+        code = main([url, "--target", "rwt-noetic", *options, *skips])
     said = capsys.readouterr()
     assert code == 0, said.err
     assert "grade" in said.out
