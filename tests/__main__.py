@@ -173,7 +173,13 @@ def main() -> int:
         description=__doc__,
         epilog="example: python -m tests --processes 4 tests/bridge tests/access -- -x",
     )
-    parser.add_argument("--processes", type=int, default=3, help="programs that run beside each other [3]")
+    beside = max(3, 2 * (os.cpu_count() or 1))
+    parser.add_argument(
+        "--processes",
+        type=int,
+        default=beside,
+        help=f"programs that run beside each other, and wait much of their time [two a core, {beside}]",
+    )
     parser.add_argument("paths", nargs="*", type=Path, default=[TESTS], help="files and folders [all]")
     given, further = sys.argv[1:], []
     if "--" in given:
