@@ -51,6 +51,7 @@ class Doors:
     Attributes:
         limits: the bounds that the transports keep.
         addresses: how many connections each address has.
+        buffers: what they all receive large messages in.
         peers: what takes in clients over WebRTC, where there is such a thing.
         media: the routes by which they send and get pictures.
     """
@@ -78,6 +79,7 @@ class Doors:
         self.limits = _limits(settings)
         self._mounts = sorted(mounts, key=lambda mount: len(mount.path), reverse=True)
         self._proxies = Proxies(settings.proxies)
+        self.buffers = self.limits.receive_pool()
         self.addresses = AddressCount(self.limits.connections_per_address, self._proxies)
         self.peers: Peers | None = None
         self.media: tuple[Route[GraphView], ...] = ()
@@ -96,6 +98,7 @@ class Doors:
             subprotocols=self._gateways,
             addresses=self.addresses,
             limits=self.limits,
+            buffers=self.buffers,
             tls=self._tls,
             bson=settings.bson_only_mode,
             shared=self._worker is not None,
@@ -119,6 +122,7 @@ class Doors:
             subprotocols=self._gateways,
             addresses=self.addresses,
             limits=self.limits,
+            buffers=self.buffers,
             loopback=loopback,
         )
 
@@ -131,6 +135,7 @@ class Doors:
             self._accept(url),
             token=token.get_secret_value() if token else None,
             limits=self.limits,
+            buffers=self.buffers,
             addresses=self.addresses,
             routes=self._pages(url),
             tls=self._dial_tls,

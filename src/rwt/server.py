@@ -437,7 +437,7 @@ class Server:
         mounts = [await stack.enter_async_context(mount.running()) for mount in self._make_mounts()]
         doors = Doors(settings, bridge, spoken, metrics, tls, extensions, middleware, self._worker, mounts)
         if settings.webrtc.enabled:
-            peers = webrtc_peers(settings.webrtc, doors.limits, doors.addresses)
+            peers = webrtc_peers(settings.webrtc, doors.limits, doors.addresses, doors.buffers)
             # They have ended when what they publish on leaves the graph.
             media = webrtc_media(graph, access, settings.unregister_timeout, stack)
             doors.peers = await stack.enter_async_context(peers)

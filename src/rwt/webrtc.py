@@ -20,12 +20,13 @@ if TYPE_CHECKING:
     from rwt_transports.http import Route
     from rwt_transports.limits import AddressCount, Limits
     from rwt_transports.webrtc.signalling import Peers
+    from rwt_transports.wires.receive_buffer import ReceiveBufferPool
     from rwt_webrtc import IncomingMedia, SoundTopics
 
 
 @asynccontextmanager
 async def webrtc_peers(
-    settings: WebRtcSettings, limits: Limits, addresses: AddressCount
+    settings: WebRtcSettings, limits: Limits, addresses: AddressCount, buffers: ReceiveBufferPool
 ) -> AsyncIterator[Peers]:
     """Accept peers within the block.
 
@@ -33,6 +34,7 @@ async def webrtc_peers(
         settings: what the operator has set.
         limits: bounds of each connection.
         addresses: how many connections each address has.
+        buffers: what all clients of the server receive large messages in.
 
     Raises:
         SettingsError: aiortc is not installed, the event loop is not asyncio's, or a server's URL cannot be
@@ -54,11 +56,10 @@ async def webrtc_peers(
         urls = tuple(check_ice_url(url) for url in settings.servers)
     except BadIceServer as error:
         raise SettingsError(f"`webrtc.servers`: {error}") from error
-    from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
     terms = PeerTerms(
         limits,
-        ReceiveBufferPool(max(limits.incoming_bytes, 2 * limits.message_bytes)),
+        buffers,
         addresses,
         settings.channels,
         settings.candidates,

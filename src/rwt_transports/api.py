@@ -264,7 +264,7 @@ class BindAddress:
         handshake_seconds: how long a handshake in TLS may take.
         addresses: counts each peer until its handshake in TLS has ended.
         is_held_back: whether nothing more of large messages is to be received for now, since many that came
-            before wait to be read.
+            before wait to be read. Connections of one event loop for which it is the same share turns.
     """
 
     host: str = ""
@@ -295,6 +295,7 @@ class RemoteAddress:
         seconds: that connecting may take.
         ice_servers: STUN and TURN servers, each as the W3C's ``RTCIceServer``, for drivers that ask some;
             None for those that the other side names.
+        is_held_back: as of :class:`BindAddress`.
     """
 
     host: str = ""
@@ -306,6 +307,7 @@ class RemoteAddress:
     limits: Limits = field(default_factory=Limits)
     seconds: float = 10.0
     ice_servers: Sequence[Mapping[str, str]] | None = None
+    is_held_back: Callable[[], bool] = bool
 
     def __str__(self) -> str:
         return self.path or f"{self.host}:{self.port}"

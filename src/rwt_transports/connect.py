@@ -22,6 +22,7 @@ from rwt_transports.errors import ConnectError, TransportError
 from rwt_transports.limits import Limits
 from rwt_transports.schemes import ConnectUrl, parse_connect_url
 from rwt_transports.websocket.client_handshake import ClientHandshake
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 
 @dataclass(slots=True, eq=False)
@@ -168,6 +169,7 @@ async def connect(
     accept: Accept,
     *,
     limits: Limits | None = None,
+    buffers: ReceiveBufferPool | None = None,
     tls: ssl.SSLContext | None = None,
     headers: Mapping[str, str] | None = None,
     timeout: float = 10.0,  # noqa: ASYNC109 - raises our own error
@@ -183,6 +185,7 @@ async def connect(
             and speaks through its standard input and output.
         accept: makes the endpoint.
         limits: bounds of the connection.
+        buffers: what large messages are received in, shared with other connections; of its own by default.
         tls: how to check the server's certificate; by default against the system's authorities.
         headers: request headers, for the schemes that have them.
         timeout: seconds for all of it, from looking up the name to the end of the handshake.
@@ -195,7 +198,9 @@ async def connect(
     """
     target = parse_connect_url(url)
     context = (tls or ssl.create_default_context()) if target.scheme.tls else None
-    state = ListenerState(accept, target.client_wire, limits or Limits(), None, target.name, single=True)
+    chosen = limits or Limits()
+    pool = buffers or chosen.receive_pool()
+    state = ListenerState(accept, target.client_wire, chosen, None, target.name, single=True, buffers=pool)
     outgoing = OutgoingConnection(target, state, headers or {})
     async with background_tasks() as tasks:
         try:
@@ -205,7 +210,8 @@ async def connect(
                     tls=context,
                     target=target.path,
                     headers=outgoing.headers,
-                    limits=state.limits,
+                    limits=chosen,
+                    is_held_back=pool.has_much_unread,
                     seconds=timeout,
                     ice_servers=ice_servers,
                 )

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from rwt_transports.errors import Refused
 from rwt_transports.http import NO_PROXIES, Proxies, is_local
 from rwt_transports.websocket.extensions import Deflate
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 KIB = 1024
 MIB = 1024 * KIB
@@ -23,9 +24,11 @@ class Limits:
         message_bytes: largest incoming message. A larger one is skipped without being kept, and the
             endpoint is informed (:class:`~rwt_transports.api.OversizeAware`); one that takes no such report
             is closed with 1009.
-        incoming_bytes: what all connections of a listener together may hold of messages whose end has not
-            come. Beyond it the connection whose message began first is closed with 1008. While a quarter as
-            many came to their end and wait to be read, no more of large ones is received or inflated.
+        incoming_bytes: what all connections together that share a
+            :class:`~rwt_transports.wires.receive_buffer.ReceiveBufferPool` may hold of messages whose end has
+            not come; two of the largest messages at least. Beyond it the connection whose message began first
+            is closed with 1008. While a quarter as many came to their end and wait to be read, no more of
+            large ones is received or inflated.
         strict_utf8: close with 1007 when a text message is not UTF-8 (RFC 6455 section 8.1). Off by
             default: the endpoint gets the bytes as they came and answers, so that one bad message does not
             cost the connection.
@@ -75,6 +78,10 @@ class Limits:
     control_bytes: int = 64 * MIB
     control_frames: int = 100_000
     deflate: Deflate = Deflate.OFF
+
+    def receive_pool(self) -> ReceiveBufferPool:
+        """A pool for those connections that keep these bounds together."""
+        return ReceiveBufferPool(max(self.incoming_bytes, 2 * self.message_bytes))
 
 
 class AddressCount:

@@ -51,6 +51,7 @@ async def listen(
     subprotocols: Iterable[str] = (),
     addresses: AddressCount | None = None,
     limits: Limits | None = None,
+    buffers: ReceiveBufferPool | None = None,
     driver: Driver | None = None,
     tls: SSLContext | None = None,
     bson: bool = False,
@@ -71,6 +72,8 @@ async def listen(
             `accept` is told (:class:`~rwt_protocol.transport.PeerInfo`).
         addresses: counts the connections of each address; one of its own by default.
         limits: bounds per listener and per connection.
+        buffers: what large messages are received in, shared with others that keep ``limits.incoming_bytes``
+            together; of its own by default.
         tls: certificate and key for the schemes that encrypt (``wss``, ``tcps``).
         bson: whether every message is a BSON document; on a stream it says itself where it ends (BSN-03).
         shared: whether other processes listen on the same TCP port, see
@@ -98,7 +101,7 @@ async def listen(
         idle_seconds=chosen.idle_peer_seconds if scheme.expires else 0.0,
         max_message_size=scheme.max_message_size,
         addresses=addresses,
-        buffers=ReceiveBufferPool(max(chosen.incoming_bytes, 2 * chosen.message_bytes)),
+        buffers=buffers or chosen.receive_pool(),
         proxies=proxies,
         access_log=access_log,
         subprotocols=frozenset(subprotocols),

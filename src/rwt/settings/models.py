@@ -46,7 +46,7 @@ class LimitSettings(BridgeLimits):
     incoming_bytes: Annotated[
         Bytes,
         Field(
-            description="bytes of messages whose end has not come, over all connections of a listener; beyond"
+            description="bytes of messages whose end has not come, over all connections of the server; beyond"
             " it the client whose message began first is disconnected; while a quarter as many came to their"
             " end and wait for their turn, no more of large ones is received or inflated"
         ),

@@ -276,12 +276,13 @@ async def asgi_listener(
     subprotocols: Iterable[str] = (),
     addresses: AddressCount | None = None,
     limits: Limits | None = None,
+    buffers: ReceiveBufferPool | None = None,
     loopback: bool = False,
 ) -> AsyncIterator[AsgiListener]:
     """Serve scopes within the block; leaving it closes every WebSocket with 1001.
 
     Args:
-        accept, routes, hosts, proxies, access_log, subprotocols, addresses, limits: as of
+        accept, routes, hosts, proxies, access_log, subprotocols, addresses, limits, buffers: as of
             :func:`rwt_transports.listener.listen`.
         loopback: whether the clients' server is only reached from this machine.
     """
@@ -293,7 +294,7 @@ async def asgi_listener(
         None,
         "ws",
         addresses=addresses or AddressCount(chosen.connections_per_address),
-        buffers=ReceiveBufferPool(max(chosen.incoming_bytes, 2 * chosen.message_bytes)),
+        buffers=buffers or chosen.receive_pool(),
         proxies=proxies,
         access_log=access_log,
         subprotocols=frozenset(subprotocols),

@@ -9,12 +9,15 @@ from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontext
 from functools import partial
 from ssl import SSLContext
 from time import monotonic
+from typing import Final
+from weakref import WeakValueDictionary
 
 import anyio
 import anyio.lowlevel
 from anyio.abc import ByteStream, SocketAttribute, SocketListener, TaskGroup
 from anyio.streams.tls import TLSStream
 
+from rwt_protocol.transport import Buffer
 from rwt_transports.api import Attach, BindAddress, HangUp, RemoteAddress
 from rwt_transports.drivers.sockets import (
     HELD_BACK_SECONDS,
@@ -27,6 +30,7 @@ from rwt_transports.drivers.sockets import (
     remove_unix,
 )
 from rwt_transports.drivers.task_link import TaskLink
+from rwt_transports.drivers.tls_buffers import ENCRYPTED_BYTES
 from rwt_transports.errors import log_exception
 
 logger = logging.getLogger("rwt_transports")
@@ -46,7 +50,7 @@ class _Turn:
     loop's next turn, in which the count begins anew. Nobody counts the turns in which nobody waits.
     """
 
-    __slots__ = ("_line", "_received", "is_held_back")
+    __slots__ = ("__weakref__", "_line", "_received", "is_held_back")
 
     def __init__(self, is_held_back: Callable[[], bool] = bool) -> None:
         self._line = anyio.Lock()
@@ -68,6 +72,16 @@ class _Turn:
             if self._received > READ_SECONDS:
                 await anyio.lowlevel.checkpoint()
                 self._received = 0.0
+
+
+_turns: Final[WeakValueDictionary[tuple[object, Callable[[], bool]], _Turn]] = WeakValueDictionary()
+"""Those of each event loop."""
+
+
+def _turn_of(is_held_back: Callable[[], bool]) -> _Turn:
+    """What all connections of this event loop share that are held back together, of however many
+    listeners."""
+    return _turns.setdefault((anyio.lowlevel.current_token(), is_held_back), _Turn(is_held_back))
 
 
 class _Link(TaskLink):
@@ -135,13 +149,21 @@ class _Link(TaskLink):
                     if more:
                         # What is ahead of it has been taken by the network, so the peer reads.
                         self._callbacks.progress()
-                    await self._stream.send(data if isinstance(data, bytes) else bytes(data))
+                    await self._send(data)
                     more = True
                 if self._finishing:
                     self._finishing = False
                     await self._stream.send_eof()
         except GONE:
             return
+
+    async def _send(self, data: Buffer) -> None:
+        if not isinstance(self._stream, TLSStream):
+            await self._stream.send(data if isinstance(data, bytes) else bytes(data))
+            return
+        with memoryview(data) as view:  # What is encrypted waits in a buffer that never shrinks again.
+            for start in range(0, len(view), ENCRYPTED_BYTES):
+                await self._stream.send(bytes(view[start : start + ENCRYPTED_BYTES]))
 
 
 class AnyioDriver:
@@ -150,7 +172,8 @@ class AnyioDriver:
 
     async def connect(self, address: RemoteAddress, attach: Attach, tasks: TaskGroup) -> None:
         """Reach the other side and serve its stream in a task."""
-        tasks.start_soon(serve_stream, attach, await _connected(address))
+        turn = _turn_of(address.is_held_back)
+        tasks.start_soon(serve_stream, attach, await _connected(address), turn)
 
     def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
         """Accept peers within the block; gives the port in use, 0 for a Unix socket."""
@@ -164,7 +187,7 @@ class AnyioDriver:
             else await bind_tcp(address.host, address.port, shared=address.shared)
         )
         port = 0 if address.path else int(sockets[0].getsockname()[1])
-        turn = _Turn(address.is_held_back)
+        turn = _turn_of(address.is_held_back)
         serve = partial(serve_stream, attach, turn=turn)
         if address.tls is not None:
             serve = partial(_serve_in_tls, address, address.tls, attach, turn, Handshakes())
@@ -186,7 +209,7 @@ async def serve_stream(attach: Attach, stream: ByteStream, turn: _Turn | None = 
     Args:
         attach: takes the new peer.
         stream: its bytes.
-        turn: of all connections of its listener.
+        turn: of all connections beside it.
     """
     address = stream.extra(SocketAttribute.remote_address, "")
     host, port = (str(address[0]), int(address[1])) if isinstance(address, tuple) else ("", 0)

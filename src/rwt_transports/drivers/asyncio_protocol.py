@@ -13,7 +13,8 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractAsyncContextManager, ExitStack, asynccontextmanager, nullcontext
 from functools import partial
 from time import monotonic
-from typing import cast
+from typing import Final, cast
+from weakref import WeakValueDictionary
 
 import anyio
 from anyio.abc import TaskGroup
@@ -38,6 +39,7 @@ from rwt_transports.drivers.sockets import (
     hang_up_of,
     remove_unix,
 )
+from rwt_transports.drivers.tls_buffers import ENCRYPTED_BYTES, spare_buffers
 from rwt_transports.errors import log_exception
 
 logger = logging.getLogger("rwt_transports")
@@ -47,6 +49,12 @@ READ_BYTES = 64 * 1024
 BACKLOG = 512
 GATHERED_BYTES = 64 * 1024
 """Less than this goes through asyncio's transport: what one call more or less costs is then little."""
+
+ENCRYPTING_SECONDS = 0.002
+"""Of one turn, for one connection; what is begun by then is ended."""
+
+WRITE_SECONDS = 0.01
+"""Of one turn, for all connections together: those that it does not reach write in the next one."""
 
 WATCHED_BYTES = 4096
 """Of what the network does not take, asyncio's transport keeps a copy of this much."""
@@ -65,13 +73,25 @@ class _Turn:
 
     Attributes:
         is_full: whether this turn has received as much of large messages as one may.
+        buffer: where small messages are received.
     """
 
-    __slots__ = ("_is_counting", "_late", "_received", "_waiting", "is_full", "is_held_back", "loop")
+    __slots__ = (
+        "__weakref__",
+        "_is_counting",
+        "_late",
+        "_received",
+        "_waiting",
+        "buffer",
+        "is_full",
+        "is_held_back",
+        "loop",
+    )
 
     def __init__(self, loop: asyncio.AbstractEventLoop, is_held_back: Callable[[], bool] = bool) -> None:
         self.loop = loop
         self.is_held_back = is_held_back
+        self.buffer = bytearray(READ_BYTES)
         self._waiting: list[_Link] = []
         self._late: deque[_Link] = deque()
         self._received = 0.0  # seconds
@@ -110,7 +130,12 @@ class _Turn:
 
     def _flush(self) -> None:
         waiting, self._waiting = self._waiting, []
-        for link in waiting:
+        over = monotonic() + WRITE_SECONDS
+        for at, link in enumerate(waiting, 1):
+            if at > 1 and monotonic() > over:
+                for late in waiting[at - 1 :]:
+                    self.add(late)
+                return
             try:
                 link.flush()
             except Exception:
@@ -119,12 +144,24 @@ class _Turn:
                 link.abort()
 
 
+_turns: Final[WeakValueDictionary[tuple[asyncio.AbstractEventLoop, Callable[[], bool]], _Turn]] = (
+    WeakValueDictionary()
+)
+"""Those of each event loop."""
+
+
+def _turn_of(is_held_back: Callable[[], bool]) -> _Turn:
+    """What all connections of this event loop share that are held back together, of however many
+    listeners."""
+    loop = asyncio.get_running_loop()
+    return _turns.setdefault((loop, is_held_back), _Turn(loop, is_held_back))
+
+
 class _Link(asyncio.BufferedProtocol):
     """One socket; satisfies :class:`rwt_transports.api.Link`."""
 
     __slots__ = (
         "_attach",
-        "_buffer",
         "_callbacks",
         "_direct",
         "_file",
@@ -145,10 +182,9 @@ class _Link(asyncio.BufferedProtocol):
         "wake",
     )
 
-    def __init__(self, attach: Attach, turn: _Turn, buffer: bytearray) -> None:
+    def __init__(self, attach: Attach, turn: _Turn) -> None:
         self._attach = attach
-        self._buffer = buffer
-        self._view = memoryview(buffer)
+        self._view = memoryview(turn.buffer)
         self._direct = False
         self._open = False
         self._writable = True
@@ -175,6 +211,8 @@ class _Link(asyncio.BufferedProtocol):
         self._transport = transport
         self._tls = transport.get_extra_info("sslcontext") is not None
         self._open = True
+        if self._tls:
+            spare_buffers(transport)
         self._socket = transport.get_extra_info("socket").fileno()
         if not self._tls and isinstance(self._loop, asyncio.SelectorEventLoop) and hasattr(os, "writev"):
             self._file = self._socket
@@ -250,7 +288,10 @@ class _Link(asyncio.BufferedProtocol):
         self._resuming = True
         try:
             self._callbacks.progress()
-            self.flush()
+            if self._tls:
+                self.wake()  # To encrypt takes time, of which many connections at once have a share each.
+            else:
+                self.flush()
         finally:
             self._resuming = False
 
@@ -266,6 +307,9 @@ class _Link(asyncio.BufferedProtocol):
         if self._gathering is not None:
             self._flush_gathered(self._gathering)
             return
+        if self._tls and isinstance(self._callbacks, Gathering):
+            self._flush_encrypted(self._callbacks)
+            return
         take = self._callbacks.take
         write = self._transport.write
         while self._writable and self._open:
@@ -273,6 +317,25 @@ class _Link(asyncio.BufferedProtocol):
             if data is None:
                 return
             write(data)
+
+    def _takes_more(self) -> bool:
+        """Whether the network does."""
+        return self._writable and self._open
+
+    def _flush_encrypted(self, gathering: Gathering) -> None:
+        """Write a little at a time: what is encrypted waits in a buffer that never shrinks again."""
+        write, over = self._transport.write, monotonic() + ENCRYPTING_SECONDS
+        while self._takes_more() and (pieces := gathering.take_pieces()):
+            for at, piece in enumerate(pieces):
+                view = memoryview(piece)
+                for start in range(0, len(view), ENCRYPTED_BYTES):
+                    if not self._takes_more():
+                        gathering.put_back((view[start:], *pieces[at + 1 :]))
+                        return
+                    write(view[start : start + ENCRYPTED_BYTES])
+            if monotonic() > over:
+                self.wake()
+                return
 
     def _flush_gathered(self, gathering: Gathering) -> None:
         """Write small data by the transport, and the pieces of large data by one call of the system.
@@ -366,7 +429,7 @@ class AsyncioDriver:
     async def connect(self, address: RemoteAddress, attach: Attach, tasks: TaskGroup) -> None:
         """Reach the other side; its bytes come by callbacks of the loop, without a task."""
         loop = asyncio.get_running_loop()
-        make_link = partial(_Link, attach, _Turn(loop), bytearray(READ_BYTES))
+        make_link = partial(_Link, attach, _turn_of(address.is_held_back))
         if address.path:
             await loop.create_unix_connection(make_link, address.path, ssl=address.tls)
         else:
@@ -384,7 +447,7 @@ class AsyncioDriver:
             if address.path
             else await bind_tcp(address.host, address.port, shared=address.shared)
         )
-        turn, buffer = _Turn(loop, address.is_held_back), bytearray(READ_BYTES)
+        turn = _turn_of(address.is_held_back)
         port = 0 if address.path else int(sockets[0].getsockname()[1])
         patience = address.handshake_seconds if address.tls else None
         addresses, handshakes = address.addresses, Handshakes()
@@ -403,7 +466,7 @@ class AsyncioDriver:
                     counted.close()  # From here on the connection counts itself.
                     attach(link, host, port)
 
-                make_link = partial(_Link, attach_counted, turn, buffer)
+                make_link = partial(_Link, attach_counted, turn)
                 try:
                     with handshakes.one() if address.tls is not None else nullcontext():
                         await loop.connect_accepted_socket(

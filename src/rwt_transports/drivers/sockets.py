@@ -14,6 +14,7 @@ from collections.abc import Awaitable, Callable, Iterator
 from typing import TypeVar
 
 import anyio
+import anyio.lowlevel
 
 from rwt_transports.api import HangUp
 from rwt_transports.errors import ListenError
@@ -92,6 +93,8 @@ async def accept_peers(
 ) -> None:
     """Call `begin` with what `accept` gives, again and again, until cancelled or the listener is closed.
 
+    One in each turn of the loop, however many have come: what begins with each is work.
+
     A connection that cannot be accepted costs a pause: who has no descriptors left waits until some are free,
     and the peers wait in the kernel's queue.
     """
@@ -109,6 +112,7 @@ async def accept_peers(
             await anyio.sleep(ACCEPT_PAUSE_SECONDS)
         else:
             begin(accepted)
+            await anyio.lowlevel.checkpoint()  # asyncio's `sock_accept` gives way only where nobody has come.
 
 
 def raise_descriptor_limit() -> None:

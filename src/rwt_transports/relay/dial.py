@@ -36,6 +36,7 @@ from rwt_transports.relay.protocol import (
 )
 from rwt_transports.schemes import parse_connect_url
 from rwt_transports.websocket.close_codes import GOING_AWAY, INTERNAL_ERROR, POLICY, PROTOCOL_ERROR, TOO_BIG
+from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 logger = logging.getLogger("rwt_transports.relay.dial")
 
@@ -81,6 +82,7 @@ async def dial(
     token: str | None = None,
     limits: Limits | None = None,
     addresses: AddressCount | None = None,
+    buffers: ReceiveBufferPool | None = None,
     routes: Routes | None = None,
     tls: SSLContext | None = None,
     backoff: Backoff = BACKOFF,
@@ -94,6 +96,7 @@ async def dial(
         token: what the hub wants to see.
         limits: bounds of each connection.
         addresses: counts the clients of each address that the hub names; one of its own by default.
+        buffers: what large messages of all clients are received in; of its own by default.
         routes: the pages that the hub may ask for.
         tls: how to check the hub's certificate; by default against the system's authorities.
         backoff: how long to wait between attempts, and after how many to give up.
@@ -107,7 +110,8 @@ async def dial(
         headers["Authorization"] = f"Bearer {token}"
     status = RelayStatus(url)
 
-    connect_one = partial(connect, url, limits=limits, tls=tls, headers=headers)
+    pool = buffers or (limits or Limits()).receive_pool()
+    connect_one = partial(connect, url, limits=limits, buffers=pool, tls=tls, headers=headers)
     counted = addresses or AddressCount((limits or Limits()).connections_per_address)
     starter = TaskStarter()
 

@@ -19,7 +19,7 @@ class Incomplete(Protocol):
 
 
 class ReceiveBufferPool:
-    """What the connections of a listener receive large messages in: one used buffer that is kept for the next
+    """What the connections of a server receive large messages in: one used buffer that is kept for the next
     one, and how much they hold of messages whose end has not come.
 
     Beyond the most there may be, the one that began first is given up: one whose sender goes on with it is

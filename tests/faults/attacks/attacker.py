@@ -14,6 +14,7 @@ import math
 import os
 import signal
 import socket
+import ssl
 import struct
 import sys
 import threading
@@ -333,8 +334,52 @@ def lists_over_tcp(attacker: Attacker) -> None:
     _together([partial(_send_all, each, data, over) for each in many])
 
 
+def lists_everywhere(attacker: Attacker) -> None:
+    """Half messages, and whole ones that take long to be read, over every listener of the server at once."""
+    data, over = _long_list(), time.monotonic() + 4 * SECONDS
+    framed, acts = frame(TEXT, data, key=bytes(4)), []
+    for number in range(20):
+        half = number % 3 == 0
+        for scheme, sent in (("ws", framed), ("wss", framed), ("tcp", data)):
+            port = _PORTS[scheme]
+            if scheme == "tcp":
+                each = socket.create_connection(("127.0.0.1", port), 5)
+                _held.append(each)
+            else:
+                client = Attacker(port, reads=False, tls=scheme == "wss")
+                _held.append(client)
+                each = client._socket
+            acts.append(partial(_send_all, each, sent[:-1] if half else sent * 2, over))
+    _together(acts)
+
+
+def handshakes_in_tls(attacker: Attacker) -> None:
+    """Handshakes in TLS that are begun, over hundreds of connections, and gone on with by nobody."""
+    incoming, outgoing = ssl.MemoryBIO(), ssl.MemoryBIO()
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    with suppress(ssl.SSLWantReadError):
+        context.wrap_bio(incoming, outgoing).do_handshake()
+    hello, over = outgoing.read(), time.monotonic() + 2 * SECONDS
+    while time.monotonic() < over:
+        each = socket.create_connection(("127.0.0.1", _PORTS["wss"]), 5)
+        _held.append(each)
+        with suppress(OSError):
+            each.sendall(hello)
+
+
+def samples_in_tls(attacker: Attacker) -> None:
+    """Large samples for many viewers in TLS, half of whom read nothing."""
+    topic = {"topic": "/large", "type": "std_msgs/String"}
+    for number in range(40):
+        each = Attacker(_PORTS["wss"], reads=bool(number % 2), tls=True)
+        _held.append(each)
+        each.send(iter([{"op": "subscribe", **topic}]))
+    attacker.send(_ops("publish", **topic, msg={"data": f"#{_LETTERS * 4}"}), 2 * SECONDS)
+
+
 def lists_inflated(attacker: Attacker) -> None:
-    """The same in compressed frames of a few kilobytes."""
+    """Whole messages that take long to be read, in compressed frames of a few kilobytes."""
     _send_at_once(_held_connections(attacker, 60, (_DEFLATE,)), _compressed(_long_list()) * 3)
     time.sleep(4 * SECONDS)  # They have been sent before they are inflated.
 
@@ -1006,7 +1051,8 @@ ATTACKS: Final[Mapping[str, Callable[[Attacker], None]]] = {
         throttled_queue, endless_depth, latched_topics, lingering_publishers, endless_goals, unanswered_calls,
         long_ids, long_goal_ids, long_names_to_hear, long_names_to_offer, long_names_of_services,
         long_questions, unread_answers, half_messages, pieces_of_a_frame, inflated_at_once,
-        whole_at_once, lists_at_once, lists_in_tls, lists_over_tcp, lists_inflated, cut_with_a_backlog,
+        whole_at_once, lists_at_once, lists_in_tls, lists_over_tcp, lists_inflated,
+        lists_everywhere, handshakes_in_tls, samples_in_tls, cut_with_a_backlog,
         blanks, header_at_the_end,
         half_bodies, forms_of_what_is_kept, feedback_flood,
         long_lists_of_numbers, small_typed_arrays,

@@ -60,7 +60,8 @@ OF_VIEWERS: Final = frozenset(
      "many_in_a_member", "constants", "slow_numbers", "long_numbers",
      "expensive_videos", "refusals", "long_names_to_hear", "long_questions", "unread_answers",
      "half_messages", "pieces_of_a_frame", "half_bodies", "inflated_at_once",
-     "whole_at_once", "lists_at_once", "lists_over_tcp", "lists_inflated", "cut_with_a_backlog", "blanks",
+     "whole_at_once", "lists_at_once", "lists_in_tls", "lists_over_tcp",
+     "lists_everywhere", "handshakes_in_tls", "lists_inflated", "cut_with_a_backlog", "blanks",
      "lists_in_texts",
      "drops_of_handshakes", "drops_of_requests", "bodies", "foxglove_numbers",
      "everything_subscribed", "come_and_go", "many_connections", "picture_bombs", "snapshots_again"}
