@@ -155,7 +155,39 @@ print("end", flush=True)
 """
 )
 
-#: Raised where each of them waits: one from outside may come just before, which Python does not notice then.
+#: Python notices it as late as one that comes right before the main thread waits: when that runs again.
+TOLD_TO_ANOTHER_THREAD = """
+import signal
+import threading
+import rclpy
+
+rclpy.init()
+node = rclpy.create_node("talker")
+keeper = node.context.link.timekeeper
+
+def send():
+    with begun:
+        signal.pthread_kill(threading.get_ident(), signal.SIGINT)
+
+def wait(condition, deadline):
+    global begun
+    if threading.current_thread() is threading.main_thread():
+        del keeper.wait
+        begun = condition  # held until the main thread waits
+        threading.Thread(target=send).start()
+    type(keeper).wait(keeper, condition, deadline)
+
+keeper.wait = wait
+print("spinning", flush=True)
+try:
+    rclpy.spin(node)
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+rclpy.try_shutdown()
+print("end", flush=True)
+"""
+
+#: Raised where each of them waits.
 IN_THE_MAIN_THREAD = (
     BLOCKING
     + """
@@ -257,6 +289,12 @@ def test_ctrl_c_interrupts_what_waits_in_the_main_thread(tmp_path: Path) -> None
     said, code = run(tmp_path, IN_THE_MAIN_THREAD, None)
     waits = ("call", "send_goal", "rate.sleep", "sleep_for", "wait_for_message", "wait_for_service")
     assert (said, code) == ([f"{name} KeyboardInterrupt" for name in waits], 0)
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_kill"), reason="signals are sent to processes here")
+def test_a_signal_that_ends_no_wait_is_answered_soon(tmp_path: Path) -> None:
+    said, code = run(tmp_path, TOLD_TO_ANOTHER_THREAD, None)
+    assert said == ["interrupted", "end"] and code == 0
 
 
 def test_who_interrupts_twice_does_not_wait() -> None:

@@ -11,7 +11,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from rwt_graph.clock import SimulatedClock
@@ -59,6 +59,12 @@ class Timekeeper(ABC):
         yield
 
 
+_LOOK_AGAIN_S: Final = 1.0
+"""Seconds for which the main thread waits at a time. A signal that comes right before it waits, or to another
+thread, ends no wait of Python's: the main thread answers it when it looks again. A descriptor for wake-ups
+(`signal.set_wakeup_fd`) would be sooner, but is inherited by what is forked, and may be somebody else's."""
+
+
 class RealTime(Timekeeper):
     """The system's clocks."""
 
@@ -79,12 +85,11 @@ class RealTime(Timekeeper):
 
     def wait(self, condition: threading.Condition, deadline_ns: int | None) -> None:
         """Wait for real."""
-        if deadline_ns is None:
-            condition.wait()
-            return
-        left = deadline_ns - time.monotonic_ns()
+        is_main = threading.get_ident() == threading.main_thread().ident
+        longest = _LOOK_AGAIN_S if is_main else threading.TIMEOUT_MAX
+        left = longest if deadline_ns is None else (deadline_ns - time.monotonic_ns()) / 1e9
         if left > 0:
-            condition.wait(min(left / 1e9, threading.TIMEOUT_MAX))
+            condition.wait(min(left, longest))
 
 
 class _Thread(threading.local):
