@@ -159,7 +159,7 @@ class Browser:
             yield page
         except BaseException:
             with anyio.CancelScope(shield=True):
-                sys.stderr.write("\n".join([*await page.complaints(), ""]))
+                sys.stderr.write(await page.report())
                 await page.picture(f"failed {name}")
                 await self.ask("close", page=name)
             raise
@@ -219,6 +219,10 @@ class Page:
         """Errors on its console and exceptions so far, but for those that are expected."""
         said = await self._ask("complaints")
         return [each for each in said if not any(part in each for part in self._forgiven)]
+
+    async def report(self) -> str:
+        """What it did so far and what it waits for, for people who ask why a test failed."""
+        return f"{self._name}: {await self._ask('report')}\n"
 
     def forgive(self, *parts: str) -> None:
         """Expect complaints with any of these parts, which the test itself has brought about."""

@@ -31,13 +31,7 @@ from tests.browser.stand import Stand, stand
 from tests.browser.test_panels import KINDS, open_panels, panel, text
 from tests.processes import running
 
-pytestmark = [
-    pytest.mark.anyio,
-    pytest.mark.skipif(
-        os.environ.get("BROWSER") == "firefox",
-        reason="Firefox shows no focus in its window on a virtual display, and some keys do not arrive there",
-    ),
-]
+pytestmark = pytest.mark.anyio
 
 #: What has the focus, whatever shadow it is in.
 FOCUSED = """(() => {

@@ -1,5 +1,6 @@
 import { afterEach, beforeEach, describe, expect, test, vi } from "vitest";
 import type { FromWorker, ToWorker } from "../src/decode/protocol";
+import { keepAsking } from "../src/robot/asking";
 import { Drive } from "../src/robot/drive";
 import { RobotSession } from "../src/robot/session";
 import { Stop } from "../src/robot/stop";
@@ -10,6 +11,9 @@ type Op = { op: string; id?: string; topic?: string; msg?: unknown; service?: st
 /** A robot in the place of the worker. */
 class FakeRobot implements WorkerPort {
   onmessage: WorkerPort["onmessage"] = null;
+  onerror: WorkerPort["onerror"] = null;
+  ended = 0;
+  decodings: ToWorker[] = [];
   sent: Op[] = [];
   socket = 0;
   opens: ToWorker[] = [];
@@ -21,11 +25,19 @@ class FakeRobot implements WorkerPort {
     if (message.kind === "open") {
       this.socket = message.socket;
       this.opens.push(message);
+    } else if (message.kind === "close") {
+      queueMicrotask(() => this.lose());
+    } else if (message.kind === "decodings") {
+      this.decodings.push(message);
     } else if (message.kind === "send") {
       const op = JSON.parse(message.text) as Op;
       this.sent.push(op);
       if (op.op === "call_service") this.answer(op);
     }
+  }
+
+  terminate(): void {
+    this.ended++;
   }
 
   say(message: FromWorker): void {
@@ -82,7 +94,7 @@ describe("a session", () => {
     vi.useFakeTimers();
     vi.stubGlobal("fetch", () => Promise.reject(new Error("no HTTP here")));
     robot = new FakeRobot();
-    session = new RobotSession({ url: "ws://robot:9090", token: "secret", worker: robot });
+    session = new RobotSession({ url: "ws://robot:9090", token: "secret", worker: () => robot });
     await vi.advanceTimersByTimeAsync(0);
     robot.open();
     await vi.advanceTimersByTimeAsync(0);
@@ -129,6 +141,26 @@ describe("a session", () => {
     expect(heard).toEqual([{ latched: true }]);
   });
 
+  test("gives a listener of static frames that comes later the last message of each publisher", async () => {
+    const tell = (...frames: string[]) =>
+      robot.hear({
+        op: "publish",
+        topic: "/tf_static",
+        msg: { transforms: frames.map((name) => ({ child_frame_id: name, at: frames.length })) },
+      });
+    session.subscribe("/tf_static", "tf2_msgs/msg/TFMessage", () => {}, { throttle: 200 });
+    expect(robot.ops("subscribe").at(-1)).toMatchObject({ topic: "/tf_static", throttle_rate: 0 });
+    tell("camera", "lens");
+    tell("laser");
+    tell("lens", "camera");
+    const heard: string[][] = [];
+    session.subscribe("/tf_static", "tf2_msgs/msg/TFMessage", (message) =>
+      heard.push((message.transforms as { child_frame_id: string }[]).map((each) => each.child_frame_id)),
+    );
+    await vi.advanceTimersByTimeAsync(0);
+    expect(heard).toEqual([["laser"], ["lens", "camera"]]);
+  });
+
   test("connects again by itself and subscribes and advertises as before", async () => {
     session.subscribe("/odom", "nav_msgs/msg/Odometry", () => {});
     session.publisher("/cmd_vel", "geometry_msgs/msg/Twist");
@@ -143,6 +175,144 @@ describe("a session", () => {
     expect(robot.opens).toHaveLength(3);
     expect(robot.ops("subscribe").map(({ topic }) => topic)).toEqual(["/odom"]);
     expect(robot.ops("advertise").map(({ topic }) => topic)).toEqual(["/cmd_vel"]);
+  });
+
+  describe("whose attempt to connect", () => {
+    beforeEach(() => {
+      session.subscribe("/camera", "sensor_msgs/msg/Image", () => {}, { decoding: "image" });
+      robot.lose();
+    });
+
+    test("is not answered gives it up, with its worker, and tries again for longer", async () => {
+      await vi.advanceTimersByTimeAsync(250); // attempt 2, which has 20 s
+      expect(robot.opens).toHaveLength(2);
+      await vi.advanceTimersByTimeAsync(19_900);
+      expect(session.state.value).toBe("lost");
+      expect(robot.ended).toBe(0);
+      const { socket } = robot;
+      await vi.advanceTimersByTimeAsync(700);
+      expect(robot.ended).toBe(1);
+      expect(session.reason.value).toBe("no answer for 20 s");
+      expect(robot.opens).toHaveLength(3);
+      expect(robot.decodings.at(-1)).toEqual({
+        kind: "decodings",
+        decodings: new Map([["/camera", "image"]]),
+      });
+      // What the old one still says is about another connection.
+      robot.say({ kind: "open", socket });
+      expect(session.state.value).toBe("lost");
+      robot.open();
+      expect(session.state.value).toBe("open");
+      await vi.advanceTimersByTimeAsync(60_000);
+      expect(session.state.value).toBe("open");
+    });
+
+    test("has a worker whose script does not load says so and tries again", async () => {
+      await vi.advanceTimersByTimeAsync(250);
+      robot.onerror?.({});
+      await vi.advanceTimersByTimeAsync(0);
+      expect(session.reason.value).toBe("its worker does not load");
+      expect(robot.ended).toBe(1);
+      await vi.advanceTimersByTimeAsync(500);
+      robot.open();
+      expect(session.state.value).toBe("open");
+    });
+
+    test("is refused is told why by HTTP, however late, and waits for a token", async () => {
+      let answer: (response: Response) => void = () => {};
+      vi.stubGlobal("fetch", () => new Promise<Response>((tell) => (answer = tell)));
+      await vi.advanceTimersByTimeAsync(250);
+      robot.lose();
+      await vi.advanceTimersByTimeAsync(4000);
+      expect(robot.opens).toHaveLength(2);
+      answer(new Response("a token is needed\n", { status: 401 }));
+      await vi.advanceTimersByTimeAsync(60_000);
+      expect(session.state.value).toBe("refused");
+      expect(session.reason.value).toBe("a token is needed");
+      expect(robot.opens).toHaveLength(2);
+      session.authenticate("better");
+      expect(robot.opens.at(-1)).toMatchObject({ protocols: ["rwt", "bearer.better"] });
+    });
+  });
+
+  test("another token is shown at once, whatever connection or attempt there is", async () => {
+    session.authenticate("other");
+    await vi.advanceTimersByTimeAsync(0);
+    expect(robot.opens.at(-1)).toMatchObject({ socket: 2, protocols: ["rwt", "bearer.other"] });
+    session.authenticate("third");
+    await vi.advanceTimersByTimeAsync(0);
+    expect(robot.opens.at(-1)).toMatchObject({ socket: 3, protocols: ["rwt", "bearer.third"] });
+    robot.open();
+    expect(session.state.value).toBe("open");
+  });
+
+  test("ends its worker with its connection", async () => {
+    session.close();
+    await vi.advanceTimersByTimeAsync(0);
+    expect(robot.ended).toBe(1);
+  });
+
+  test("asks what there is though nothing says what may be done, and takes that when it comes", async () => {
+    let answer: (response: Response) => void = () => {};
+    vi.stubGlobal("fetch", () => new Promise<Response>((tell) => (answer = tell)));
+    robot.topics = [["/other", "std_msgs/msg/String"]];
+    robot.lose();
+    await vi.advanceTimersByTimeAsync(250);
+    robot.open();
+    await vi.advanceTimersByTimeAsync(4000);
+    expect(session.graph.value.topics.has("/other")).toBe(false);
+    await vi.advanceTimersByTimeAsync(1100);
+    expect(session.graph.value.topics.has("/other")).toBe(true);
+    expect(session.may("publish", "/cmd_vel")).toBe(true);
+    answer(new Response(JSON.stringify({ role: "viewer", unrestricted: false, allows: {} })));
+    await vi.advanceTimersByTimeAsync(0);
+    expect(session.may("publish", "/cmd_vel")).toBe(false);
+  });
+
+  describe("that keeps asking", () => {
+    let told: string[];
+    let taken: unknown[];
+    let end: () => void;
+
+    beforeEach(() => {
+      told = [];
+      taken = [];
+      robot.answers["/slow"] = undefined;
+      end = keepAsking(
+        session,
+        () => session.call("/slow", {}, "", 1000),
+        (answer) => taken.push(answer),
+        (problem) => told.push(problem),
+      );
+    });
+
+    test("asks again after a failure, and no more once there is an answer", async () => {
+      await vi.advanceTimersByTimeAsync(1000);
+      expect(told).toEqual(["/slow does not answer for 1 s"]);
+      robot.answers["/slow"] = { fast: true };
+      await vi.advanceTimersByTimeAsync(3000);
+      expect(told.at(-1)).toBe("");
+      expect(taken).toEqual([{ fast: true }]);
+      robot.sent = [];
+      await vi.advanceTimersByTimeAsync(2000);
+      expect(robot.ops("call_service").filter(({ service }) => service === "/slow")).toEqual([]);
+    });
+
+    test("asks anew with each connection, and tells nothing of the one before", async () => {
+      robot.lose();
+      await vi.advanceTimersByTimeAsync(250);
+      robot.answers["/slow"] = { fast: true };
+      robot.open();
+      await vi.advanceTimersByTimeAsync(0);
+      expect(taken).toEqual([{ fast: true }]);
+      expect(told).toEqual([""]);
+    });
+
+    test("ends", async () => {
+      end();
+      await vi.advanceTimersByTimeAsync(60_000);
+      expect([told, taken]).toEqual([[], []]);
+    });
   });
 
   test("a call that is not answered is given up, and one under way when the connection goes", async () => {

@@ -8,6 +8,7 @@ import { createInterface } from 'node:readline';
 import { dirname, join } from 'node:path';
 import { fileURLToPath } from 'node:url';
 import { buildSync } from 'esbuild';
+import { witness } from './witness.mjs';
 
 const [driver, executablePath, folder] = process.argv.slice(2);
 const { launch } = await import(driver);
@@ -42,7 +43,7 @@ const commands = {
       if (message.type() === 'error' && !source.endsWith('/favicon.ico')) complaints.push(`${message.text()} (${source})`);
     });
     page.on('pageerror', (error) => complaints.push(`exception: ${error.stack ?? error}`));
-    pages.set(name, { ...opened, complaints });
+    pages.set(name, { ...opened, complaints, report: witness(page) });
     await page.goto(url, { waitUntil: 'load' });
   },
   goto: async ({ page, url }) => void (await pages.get(page).page.goto(url, { waitUntil: 'load' })),
@@ -69,6 +70,7 @@ const commands = {
   inspect: ({ page, method, params }) => pages.get(page).inspect(method, params),
   trace: async ({ page, seconds, path }) => void writeFileSync(path, await pages.get(page).trace(seconds)),
   complaints: ({ page }) => pages.get(page).complaints,
+  report: ({ page }) => pages.get(page).report(),
   async close({ page }) {
     await pages.get(page).close();
     pages.delete(page);

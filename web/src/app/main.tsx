@@ -3,21 +3,35 @@
 import "./style.css";
 import { render } from "preact";
 import "../panels/all";
-import { chooseLanguage, speak } from "../i18n/text";
+import { chooseLanguage, speak, t } from "../i18n/text";
 import type { WorkerPort } from "../robot/transport";
 import { Shell } from "./shell";
 import { App, type PageSettings, robotUrl } from "./state";
 
+/** Milliseconds for the settings to come, and between two attempts to have them. */
+const PATIENCE = 10_000;
+const AGAIN = 2000;
+
+const place = document.getElementById("app") as HTMLElement;
+
 async function pageSettings(): Promise<PageSettings> {
-  const response = await fetch("web/settings.json");
-  return response.ok ? response.json() : { robot: null, layouts: [] };
+  for (;;) {
+    try {
+      const response = await fetch("web/settings.json", { signal: AbortSignal.timeout(PATIENCE) });
+      return response.ok ? await response.json() : { robot: null, layouts: [] };
+    } catch (error) {
+      place.textContent = t("app.unreachable", { reason: (error as Error).message });
+      await new Promise((later) => setTimeout(later, AGAIN));
+      place.textContent = "";
+    }
+  }
 }
 
-const language = chooseLanguage(navigator.languages);
+const language = await speak(chooseLanguage(navigator.languages));
 document.documentElement.lang = language;
-const [settings] = await Promise.all([pageSettings(), speak(language)]);
-const worker = new Worker(new URL(DECODE_WORKER, import.meta.url)) as unknown as WorkerPort;
-const app = new App(settings, robotUrl(location, settings), worker);
+const settings = await pageSettings();
+const startWorker = () => new Worker(new URL(DECODE_WORKER, import.meta.url)) as unknown as WorkerPort;
+const app = new App(settings, robotUrl(location, settings), startWorker);
 document.title = `${new URL(app.robot).host} · ${document.title}`;
-render(<Shell app={app} />, document.getElementById("app") as HTMLElement);
+render(<Shell app={app} />, place);
 void app.begin(new URLSearchParams(location.search).get("layout"));

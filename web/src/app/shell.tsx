@@ -3,7 +3,9 @@
 import { useComputed, useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { stopText } from "../forms/gate";
+import { useLater } from "../forms/later";
 import { Menu } from "../forms/menu";
+import { Problem } from "../forms/problem";
 import { t } from "../i18n/text";
 import { panelKinds } from "../panels/registry";
 import { ConnectForm, TokenForm } from "./connect";
@@ -194,18 +196,17 @@ function PanelMenu({ app, close }: { app: App; close: () => void }) {
 
 function Dock({ app }: { app: App }) {
   const place = useRef<HTMLDivElement>(null);
-  useEffect(() => {
-    let end: (() => void) | undefined;
-    let ended = false;
-    void import("./dock").then(({ dockPanels }) => {
-      if (!ended && place.current) end = dockPanels(app, place.current);
-    });
-    return () => {
-      ended = true;
-      end?.();
-    };
-  }, [app]);
-  return <div class="dock" ref={place} />;
+  const problem = useLater(
+    () => import("./dock"),
+    ({ dockPanels }) => dockPanels(app, place.current as HTMLElement),
+    [app],
+  );
+  return (
+    <>
+      {problem && <Problem text={problem} />}
+      <div class="dock" ref={place} />
+    </>
+  );
 }
 
 /** Notices that were there before the page was looked at are not shown again once dismissed. */

@@ -93,7 +93,7 @@ export class App {
   constructor(
     readonly settings: PageSettings,
     readonly robot: string,
-    worker: WorkerPort,
+    worker: () => WorkerPort,
   ) {
     this.theme = signal((localStorage.getItem(THEME) as "light" | "dark" | null) ?? "auto");
     this.systemDark.addEventListener("change", ({ matches }) => {

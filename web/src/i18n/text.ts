@@ -32,9 +32,15 @@ export function chooseLanguage(languages: readonly string[]): string {
   return codes.find((code) => code === "en" || Object.hasOwn(LANGUAGES, code)) ?? "en";
 }
 
-/** Speak a language from now on. */
-export async function speak(language: string): Promise<void> {
-  spoken = await textsOf(language);
+/** Milliseconds that a page without words waits for those of its reader's language. */
+const PATIENCE = 5000;
+
+/** Speak a language from now on; English where its texts do not come. Returns which it is. */
+export async function speak(language: string): Promise<string> {
+  const late = new Promise<null>((tell) => setTimeout(tell, PATIENCE, null));
+  const texts = await Promise.race([textsOf(language).catch(() => null), late]);
+  spoken = texts ?? english;
+  return texts ? language : "en";
 }
 
 /** The texts of a language; English where there is no table of it. */

@@ -15,6 +15,8 @@ export type CameraWay = "webrtc" | "stream" | "compressed" | "raw";
 
 /** Milliseconds between two pictures that come as messages. */
 const THROTTLE = 66;
+/** Milliseconds that a stream has for its first picture: a browser asks a server for six things at a time, and no more. */
+const FIRST = 15_000;
 /** Milliseconds until a stream that broke off is asked for again. */
 const AGAIN = 1000;
 /** Frames over which the rate is counted. */
@@ -138,8 +140,10 @@ export class Camera {
     const end = () => control.abort();
     this.end = end;
     let seen = false;
+    const late = setTimeout(end, FIRST);
     const onPart = ({ type, body, stamp }: { type: string; body: Uint8Array; stamp: number }) => {
       seen = true;
+      clearTimeout(late);
       this.way.value = "stream";
       void this.decode(new Blob([body as BlobPart], { type }), stamp);
     };
@@ -148,6 +152,7 @@ export class Camera {
         if (this.end === end) console.debug("no stream:", error.message);
       })
       .finally(() => {
+        clearTimeout(late);
         if (this.ended || this.end !== end) return;
         if (!seen) {
           this.subscribe();

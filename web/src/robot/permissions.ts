@@ -2,8 +2,8 @@
 
 export type Act = "publish" | "subscribe" | "call" | "provide" | "goals" | "get_param" | "set_param";
 
-/** Milliseconds to wait for a server that may have no HTTP at all. */
-const PATIENCE = 1500;
+/** Milliseconds to wait for the answer. */
+const PATIENCE = 60_000;
 
 /** The answer of a server's `/role`. */
 export interface RoleAnswer {

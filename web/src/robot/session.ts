@@ -35,7 +35,8 @@ export interface SessionOptions {
   /** The WebSocket URL of the robot. */
   url: string;
   token?: string;
-  worker: WorkerPort;
+  /** Starts the decoding worker. */
+  worker: () => WorkerPort;
   /** Milliseconds between two looks at what the robot offers. */
   discovery?: number;
 }
@@ -44,7 +45,13 @@ const EMPTY: Graph = { topics: new Map(), services: [], actions: [], nodes: [], 
 const MOST_NOTICES = 50;
 /** Milliseconds to wait before the first, second … attempt to connect again. */
 const BACKOFF = [250, 500, 1000, 2000, 4000];
+/** Milliseconds that the first, second … attempt to connect may take: on a busy machine each has more than the last. */
+const CONNECT = [10_000, 20_000, 40_000];
 const PATIENCE = 10_000;
+/** Milliseconds to wait for what the server says about roles before anything else is asked for. */
+const ROLE_FIRST = 5000;
+/** Milliseconds for the server to say why it refuses a connection. */
+const WHY = 5000;
 
 /** A call that the robot refused, or that could not be made; the text is for people. */
 export class RobotError extends Error {}
@@ -76,13 +83,19 @@ export class RobotSession {
 
   private readonly saidVersion = signal(0);
   private readonly ros: Ros;
+  private readonly decode: DecodeWorker;
   private readonly subscriptions: Subscriptions;
   private readonly publishers = new Map<string, { topic: Topic<Message>; users: number }>();
   private readonly definitions = new Map<string, Promise<Definitions>>();
   private readonly abandoned = new Set<(error: RobotError) => void>();
   private readonly discoveryPeriod: number;
   private token: string;
+  /** Attempts that have failed since a connection was made. */
   private attempts = 0;
+  /** Of the attempt to connect that is the last one. */
+  private number = 0;
+  /** Whether the next connection is made as soon as this one, or its attempt, is closed. */
+  private beginsAnew = false;
   private noticeCount = 0;
   private retry: ReturnType<typeof setTimeout> | undefined;
   private discovery: ReturnType<typeof setTimeout> | undefined;
@@ -108,8 +121,12 @@ export class RobotSession {
       },
       onStatus: (level, text, id) => this.noteStatus(level, text, id),
     });
+    this.decode = decode;
     this.ros = new Ros({
-      transportFactory: decode.factory(() => (this.token ? ["rwt", `bearer.${this.token}`] : [])),
+      transportFactory: decode.factory(() => ({
+        protocols: this.token ? ["rwt", `bearer.${this.token}`] : [],
+        patience: at(CONNECT, this.attempts),
+      })),
     });
     this.subscriptions = new Subscriptions(this.ros, (decodings) => decode.decode(decodings));
     this.ros.on("connection", () => this.opened());
@@ -120,6 +137,8 @@ export class RobotSession {
   // -- the connection
 
   private connect(): void {
+    this.number++;
+    this.beginsAnew = false;
     this.ros.connect(this.url).catch((error: unknown) => this.lost({ code: 1006, reason: String(error) }));
   }
 
@@ -132,11 +151,19 @@ export class RobotSession {
     this.connections.value++;
     this.ros.setStatusLevel("warning");
     void this.askVersion();
-    // In this order: what opens by itself depends on what may be done.
-    void askPermissions(this.httpBase, this.token).then((permissions) => {
-      this.permissions.value = permissions;
-      if (this.state.peek() === "open") this.discover();
+    void this.askRole();
+  }
+
+  /** Ask what may be done, and then what there is: what opens by itself depends on both. */
+  private async askRole(): Promise<void> {
+    const connection = this.connections.peek();
+    const isStale = () => this.connections.peek() !== connection || this.state.peek() !== "open";
+    const answered = askPermissions(this.httpBase, this.token).then((permissions) => {
+      if (!isStale()) this.permissions.value = permissions;
     });
+    // A server whose HTTP keeps silent is waited for no longer than this; its answer counts whenever it comes.
+    await Promise.race([answered, new Promise((later) => setTimeout(later, ROLE_FIRST))]);
+    if (!isStale()) this.discover();
   }
 
   private lost({ code, reason }: Closed): void {
@@ -145,29 +172,37 @@ export class RobotSession {
     clearTimeout(this.discovery);
     for (const abandon of [...this.abandoned]) abandon(new RobotError("the connection was lost"));
     if (this.closed) return;
-    this.reason.value = reason || `${code}`;
-    this.state.value = "lost";
-    if (!wasOpen && this.attempts === 0) void this.askWhy();
-    const wait = BACKOFF[Math.min(this.attempts, BACKOFF.length - 1)] as number;
-    this.attempts++;
-    this.retry = setTimeout(() => this.connect(), wait);
+    if (this.beginsAnew) {
+      this.connect();
+      return;
+    }
+    // Whoever writes a token is not interrupted by another attempt that is refused.
+    if (this.state.peek() !== "refused") this.state.value = "lost";
+    const wait = at(BACKOFF, this.attempts++);
+    const again = () => {
+      this.retry = setTimeout(() => this.connect(), wait);
+    };
+    const said = reason || `${code}`;
+    if (wasOpen) {
+      this.reason.value = said;
+      again();
+    } else void this.askWhy(said, again);
   }
 
-  /** A WebSocket that is refused does not say why; the same server's HTTP does. */
-  private async askWhy(): Promise<void> {
+  /** A WebSocket that is refused does not say why; the same server's HTTP does. Without a token nobody tries again. */
+  private async askWhy(said: string, again: () => void): Promise<void> {
+    const { number } = this;
+    let refusal = { status: 0, text: "" };
     try {
-      const headers: Record<string, string> = this.token ? { Authorization: `Bearer ${this.token}` } : {};
-      const response = await fetch(new URL("role", this.httpBase), { headers });
-      if (response.status === 401 || response.status === 403) {
-        const text = (await response.text()).trim();
-        if (this.state.peek() === "open") return;
-        this.reason.value = text;
-        this.state.value = "refused";
-        if (response.status === 401) clearTimeout(this.retry);
-      }
+      const { status, text } = await ask(new URL("role", this.httpBase), this.httpHeaders);
+      if (status === 401 || status === 403) refusal = { status, text };
     } catch {
       // There is no HTTP to be asked: what the WebSocket said is all there is.
     }
+    if (this.closed || this.number !== number) return;
+    this.reason.value = refusal.text || said;
+    this.state.value = refusal.status ? "refused" : "lost";
+    if (refusal.status !== 401) again();
   }
 
   /** Connect again, with another token. */
@@ -176,7 +211,9 @@ export class RobotSession {
     this.attempts = 0;
     clearTimeout(this.retry);
     this.state.value = "connecting";
-    if (this.ros.isConnected) this.ros.close();
+    this.number++; // Whatever is still asked for the old token does not count.
+    this.beginsAnew = this.decode.isBusy;
+    if (this.beginsAnew) this.ros.close();
     else this.connect();
   }
 
@@ -191,6 +228,7 @@ export class RobotSession {
     clearTimeout(this.retry);
     clearTimeout(this.discovery);
     this.ros.close();
+    this.decode.end();
   }
 
   // -- what there is
@@ -369,6 +407,16 @@ export class RobotSession {
     const about = /^[a-z_]+:([^:]+):/.exec(id ?? "")?.[1] ?? "";
     this.note(level === "error" ? "error" : level === "warning" ? "warning" : "info", text, about);
   }
+}
+
+/** The one of a row that belongs to an attempt; the last one for all that follow. */
+function at(row: readonly number[], attempt: number): number {
+  return row[Math.min(attempt, row.length - 1)] as number;
+}
+
+async function ask(url: URL, headers: Record<string, string>): Promise<{ status: number; text: string }> {
+  const response = await fetch(url, { headers, signal: AbortSignal.timeout(WHY) });
+  return { status: response.status, text: (await response.text()).trim() };
 }
 
 function sameGraph(one: Graph, other: Graph): boolean {

@@ -21,7 +21,19 @@ interface Merged {
   decoding: Decoding | undefined;
   topic: Topic<Message>;
   listeners: Map<OnMessage, SubscribeOptions>;
-  last: Message | null;
+  /** What a listener that comes later is given: the last message, or the last one of each publisher that counts. */
+  last: Map<string, Message>;
+}
+
+/** On which every publisher's last message counts: each tells of frames of its own (tf2's static broadcasters). */
+const STATIC_FRAMES = "/tf_static";
+/** Messages with other frames that are kept at most. */
+const MOST_KEPT = 1000;
+
+/** What a message takes the place of among those that are kept. */
+function keyOf(name: string, message: Message): string {
+  if (name !== STATIC_FRAMES || !Array.isArray(message.transforms)) return "";
+  return JSON.stringify(message.transforms.map((each) => String(each?.child_frame_id)).sort());
 }
 
 /** Types whose messages are mostly numbers or octets: JSON costs many times what CBOR does. */
@@ -33,6 +45,15 @@ const IN_CBOR = new Set([
   "nav_msgs/OccupancyGrid",
   "map_msgs/OccupancyGridUpdate",
 ]);
+
+function hand(name: string, message: Message, listener: OnMessage): void {
+  try {
+    listener(message);
+  } catch (error) {
+    // One panel's fault is not the others'.
+    console.error(`a panel failed at a message on ${name}`, error);
+  }
+}
 
 export class Subscriptions {
   private readonly topics = new Map<string, Merged>();
@@ -52,7 +73,8 @@ export class Subscriptions {
   }
 
   /**
-   * Call `listener` with the messages of a topic, the last one that is known first. A topic that several listeners
+   * Call `listener` with the messages of a topic, those that count of the past first: the last one, and of static frames the
+   * last one of each publisher. A topic that several listeners
    * want is subscribed to once, as often as the most demanding of them wants.
    *
    * @returns what ends it
@@ -62,7 +84,11 @@ export class Subscriptions {
     const listeners = known?.listeners ?? new Map<OnMessage, SubscribeOptions>();
     listeners.set(listener, options);
     this.merge(name, type, listeners);
-    if (known?.last) queueMicrotask(() => listeners.has(listener) && known.last && listener(known.last));
+    if (known?.last.size) {
+      queueMicrotask(() => {
+        for (const message of known.last.values()) if (listeners.has(listener)) hand(name, message, listener);
+      });
+    }
     return () => {
       if (!listeners.delete(listener)) return;
       const merged = this.topics.get(name);
@@ -78,7 +104,8 @@ export class Subscriptions {
 
   private merge(name: string, type: string, listeners: Map<OnMessage, SubscribeOptions>): void {
     const options = [...listeners.values()];
-    const throttle = Math.min(...options.map((each) => each.throttle ?? 0));
+    // Thinned out, several publishers' last messages, which come together, would be one.
+    const throttle = name === STATIC_FRAMES ? 0 : Math.min(...options.map((each) => each.throttle ?? 0));
     const decoding = options.find((each) => each.decoding)?.decoding;
     const known = this.topics.get(name);
     if (known && known.throttle === throttle && known.decoding === decoding) return;
@@ -90,19 +117,15 @@ export class Subscriptions {
       queue_length: throttle ? 1 : 0,
       compression: IN_CBOR.has(shortType(type)) ? "cbor" : "none",
     });
-    const merged: Merged = { type, throttle, decoding, topic, listeners, last: known?.last ?? null };
+    const merged: Merged = { type, throttle, decoding, topic, listeners, last: known?.last ?? new Map() };
     this.topics.set(name, merged);
     if (known?.decoding !== decoding) this.tellDecodings();
     topic.subscribe((message) => {
-      merged.last = message;
-      for (const listener of [...listeners.keys()]) {
-        try {
-          listener(message);
-        } catch (error) {
-          // One panel's fault is not the others'.
-          console.error(`a panel failed at a message on ${name}`, error);
-        }
-      }
+      const key = keyOf(name, message);
+      merged.last.delete(key); // The newest is the last.
+      merged.last.set(key, message);
+      if (merged.last.size > MOST_KEPT) merged.last.delete(merged.last.keys().next().value as string);
+      for (const listener of [...listeners.keys()]) hand(name, message, listener);
     });
     // The new subscription is there before the old one goes, so that nothing is missed.
     known?.topic.unsubscribe();

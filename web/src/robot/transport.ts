@@ -14,7 +14,10 @@ export interface Closed {
 /** The part of `Worker` that is used, so that tests can be one. */
 export interface WorkerPort {
   postMessage(message: ToWorker): void;
+  terminate(): void;
   onmessage: ((event: MessageEvent<FromWorker>) => void) | null;
+  /** Told of a script that does not load, without a text, and of a fault in it. */
+  onerror: ((event: { message?: string }) => void) | null;
 }
 
 type RosbridgeMessage = Parameters<ITransport["send"]>[0];
@@ -24,7 +27,7 @@ class WorkerTransport implements ITransport {
   private readonly listeners = new Map<string, Listener[]>();
 
   constructor(
-    private readonly worker: WorkerPort,
+    private readonly post: (message: ToWorker) => void,
     private readonly socket: number,
   ) {}
 
@@ -41,14 +44,14 @@ class WorkerTransport implements ITransport {
 
   send(message: RosbridgeMessage): void {
     if (this.state === "open") {
-      this.worker.postMessage({ kind: "send", socket: this.socket, text: JSON.stringify(message) });
+      this.post({ kind: "send", socket: this.socket, text: JSON.stringify(message) });
     }
   }
 
   close(): void {
     if (this.state === "closed") return;
     this.state = "closing";
-    this.worker.postMessage({ kind: "close", socket: this.socket });
+    this.post({ kind: "close", socket: this.socket });
   }
 
   isConnecting = () => this.state === "connecting";
@@ -63,36 +66,95 @@ export interface Watcher {
   onStatus(level: string, text: string, id: string | undefined): void;
 }
 
-/** The page's end of the decoding worker. One worker serves all connections of a session. */
+/** How a connection is asked for. */
+export interface Asking {
+  /** Subprotocols of the WebSocket. */
+  protocols: string[];
+  /** Milliseconds until it has to be there. */
+  patience: number;
+}
+
+/**
+ * The page's end of the decoding worker. One worker serves all connections of a session, one after the other; one that
+ * does not come to a connection, whatever the reason, is ended, and the next attempt has a new one.
+ */
 export class DecodeWorker {
   private count = 0;
   private current: [number, WorkerTransport] | null = null;
+  private worker: WorkerPort | null = null;
+  private decodings = new Map<string, Decoding>();
+  private patience: ReturnType<typeof setTimeout> | undefined;
+  private isEnding = false;
 
   /**
-   * @param worker the worker that runs `decode/worker.ts`
+   * @param start starts the worker that runs `decode/worker.ts`
    * @param watcher is told of traffic and of the server's own `status` messages
    */
   constructor(
-    private readonly worker: WorkerPort,
+    private readonly start: () => WorkerPort,
     private readonly watcher: Watcher,
-  ) {
-    worker.onmessage = ({ data }) => this.receive(data);
-  }
+  ) {}
 
-  /** Makes transports for roslib; `protocols` are asked for when each connection is opened. */
-  factory(protocols: () => string[]): ITransportFactory {
+  /** Makes transports for roslib; `asking` tells how each time that a connection is opened. */
+  factory(asking: () => Asking): ITransportFactory {
     return async (url) => {
       const socket = ++this.count;
-      const transport = new WorkerTransport(this.worker, socket);
+      const { protocols, patience } = asking();
+      this.worker ??= this.begin();
+      const transport = new WorkerTransport((message) => this.worker?.postMessage(message), socket);
       this.current = [socket, transport];
-      this.worker.postMessage({ kind: "open", socket, url, protocols: protocols() });
+      this.patience = setTimeout(() => this.giveUp(`no answer for ${patience / 1000} s`), patience);
+      this.worker.postMessage({ kind: "open", socket, url, protocols });
       return transport;
     };
   }
 
   /** Say which topics are decoded further; the others are handed on as they are. */
   decode(decodings: Map<string, Decoding>): void {
-    this.worker.postMessage({ kind: "decodings", decodings });
+    this.decodings = decodings;
+    this.worker?.postMessage({ kind: "decodings", decodings });
+  }
+
+  /** Whether there is a connection, or an attempt to make one. */
+  get isBusy(): boolean {
+    return this.current !== null;
+  }
+
+  /** End the worker, once its connection is closed. */
+  end(): void {
+    this.isEnding = true;
+    if (!this.current) this.drop();
+  }
+
+  private begin(): WorkerPort {
+    const worker = this.start();
+    worker.onmessage = ({ data }) => this.receive(data);
+    worker.onerror = ({ message }) => {
+      if (this.current?.[1].isConnecting()) this.giveUp(message || "its worker does not load");
+      else this.watcher.onStatus("error", message || "the decoding worker failed", undefined);
+    };
+    worker.postMessage({ kind: "decodings", decodings: this.decodings });
+    return worker;
+  }
+
+  /** End an attempt, and the worker with it: whatever it waits for is given up as well. */
+  private giveUp(reason: string): void {
+    this.drop();
+    this.closed({ code: 1006, reason });
+  }
+
+  private drop(): void {
+    if (this.worker) this.worker.onmessage = this.worker.onerror = null;
+    this.worker?.terminate();
+    this.worker = null;
+  }
+
+  private closed(how: Closed): void {
+    const transport = this.current?.[1];
+    clearTimeout(this.patience);
+    this.current = null;
+    transport?.emit("close", how);
+    if (this.isEnding) this.drop();
   }
 
   private receive(data: FromWorker): void {
@@ -110,12 +172,13 @@ export class DecodeWorker {
       try {
         transport.emit("message", message);
       } finally {
-        if (data.mustTake) this.worker.postMessage({ kind: "taken", topic: data.message.topic as string });
+        if (data.mustTake) this.worker?.postMessage({ kind: "taken", topic: data.message.topic as string });
       }
     } else if (data.kind === "open") {
+      clearTimeout(this.patience);
       transport.emit("open", {});
     } else if (data.kind === "close") {
-      transport.emit("close", { code: data.code, reason: data.reason } satisfies Closed);
+      this.closed({ code: data.code, reason: data.reason });
     } else {
       this.watcher.onStatus("error", data.text, undefined);
     }

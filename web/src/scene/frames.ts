@@ -100,9 +100,14 @@ export class Frames {
     return there.matrix.invert().multiply(here.matrix);
   }
 
-  /** Put every place where its frame is now. */
+  /** Put every place where its frame is now; one in which nothing hangs any more goes. */
   update(): void {
     for (const [name, place] of this.places) {
+      if (!place.children.length) {
+        this.places.delete(name);
+        this.root.remove(place);
+        continue;
+      }
       const matrix = this.inFixed(name);
       place.visible = matrix !== null;
       if (!matrix) continue;

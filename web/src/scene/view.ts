@@ -134,9 +134,11 @@ export class View {
 
   /** Look at a place from above, with x to the right. */
   lookFromAbove(x: number, y: number): void {
+    // From as far as before: the way from the old place to the new one makes nothing smaller.
+    const height = Math.max(8, this.camera.position.distanceTo(this.controls.target));
     this.controls.target.set(x, y, 0);
     // A hair off the vertical: straight down, no direction would be up.
-    this.camera.position.set(x, y - 0.01, Math.max(8, this.camera.position.distanceTo(this.controls.target)));
+    this.camera.position.set(x, y - 0.01, height);
     this.controls.update();
   }
 

@@ -50,7 +50,7 @@ function storedToken(url: string): string {
 export function borrowRobot(url: string): { robot: Robot; giveBack: () => void } {
   let found = kept.get(url);
   if (!found) {
-    const session = new RobotSession({ url, token: storedToken(url), worker: startWorker() });
+    const session = new RobotSession({ url, token: storedToken(url), worker: startWorker });
     found = { session, stop: new Stop(session), users: 0, closing: undefined };
     kept.set(url, found);
   }

@@ -9,7 +9,16 @@ export const style = `
   gap: 0.5em;
   font-variant-numeric: tabular-nums;
 }
-/* Firefox's as Chromium's: dark enough to be seen on white, and of the same meaning. */
+/* Firefox's as Chromium's: dark enough to be seen on white, and of the same meaning. It colours no meter of its own look. */
+@supports selector(::-moz-meter-bar) {
+  meter {
+    appearance: none;
+    height: 0.8em;
+    border: 1px solid var(--rwt-line);
+    border-radius: 0.4em;
+    overflow: hidden;
+  }
+}
 meter:-moz-meter-optimum::-moz-meter-bar {
   background: #107c10;
 }

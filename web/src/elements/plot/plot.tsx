@@ -2,6 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef } from "preact/hooks";
+import { useLater } from "../../forms/later";
 import { Problem } from "../../forms/problem";
 import { useTexts } from "../../i18n/context";
 import { Series } from "../../panels/view/series";
@@ -106,20 +107,15 @@ function Plot(props: Omit<ViewProps<PlotElement>, "stop"> & { topic: ChosenTopic
     }, LEGEND_PERIOD);
     return () => clearInterval(timer);
   }, [element, series, last]);
-  useEffect(() => {
-    let end: (() => void) | undefined;
-    let ended = false;
-    void import("./chart").then(({ drawChart }) => {
-      if (!ended && place.current) end = drawChart(place.current, element, series);
-    });
-    return () => {
-      ended = true;
-      end?.();
-    };
-  }, [element, series]);
+  const problem = useLater(
+    () => import("./chart"),
+    ({ drawChart }) => drawChart(place.current as HTMLElement, element, series),
+    [element, series],
+  );
   const name = element.label || topic.name;
   return (
     <div class="plot">
+      {problem && <Problem text={problem} />}
       {missing.value && <Problem text={t("widget.field.none", { name: topic.name, field: missing.value })} />}
       <div part="chart" class="chart" ref={place} role="img" aria-label={t("plot.chart", { name })} />
       {last.value === null ? (

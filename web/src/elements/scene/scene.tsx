@@ -2,6 +2,7 @@
 
 import { effect, useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef } from "preact/hooks";
+import { useLater } from "../../forms/later";
 import { Problem } from "../../forms/problem";
 import { useTexts } from "../../i18n/context";
 import { NavigationState } from "../../panels/drive/navigation_state";
@@ -61,57 +62,47 @@ function SceneView({ element, session, stop }: ViewProps<SceneElement>) {
   const t = useTexts();
   const place = useRef<HTMLDivElement>(null);
   const drawn = useSignal<RobotScene | null>(null);
-  const problem = useSignal("");
   const navigation = useMemo(() => new Navigation(session), [session]);
-  useEffect(() => {
-    let ended = false;
-    let end = () => {};
-    import("../../scene/scene")
-      .then(({ RobotScene }) => {
-        if (ended || !place.current) return;
-        const scene = new RobotScene(session, place.current);
-        scene.fromAbove = element.fromAbove;
-        const dark = matchMedia("(prefers-color-scheme: dark)");
-        const followDark = () =>
-          scene.view.setDark(dark.matches && getComputedStyle(element).colorScheme.includes("dark"));
-        followDark();
-        dark.addEventListener("change", followDark);
-        const endEffects = [
-          effect(() => {
-            for (const { topic, type, layer } of scene.rows.value) {
-              const wanted = element.wants(topic, type);
-              if (wanted !== null && wanted !== (layer !== null)) scene.show(topic, wanted);
-            }
-          }),
-          effect(() => {
-            if (element.frame) scene.frames.fix(element.frame);
-          }),
-          effect(() => {
-            scene.frames.changed.value;
-            if (element.follow !== (scene.followed.peek() !== "") && scene.base) scene.follow(element.follow);
-          }),
-        ];
-        scene.tools.onPlace = (_, where) => {
-          const frame = scene.frames.fixed.peek();
-          if (stop.stopped.peek()) return;
-          navigation.send(where, frame);
-          element.tell("goal", { ...where, frame });
-        };
-        drawn.value = scene;
-        end = () => {
-          for (const each of endEffects) each();
-          dark.removeEventListener("change", followDark);
-          scene.dispose();
-        };
-      })
-      .catch((error: Error) => {
-        problem.value = error.message;
-      });
-    return () => {
-      ended = true;
-      end();
-    };
-  }, [element, session, stop, navigation, drawn, problem]);
+  const problem = useLater(
+    () => import("../../scene/scene"),
+    ({ RobotScene }) => {
+      const scene = new RobotScene(session, place.current as HTMLElement);
+      scene.fromAbove = element.fromAbove;
+      const dark = matchMedia("(prefers-color-scheme: dark)");
+      const followDark = () =>
+        scene.view.setDark(dark.matches && getComputedStyle(element).colorScheme.includes("dark"));
+      followDark();
+      dark.addEventListener("change", followDark);
+      const endEffects = [
+        effect(() => {
+          for (const { topic, type, layer } of scene.rows.value) {
+            const wanted = element.wants(topic, type);
+            if (wanted !== null && wanted !== (layer !== null)) scene.show(topic, wanted);
+          }
+        }),
+        effect(() => {
+          if (element.frame) scene.frames.fix(element.frame);
+        }),
+        effect(() => {
+          scene.frames.changed.value;
+          if (element.follow !== (scene.followed.peek() !== "") && scene.base) scene.follow(element.follow);
+        }),
+      ];
+      scene.tools.onPlace = (_, where) => {
+        const frame = scene.frames.fixed.peek();
+        if (stop.stopped.peek()) return;
+        navigation.send(where, frame);
+        element.tell("goal", { ...where, frame });
+      };
+      drawn.value = scene;
+      return () => {
+        for (const each of endEffects) each();
+        dark.removeEventListener("change", followDark);
+        scene.dispose();
+      };
+    },
+    [element, session, stop, navigation],
+  );
   useEffect(() => {
     let under = false;
     return effect(() => {
@@ -122,7 +113,7 @@ function SceneView({ element, session, stop }: ViewProps<SceneElement>) {
   }, [element, navigation]);
   return (
     <div class="scene">
-      {problem.value && <Problem text={t("panel.failed", { reason: problem.value })} />}
+      {problem && <Problem text={problem} />}
       <div part="view" class="view" ref={place} role="application" aria-label={t("scene.keys")} />
       {element.goals && drawn.value && (
         <Goals {...{ navigation, scene: drawn.value }} stopped={stop.stopped.value} />

@@ -3,6 +3,7 @@
 import { type Signal, useSignal } from "@preact/signals";
 import { useEffect, useId } from "preact/hooks";
 import { Choice } from "../../forms/inputs";
+import { inWords, loadLater, type Trouble } from "../../forms/later";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import type { Place } from "../../robot/navigation";
@@ -39,7 +40,7 @@ export const goal: PanelKind = {
 function GoalPanel({ context }: { context: PanelContext }) {
   const { navigation, stop, visible, config } = context;
   const frames = useId();
-  const problem = useSignal("");
+  const problem = useSignal<Trouble | null>(null);
   // The goal begins where the robot is, until somebody moves it.
   const robot = useRobot(context, problem);
   const chosen = useSignal<Goal | null>(null);
@@ -144,14 +145,14 @@ function GoalPanel({ context }: { context: PanelContext }) {
         )}
       </div>
       <NavigationState navigation={navigation} />
-      {problem.value && <Problem text={t("panel.failed", { reason: problem.value })} />}
+      {problem.value && <Problem text={inWords(problem.value, t)} />}
       <p class="faint">{t("goal.by", { name: navigation.way.name })}</p>
     </form>
   );
 }
 
 /** Where the robot is by its odometry: in the map where tf tells how that lies there, else in odometry's own frame. */
-function useRobot({ session, visible }: PanelContext, problem: Signal<string>): Signal<Goal> {
+function useRobot({ session, visible }: PanelContext, problem: Signal<Trouble | null>): Signal<Goal> {
   const robot = useSignal<Goal>({ place: { x: 0, y: 0, yaw: 0 }, frame: MAP });
   const odometry = session.topicsOf("nav_msgs/Odometry")[0] ?? "";
   const tellsFrames = session.graph.value.topics.has("/tf");
@@ -159,19 +160,17 @@ function useRobot({ session, visible }: PanelContext, problem: Signal<string>): 
   useEffect(() => {
     if (!odometry || !isVisible) return undefined;
     let frames: Frames | undefined;
-    let ended = false;
-    if (tellsFrames) {
-      // With the library of the 3D view, which is loaded later than the page.
-      import("../../scene/frames")
-        .then((module) => {
-          if (ended) return;
-          frames = new module.Frames(session);
-          frames.fix(MAP);
-        })
-        .catch((error: Error) => {
-          problem.value = error.message;
-        });
-    }
+    // With the library of the 3D view, which is loaded later than the page.
+    const beginFrames = (module: typeof import("../../scene/frames")) => {
+      const begun = new module.Frames(session);
+      begun.fix(MAP);
+      frames = begun;
+      return () => begun.dispose();
+    };
+    const tell = (trouble: Trouble | null) => {
+      problem.value = trouble;
+    };
+    const endFrames = tellsFrames && loadLater(() => import("../../scene/frames"), beginFrames, tell);
     const type = session.graph.peek().topics.get(odometry) ?? "";
     const take = (message: Message) => {
       const { position, orientation: q } = (message.pose as { pose: OdometryPose }).pose;
@@ -183,8 +182,7 @@ function useRobot({ session, visible }: PanelContext, problem: Signal<string>): 
     };
     const end = session.subscribe(odometry, type, take, { throttle: 500 });
     return () => {
-      ended = true;
-      frames?.dispose();
+      if (endFrames) endFrames();
       end();
     };
   }, [session, odometry, tellsFrames, isVisible, robot, problem]);

@@ -7,6 +7,7 @@ import { MessageForm } from "../../forms/message_form";
 import { MessageTree } from "../../forms/message_tree";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
+import { keepAsking } from "../../robot/asking";
 import type { GoalHandle } from "../../robot/goals";
 import type { Message } from "../../robot/subscriptions";
 import type { Definitions } from "../../robot/typedefs";
@@ -135,21 +136,25 @@ function useForm({ session }: PanelContext, load: () => Promise<[string, Definit
   const value = useSignal<Message>({});
   const whole = useSignal(true);
   const problem = useSignal("");
-  const connections = session.connections.value;
-  // A form is made once there is a connection, and stays as it is filled in; another name is another form.
+  // What there is tells which generation of ROS is asked, and by which type.
+  const { hasAsked } = session;
+  // A form is made once, and stays as it is filled in; another name is another form.
   useEffect(() => {
-    if (!connections || state.peek()) return;
-    load().then(
+    if (!hasAsked) return undefined;
+    const end = keepAsking(
+      session,
+      load,
       ([type, definitions]) => {
-        problem.value = "";
+        end();
         value.value = definitions.empty();
         state.value = { type, definitions };
       },
-      (error: Error) => {
-        problem.value = error.message;
+      (reason) => {
+        problem.value = reason;
       },
     );
-  }, [connections]);
+    return end;
+  }, [session, hasAsked]);
   const form = state.value && (
     <MessageForm
       definitions={state.value.definitions}

@@ -5,6 +5,7 @@ import { useEffect } from "preact/hooks";
 import { Choice, NameButton } from "../../forms/inputs";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
+import { keepAsking } from "../../robot/asking";
 import { componentPanel } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 
@@ -58,18 +59,17 @@ function NodesPanel({ context }: { context: PanelContext }) {
   const isVisible = visible.value;
   // Asked again when nodes or topics come or go.
   useEffect(() => {
-    if (!isVisible) return;
-    Promise.all(
-      names.map(
-        async (node) => [node, await session.call<NodeDetails>("/rosapi/node_details", { node })] as const,
-      ),
-    ).then(
+    if (!isVisible) return undefined;
+    const ask = async (node: string) =>
+      [node, await session.call<NodeDetails>("/rosapi/node_details", { node })] as const;
+    return keepAsking(
+      session,
+      () => Promise.all(names.map(ask)),
       (all) => {
         details.value = new Map(all);
-        problem.value = "";
       },
-      (error: Error) => {
-        problem.value = error.message;
+      (reason) => {
+        problem.value = reason;
       },
     );
   }, [session, key, isVisible]);

@@ -5,6 +5,7 @@ import { useEffect } from "preact/hooks";
 import { Choice } from "../../forms/inputs";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
+import { keepAsking } from "../../robot/asking";
 import type { RobotSession } from "../../robot/session";
 import { componentPanel } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
@@ -57,12 +58,9 @@ async function read(session: RobotSession, name: string): Promise<Parameter> {
   }
 }
 
-async function describe(session: RobotSession, node: string, names: string[]): Promise<Descriptor[]> {
-  const short = names.map((name) => name.slice(node.length + 1));
-  const service = `${node}/describe_parameters`;
-  if (!session.graph.peek().services.includes(service) || !session.may("call", service)) return [];
+async function describe(session: RobotSession, service: string, names: string[]): Promise<Descriptor[]> {
   try {
-    const { descriptors } = await session.call<{ descriptors: Descriptor[] }>(service, { names: short });
+    const { descriptors } = await session.call<{ descriptors: Descriptor[] }>(service, { names });
     return descriptors;
   } catch {
     return []; // The ranges are a help; without them the robot still refuses what does not fit.
@@ -77,17 +75,20 @@ function ParametersPanel({ context }: { context: PanelContext }) {
   const connected = session.connections.value;
   const reload = again.value;
   // Asked again after each connection and on request.
-  useEffect(() => {
-    session
-      .call<{ names: string[] }>("/rosapi/get_param_names", {})
-      .then((answer) => {
-        names.value = answer.names.sort();
-        problem.value = "";
-      })
-      .catch((error: Error) => {
-        problem.value = error.message;
-      });
-  }, [session, connected, reload]);
+  useEffect(
+    () =>
+      keepAsking(
+        session,
+        () => session.call<{ names: string[] }>("/rosapi/get_param_names", {}),
+        (answer) => {
+          names.value = answer.names.sort();
+        },
+        (reason) => {
+          problem.value = reason;
+        },
+      ),
+    [session, reload],
+  );
   const nodes = [...new Set(names.value.map(nodeOf))];
   const chosen = String(config.value.node ?? nodes[0] ?? "");
   return (
@@ -128,15 +129,25 @@ function NodeParameters(props: { context: PanelContext; node: string; names: str
   const values = useSignal<Parameter[]>([]);
   const descriptors = useSignal(new Map<string, Descriptor>());
   const key = names.join(" ");
+  const service = `${node}/describe_parameters`;
+  // What services there are may be known later than the names.
+  const isDescribed = session.graph.value.services.includes(service) && session.may("call", service);
   // The names are what counts.
   useEffect(() => {
     void Promise.all(names.map((name) => read(session, name))).then((all) => {
       values.value = all;
     });
-    void describe(session, node, names).then((all) => {
+  }, [session, key]);
+  useEffect(() => {
+    if (!isDescribed || !names.length) return;
+    void describe(
+      session,
+      service,
+      names.map((name) => name.slice(node.length + 1)),
+    ).then((all) => {
       descriptors.value = new Map(all.map((each) => [each.name, each]));
     });
-  }, [session, key]);
+  }, [session, key, isDescribed]);
   return (
     <table>
       <tbody>

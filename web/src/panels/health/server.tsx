@@ -10,6 +10,8 @@ import type { PanelContext, PanelKind } from "../registry";
 
 /** Milliseconds between two looks. */
 const PERIOD = 2000;
+/** Milliseconds that a look may take. */
+const PATIENCE = 10_000;
 
 /** One line of the metrics: name, labels, value. */
 export interface Sample {
@@ -63,9 +65,16 @@ function ServerPanel({ context }: { context: PanelContext }) {
   }, [session, topic, isVisible, clients]);
   useEffect(() => {
     if (!isVisible) return undefined;
+    let isAsking = false;
     const look = async () => {
+      // Requests that are not answered must not add up: a browser has six at a time.
+      if (isAsking) return;
+      isAsking = true;
       try {
-        const response = await fetch(new URL("metrics", session.httpBase), { headers: session.httpHeaders });
+        const response = await fetch(new URL("metrics", session.httpBase), {
+          headers: session.httpHeaders,
+          signal: AbortSignal.timeout(PATIENCE),
+        });
         const text = await response.text();
         if (!response.ok) throw new Error(text.trim());
         metrics.value = readMetrics(text);
@@ -73,6 +82,7 @@ function ServerPanel({ context }: { context: PanelContext }) {
       } catch (error) {
         problem.value = t("server.closed", { reason: (error as Error).message });
       }
+      isAsking = false;
     };
     void look();
     const timer = setInterval(look, PERIOD);

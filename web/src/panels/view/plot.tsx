@@ -5,6 +5,7 @@ import "uplot/dist/uPlot.min.css";
 import { type Signal, useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef } from "preact/hooks";
 import type uPlot from "uplot";
+import { useLater } from "../../forms/later";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { numberAt, numericPaths } from "../../robot/fields";
@@ -281,81 +282,76 @@ interface ChartProps {
 function Chart({ lines, series, visible, paused, span, dark }: ChartProps) {
   const place = useRef<HTMLDivElement>(null);
   const chart = useRef<uPlot | null>(null);
-  const problem = useSignal("");
-  useEffect(() => {
-    let ended = false;
-    const host = place.current as HTMLDivElement;
-    const sizes = new ResizeObserver(() => {
-      if (host.clientWidth)
-        chart.current?.setSize({ width: host.clientWidth, height: Math.max(80, host.clientHeight) });
-    });
-    import("uplot")
-      .then(({ default: UPlot }) => {
-        if (ended) return;
-        const ink = dark ? "#a4acb6" : "#565d66";
-        const axis = { stroke: ink, grid: { stroke: dark ? "#2c333b" : "#dde1e6" }, ticks: { stroke: ink } };
-        const right = lines.some((line) => line.right);
-        chart.current = new UPlot(
-          {
-            width: host.clientWidth || 300,
-            height: Math.max(80, host.clientHeight),
-            legend: { show: false },
-            cursor: {
-              drag: { x: true, y: false, setScale: false },
-              bind: {
-                dblclick: () => () => {
-                  span.value = null;
-                  return null;
-                },
+  const problem = useLater(
+    () => import("uplot"),
+    ({ default: UPlot }) => {
+      const host = place.current as HTMLDivElement;
+      const ink = dark ? "#a4acb6" : "#565d66";
+      const axis = { stroke: ink, grid: { stroke: dark ? "#2c333b" : "#dde1e6" }, ticks: { stroke: ink } };
+      const right = lines.some((line) => line.right);
+      const made = new UPlot(
+        {
+          width: host.clientWidth || 300,
+          height: Math.max(80, host.clientHeight),
+          legend: { show: false },
+          cursor: {
+            drag: { x: true, y: false, setScale: false },
+            bind: {
+              dblclick: () => () => {
+                span.value = null;
+                return null;
               },
             },
-            hooks: {
-              setSelect: [
-                (plot: uPlot) => {
-                  const { left, width } = plot.select;
-                  if (width < LEAST_DRAG) return;
-                  paused.value = true;
-                  span.value = [plot.posToVal(left, "x"), plot.posToVal(left + width, "x")];
-                  plot.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
-                },
-              ],
-            },
-            scales: {
-              x: { time: true, range: (_, least, most) => span.peek() ?? [least, most] },
-              y: { range: around },
-              right: { range: around },
-            },
-            axes: [
-              axis,
-              { ...axis, scale: "y" },
-              ...(right ? [{ ...axis, scale: "right", side: 1 as const, grid: { show: false } }] : []),
-            ],
-            series: [
-              {},
-              ...lines.map((line, at) => ({
-                scale: line.right ? "right" : "y",
-                stroke: COLOURS[at] as string,
-                width: 1.5,
-                points: { show: false },
-                spanGaps: true,
-              })),
+          },
+          hooks: {
+            setSelect: [
+              (plot: uPlot) => {
+                const { left, width } = plot.select;
+                if (width < LEAST_DRAG) return;
+                paused.value = true;
+                span.value = [plot.posToVal(left, "x"), plot.posToVal(left + width, "x")];
+                plot.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
+              },
             ],
           },
-          Series.together(series) as uPlot.AlignedData,
-          host,
-        );
-        sizes.observe(host);
-      })
-      .catch((error: Error) => {
-        problem.value = error.message;
+          scales: {
+            x: { time: true, range: (_, least, most) => span.peek() ?? [least, most] },
+            y: { range: around },
+            right: { range: around },
+          },
+          axes: [
+            axis,
+            { ...axis, scale: "y" },
+            ...(right ? [{ ...axis, scale: "right", side: 1 as const, grid: { show: false } }] : []),
+          ],
+          series: [
+            {},
+            ...lines.map((line, at) => ({
+              scale: line.right ? "right" : "y",
+              stroke: COLOURS[at] as string,
+              width: 1.5,
+              points: { show: false },
+              spanGaps: true,
+            })),
+          ],
+        },
+        Series.together(series) as uPlot.AlignedData,
+        host,
+      );
+      chart.current = made;
+      const sizes = new ResizeObserver(() => {
+        if (host.clientWidth)
+          made.setSize({ width: host.clientWidth, height: Math.max(80, host.clientHeight) });
       });
-    return () => {
-      ended = true;
-      sizes.disconnect();
-      chart.current?.destroy();
-      chart.current = null;
-    };
-  }, [lines, series, dark, problem]);
+      sizes.observe(host);
+      return () => {
+        sizes.disconnect();
+        made.destroy();
+        chart.current = null;
+      };
+    },
+    [lines, series, dark],
+  );
   const stands = paused.value;
   const shown = span.value;
   useEffect(() => {
@@ -369,7 +365,7 @@ function Chart({ lines, series, visible, paused, span, dark }: ChartProps) {
   const name = lines.map(({ topic, path }) => `${topic} ${path}`).join(", ");
   return (
     <>
-      {problem.value && <Problem text={problem.value} />}
+      {problem && <Problem text={problem} />}
       <div class="plot-chart" ref={place} role="img" aria-label={t("plot.chart", { name })} />
     </>
   );

@@ -3,6 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { Check, Choice } from "../../forms/inputs";
+import { useLater } from "../../forms/later";
 import { Menu } from "../../forms/menu";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
@@ -39,36 +40,30 @@ export const scene: PanelKind = {
 function ScenePanel({ context }: { context: PanelContext }) {
   const place = useRef<HTMLDivElement>(null);
   const drawn = useSignal<RobotScene | null>(null);
-  const problem = useSignal("");
   const { session, config } = context;
   const quality = qualityOf(context);
-  useEffect(() => {
-    let made: RobotScene | null = null;
-    let ended = false;
-    import("../../scene/scene")
-      .then(({ RobotScene }) => {
-        if (ended || !place.current) return;
-        const layers = { ...(config.peek().layers as Record<string, boolean>) };
-        made = new RobotScene(session, place.current, layers, quality);
-        drawn.value = made;
-        // For people who write tests and for the curious; nothing of the page uses it.
-        Object.assign(place.current, { robotScene: made });
-      })
-      .catch((error: Error) => {
-        problem.value = error.message;
-      });
-    return () => {
-      ended = true;
-      drawn.value = null;
-      made?.dispose();
-    };
-  }, [session, config, quality, drawn, problem]);
+  const problem = useLater(
+    () => import("../../scene/scene"),
+    ({ RobotScene }) => {
+      const host = place.current as HTMLElement;
+      const layers = { ...(config.peek().layers as Record<string, boolean>) };
+      const made = new RobotScene(session, host, layers, quality);
+      drawn.value = made;
+      // For people who write tests and for the curious; nothing of the page uses it.
+      Object.assign(host, { robotScene: made });
+      return () => {
+        drawn.value = null;
+        made.dispose();
+      };
+    },
+    [session, config, quality],
+  );
   const view = drawn.value?.view;
   useEffect(() => view?.setVisible(context.visible.value), [view, context.visible.value]);
   useEffect(() => view?.setDark(context.dark.value), [view, context.dark.value]);
   return (
     <div class="scene">
-      {problem.value && <Problem text={t("panel.failed", { reason: problem.value })} />}
+      {problem && <Problem text={problem} />}
       {drawn.value && <Toolbar context={context} scene={drawn.value} />}
       <div class="scene-view" ref={place} role="application" aria-label={t("scene.keys")} />
       {drawn.value && <MarkerMenu scene={drawn.value} />}

@@ -1,6 +1,7 @@
 /** Interactive markers: drawn, dragged, turned and clicked, with feedback for the program that offers them. */
 
 import { Group, type Object3D, Plane, Quaternion, Vector3 } from "three";
+import { keepAsking } from "../../robot/asking";
 import { header } from "../../robot/names";
 import type { Message } from "../../robot/subscriptions";
 import { disposeTree } from "../view";
@@ -93,7 +94,7 @@ export class InteractiveLayer extends Layer {
     this.hear((message) => this.take(message));
     const full = `${this.namespace}/update_full`;
     if (session.graph.peek().topics.has(full)) this.hear((message) => this.take(message), {}, full);
-    else this.ask();
+    else this.until(this.ask());
     const { canvas } = view;
     const down = (event: PointerEvent) => this.down(event);
     const move = (event: PointerEvent) => this.move(event);
@@ -118,14 +119,17 @@ export class InteractiveLayer extends Layer {
     for (const { object } of this.markers.values()) object.visible = shown;
   }
 
-  private ask(): void {
+  private ask(): () => void {
     const { session } = this.context;
-    session
-      .call(`${this.namespace}/get_interactive_markers`, {}, "visualization_msgs/srv/GetInteractiveMarkers")
-      .then((answer) => this.take(answer))
-      .catch((error: Error) => {
-        this.problem.value = error.message;
-      });
+    const service = `${this.namespace}/get_interactive_markers`;
+    return keepAsking(
+      session,
+      () => session.call(service, {}, "visualization_msgs/srv/GetInteractiveMarkers"),
+      (answer) => this.take(answer),
+      (reason) => {
+        this.problem.value = reason;
+      },
+    );
   }
 
   private take(message: Message): void {
