@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 import pytest
 
 from rwt_bridge.bridge import Bridge
+from rwt_graph import MemoryGraph, Node
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
 from tests.bridge.recording_client import Client
@@ -152,6 +153,17 @@ def test_a_latched_message_reaches_who_comes_late(client: Client, connect: Calla
     assert late.heard_of("/map_name") == [{"data": "new"}]
     client.say("publish", topic="/map_name", msg={"data": "newest"})
     assert late.heard_of("/map_name") == [{"data": "newest"}]
+
+
+def test_every_publisher_s_latched_message_reaches_who_comes_late(graph: MemoryGraph, client: Client) -> None:
+    for frame in ("camera", "laser"):
+        publisher = Node(graph, frame).advertise("/tf_static", "tf2_msgs/TFMessage", latch=True)
+        for name in ("old", frame):
+            publisher.publish({"transforms": [{"child_frame_id": name}]})
+    for number in ("first", "second"):
+        client.say("subscribe", topic="/tf_static", id=number)
+        told = client.heard_of("/tf_static")
+        assert [msg["transforms"][0]["child_frame_id"] for msg in told] == ["camera", "laser"]
 
 
 def test_an_unlatched_message_is_not_kept(clock: SimulatedClock, client: Client, other: Client) -> None:

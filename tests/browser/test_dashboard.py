@@ -411,6 +411,13 @@ async def test_a_phone_shows_one_panel_at_a_time_and_is_driven_by_a_thumb(browse
         )
         assert stop
 
+        # A list has the page to itself until something of it is chosen, which takes half at most.
+        await page.click("[role=tab] >> text=Topics")
+        share = "document.querySelector('.list').clientHeight / document.querySelector('.split').clientHeight"
+        await page.wait(f"document.querySelector('.topic-table tbody tr') && {share} > 0.85")
+        await page.click(".topic-table >> text=/odom")
+        await page.wait(f"document.querySelector('.detail .tree') && Math.abs({share} - 0.5) < 0.05")
+
 
 async def test_layouts_are_kept_and_opened_by_a_link(browser: Browser, tmp_path: Path) -> None:
     layout = {
