@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping
 import pytest
 
 from rwt_bridge.bridge import Bridge
-from rwt_graph import MemoryGraph, Node
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
+from rwt_graph.program.node import Node
 from tests.bridge.recording_client import Client
 
 TWIST = {
