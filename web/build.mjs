@@ -59,10 +59,22 @@ const shared = {
   plugins: [dockviewStyle],
 };
 
+/** Folders of the packages parts of which are in the bundles below web/. */
+const bundled = new Set();
+
+/** Bundles, and remembers whose code went into it. */
+async function bundle(options) {
+  const result = await build({ ...shared, ...options });
+  for (const input of Object.keys(result.metafile.inputs)) {
+    const folder = /^(.*node_modules\/(?:@[^/]+\/)?[^/]+)\//.exec(input)?.[1];
+    if (folder) bundled.add(folder);
+  }
+  return result;
+}
+
 /** One bundle of its own with a hashed name; returns its file name. */
 async function bundleAlone(entry, folder, options = {}) {
-  const result = await build({
-    ...shared,
+  const result = await bundle({
     entryPoints: [entry],
     outdir: join(out, folder),
     entryNames: "[name]-[hash]",
@@ -75,11 +87,11 @@ async function bundleAlone(entry, folder, options = {}) {
 async function buildAll() {
   rmSync(out, { recursive: true, force: true });
   mkdirSync(join(out, "web"), { recursive: true });
+  bundled.clear();
 
   const worker = await bundleAlone("src/decode/worker.ts", "web");
   const worklet = await bundleAlone("src/device/microphone_worklet.ts", "web");
-  const page = await build({
-    ...shared,
+  const page = await bundle({
     entryPoints: { app: "src/app/main.tsx" },
     outdir: join(out, "web"),
     entryNames: "[name]-[hash]",
@@ -122,8 +134,7 @@ function buildPages() {
 
 /** The decoding worker as a text: a page of another origin may start no worker from a file of this one. */
 async function workerSource() {
-  const { outputFiles } = await build({
-    ...shared,
+  const { outputFiles } = await bundle({
     entryPoints: ["src/decode/worker.ts"],
     format: "iife",
     write: false,
@@ -136,8 +147,7 @@ async function workerSource() {
 async function buildForOtherPages() {
   const widgets = join(here, "src", "elements", "widgets.ts");
   if (existsSync(widgets)) {
-    await build({
-      ...shared,
+    await bundle({
       entryPoints: { widgets },
       outdir: join(out, "web"),
       format: "esm",
@@ -161,19 +171,22 @@ function filesBelow(folder) {
     .sort();
 }
 
-/** The licences of everything that `npm ci --omit=dev` installs, since parts of it are in the bundles. */
+/** The licences of the packages that are in the bundles. */
 function writeLicenses() {
-  const lock = JSON.parse(readFileSync(join(here, "package-lock.json"), "utf8"));
-  const texts = [];
-  for (const [folder, { dev, version }] of Object.entries(lock.packages)) {
-    if (!folder || dev || !existsSync(join(here, folder))) continue;
-    const files = readdirSync(join(here, folder)).filter((name) => /^(licen[cs]e|notice)/i.test(name));
-    const { license } = JSON.parse(readFileSync(join(here, folder, "package.json"), "utf8"));
-    const said = files.map((name) => readFileSync(join(here, folder, name), "utf8").trim());
-    const name = folder.slice(folder.lastIndexOf("node_modules/") + "node_modules/".length);
-    texts.push([`${name} ${version} (${license})`, ...said].join("\n\n"));
-  }
-  writeFileSync(join(out, "web", "licenses.txt"), `${texts.join(`\n\n${"-".repeat(80)}\n\n`)}\n`);
+  const packages = [...bundled].sort().map((folder) => {
+    const { name, version, license } = JSON.parse(readFileSync(join(here, folder, "package.json"), "utf8"));
+    const files = readdirSync(join(here, folder)).filter((file) => /^(licen[cs]e|notice)/i.test(file));
+    const texts = files.map((file) => readFileSync(join(here, folder, file), "utf8").trim());
+    return { title: `${name} ${version}`, license, texts };
+  });
+  const parts = packages.map(({ title, license, texts }) => {
+    if (texts.length) return [`${title} (${license})`, ...texts].join("\n\n");
+    // This licence has one text for everybody; others name who holds the copyright.
+    const same = packages.find((other) => other.license === license && other.texts.length);
+    if (license !== "Apache-2.0" || !same) throw new Error(`${title} comes without the text of its licence`);
+    return `${title} (${license})\n\nIts release has no text of the licence; it is that of ${same.title} in this file.`;
+  });
+  writeFileSync(join(out, "web", "licenses.txt"), `${parts.join(`\n\n${"-".repeat(80)}\n\n`)}\n`);
 }
 
 function writeManifest() {

@@ -8,6 +8,8 @@ import re
 import shutil
 import subprocess
 import sys
+import tarfile
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -101,6 +103,23 @@ def test_licence_comes_along(bare: Path, tmp_path: Path) -> None:
         "robot-web-tools BSD-3-Clause LICENSE NOTICE",
         "rosbridge-conformance BSD-3-Clause LICENSE",
     ]
+
+
+def test_licences_of_the_scripts_of_others_come_along(built: Path) -> None:
+    (wheel,) = built.glob("robot_web_tools-*.whl")
+    with zipfile.ZipFile(wheel) as opened:
+        names = opened.namelist()
+        of_bundles = opened.read("rwt_web/static/web/licenses.txt").decode()
+    copied = {re.sub(r"-[\d.]+txt$", "", Path(name).name) for name in names if "/lib/licenses/" in name}
+    assert copied >= {"roslib", "ros2d", "ros3d", "three", "easeljs", "eventemitter2"}
+    parts = of_bundles.split(f"\n{'-' * 80}\n")
+    titles = [part.strip().splitlines()[0] for part in parts]
+    assert {title.split()[0] for title in titles} >= {"preact", "three", "roslib", "uplot", "urdf-loader"}
+    assert all(re.fullmatch(r"\S+ [\d.]+ \((MIT|BSD-[23]-Clause|Apache-2\.0)\)", title) for title in titles)
+    (package,) = built.glob("*.tgz")
+    with tarfile.open(package) as packed:
+        text = packed.extractfile("package/licenses.txt")
+        assert text is not None and text.read().decode() == of_bundles
 
 
 def test_server_command_line_and_suite_work_from_the_wheels(bare: Path, tmp_path: Path) -> None:
