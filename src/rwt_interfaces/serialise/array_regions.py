@@ -27,7 +27,8 @@ _BEGIN = re.compile(
     rb"\[(" + _SPACE + rb")(?:([-0-9NInatf])|(\")|(\{" + _SPACE + rb'"[^"\\]{1,64}"' + _SPACE + rb":))"
 )
 _END = re.compile(rb"\}" + _SPACE + rb"\]")
-_TEXTS = re.compile(rb'(?:"[^"\\]*+(?:\\.[^"\\]*+)*+"' + _SPACE + rb"," + _SPACE + rb")*+", re.DOTALL)
+# Each turn of the outer loop is atomic: Python before 3.11.5 does not go back from one that fails halfway.
+_TEXTS = re.compile(rb'(?>"[^"\\]*+(?:\\.[^"\\]*+)*+"' + _SPACE + rb"," + _SPACE + rb")*+", re.DOTALL)
 _AFTER_TEXT = re.compile(_SPACE + rb"([,\]])")
 
 

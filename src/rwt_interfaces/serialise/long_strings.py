@@ -53,8 +53,9 @@ _decode = msgspec.json.Decoder(str).decode
 _ESCAPE = 6
 #: How far from its beginning the long string of most texts begins.
 _NEAR = 512
-#: Up to the quote that begins the first string without an end.
-_HEAD = re.compile(rb'(?:[^"]*+"[^"\\]*+(?:\\.[^"\\]*+)*+")*+[^"]*+"', re.DOTALL)
+#: Up to the quote that begins the first string without an end. Each turn of the outer loop is atomic: Python
+#: before 3.11.5 does not go back from one that fails halfway.
+_HEAD = re.compile(rb'(?>[^"]*+"[^"\\]*+(?:\\.[^"\\]*+)*+")*+[^"]*+"', re.DOTALL)
 _HIGH_SURROGATE = re.compile(rb"\\u[dD][89abAB][0-9a-fA-F]{2}")
 
 

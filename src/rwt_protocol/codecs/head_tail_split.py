@@ -51,18 +51,19 @@ _FLAT: Final = rb"(?:\{(?:" + _INSIDE + rb")*+\}|\[(?:" + _INSIDE + rb")*+\])"
 _NESTED: Final = rb"(?:[{\[](?:" + _INSIDE + rb"|" + _FLAT + rb")*+[}\]])"
 _VALUE: Final = rb"(?:" + _STRING + rb"|[-+.0-9A-Za-z]++|" + _NESTED + rb")"
 _KEY: Final = rb'"[^"\\]*+"[ \t\r\n]*+:[ \t\r\n]*+'
+# Each turn of the outer loops is atomic: Python before 3.11.5 does not go back from one that fails halfway.
 _HEAD: Final = re.compile(
-    rb'[ \t\r\n]*+\{[ \t\r\n]*+(?:(?!"(?:msg|args|values)")' + _KEY + _VALUE + rb"[ \t\r\n]*+,[ \t\r\n]*+)*+"
+    rb'[ \t\r\n]*+\{[ \t\r\n]*+(?>(?!"(?:msg|args|values)")' + _KEY + _VALUE + rb"[ \t\r\n]*+,[ \t\r\n]*+)*+"
     rb'("(?:msg|args|values)")[ \t\r\n]*+:[ \t\r\n]*+(?=[{\[])',
     re.DOTALL,
 )
 _TAIL: Final = re.compile(
-    rb"[ \t\r\n]*+(?:,[ \t\r\n]*+" + _KEY + _VALUE + rb"[ \t\r\n]*+)*+\}[ \t\r\n]*+\Z", re.DOTALL
+    rb"[ \t\r\n]*+(?>,[ \t\r\n]*+" + _KEY + _VALUE + rb"[ \t\r\n]*+)*+\}[ \t\r\n]*+\Z", re.DOTALL
 )
 
 
 _LEADING: Final = re.compile(
-    rb"[ \t\r\n]*+\{[ \t\r\n]*+((?:" + _KEY + _VALUE + rb"[ \t\r\n]*+,[ \t\r\n]*+)*+)", re.DOTALL
+    rb"[ \t\r\n]*+\{[ \t\r\n]*+((?>" + _KEY + _VALUE + rb"[ \t\r\n]*+,[ \t\r\n]*+)*+)", re.DOTALL
 )
 
 
