@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import anyio
 
+from rwt_mcp.metered import Metered
 from rwt_transports.http import TEXT, HttpResponse
 
 if TYPE_CHECKING:
@@ -55,6 +56,7 @@ class Exchange:
         extra: further entries of the scope.
         on_gone: called when nobody hears the answer any more, or it has ended.
         on_end: called once when the application has ended.
+        charge: called with the seconds that the application works.
         has_head: whether the head of the answer says something of its own, such as the id of a session: then
             it is waited for, however long it takes.
     """
@@ -66,6 +68,7 @@ class Exchange:
         extra: Mapping[str, object],
         on_gone: Callable[[], None],
         on_end: Callable[[], None],
+        charge: Callable[[float], object],
         *,
         has_head: bool = False,
     ) -> None:
@@ -76,6 +79,7 @@ class Exchange:
         self._request = request
         self._scope_extra = extra
         self._on_end = on_end
+        self._charge = charge
         self._started = anyio.Event()
         self._head: tuple[int, Iterable[tuple[bytes, bytes]]] | None = None
         self._written, self._chunks = anyio.create_memory_object_stream[bytes](0)
@@ -130,11 +134,14 @@ class Exchange:
     async def _run(self) -> None:
         try:
             with self._cancel:
-                await self._application(self._scope(), self._receive, self._send)
+                await Metered(self._answer(), self._charge)
         finally:
             self._started.set()
             self._written.close()
             self._on_end()
+
+    async def _answer(self) -> None:
+        await self._application(self._scope(), self._receive, self._send)
 
     def _scope(self) -> MutableMapping[str, Any]:
         request = self._request

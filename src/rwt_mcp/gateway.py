@@ -252,6 +252,7 @@ class McpGateway:
             {_CALLER: caller, "user": user},
             caller.leave,
             partial(self._left, caller, visitor, session),
+            partial(reader.work.add, kind="pages"),
             has_head=self._keeps_sessions and _opens_session(request),
         )
         answer = await exchange.respond(self._tasks)
@@ -279,6 +280,10 @@ class McpGateway:
             Refused: it would.
         """
         settings, network = self._settings, network_of(request.address)
+        most = settings.request_bytes // 16 if _opens_session(request) else settings.request_bytes
+        if len(request.body) > most:
+            text = f"a request of {len(request.body)} bytes; the limit is {most} here (mcp.request_bytes)"
+            raise Refused(413, text)
         if request.method == "GET":
             return  # One for each session, and those are bounded.
         posted = [each for each in self._callers if not each.is_stream]

@@ -41,6 +41,13 @@ class McpSettings(Table):
     requests_per_address: Annotated[
         Count, Field(description="those of one address, and the sessions of one address")
     ] = 16
+    request_bytes: Annotated[
+        Bytes,
+        Field(
+            description="bytes of one request; a 16th of it where it opens a session, which keeps what the"
+            " agent's program says of itself"
+        ),
+    ] = 64 * 1024
     goals: Annotated[
         Count, Field(description="goals of agents that are remembered until their results are asked for")
     ] = 64

@@ -7,7 +7,7 @@ import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Final, Protocol
 
 import anyio
 
@@ -34,6 +34,7 @@ from rwt_transports.outbox import Outbox
 from rwt_transports.websocket.close_codes import ABNORMAL, GOING_AWAY, INTERNAL_ERROR, POLICY
 from rwt_transports.websocket.deflate import deflate_server
 from rwt_transports.websocket.extensions import DeflateTerms
+from rwt_transports.websocket.wire import SERVER_FRAMING
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 logger = logging.getLogger("rwt_transports")
@@ -226,7 +227,7 @@ class Connection:
         self.address = address
         self._port = port
         limits = state.limits
-        self._wire = (
+        self._wire: Wire = (
             state.make_wire(self, limits, state.buffers)
             if terms is None
             else deflate_server(terms, self, limits, state.buffers)
@@ -309,6 +310,8 @@ class Connection:
         self._ending = True
         self.outbox.discard()
         self._end_endpoint(ABNORMAL, "the connection was lost")
+        # What it refers to refers to it, and would stay until a full collection of garbage.
+        self._wire, self._holding, self._step_wise = _NO_WIRE, None, None
 
     # -- the endpoint's side -------------------------------------------------------------------------------
 
@@ -408,10 +411,15 @@ class Connection:
         if not self._ending:
             self._wire.message = endpoint.receive
 
+    @property
+    def ended_with(self) -> tuple[int, str]:
+        """Code and reason, once the connection is lost."""
+        return self._closed_with or (ABNORMAL, "the connection was lost")
+
     def hand_over(self, endpoint: Endpoint) -> None:
         """Let `endpoint` take the place of the present one."""
         if self._endpoint is None:
-            endpoint.closed(*(self._closed_with or (ABNORMAL, "the connection was lost")))
+            endpoint.closed(*self.ended_with)
         else:
             self._set_endpoint(endpoint)
 
@@ -483,21 +491,65 @@ def _ignore(data: bytes, binary: bool) -> None:
     """Takes what comes when the endpoint has gone, which nothing here refers to any more."""
 
 
+class _NoWire:
+    """Stands in for that of a connection that is lost; satisfies :class:`rwt_transports.api.Wire`."""
+
+    framing = SERVER_FRAMING
+
+    def __init__(self) -> None:
+        self.message: Callable[[bytes, bool], None] = _ignore
+
+    def feed(self, data: bytes) -> None:
+        """Drop it."""
+
+    def get_buffer(self) -> None:
+        """There is none."""
+
+    def buffer_updated(self, count: int) -> None:
+        """Drop it."""
+
+    def give_up(self, reason: str) -> None:
+        """It is over already."""
+
+    def close(self, code: int, reason: str) -> bytes:
+        """It is over already."""
+        return b""
+
+    def ping(self) -> bytes:
+        """There is none."""
+        return b""
+
+
+_NO_WIRE: Final = _NoWire()
+
+
 class _ConnectionSink(Outbox):
     """The outbox of a connection, as its endpoint sees it; satisfies :class:`rwt_protocol.transport.Sink`."""
 
-    __slots__ = ("_connection",)
+    __slots__ = ("_connection", "_ended_with")
 
     def __init__(
         self, connection: Connection, framing: Framing, limits: Limits, wake: Callable[[], None]
     ) -> None:
         super().__init__(framing, limits, wake, connection.overflow)
-        self._connection = connection
+        self._connection: Connection | None = connection
+        self._ended_with = (ABNORMAL, "the connection was lost")
 
     def close(self, code: int = 1000, reason: str = "") -> None:
         """Close the connection after what is queued in the control lane; data still queued is not sent."""
-        self._connection.close(code, reason)
+        if self._connection is not None:
+            self._connection.close(code, reason)
 
     def hand_over(self, endpoint: Endpoint) -> None:
         """Feed `endpoint` from the next message on."""
-        self._connection.hand_over(endpoint)
+        if self._connection is not None:
+            self._connection.hand_over(endpoint)
+        else:
+            endpoint.closed(*self._ended_with)
+
+    def discard(self) -> None:
+        """The peer is gone: free everything, and let nothing follow."""
+        super().discard()
+        if self._connection is not None:
+            self._ended_with = self._connection.ended_with
+            self._connection = None

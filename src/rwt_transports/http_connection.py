@@ -290,6 +290,7 @@ class HttpConnection:
             state.replace(self, connection, self._link)
             rest = self._h11.trailing_data[0]
             connection.outbox.received = self.outbox.received - len(rest)
+            self.outbox.discard()  # Which refers to this.
             if rest:
                 connection.receive(rest)
             return None

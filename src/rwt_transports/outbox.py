@@ -314,6 +314,7 @@ class Outbox:
         self._large = 0
         self._begun.clear()
         self._on_empty = None
+        self._overflow = _unheard  # Its connection refers to this.
 
     def _discard_lanes(self) -> None:
         self._control.clear()
@@ -438,3 +439,7 @@ class Outbox:
         while room > 0 and (next_frame := self._data.next()) is not None:
             room -= next_frame.size
             self._ready_frame(next_frame)
+
+
+def _unheard(_reason: str) -> None:
+    """Takes what would be said to a connection that has ended."""

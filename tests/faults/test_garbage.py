@@ -4,8 +4,10 @@ old objects as seldom as it can, since to look at all of them holds the event lo
 from __future__ import annotations
 
 import gc
+import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Final
 
 import pytest
 
@@ -16,8 +18,13 @@ from rwt_bridge.peer import Peer
 from rwt_cli.commands.serve.collecting import MOST_LOOKED_AT, BoundedCollections
 from rwt_delivery.throttle import Throttle
 from rwt_graph.memory.actions import MemoryActionServer
+from rwt_transports.connection import Connection
+from rwt_transports.http_connection import HttpConnection
+from rwt_transports.outbox import Outbox
+from rwt_transports.websocket.wire import WebSocketWire
 from tests.faults.blocking_client import PATIENCE, BlockingClient
 from tests.faults.conftest import Robot
+from tests.transports.rfc6455.frames import TEXT, frame
 
 COUNT = 200
 """Of what each client has."""
@@ -85,6 +92,42 @@ def test_what_a_client_has_is_freed_with_it(act: object, robot: Robot, uncollect
         assert time.monotonic() < deadline, f"{left} are left"
         time.sleep(0.02)
     assert robot.portal.call(gc.collect) < FEW
+
+
+_LARGE: Final = 600_000
+"""Bytes that each connection leaves behind, in the midst of a message."""
+
+_OF_CONNECTIONS: Final = (Connection, HttpConnection, Outbox, WebSocketWire)
+
+
+def _half_a_message(robot: Robot) -> None:
+    client = robot.connect()
+    client.ask_something()
+    client.socket.sendall(frame(TEXT, b"x" * 2 * _LARGE, key=bytes(4))[:_LARGE])
+    client.reset()
+
+
+def _half_a_request(robot: Robot) -> None:
+    head = b"POST /api/topics/a HTTP/1.1\r\nHost: localhost\r\nContent-Length: %d\r\n\r\n" % (2 * _LARGE)
+    with socket.create_connection(("127.0.0.1", robot.ports[0]), PATIENCE) as client:
+        client.sendall(head + b"x" * _LARGE)
+
+
+def _left_behind() -> int:
+    return sum(isinstance(each, _OF_CONNECTIONS) for each in gc.get_objects())
+
+
+@pytest.mark.parametrize("act", [_half_a_message, _half_a_request])
+def test_a_connection_is_freed_with_what_it_has_received(
+    act: Callable[[Robot], None], robot: Robot, uncollected: None
+) -> None:
+    others = _left_behind()
+    for _ in range(5):
+        act(robot)
+    deadline = time.monotonic() + PATIENCE
+    while left := _left_behind() - others:
+        assert time.monotonic() < deadline, f"{left} are left"
+        time.sleep(0.02)
 
 
 class _Cycle:

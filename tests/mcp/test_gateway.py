@@ -126,6 +126,21 @@ async def test_sessions_are_bounded_and_closed() -> None:
         assert (closed, again) == (200, 200)
 
 
+async def test_what_a_request_may_hold_is_bounded_and_less_where_the_server_keeps_it() -> None:
+    async with served(gateways=["mcp"], mcp={"request_bytes": 16_384}) as server:
+        url, listing = url_of(server), {"jsonrpc": "2.0", "id": 2, "method": "tools/list"}
+        status, text = await asyncio.to_thread(post, url, {**INITIALIZE, "x": "x" * 2000})
+        assert status == 413 and "the limit is 1024 here (mcp.request_bytes)" in text
+        _, opened = await asyncio.to_thread(post, url, INITIALIZE)
+        headers = {"Mcp-Session-Id": opened.partition("\n")[0]}
+        for size, expected in ((10_000, 200), (17_000, 413)):
+            status, text = await asyncio.to_thread(
+                post, url, {**listing, "params": {"x": "x" * size}}, headers
+            )
+            assert status == expected
+        assert "the limit is 16384 here (mcp.request_bytes)" in text
+
+
 async def test_a_silent_session_ends() -> None:
     async with served(gateways=["mcp"], mcp={"sessions": 1, "session_idle_seconds": 0.2}) as server:
         assert (await asyncio.to_thread(post, url_of(server), INITIALIZE))[0] == 200

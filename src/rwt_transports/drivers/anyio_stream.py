@@ -128,12 +128,16 @@ class _Link(TaskLink):
         except GONE:
             self._scope.cancel()
 
-    async def _receive_large(self, data: bytes) -> None:
-        """Take a part of a large message, in a turn that has room for it."""
+    async def _not_held_back(self) -> None:
         while self._turn.is_held_back():  # noqa: ASYNC110 - by an event it would be at once, see there
             await anyio.sleep(HELD_BACK_SECONDS)
+
+    async def _receive_large(self, data: bytes) -> None:
+        """Take a part of a large message, in a turn that has room for it."""
+        await self._not_held_back()
         if self._turn.is_full:
             await self._turn.wait()
+            await self._not_held_back()  # Another message may have come to its end meanwhile.
         began = monotonic()
         try:
             self._callbacks.receive(data)

@@ -39,7 +39,8 @@ from rwt_transports.drivers.sockets import (
     hang_up_of,
     remove_unix,
 )
-from rwt_transports.drivers.tls_buffers import ENCRYPTED_BYTES, spare_buffers
+from rwt_transports.drivers.task_link import NO_CALLBACKS
+from rwt_transports.drivers.tls_buffers import ENCRYPTED_BYTES, forget_protocol, spare_buffers
 from rwt_transports.errors import log_exception
 
 logger = logging.getLogger("rwt_transports")
@@ -185,6 +186,7 @@ class _Link(asyncio.BufferedProtocol):
     def __init__(self, attach: Attach, turn: _Turn) -> None:
         self._attach = attach
         self._view = memoryview(turn.buffer)
+        self._callbacks: DriverCallbacks = NO_CALLBACKS  # until it is attached
         self._direct = False
         self._open = False
         self._writable = True
@@ -198,7 +200,7 @@ class _Link(asyncio.BufferedProtocol):
         self._since = 0.0  # when it began to receive
         self._turn = turn
         self._loop = turn.loop
-        self.wake = partial(turn.add, self)
+        self.wake: Callable[[], None] = partial(turn.add, self)
 
     # -- asyncio's callbacks -------------------------------------------------------------------------------
 
@@ -268,7 +270,7 @@ class _Link(asyncio.BufferedProtocol):
         self._open = False
         if not self._is_ended:
             self._late = 0
-            self._callbacks.lost()
+            self._lose()
 
     def _end(self) -> None:
         """Say that the peer has ended, which had to wait for what it sent before."""
@@ -276,7 +278,16 @@ class _Link(asyncio.BufferedProtocol):
             self._is_ended = False
             self._callbacks.eof()
             if not self._open:
-                self._callbacks.lost()
+                self._lose()
+
+    def _lose(self) -> None:
+        """Say that the connection is over, and refer to nothing that refers to this link: cycles would stay
+        until a full collection of garbage."""
+        callbacks, self._callbacks, self._gathering = self._callbacks, NO_CALLBACKS, None
+        self.wake = _nothing
+        if self._tls:
+            forget_protocol(self._transport)
+        callbacks.lost()
 
     def pause_writing(self) -> None:
         """The network takes no more for now."""
@@ -420,6 +431,10 @@ class _Link(asyncio.BufferedProtocol):
     def hang_up(self) -> HangUp:
         """Whether the peer has hung up, which nobody sees while nothing is read from it."""
         return hang_up_of(self._socket) if self._open else HangUp.GONE
+
+
+def _nothing() -> None:
+    """There is nothing to write any more."""
 
 
 class AsyncioDriver:

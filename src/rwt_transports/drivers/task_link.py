@@ -3,10 +3,40 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import Final
 
 import anyio
 
 from rwt_transports.api import DriverCallbacks
+
+
+class NoCallbacks:
+    """Stands in for those of a connection that has ended, so that its link does not keep it; satisfies
+    :class:`rwt_transports.api.DriverCallbacks`."""
+
+    def receive(self, data: bytes) -> None:
+        """Drop it."""
+
+    def get_buffer(self) -> None:
+        """There is none."""
+
+    def buffer_updated(self, count: int) -> None:
+        """Drop it."""
+
+    def take(self) -> None:
+        """There is nothing."""
+
+    def progress(self) -> None:
+        """Nobody waits for it."""
+
+    def eof(self) -> None:
+        """It is over already."""
+
+    def lost(self) -> None:
+        """It is over already."""
+
+
+NO_CALLBACKS: Final[DriverCallbacks] = NoCallbacks()
 
 
 class TaskLink(ABC):
@@ -19,6 +49,7 @@ class TaskLink(ABC):
     __slots__ = ("_awake", "_callbacks", "_closing", "_reading", "_scope")
 
     def __init__(self) -> None:
+        self._callbacks: DriverCallbacks = NO_CALLBACKS  # until it is attached
         self._scope = anyio.CancelScope()
         self._awake = anyio.Event()
         self._reading = anyio.Event()
@@ -69,6 +100,7 @@ class TaskLink(ABC):
                     tasks.cancel_scope.cancel()
         finally:
             self._callbacks.lost()
+            self._callbacks = NO_CALLBACKS
 
     async def _woken(self) -> None:
         await self._awake.wait()

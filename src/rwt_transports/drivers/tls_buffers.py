@@ -41,3 +41,12 @@ def spare_buffers(transport: asyncio.Transport) -> None:
         shared = _buffers[loop] = memoryview(bytearray(RECEIVED_BYTES))
     vars(protocol).update(max_size=RECEIVED_BYTES, _ssl_buffer=shared.obj, _ssl_buffer_view=shared)
     transport.set_read_buffer_limits(high=1, low=0)  # type: ignore[attr-defined]  # those in TLS have it
+
+
+def forget_protocol(transport: asyncio.Transport) -> None:
+    """Let a transport in TLS that is closed refer to the protocol above it no more."""
+    if isinstance(getattr(transport, "_ssl_protocol", None), asyncio.sslproto.SSLProtocol):
+        transport.set_protocol(_NOBODY)
+
+
+_NOBODY: Final = asyncio.BufferedProtocol()

@@ -149,6 +149,7 @@ def _served(distro: str, role: str, certificate: Path, log: IO[bytes]) -> subpro
         'proxies=["127.0.0.1"]',  # so that attackers may come from elsewhere
         f"unregister_timeout={LINGER}",
         "deflate=shared",  # so that attackers may compress
+        'gateways=["foxglove", "http", "mcp"]',
         f"tls.certfile={certificate}",
         f"tls.keyfile={certificate}",
     )

@@ -27,6 +27,7 @@ from functools import partial
 from itertools import islice, repeat
 from typing import Final, NoReturn
 
+from tests.faults.attacks import by_http
 from tests.faults.blocking_client import BlockingClient
 from tests.transports.rfc6455.frames import BINARY, TEXT, frame
 
@@ -1045,7 +1046,7 @@ def _watch(attacker: Attacker, viewers: int, size: str, kind: str = "") -> None:
 _held: Final[list[socket.socket | Attacker]] = []
 """Connections that stay open."""
 
-ATTACKS: Final[Mapping[str, Callable[[Attacker], None]]] = {
+ATTACKS: Final[dict[str, Callable[[Attacker], None]]] = {
     attack.__name__: attack
     for attack in (
         throttled_queue, endless_depth, latched_topics, lingering_publishers, endless_goals, unanswered_calls,
@@ -1067,7 +1068,7 @@ ATTACKS: Final[Mapping[str, Callable[[Attacker], None]]] = {
         every_type,
         deflate_bombs, picture_bombs, mjpeg_flood, snapshots_again,
     )
-}  # fmt: skip
+} | by_http.ATTACKS  # fmt: skip
 """Each attack by its name."""
 
 

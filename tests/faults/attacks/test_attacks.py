@@ -19,6 +19,7 @@ from typing import Final
 
 import pytest
 
+from tests.faults.attacks import by_http
 from tests.faults.attacks.attacked import Attacked, Damage, attacked_server, suffer
 from tests.faults.attacks.attacker import ATTACKS
 
@@ -65,6 +66,7 @@ OF_VIEWERS: Final = frozenset(
      "lists_in_texts",
      "drops_of_handshakes", "drops_of_requests", "bodies", "foxglove_numbers",
      "everything_subscribed", "come_and_go", "many_connections", "picture_bombs", "snapshots_again"}
+    | {attack.__name__ for attack in by_http.OF_VIEWERS}
 )  # fmt: skip
 """Attacks for which no right is needed beyond looking."""
 
