@@ -32,6 +32,7 @@ from rwt_transports.api import (
 from rwt_transports.drivers.sockets import (
     HELD_BACK_SECONDS,
     READ_SECONDS,
+    UNSENT_BYTES,
     Handshakes,
     accept_peers,
     bind_tcp,
@@ -163,6 +164,7 @@ class _Link(asyncio.BufferedProtocol):
 
     __slots__ = (
         "_attach",
+        "_bounded",
         "_callbacks",
         "_direct",
         "_file",
@@ -193,6 +195,7 @@ class _Link(asyncio.BufferedProtocol):
         self._resuming = False
         self._file = -1  # of the socket, where bytes may go to it past the transport
         self._socket = -1  # the same, whatever speaks over it
+        self._bounded: socket.socket | None = None  # where the kernel takes no more than UNSENT_BYTES
         self._gathering: Gathering | None = None
         self._is_paused = False
         self._late = 0  # bytes that were received, and have to wait for a turn
@@ -218,6 +221,7 @@ class _Link(asyncio.BufferedProtocol):
         self._socket = transport.get_extra_info("socket").fileno()
         if not self._tls and isinstance(self._loop, asyncio.SelectorEventLoop) and hasattr(os, "writev"):
             self._file = self._socket
+            self._bounded = _bounded(transport.get_extra_info("socket"))
         name = transport.get_extra_info("peername")
         address, port = (str(name[0]), int(name[1])) if isinstance(name, tuple) else ("", 0)
         self._attach(self, address, port)
@@ -236,6 +240,8 @@ class _Link(asyncio.BufferedProtocol):
         """`nbytes` have arrived in the buffer that :meth:`get_buffer` gave."""
         if not self._direct:
             self._callbacks.receive(bytes(self._view[:nbytes]))
+            if nbytes == READ_BYTES and self._file >= 0:
+                self._read_on()
         elif self._turn.is_full or self._turn.is_held_back():
             self._late = nbytes
             self._transport.pause_reading()
@@ -243,6 +249,24 @@ class _Link(asyncio.BufferedProtocol):
         else:
             self._callbacks.buffer_updated(nbytes)
             self._turn.note(monotonic() - self._since)
+
+    def _read_on(self) -> None:
+        """Receive more of a large message that has begun, without another look at all sockets."""
+        if self._is_paused or self._transport.is_closing() or self._turn.is_full:
+            return
+        if self._turn.is_held_back():
+            return
+        space = self._callbacks.get_buffer()
+        if space is None:
+            return
+        began = monotonic()
+        try:
+            nbytes = os.readv(self._file, (space,))
+        except OSError:
+            return  # There is nothing yet, or the transport will see what is wrong.
+        if nbytes:  # Else the peer has ended, which the transport will see.
+            self._callbacks.buffer_updated(nbytes)
+            self._turn.note(monotonic() - began)
 
     def take_late(self) -> None:
         """Take what was received in a turn that was full already."""
@@ -384,11 +408,27 @@ class _Link(asyncio.BufferedProtocol):
             return pieces
         if sent == size:
             return ()
-        left = list(pieces)
-        while sent >= len(left[0]):
-            sent -= len(left.pop(0))
-        left[0] = memoryview(left[0])[sent:]
-        return left
+        left = _without(pieces, sent)
+        return left if self._bounded is None else self._gathered_beyond(self._bounded, left, size - sent)
+
+    def _gathered_beyond(
+        self, bounded: socket.socket, pieces: Sequence[Buffer], size: int
+    ) -> Sequence[Buffer]:
+        """Write the rest of pieces of which the kernel has as much unsent as it may; returns what is left.
+
+        The rest of a message that has begun to go out stands in front of the newest sample wherever it is
+        kept. Kept here, it goes on only when this process has a turn for it, and the peer, which is done with
+        the first part, waits for that; so does who sends no more before the peer has it.
+        """
+        try:
+            bounded.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES + size)
+            sent = os.writev(self._file, pieces)
+        except OSError:
+            return pieces
+        finally:
+            with contextlib.suppress(OSError):  # The connection may be gone.
+                bounded.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)
+        return _without(pieces, sent) if sent < size else ()
 
     def finish(self) -> None:
         """Half-close, or close where TLS has no such thing."""
@@ -435,6 +475,24 @@ class _Link(asyncio.BufferedProtocol):
 
 def _nothing() -> None:
     """There is nothing to write any more."""
+
+
+def _bounded(sock: socket.socket) -> socket.socket | None:
+    """The socket, if :mod:`rwt_transports.drivers.sockets` has bounded what the kernel holds of it unsent."""
+    try:
+        unsent = sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT)
+    except (OSError, AttributeError):  # A Unix socket, or a system without such a bound.
+        return None
+    return sock if unsent == UNSENT_BYTES else None
+
+
+def _without(pieces: Sequence[Buffer], size: int) -> Sequence[Buffer]:
+    """The pieces without so many bytes in front, which are less than all."""
+    left = list(pieces)
+    while size >= len(left[0]):
+        size -= len(left.pop(0))
+    left[0] = memoryview(left[0])[size:]
+    return left
 
 
 class AsyncioDriver:
