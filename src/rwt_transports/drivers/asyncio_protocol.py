@@ -61,6 +61,9 @@ WRITE_SECONDS = 0.01
 WATCHED_BYTES = 4096
 """Of what the network does not take, asyncio's transport keeps a copy of this much."""
 
+SEGMENT_BYTES = 64 * 1024
+"""As far as this the kernel goes beyond a bound, since it takes whole segments."""
+
 
 class _Turn:
     """One loop turn after the other: the links that have something to write, flushed together, and how much
@@ -420,8 +423,9 @@ class _Link(asyncio.BufferedProtocol):
         kept. Kept here, it goes on only when this process has a turn for it, and the peer, which is done with
         the first part, waits for that; so does who sends no more before the peer has it.
         """
+        room = UNSENT_BYTES + SEGMENT_BYTES + size
         try:
-            bounded.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES + size)
+            bounded.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, room)
             sent = os.writev(self._file, pieces)
         except OSError:
             return pieces
