@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import fcntl
 import os
-import signal
 import socket
 import struct
 import subprocess
@@ -69,7 +68,7 @@ def serving(*command: str) -> Iterator[None]:
                 time.sleep(0.1)
             yield
         finally:
-            server.send_signal(signal.SIGINT)
+            server.terminate()  # in a shell's background Ctrl-C is ignored
             left = server.wait(LONGEST)
     if left != 0:
         raise RuntimeError(f"{command} ended with {left}")
