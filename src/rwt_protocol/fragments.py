@@ -46,7 +46,7 @@ class _Pieces:
     total: int
     touched: float
     size: int = 0
-    texts: dict[int, str] = field(default_factory=dict)
+    texts: dict[int, bytes] = field(default_factory=dict)
 
 
 class Reassembly:
@@ -59,11 +59,11 @@ class Reassembly:
         self._open: dict[str | int, _Pieces] = {}
         self._size = 0
 
-    def add(self, fragment: Fragment, now: float) -> str | None:
+    def add(self, fragment: Fragment, now: float) -> bytes | None:
         """Take one piece.
 
         Returns:
-            The text of the message if this was its last piece, joined by `num` (FRG-01); until
+            The message in UTF-8 if this was its last piece, joined by `num` (FRG-01); until
             :meth:`forget` is called its id stays taken (FRG-10).
 
         Raises:
@@ -80,7 +80,7 @@ class Reassembly:
         pieces.touched = now
         if len(pieces.texts) < pieces.total:
             return None
-        return "".join(pieces.texts[num] for num in range(pieces.total))
+        return b"".join([pieces.texts[num] for num in range(pieces.total)])
 
     def forget(self, id: str | int) -> None:  # as on the wire
         """Drop what has arrived of one message."""
@@ -112,7 +112,7 @@ class Reassembly:
                 f"fragment: the pieces take more than {most} characters; the message was dropped"
                 " (limits.fragment_characters)"
             )
-        pieces.texts[fragment.num] = fragment.data
+        pieces.texts[fragment.num] = fragment.data.encode()
         pieces.size += size
         self._size += size
 

@@ -272,11 +272,11 @@ class Session:
         Raises:
             Refused: the piece does not fit.
         """
-        text = self._reassembly.add(fragment, now)
-        if text is None:
+        data = self._reassembly.add(fragment, now)
+        if data is None:
             return ()
         try:
-            return self._decode_inner(text.encode(), now)
+            return self._decode_inner(data, now)
         finally:
             self._reassembly.forget(fragment.id)
 

@@ -10,6 +10,7 @@ from typing import Final
 
 import msgspec
 
+from rwt_protocol.brackets import has_more_brackets
 from rwt_protocol.codecs.base import DecodeFailure, Members
 from rwt_protocol.codecs.envelope import DECODER, RAW_DECODER, UNDECODED
 
@@ -68,9 +69,9 @@ _SLOW_NUMBER: Final = re.compile(rb"[eE][+-]?[0-9]{3}")
 
 def _is_slow(data: bytes) -> bool:
     """Whether a text has many numbers as 1e308, of which msgspec reads one in 10 microseconds."""
-    if len(data) <= _QUICK or data.count(b"e") + data.count(b"E") <= _MOST_SLOW:
+    if len(data) <= _QUICK or data[:1] == b'"' or data.count(b"e") + data.count(b"E") <= _MOST_SLOW:
         return False
-    return data[:1] != b'"' and len(_SLOW_NUMBER.findall(data)) > _MOST_SLOW
+    return len(_SLOW_NUMBER.findall(data)) > _MOST_SLOW
 
 
 def _slow_in(piece: bytes) -> int:
@@ -314,10 +315,10 @@ def _readable(piece: bytes) -> tuple[Members, str]:
 def deeper_than(data: bytes, limit: int) -> bool:
     """Whether more than `limit` objects and arrays of `data`, which is valid JSON, are open at once.
 
-    Every level costs two brackets, so for a text with few brackets it is enough to count them. Otherwise the
+    Every level costs two brackets, so for a text with few brackets it is enough to find them. Otherwise the
     innermost pairs are removed, all at once: each round is one level. What is deeper than usual is counted.
     """
-    if len(data) <= 2 * limit or len(data.translate(None, _NOT_BRACKETS)) <= 2 * limit:
+    if not has_more_brackets(data, limit) or len(data.translate(None, _NOT_BRACKETS)) <= 2 * limit:
         return False
     brackets = _brackets(data)
     rounds = limit if len(brackets) <= _CHUNK else min(limit, _ROUNDS)
