@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from functools import cache
 from typing import TYPE_CHECKING, Literal
 
 import msgspec
@@ -20,6 +19,7 @@ from rwt_interfaces.serialise.long_arrays import (
     TakenMessage,
     has_many_values_in_steps,
 )
+from rwt_interfaces.serialise.long_lists import plain, plain_lists
 from rwt_interfaces.serialise.long_strings import (
     LARGE,
     LongString,
@@ -30,17 +30,19 @@ from rwt_interfaces.serialise.long_strings import (
     string_of,
     substituted,
 )
-from rwt_interfaces.serialise.splice import LONG_TEXT, SplicedMessage, json_of_text, long_text, put
+from rwt_interfaces.serialise.splice import (
+    LONG_TEXT,
+    SplicedMessage,
+    json_of_text,
+    long_octets,
+    long_text,
+    put,
+)
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import BinaryForm, MessageType
 
 _SEQUENCE_PATH = ("header", "seq")
-#: Bytes that Python needs for an object beside what it holds, and for a number in a list.
-_OBJECT = 56
-_NUMBER = 32
-#: Bytes of a list's items beyond which what they hold is not counted: it is far more than may be kept.
-_ENOUGH = 1 << 26
 #: What frames are made of: JSON, CBOR, the distribution's own serialisation, or plain objects, for which
 #: :meth:`Payload.prepare` makes nothing.
 Form = Literal["json", "cbor", "serialised", "plain"]
@@ -404,7 +406,7 @@ class Payload:
                 continue
             if form == "json":
                 if self._json is None and self._json_parts is None and has_lists:
-                    self._json_parts = yield from self.type.json.long_arrays.json(self.value())
+                    self._json_parts = yield from self.type.json.long_arrays.json(self._encodable())
                 if self._json is None and self._json_parts is None:
                     self._json_parts = yield from self._text_in_steps()
                 continue
@@ -424,7 +426,7 @@ class Payload:
                 apart = None
                 if self._message is None and (self._json is not None or self._json_parts is not None):
                     apart = yield from self.type.json.long_arrays.apart(self.json())
-                short, lists = apart or (self.value(), {})
+                short, lists = apart or (self._encodable(), {})
                 made = yield from self.type.step_encoder(name)(short, lists)
                 self._forms = {**(self._forms or {}), name: made}
 
@@ -440,7 +442,13 @@ class Payload:
 
     def plain(self) -> object:
         """The message as dicts, lists and scalars, octets as bytes."""
-        return msgspec.to_builtins(self.value(), builtin_types=(bytes,), enc_hook=_plain_array)
+        return plain(self._encodable())
+
+    def plain_in_steps(self) -> Steps[object]:
+        """What :meth:`plain` returns, long lists in steps; other messages take none."""
+        if self.is_long:
+            return (yield from plain_lists(self.type, self._encodable()))
+        return self.plain()
 
     @property
     def size(self) -> int:
@@ -463,7 +471,7 @@ class Payload:
         if made is None:
             spliced = self._apart()
             encode, length_head = self.type.binary_encoder(form)
-            made = (encode(self.value()),) if spliced is None else spliced.binary(encode, length_head)
+            made = (encode(self._encodable()),) if spliced is None else spliced.binary(encode, length_head)
             self._forms[form] = made
         return made
 
@@ -474,7 +482,8 @@ class Payload:
                 self._spliced = self._of_string(self._string)
                 self._string = None
             elif self._message is not None or (self._json is None and self._json_parts is None):
-                self._spliced = SplicedMessage.from_message(self.type, self.value())
+                place = long_octets(self.type, self._encodable())
+                self._spliced = None if place is None else SplicedMessage.from_octets(self.value(), place)
         return self._spliced
 
     def _of_string(self, string: LongString) -> SplicedMessage | None:
@@ -504,7 +513,7 @@ class Payload:
             return sum(map(len, self._json_parts))
         if self._spliced is not None:
             return self._spliced.kept_size
-        return _size_of(self._message)
+        return self.type.sizes([self._message])
 
     def detach(self) -> Payload:
         """The same message without a view of the buffer it was received in, for keeping."""
@@ -556,6 +565,13 @@ class Payload:
             own: msgspec.Struct = self.type.decode_leniently(message, time.time_ns)
             return own
 
+    def _encodable(self) -> msgspec.Struct:
+        """The message in a Struct that every encoder takes."""
+        message = self._message
+        if message is not None and message.__class__ is self.type.json.sendable:
+            return message
+        return self.value()
+
     def _known(self) -> msgspec.Struct:
         return self._message if self._message is not None else self.value()
 
@@ -571,51 +587,3 @@ class Payload:
 
 def _joined(parts: Parts) -> RawText:
     return parts[0] if len(parts) == 1 else b"".join(parts)
-
-
-def _plain_array(array: object) -> object:
-    """A numpy array as a list: the only thing in a message that is not plain."""
-    to_list: Callable[[], object] = array.tolist  # type: ignore[attr-defined]  # numpy is not imported here
-    return to_list()
-
-
-@cache
-def _fixed_size(kind: type) -> int:
-    """The size of every message of a class that holds nothing but numbers, and messages of nothing but
-    numbers; 0 for any other class."""
-    if not issubclass(kind, msgspec.Struct):
-        return 0
-    size = _OBJECT
-    for field in msgspec.structs.fields(kind):
-        is_number = field.type in (bool, int, float)
-        each = _NUMBER if is_number else _fixed_size(field.type) if isinstance(field.type, type) else 0
-        if not each:
-            return 0
-        size += each
-    return size
-
-
-def _size_of(value: object) -> int:
-    """About how many bytes a message takes: its text and octets, and what Python needs for each object."""
-    if isinstance(value, (bytes, str)):
-        return _OBJECT + len(value)
-    if isinstance(value, msgspec.Struct):
-        fixed = _fixed_size(value.__class__)
-        if fixed:
-            return fixed
-        fields = value.__struct_fields__
-        return _OBJECT + sum(_size_of(getattr(value, name)) for name in fields)
-    if isinstance(value, list):
-        if not value or isinstance(value[0], (int, float)):
-            return _OBJECT + _NUMBER * len(value)
-        least = _OBJECT * (len(value) + 1)
-        if least > _ENOUGH:
-            return least
-        if isinstance(value[0], (bytes, str)):
-            return least + sum(map(len, value))
-        fixed = _fixed_size(value[0].__class__)
-        if fixed:
-            return _OBJECT + fixed * len(value)
-        return _OBJECT + sum(map(_size_of, value))
-    nbytes = getattr(value, "nbytes", _NUMBER)
-    return nbytes if isinstance(nbytes, int) else _NUMBER

@@ -195,6 +195,13 @@ class MessageType:
         return compile_test(self)
 
     @cached_property
+    def sizes(self) -> Callable[[list[Any]], int]:
+        """Reckons how many bytes messages of this type take as objects."""
+        from rwt_interfaces.serialise import sizes
+
+        return sizes.compile_sizes(self)
+
+    @cached_property
     def to_cbor(self) -> Callable[[msgspec.Struct], bytes]:
         """Encodes a message of this type in CBOR."""
         from rwt_interfaces.serialise import cbor

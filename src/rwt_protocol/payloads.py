@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import Final, Literal, Protocol, Self
 
 import msgspec
@@ -315,6 +315,9 @@ class TypedMessage(Encodable, Protocol):
 
     def cbor_parts(self) -> Sequence[Buffer]:
         """The message in CBOR (CBR-02 to CBR-07), in parts."""
+
+    def plain_in_steps(self) -> Generator[None, None, object]:
+        """What :meth:`plain` returns, in steps of about a millisecond at most; what is short takes none."""
 
     def serialised_parts(self) -> Sequence[Buffer]:
         """The message as its robot serialises it, ROS 1's own form or CDR (CBR-10, CBR-11), in parts."""

@@ -7,17 +7,23 @@ import json
 import logging
 import struct
 import zlib
+from contextlib import suppress
 
+import bson as library
 import msgspec
+import pytest
+from bson.errors import BSONError
 
 from rwt.settings.models import Settings
 from rwt_bridge.bridge import Bridge
 from rwt_graph import MemoryGraph, Node
 from rwt_graph.clock import SimulatedClock
 from rwt_interfaces.registry import Registry
+from rwt_interfaces.serialise.long_strings import finished
 from rwt_protocol.codecs import JSON, png
 from rwt_protocol.codecs.base import SplitLimits
 from rwt_protocol.codecs.bson import BsonCodec
+from rwt_protocol.codecs.bson_decoder import LargeDocument
 from rwt_protocol.codecs.full_split import MOST_MESSAGES
 from rwt_protocol.codecs.quick_calls import UsualCall
 from rwt_protocol.errors import Refused
@@ -31,6 +37,9 @@ _PROFILES = list(PROFILES.values())
 _DIRECTIONS = [Direction.TO_SERVER, Direction.TO_CLIENT]
 LIMITS = WireLimits(100_000, SplitLimits(max_depth=70), FragmentLimits(4, 20_000, 10.0))
 LONGEST_REASON = 2_000
+
+NOT_ALLOWED = set(range(0x0B, 0x10))
+"""Kinds of elements of BSON that are refused in large documents."""
 
 PICTURE_BYTES = 50_000
 
@@ -52,8 +61,27 @@ def bson(data: bytes) -> None:
     raw = data[0] & 0x40
     chosen = Session(_PROFILES[data[0] % len(_PROFILES)], _DIRECTIONS[data[0] >> 7], LIMITS, BsonCodec())
     for now, each in enumerate(data[1:].split(b"\x1e") if raw else documents):
+        _check_pieces(each)
         for item in chosen.decode(each, True, float(now)):
             _check_item(item)
+
+
+def _check_pieces(data: bytes) -> None:
+    """What a document holds does not depend on how it is cut."""
+    found = [document_in_pieces(data, LIMITS.split, piece) for piece in (1, 40)]
+    assert repr(found[0]) == repr(found[1])
+    if found[0] is not None:
+        assert repr(library.decode(data)) == repr(found[0])
+    elif not set(data) & NOT_ALLOWED and b"$ref" not in data:
+        with pytest.raises(BSONError):
+            library.decode(data)
+
+
+def document_in_pieces(data: bytes, limits: SplitLimits, piece: int) -> dict[str, object] | None:
+    """A document of BSON that is cut into such pieces; None where it is refused."""
+    with suppress(BSONError, ValueError, OverflowError, struct.error, IndexError):
+        return finished(LargeDocument(data, limits, piece=piece).value())
+    return None
 
 
 def _frames(chosen: Session, data: bytes) -> None:

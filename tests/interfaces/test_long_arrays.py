@@ -26,6 +26,8 @@ POINT = {
 PAIR = {"key": "[k]", "value": "},{"}
 ODD = {"key": "k]", "value": "]"}
 STATUS = {"level": 1, "name": "[n", "message": "]", "hardware_id": "", "values": [PAIR] * 5_000}
+POINT_3D = {"x": 1.0, "y": 2.0, "z": 0.5}
+POSE = {"header": HEADER, "pose": {"position": POINT_3D, "orientation": {**POINT_3D, "w": 1.0}}}
 MARKER = {"points": [{"x": 1.0, "y": 2.0, "z": 0.5}] * 2_000}
 
 MESSAGES: dict[str, tuple[str, Any]] = {
@@ -126,3 +128,35 @@ def test_what_does_not_fit_is_found_where_it_is(name: str, place: str, wrong: ob
 def test_a_text_of_very_many_commas_is_one_value() -> None:
     raw = json.dumps({"data": "," * (2 * MOST_VALUES)}).encode()
     assert Payload.from_json(Registry().message("std_msgs/String"), raw).json() == raw
+
+
+@pytest.mark.parametrize("name", MESSAGES)
+def test_a_program_s_message_becomes_the_same_in_steps_from_whatever_it_is_made(name: str) -> None:
+    type_name, message = MESSAGES[name]
+    type = Registry().message(type_name)
+    whole = Payload.from_value(type, message, _now)
+    own = whole.value()
+    for given in (message, own):
+        payload = Payload.from_value(type, given, _now)
+        steps, plain = _taken(payload.plain_in_steps())
+        assert repr(plain) == repr(whole.plain())  # NaN is not equal to itself.
+        assert steps > 0 or not payload.is_long
+        _taken(payload.prepare(("json", "cbor", "serialised")))
+        assert (payload.json(), payload.cbor(), payload.serialised()) == (
+            whole.json(),
+            whole.cbor(),
+            whole.serialised(),
+        )
+        assert type.json.decode(payload.json()).__class__ is type.struct is payload.value().__class__
+
+
+def test_a_program_s_message_is_not_made_twice(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Encoders take the very objects that the check has made; the type's own Structs are for programs."""
+    type = Registry().message("nav_msgs/Path")
+    payload = Payload.from_value(type, {"header": HEADER, "poses": [POSE] * 300}, _now)
+    with monkeypatch.context() as patched:
+        patched.setattr(Payload, "value", None)
+        steps, _ = _taken(payload.prepare(("json", "cbor", "serialised")))
+        _, plain = _taken(payload.plain_in_steps())
+    assert steps >= 15
+    assert plain == {"header": HEADER, "poses": [POSE] * 300}

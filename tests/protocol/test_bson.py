@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import struct
+from collections.abc import Generator
+from typing import TypeVar
 
 import bson
 import pytest
@@ -13,7 +15,9 @@ from hypothesis import strategies as st
 
 from rwt_protocol.codecs import JSON
 from rwt_protocol.codecs.base import SplitLimits
-from rwt_protocol.codecs.bson import BsonCodec
+from rwt_protocol.codecs.bson import BsonCodec, encode_in_steps
+from rwt_protocol.codecs.bson_decoder import LargeDocument, TooMuchStructure
+from rwt_protocol.errors import MalformedPayload
 from rwt_protocol.ops import Direction, Op, Publish
 from rwt_protocol.payloads import Decoded
 from rwt_protocol.session import Refusal, Session, WireLimits
@@ -108,3 +112,137 @@ def test_what_is_written_is_read_back(topic: str, members: dict[str, object]) ->
     (found,) = Session(direction=Direction.TO_CLIENT, codec=CODEC).decode(frame.data, True, 0.0)
     assert isinstance(found, Publish)
     assert (found.topic, found.msg) == (topic, Decoded(members))
+
+
+T = TypeVar("T")
+
+NAMES = st.text(st.characters(exclude_characters="\0$", codec="utf-8"), max_size=6)
+SCALARS = (
+    st.none() | st.booleans() | st.integers(-(2**63), 2**63 - 1) | st.floats(allow_nan=False)
+    | st.text(max_size=40) | st.binary(max_size=40)
+)  # fmt: skip
+VALUES = st.recursive(
+    SCALARS | st.lists(SCALARS, max_size=3).map(lambda items: items * 20),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(NAMES, inner, max_size=4),
+    max_leaves=8,
+)
+DOCUMENTS = st.dictionaries(NAMES, VALUES, max_size=4)
+
+
+def run(steps: Generator[None, None, T]) -> tuple[T, int]:
+    """What steps come to, and how many pauses there are between them."""
+    pauses = 0
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            value: T = end.value
+            return value, pauses
+        pauses += 1
+
+
+@given(DOCUMENTS, st.integers(1, 60))
+def test_a_document_that_is_cut_holds_what_the_library_finds_in_it(
+    message: dict[str, object], piece: int
+) -> None:
+    data = bson.encode(message)
+    found, _ = run(LargeDocument(data, SplitLimits(), piece=piece).value())
+    assert found == bson.decode(data) == message
+    assert list(found) == list(message)
+
+
+@given(DOCUMENTS, st.integers(1, 60), st.integers(0, 400), st.integers(0, 3), st.binary(max_size=3))
+def test_a_damaged_document_is_refused_however_it_is_cut(
+    message: dict[str, object], piece: int, place: int, removed: int, added: bytes
+) -> None:
+    data = bson.encode(message)
+    data = data[:place] + added + data[place + removed :]
+    try:
+        found, _ = run(LargeDocument(data, SplitLimits(), piece=piece).value())
+    except TooMuchStructure:
+        return
+    except (bson.errors.BSONError, ValueError, OverflowError, struct.error, IndexError):
+        whole = LargeDocument(data, SplitLimits(), piece=1 << 20)
+        with pytest.raises((bson.errors.BSONError, ValueError, OverflowError, struct.error, IndexError)):
+            run(whole.value())
+    else:
+        assert repr(found) == repr(bson.decode(data))
+
+
+@pytest.mark.parametrize("levels", [1, 5, 6, 40])
+def test_depth_is_counted_however_a_document_is_cut(levels: int) -> None:
+    for piece in (1, 20, 1 << 20):
+        document = LargeDocument(nested(levels), SplitLimits(max_depth=5), piece=piece)
+        run(document.value())
+        assert document.is_too_deep == (levels > 5)
+
+
+def test_a_large_document_is_decoded_piece_by_piece(monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes: list[int] = []
+
+    library = bson.decode
+
+    def decode(data: bytes) -> dict[str, object]:
+        sizes.append(len(data))
+        return library(data)
+
+    pose = {"position": {"x": 0.5, "y": 1.5}, "frame": "map"}
+    message = {
+        "op": "publish",
+        "topic": "/a",
+        "msg": {
+            "data": [0.5] * 90_000,
+            "poses": [pose] * 900,
+            "text": "é" * 400_000,
+            "octets": bytes(900_000),
+        },
+    }
+    data = bson.encode(message)
+    with monkeypatch.context() as patched:
+        patched.setattr("rwt_protocol.codecs.bson_decoder.bson.decode", decode)
+        (found,), pauses = run(CODEC.split_in_steps(data, SplitLimits()))
+    assert found == message | {"msg": Decoded(message["msg"])}
+    assert max(sizes) < 40_000
+    assert pauses >= len(sizes) + 800_000 // (128 * 1024)
+
+
+@given(DOCUMENTS)
+def test_a_message_that_is_encoded_in_steps_is_the_same_to_the_byte(message: dict[str, object]) -> None:
+    parts, _ = run(encode_in_steps(bson.decode(bson.encode(message))))
+    assert b"".join(parts) == bson.encode(message)
+
+
+def test_a_large_message_is_encoded_piece_by_piece(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = {
+        "numbers": [2**64 - 1, *range(30_000), True, 0.5],
+        "poses": [{"a": {"b": [number]}, "texts": ["x"]} for number in range(3000)],
+        "mixed": [0.5, "a", *([0.5] * 9000 for _ in range(3)), {"deep": [{} for _ in range(9000)]}],
+        "text": "aé😀" * 300_000,
+        "octets": bytes(1_000_000),
+        "last": 1,
+    }
+    expected = CODEC.frame({"op": "publish", "msg": whole}).data
+    sizes: list[int] = []
+
+    def encode(message: dict[str, object]) -> bytes:
+        data = bson.encode(message)
+        sizes.append(len(data))
+        return data
+
+    with monkeypatch.context() as patched:
+        patched.setattr("rwt_protocol.codecs.bson._encode", encode)
+        parts, pauses = run(encode_in_steps({"op": "publish", "msg": whole}))
+    assert b"".join(parts) == expected
+    assert sorted(sizes)[-2] < 200_000 < 1_000_000 < sizes[sizes.index(max(sizes))]
+    assert pauses >= len(sizes) - 3
+
+
+def test_a_short_message_takes_no_steps() -> None:
+    parts, pauses = run(encode_in_steps({"ranges": [0.5] * 640, "name": "x" * 1000}))
+    assert (len(parts), pauses) == (1, 0)
+
+
+def test_a_name_with_a_nul_is_refused_in_a_large_message_too() -> None:
+    for value in ([0.5] * 20_000, 1):
+        with pytest.raises(MalformedPayload, match=r"NUL|null"):
+            run(encode_in_steps({"a": {"b\0c": value}, "d": [0.5] * 20_000}))

@@ -79,7 +79,7 @@ def length_head(length: int, is_text: bool) -> bytes:
 
 
 def compile_encoder(message: MessageType) -> Callable[[msgspec.Struct], bytes]:
-    """A function that encodes a message of that type; the message must be its type's own Struct."""
+    """A function that encodes a message of that type; it takes its own Struct and `JsonCodec.sendable`."""
     leaves = list(_leaves(message, "", b""))
     tail = b""
     if leaves and not leaves[-1][1]:

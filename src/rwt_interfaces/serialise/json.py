@@ -57,6 +57,7 @@ class JsonCodec:
         "_message",
         "_octets",
         "_pack",
+        "_sendable",
         "_texts",
         "_unsendable",
         "check",
@@ -66,6 +67,7 @@ class JsonCodec:
 
     def __init__(self, message: MessageType) -> None:
         self.strict = strict_struct(message)
+        self._sendable: type[msgspec.Struct] | None = None
         self._kinds = frozenset(_kinds(message))
         self._unsendable = flaw_in(message, unsendable)
         self._decode: Callable[[RawText], msgspec.Struct] = msgspec.json.Decoder(message.struct).decode
@@ -94,9 +96,17 @@ class JsonCodec:
             self._long_arrays = LongArrays(self._message)
         return self._long_arrays
 
+    @property
+    def sendable(self) -> type[msgspec.Struct]:
+        """The Struct of messages that programs give: as `strict`, but a float is never null, so that every
+        encoder takes it."""
+        if self._sendable is None:
+            self._sendable = strict_struct(self._message, has_nulls=False)
+        return self._sendable
+
     def convert(self, value: object) -> msgspec.Struct:
-        """Copy a mapping or object into a `strict` Struct, or raise one of :data:`REJECTIONS`."""
-        message = msgspec.convert(value, self.strict, from_attributes=True)
+        """Copy a mapping or object into a :attr:`sendable` Struct, or raise one of :data:`REJECTIONS`."""
+        message = msgspec.convert(value, self.sendable, from_attributes=True)
         if self._unsendable is not None and self._unsendable(message):
             raise msgspec.ValidationError
         return message

@@ -1,4 +1,5 @@
-"""Which messages hold lists so long that they are encoded in steps, in their fields or further inside."""
+"""Which messages hold lists so long that they are encoded in steps, in their fields or further inside, and
+such messages as plain objects."""
 
 from __future__ import annotations
 
@@ -6,8 +7,10 @@ from collections.abc import Callable, Iterable, Iterator
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
 from rwt_interfaces import field_types
-from rwt_interfaces.serialise.long_strings import FEW
+from rwt_interfaces.serialise.long_strings import FEW, Steps, chunks_of
 
 if TYPE_CHECKING:
     from rwt_interfaces.field_types import FieldType
@@ -50,3 +53,45 @@ def _lists(message: MessageType, prefix: str) -> Iterator[tuple[str, field_types
             yield from _lists(slot.type.type, f"{prefix}{slot.attribute}.")
         elif isinstance(slot.type, field_types.Array) and slot.type.length is None:
             yield prefix + slot.attribute, slot.type
+
+
+def plain(value: object) -> Any:
+    """Messages as dicts, lists and scalars, octets as bytes."""
+    return msgspec.to_builtins(value, builtin_types=(bytes,), enc_hook=_plain_array)
+
+
+def plain_lists(type: MessageType, message: msgspec.Struct) -> Steps[object]:
+    """The same of one message, its long lists in steps."""
+    if type.holds_long_list is None or not type.holds_long_list(message):
+        return plain(message)
+    found: dict[str, object] = {}
+    for slot in type.slots:
+        value = getattr(message, slot.attribute)
+        if isinstance(slot.type, field_types.Message):
+            found[slot.name] = yield from plain_lists(slot.type.type, value)
+        elif isinstance(slot.type, field_types.Array) and (
+            len(value) > FEW or holds_long_lists(slot.type, value)
+        ):
+            found[slot.name] = yield from _plain_items(slot.type, value)
+        else:
+            found[slot.name] = plain(value)
+    return found
+
+
+def _plain_items(array: field_types.Array, values: Any) -> Steps[list[object]]:
+    items: list[object] = []
+    element = array.element
+    for chunk in chunks_of(values, isinstance(element, field_types.Int | field_types.Float)):
+        yield
+        if isinstance(element, field_types.Message) and holds_long_lists(array, chunk):
+            for each in chunk:
+                items += ((yield from plain_lists(element.type, each)),)
+        else:
+            items += plain(chunk)
+    return items
+
+
+def _plain_array(array: object) -> object:
+    """A numpy array as a list: the only thing in a message that is not plain."""
+    to_list: Callable[[], object] = array.tolist  # type: ignore[attr-defined]  # numpy is not imported here
+    return to_list()

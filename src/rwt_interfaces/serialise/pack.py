@@ -28,7 +28,7 @@ _Write = Callable[[bytearray, Any], None]
 
 
 def compile_writer(message: MessageType, rules: WireRules) -> _Write:
-    """A function that appends a message of that type; the message must be its type's own Struct."""
+    """A function that appends a message of that type; it takes its own Struct and `JsonCodec.sendable`."""
     steps = [step for step, _, _ in _steps(message, rules)]
 
     def write(out: bytearray, value: Any) -> None:

@@ -24,7 +24,7 @@ ROS1: Final = WireRules(header=b"", aligned=False, terminated=False, filler=b"")
 
 
 def compile_encoder(message: MessageType, rules: WireRules) -> Callable[[msgspec.Struct], bytes]:
-    """A function that encodes a message of that type; the message must be its type's own Struct."""
+    """A function that encodes a message of that type; it takes its own Struct and `JsonCodec.sendable`."""
     write = compile_writer(message, rules)
     header = rules.header
 

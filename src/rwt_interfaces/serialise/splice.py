@@ -6,7 +6,6 @@ Nobody decodes or copies the content for that, except from base64 to octets or b
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Iterator
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
@@ -64,10 +63,9 @@ def put(
     message: msgspec.Struct, attributes: tuple[str, ...], content: str | bytes | int | list[Any]
 ) -> msgspec.Struct:
     """A copy of a message with something else in the field that a path of attributes leads to."""
-    copied = copy.copy(message)
     first, *rest = attributes
-    setattr(copied, first, put(getattr(message, first), tuple(rest), content) if rest else content)
-    return copied
+    new = put(getattr(message, first), tuple(rest), content) if rest else content
+    return msgspec.structs.replace(message, **{first: new})
 
 
 def places(message: MessageType) -> Iterator[Place]:
@@ -92,6 +90,14 @@ def long_text(type: MessageType, message: msgspec.Struct) -> Place | None:
     """The first place where a message in Python has a text so long that it is written in steps."""
     for place in type.text_places:
         if len(place.fetch(message)) >= LONG_TEXT:
+            return place
+    return None
+
+
+def long_octets(type: MessageType, message: msgspec.Struct) -> Place | None:
+    """The first place where a message in Python has octets so long that they stand apart."""
+    for place in type.places:
+        if not place.is_text and len(place.fetch(message)) >= LONG_OCTETS:
             return place
     return None
 
@@ -142,13 +148,11 @@ class SplicedMessage:
         return None
 
     @classmethod
-    def from_message(cls, type: MessageType, message: msgspec.Struct) -> SplicedMessage | None:
-        """Of a message in Python: None if it has no long octets."""
-        for place in type.places:
-            if not place.is_text and len(octets := place.fetch(message)) >= LONG_OCTETS:
-                token = token_for_base64((len(octets) + 2) // 3 * 4, -len(octets) % 3)
-                return cls(place.put(message, pybase64.b64decode(token)), place, token, None, octets)
-        return None
+    def from_octets(cls, message: msgspec.Struct, place: Place) -> SplicedMessage:
+        """Of a message in Python with long octets in one place."""
+        octets: bytes = place.fetch(message)
+        token = token_for_base64((len(octets) + 2) // 3 * 4, -len(octets) % 3)
+        return cls(place.put(message, pybase64.b64decode(token)), place, token, None, octets)
 
     @classmethod
     def from_text(cls, message: msgspec.Struct, place: Place) -> SplicedMessage:

@@ -31,13 +31,22 @@ _PIECE = 1 << 16
 _UINT64_MAX = (1 << 64) - 1
 
 
-def strict_struct(message: MessageType) -> type[msgspec.Struct]:
-    """Compile it; nested ones are taken from their types."""
+def strict_struct(message: MessageType, *, has_nulls: bool = True) -> type[msgspec.Struct]:
+    """Compile it; nested ones are taken from their types.
+
+    Args:
+        message: the type.
+        has_nulls: whether floats may be null.
+    """
     name = message.name.partition("/")[2]
     if message.time is not None:
         return _strict_time(message.time)
     return _define(
-        name, [(slot.attribute, slot.name, strict_annotation(slot.type)) for slot in message.slots]
+        name,
+        [
+            (slot.attribute, slot.name, strict_annotation(slot.type, has_nulls=has_nulls))
+            for slot in message.slots
+        ],
     )
 
 
@@ -59,15 +68,15 @@ def _define(name: str, fields: list[tuple[str, str, Any]]) -> type[msgspec.Struc
     )
 
 
-def strict_annotation(type: FieldType) -> Any:
-    """The annotation of a field that takes only what may be passed on."""
+def strict_annotation(type: FieldType, *, has_nulls: bool = True) -> Any:
+    """The annotation of a field that takes only what may be passed on; has_nulls as :func:`strict_struct`."""
     match type:
         case field_types.Bool():
             return bool
         case field_types.Int():
             return int_annotation(type)
         case field_types.Float():
-            return float_annotation(type)
+            return float_annotation(type, has_nulls=has_nulls)
         case field_types.String():
             return str if type.bound is None else Annotated[str, msgspec.Meta(max_length=type.bound)]
         case field_types.Time():
@@ -75,9 +84,9 @@ def strict_annotation(type: FieldType) -> Any:
         case field_types.Octets():
             return sized(bytes, type.length, None)
         case field_types.Message():
-            return type.type.json.strict
+            return type.type.json.strict if has_nulls else type.type.json.sendable
         case field_types.Array():
-            return sized(_LIST[strict_annotation(type.element)], type.length, type.bound)
+            return sized(_LIST[strict_annotation(type.element, has_nulls=has_nulls)], type.length, type.bound)
 
 
 def sized(kind: Any, length: int | None, bound: int | None) -> Any:

@@ -74,11 +74,11 @@ def int_annotation(type: field_types.Int) -> object:
     return Annotated[int, msgspec.Meta(ge=type.low, le=type.high)]
 
 
-def float_annotation(type: field_types.Float) -> object:
-    """The float as msgspec checks it; None stands for null."""
-    if type.code == "d":
-        return float | None
-    return Annotated[float, msgspec.Meta(ge=-field_types.FLOAT32_LIMIT, le=field_types.FLOAT32_LIMIT)] | None
+def float_annotation(type: field_types.Float, *, has_nulls: bool = True) -> object:
+    """The float as msgspec checks it; None stands for null, if there may be any."""
+    limit = field_types.FLOAT32_LIMIT
+    kind: Any = float if type.code == "d" else Annotated[float, msgspec.Meta(ge=-limit, le=limit)]
+    return kind | None if has_nulls else kind
 
 
 @lru_cache(maxsize=32)

@@ -37,8 +37,13 @@ def members_within(
     """
     members = members_of(found, size)
     if size > smallest_level * max_depth and _deeper_than(found, max_depth):
-        return DecodeFailure(f"nested more than {max_depth} levels deep (limits.max_depth)", members)
+        return too_deep(members, max_depth)
     return members
+
+
+def too_deep(members: Members, max_depth: int) -> DecodeFailure:
+    """That more objects and arrays are open at once than may be, in a message with those members."""
+    return DecodeFailure(f"nested more than {max_depth} levels deep (limits.max_depth)", members)
 
 
 def _deeper_than(found: object, limit: int) -> bool:

@@ -1,0 +1,230 @@
+"""Reading BSON (bsonspec.org): large documents in steps, and what they cost before it is spent."""
+
+from __future__ import annotations
+
+import codecs
+import re
+import struct
+from collections.abc import Generator
+from typing import Any, Final, TypeVar
+
+import bson
+
+from rwt_protocol.codecs.base import SplitLimits
+
+T = TypeVar("T")
+Steps = Generator[None, None, T]
+
+_LENGTH: Final = struct.Struct("<i")
+
+_NUMBERS: Final = re.compile(rb"(?:[\x01\x12][^\0]*+\0.{8}|\x10[^\0]*+\0.{4}){0,512}+", re.DOTALL)
+"""A run of numbers."""
+
+_TEXT, _DOCUMENT, _ARRAY, _OCTETS = range(2, 6)
+_FIXED: Final = {
+    0x01: 8, 0x06: 0, 0x07: 12, 0x08: 1, 0x09: 8, 0x0A: 0,
+    0x10: 4, 0x11: 8, 0x12: 8, 0x13: 16, 0x7F: 0, 0xFF: 0,
+}  # fmt: skip
+"""The other kinds that are allowed, and their bytes."""
+_PLAIN_OCTETS: Final = 0
+"""The subtype of octets that are nothing else."""
+_REFERENCE: Final = "$ref"
+"""The member of a document that the library makes a reference to another of."""
+
+_STEP: Final = 4
+"""What each step of the walk counts, however few bytes it covers."""
+_WALKED: Final = 256
+"""Elements and runs of numbers that are walked over in one step."""
+
+
+class TooMuchStructure(Exception):
+    """The document holds more than it may of what costs much memory for each byte."""
+
+
+class _Container:
+    """A document or array that is open.
+
+    Attributes:
+        is_array: which of the two it is.
+        end: the place behind it.
+        is_cut: whether its elements are decoded piece by piece; else it is part of a piece of what is around.
+        name: what it is called in the document around it.
+        value: what has been decoded of it.
+    """
+
+    __slots__ = ("end", "is_array", "is_cut", "name", "value")
+
+    def __init__(self, is_array: bool, end: int, is_cut: bool, name: bytes) -> None:
+        self.is_array = is_array
+        self.end = end
+        self.is_cut = is_cut
+        self.name = name
+        self.value: Any = [] if is_array else {}
+
+    def add(self, name: bytes, value: object) -> None:
+        """Add one element. In an array its name means nothing."""
+        if self.is_array:
+            self.value.append(value)
+        else:
+            self.value[name.decode()] = value
+
+    def add_all(self, elements: bytes) -> None:
+        """Decode some elements together, as a document, or as an array in one, and add them."""
+        size = _LENGTH.size + len(elements) + 1
+        if self.is_array:
+            head = _LENGTH.pack(_LENGTH.size + 2 + size + 1) + b"\x04\0"
+            self.value += bson.decode(b"%b%b%b\0\0" % (head, _LENGTH.pack(size), elements))[""]
+        else:
+            self.value |= bson.decode(b"%b%b\0" % (_LENGTH.pack(size), elements))
+
+
+class LargeDocument:
+    """A document that is decoded in steps.
+
+    Its elements are walked over, and what they cost is counted, before any of them is decoded. The library
+    decodes a document at once; so one that is more than a piece is cut, and some of its elements are decoded
+    together. Long text is decoded in pieces, too.
+
+    Args:
+        data: the document.
+        limits: what it may hold.
+        piece: bytes of elements that are decoded together, and of a document or array that is not cut.
+            Text and octets of eight times as many are decoded by themselves, text so many bytes in one step.
+
+    Attributes:
+        is_too_deep: whether more documents and arrays were open at once than may be.
+    """
+
+    def __init__(self, data: bytes, limits: SplitLimits, *, piece: int = 16 * 1024) -> None:
+        self.is_too_deep = False
+        self._piece = piece
+        self._long = 8 * piece
+        self._data = data
+        self._max_depth = limits.max_depth
+        self._left = limits.max_structure
+        self._open: list[_Container] = []
+        self._walked_from = 0
+        self._place = 0
+
+    def value(self) -> Steps[dict[str, Any]]:
+        """The whole document.
+
+        Raises:
+            TooMuchStructure: it would cost more than it may: of text and octets their heads count; of runs of
+                numbers a quarter in a document, where each has a name of its own, and an eighth in an array;
+                of all else each byte.
+            ValueError, struct.error, IndexError, BSONError: not BSON, or a kind of element that no message
+                needs: patterns, programs, and references to other documents.
+        """
+        self._enter(False, b"")
+        whole = self._open[0]
+        if whole.end != len(self._data):
+            raise ValueError
+        walked = 0
+        while self._open:
+            if (yield from self._element()) or walked == _WALKED:
+                walked = 0
+                yield
+            walked += 1
+        value: dict[str, Any] = whole.value
+        return value
+
+    def _element(self) -> Steps[bool]:
+        """Walk over a run of numbers, and over what is behind it; whether something was decoded."""
+        data, container = self._data, self._open[-1]
+        if is_full := container.is_cut and self._place - self._walked_from > self._piece:
+            self._decode_walked()
+        run = _NUMBERS.match(data, self._place)
+        begin = self._place if run is None else run.end()
+        self._count(_STEP + ((begin - self._place) >> (3 if container.is_array else 2)))
+        self._place = begin
+        kind = data[begin]
+        if kind == 0:
+            self._leave()
+            return container.is_cut or is_full
+        self._place = data.index(0, begin + 1) + 1
+        if kind in (_DOCUMENT, _ARRAY):
+            self._enter(kind == _ARRAY, data[begin + 1 : self._place - 1], begin)
+        elif kind in (_TEXT, _OCTETS):
+            return (yield from self._sized(kind, begin)) or is_full
+        else:
+            if kind not in _FIXED:
+                raise ValueError
+            self._place += _FIXED[kind]
+            self._count(self._place - begin)
+        return is_full
+
+    def _count(self, cost: int) -> None:
+        self._left -= cost
+        if self._left < 0:
+            raise TooMuchStructure
+
+    def _enter(self, is_array: bool, name: bytes, begin: int = 0) -> None:
+        """Go into a document or array whose length is here, and which begins there with its kind and name."""
+        (size,) = _LENGTH.unpack_from(self._data, self._place)
+        container = _Container(is_array, self._place + size, size > self._piece or not self._open, name)
+        if container.is_cut and self._open:
+            if container.end > self._open[-1].end:
+                raise ValueError
+            self._decode_walked(begin)
+        self._place += _LENGTH.size
+        self._count(self._place - begin)
+        if container.is_cut:
+            self._walked_from = self._place
+        self._open.append(container)
+        self.is_too_deep |= len(self._open) > self._max_depth
+
+    def _leave(self) -> None:
+        """Go out of the innermost document or array, whose end is here."""
+        container = self._open[-1]
+        if self._place + 1 != container.end:
+            raise ValueError
+        if container.is_cut:
+            self._decode_walked()
+        self._open.pop()
+        self._place += 1
+        if container.is_cut and self._open:
+            if not container.is_array and _REFERENCE in container.value:
+                raise ValueError
+            self._open[-1].add(container.name, container.value)
+            self._walked_from = self._place
+
+    def _sized(self, kind: int, begin: int) -> Steps[bool]:
+        """Walk over text or octets that begin there with their kind and name, and decode what is long."""
+        (size,) = _LENGTH.unpack_from(self._data, self._place)
+        name = self._data[begin + 1 : self._place - 1]
+        content = self._place + _LENGTH.size + (kind == _OCTETS)
+        end = content + size
+        if size < 0 or end >= self._open[-1].end:
+            raise ValueError
+        self._count(content - begin)
+        self._place = end
+        is_text = kind == _TEXT
+        if size < self._long or not (is_text or self._data[content - 1] == _PLAIN_OCTETS):
+            return False
+        self._decode_walked(begin)
+        found = (yield from self._text(content, end)) if is_text else self._data[content:end]
+        self._open[-1].add(name, found)
+        self._walked_from = end
+        return True
+
+    def _text(self, begin: int, end: int) -> Steps[str]:
+        """Long text, which ends with a NUL."""
+        if self._data[end - 1] != 0:
+            raise ValueError
+        pieces: list[str] = []
+        with memoryview(self._data) as view:
+            while begin < end - 1:
+                stop = min(begin + self._long, end - 1)
+                piece, size = codecs.utf_8_decode(view[begin:stop], "strict", stop == end - 1)
+                pieces.append(piece)
+                begin += size
+                yield
+        return "".join(pieces)
+
+    def _decode_walked(self, end: int | None = None) -> None:
+        """Decode what was walked over and is not decoded yet, up to an element that begins there."""
+        end = self._place if end is None else end
+        if end > self._walked_from:
+            self._open[-1].add_all(self._data[self._walked_from : end])
+        self._walked_from = end
