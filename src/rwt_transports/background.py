@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
-from typing import TypeVarTuple, Unpack
+from time import monotonic
+from typing import Final, TypeVarTuple, Unpack
 
 import anyio
+import anyio.lowlevel
 from anyio.abc import TaskGroup
 
 Arguments = TypeVarTuple("Arguments")
+
+PACED_SECONDS: Final = 0.005
+"""Of one turn of the event loop, for what is :class:`Paced`."""
 
 
 def runs_asyncio() -> bool:
@@ -50,6 +56,49 @@ class TaskStarter:
             self._wake = anyio.Event()
             if not self._waiting:
                 await self._wake.wait()
+
+
+class Paced:
+    """Steps of many connections, of which each turn of the event loop sees few: they take some milliseconds,
+    and the rest waits in a line for the next turns. Without :meth:`run` nothing waits."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[Callable[[], object]] = deque()
+        self._used = 0.0  # seconds
+        self._wake: anyio.Event | None = None
+
+    @property
+    def is_full(self) -> bool:
+        """Whether a step has to wait."""
+        return self._wake is not None and (self._used > PACED_SECONDS or bool(self._waiting))
+
+    def take(self, step: Callable[[], object]) -> None:
+        """Take a step now, which counts."""
+        began = monotonic()
+        try:
+            step()
+        finally:
+            self._used += monotonic() - began
+
+    def later(self, step: Callable[[], object]) -> None:
+        """Take a step behind those that wait already; it raises nothing."""
+        if self._wake is None:
+            step()
+            return
+        self._waiting.append(step)
+        self._wake.set()
+
+    async def run(self) -> None:
+        """Let each turn see its part, until cancelled."""
+        while True:
+            if not self._waiting:
+                self._used = 0.0
+                self._wake = anyio.Event()
+                await self._wake.wait()
+            self._used = 0.0
+            while self._waiting and self._used <= PACED_SECONDS:
+                self.take(self._waiting.popleft())
+            await anyio.lowlevel.checkpoint()
 
 
 @asynccontextmanager

@@ -26,7 +26,7 @@ from rwt_transports.api import (
     Wire,
     WireEvents,
 )
-from rwt_transports.background import TaskStarter
+from rwt_transports.background import Paced, TaskStarter
 from rwt_transports.errors import Refused, log_exception
 from rwt_transports.http import EVERY_NAME, NO_PROXIES, Hosts, Proxies
 from rwt_transports.limits import AddressCount, Limits
@@ -88,6 +88,7 @@ class ListenerState:
         subprotocols: what WebSockets may speak besides rosbridge.
         ended: set when the one peer has gone, and when the listener has closed.
         tasks: where an HTTP handler runs that waits or streams; there while the listener is open.
+        requests: those over HTTP, of which one turn of the event loop reads few.
         connections: those that are open.
     """
 
@@ -105,6 +106,7 @@ class ListenerState:
     access_log: bool = False
     subprotocols: frozenset[str] = frozenset()
     tasks: TaskStarter | None = None
+    requests: Paced = field(default_factory=Paced)
     ended: anyio.Event = field(default_factory=anyio.Event)
     buffers: ReceiveBufferPool = field(default_factory=ReceiveBufferPool)
     connections: set[PeerConnection] = field(default_factory=set)
@@ -160,6 +162,7 @@ class ListenerState:
         async with anyio.create_task_group() as tasks:
             self.tasks = TaskStarter()
             tasks.start_soon(self.tasks.run, tasks)
+            tasks.start_soon(self.requests.run)
             tasks.start_soon(self.watch)
             try:
                 yield

@@ -50,7 +50,8 @@ class HttpConnection:
         self._body = bytearray()
         self._busy = False  # a handler is at work, or a body is being sent
         self._streaming = False  # that body comes piece by piece, and may have no end
-        self._ahead = 0  # bytes that came while an answer was being made
+        self._is_waiting = False  # what has come waits to be read
+        self._ahead = 0  # bytes that came meanwhile, or while an answer was being made
         self._refused: HttpResponse | None = None  # what answers every request
         self._taken = 0  # bytes that the network had taken when the time-outs were checked last
         self._over = False
@@ -67,14 +68,15 @@ class HttpConnection:
         if self._over:
             return
         self.outbox.received += len(data)
-        if self._busy:
+        if self._busy or self._is_waiting:
             self._ahead += len(data)
             if self._ahead > self._limits.http_header_bytes + self._limits.http_body_bytes:
                 self._overflow("too many requests before the answer to the first (http_body_bytes)")
                 return
         try:
             self._h11.receive_data(data)
-            self._take_requests()
+            if not (self._busy or self._is_waiting):
+                self._go_on()
         except Exception:
             log_exception("a route or the handshake failed; cutting %s", self)
             self.abort()
@@ -92,7 +94,7 @@ class HttpConnection:
         """The peer will send nothing more. An answer under way is still sent; a stream is ended, since a
         browser that leaves it half-closes the connection and no more."""
         self._half_closed = True
-        if not self._busy or self._streaming:
+        if (not self._busy or self._streaming) and not self._is_waiting:
             self._end()
 
     def lost(self) -> None:
@@ -159,6 +161,28 @@ class HttpConnection:
         self.abort()
 
     # -- reading -------------------------------------------------------------------------------------------
+
+    def _go_on(self) -> None:
+        """Read the next request, in a turn of the event loop that has not read many."""
+        line = self._state.requests
+        if line.is_full:
+            self._is_waiting = True
+            line.later(self._take_waiting)
+        else:
+            line.take(self._take_requests)
+
+    def _take_waiting(self) -> None:
+        self._is_waiting = False
+        if self._over:
+            return
+        self._ahead = 0
+        try:
+            self._take_requests()
+            if self._half_closed and not self._busy and not self._over:
+                self._end()  # As in `eof`, which came before.
+        except Exception:
+            log_exception("a route failed; cutting %s", self)
+            self.abort()
 
     def _take_requests(self) -> None:
         try:
@@ -330,10 +354,12 @@ class HttpConnection:
         self._ahead = 0
         try:
             self._responded()
-            self._take_requests()
         except Exception:
-            log_exception("a route failed; cutting %s", self)
+            log_exception("an HTTP answer failed; cutting %s", self)
             self.abort()
+            return
+        self._is_waiting = True
+        self._state.requests.later(self._take_waiting)
 
     async def _respond_in_scope(self, response: HttpResponse | Awaitable[HttpResponse]) -> None:
         """Respond, in a task that ends with the connection."""
@@ -359,7 +385,7 @@ class HttpConnection:
         self._busy = False
         self._ahead = 0
         self._responded()
-        self._take_requests()
+        self._go_on()
 
     async def _stream(self, response: HttpResponse, chunks: AsyncIterator[bytes]) -> None:
         self._send_head(response, None)

@@ -256,7 +256,10 @@ class ParameterTree:
             size += self.bytes - freed + sum(2 * _NODE + _length(name) for name in missing)
         for what, has, most in (("names", count, self._most_names), ("bytes", size, self._most_bytes)):
             if has > most:
-                raise ParameterRejected(f"the parameters would hold {has} {what}, and {most} is the limit")
+                raise ParameterRejected(
+                    f"the parameters would hold {has} {what}, and {most} is the limit for all of them,"
+                    " which no setting changes: delete some"
+                )
         return count, size
 
     def _affected(self, name: str, value: ParameterValue) -> list[tuple[str, ParameterValue]]:

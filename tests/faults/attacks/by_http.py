@@ -200,7 +200,7 @@ def clients_by_http(attacker: Attacker) -> None:
 
 
 OF_VIEWERS: Final = (
-    mcp_sessions, mcp_bodies, mcp_streams, large_heads, bodies_for_everything, clients_by_http,
+    mcp_sessions, mcp_bodies, mcp_streams, large_heads, preflights, bodies_for_everything, clients_by_http,
 )  # fmt: skip
 """Those that can be done by who only looks."""
 
