@@ -284,7 +284,11 @@ METRICS = (
         peer_case="calls of client 32",
     ),
     Metric("service of a client, 1 at a time, calls/s", "calls of client 1", _rate),
-    Metric(f"service of a client, {DEPTH} in flight, calls/s", "calls of client 32", _rate),
+    Metric(f"service of a client, {DEPTH} in flight, calls/s", "calls of client 32", _rate, floor=Floor(0.9)),
+    *(
+        Metric(f"service of a client, {what}, CPU s per 10,000", case, _cpu, digits=4)
+        for what, case in (("1 at a time", "calls of client 1"), (f"{DEPTH} in flight", "calls of client 32"))
+    ),
     Metric(
         f"latency at {load.LATENCY_HZ} Hz, p50 ms",
         "latency",
