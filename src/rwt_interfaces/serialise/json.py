@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _FEW_OCTETS = 512
 
 #: What the strict checks raise, and nothing else.
-REJECTIONS = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
+REJECTIONS = (msgspec.MsgspecError, UnicodeError, RecursionError)
 #: Numbers of an array that are written at once.
 _MANY_NUMBERS = 1 << 16
 _parse = msgspec.json.Decoder().decode

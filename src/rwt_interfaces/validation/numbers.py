@@ -90,7 +90,7 @@ def number_list(value: Any, type: field_types.Int | field_types.Float) -> list[A
     """A new list of checked numbers: in one pass of compiled code if all are plain, one by one if not."""
     try:
         numbers: list[Any] = msgspec.convert(value, _list_annotation(type))
-    except (msgspec.ValidationError, TypeError):
+    except (msgspec.ValidationError, TypeError, UnicodeEncodeError):  # by half a surrogate
         if type.code == "f":
             return _float32_list(value, type)
         return _one_by_one(value, type)
@@ -110,7 +110,7 @@ def _float32_list(value: Any, type: field_types.Int | field_types.Float) -> list
         if None in numbers:
             numbers = [math.nan if number is None else number for number in numbers]
         struct.pack(f"<{len(numbers)}f", *numbers)
-    except (msgspec.ValidationError, TypeError, OverflowError):
+    except (msgspec.ValidationError, TypeError, OverflowError, UnicodeEncodeError):
         return _one_by_one(value, type)
     return float32_list(numbers)
 
