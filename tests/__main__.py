@@ -51,7 +51,7 @@ SHORT_FILES: Final = 18
 MANY: Final = 25
 """Failures that no busy machine explains."""
 
-PATIENCE: Final = 1200.0
+PATIENCE: Final = 1800.0
 """Seconds after which a program hangs; each test has a limit of its own, but what is around them has none."""
 
 NO_TESTS: Final = 5
