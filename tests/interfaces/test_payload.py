@@ -16,6 +16,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.errors import InvalidMessage
@@ -346,3 +348,35 @@ def test_a_fault_in_a_mapping_in_steps_is_named(name: str, value: dict[str, obje
     with pytest.raises(InvalidMessage) as raised:
         list(Payload.from_value_in_steps(REGISTRY.message(name), value))
     assert where in str(raised.value)
+
+
+ODD_FLOATS = st.floats(min_value=-3e38, max_value=3e38) | st.sampled_from(
+    [0.1, -0.0, 1e-45, 5e-324, 2.0**-126, 3.4028234663852886e38, float("nan")]
+)
+
+
+@pytest.mark.parametrize("filler", [0.0, 0.5, 1, None])
+@given(st.lists(ODD_FLOATS, max_size=4), st.integers(0, 600))
+def test_long_lists_of_float32_are_rounded_whatever_is_among_them(
+    filler: float | None, odd: list[float], place: int
+) -> None:
+    type = REGISTRY.message("std_msgs/Float32MultiArray")
+    given_list = [filler] * 600
+    given_list[place:place] = odd
+    nearest = [float("nan") if number is None else float(np.float32(number)) for number in given_list]
+    payload = Payload.from_value(type, {"layout": {"dim": [], "data_offset": 0}, "data": given_list})
+    found = json.loads(bytes(payload.json()))["data"]
+    assert [repr(number and float(number)) for number in found] == [
+        repr(None if math.isnan(number) else number and float(number)) for number in nearest
+    ]
+    data: Any = payload.value()
+    assert repr(data.data) == repr(nearest)
+
+
+@pytest.mark.parametrize("wrong", ["x", True, 1e39, -3.5e38, 10**400, [0.5], object()])
+def test_one_wrong_float32_among_many_is_found(wrong: object) -> None:
+    type = REGISTRY.message("std_msgs/Float32MultiArray")
+    for odd in (0.1, 0.5, float("inf")):
+        with pytest.raises(InvalidMessage) as refused:
+            Payload.from_value(type, {"data": [odd] * 700 + [wrong] + [0.5] * 300})
+        assert refused.value.path == "data[700]"

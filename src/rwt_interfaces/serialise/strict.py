@@ -17,7 +17,13 @@ import msgspec
 from rwt_interfaces import field_types
 from rwt_interfaces.field_types import FieldType
 from rwt_interfaces.validation.mismatch import has_lone_surrogate
-from rwt_interfaces.validation.numbers import float32, float32_list, float_annotation, int_annotation
+from rwt_interfaces.validation.numbers import (
+    float32,
+    float32_list,
+    float_annotation,
+    int_annotation,
+    loaded_doubles,
+)
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
@@ -175,6 +181,9 @@ def _nearest(numbers: list[float | None]) -> tuple[list[float], bool]:
 
 def _has_inexact(items: list[float | None]) -> bool:
     """Whether not all of the numbers are float32s, in one pass of compiled code."""
+    doubles = loaded_doubles(items)
+    if doubles is not None:
+        return bool(((doubles.astype("f4") != doubles) & (doubles == doubles)).any())
     numbers = [item for item in items if item is not None] if None in items else items
     # Piece by piece, since each list of all the numbers takes as much memory as the message.
     pieces = range(0, len(numbers), _PIECE)

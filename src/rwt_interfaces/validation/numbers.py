@@ -23,6 +23,11 @@ _LARGEST_BOUND = (1 << 63) - 1
 #: Subscripted at run time, which a checker cannot follow.
 _LIST: Any = list
 _FLOAT32 = struct.Struct("f")
+#: Numbers from which a look at them with numpy is quicker.
+_MANY = 512
+_to_msgpack: Final = msgspec.msgpack.Encoder().encode
+#: A float in MessagePack, its first byte, and how long the beginning of a list may be there.
+_FLOAT_RECORD, _FLOAT_MARK, _LIST_HEADS = 9, 0xCB, (1, 3, 5)
 
 
 def as_int(value: object, type: field_types.Int) -> int:
@@ -67,6 +72,27 @@ def float32_list(numbers: list[Any]) -> list[float]:
     return nearest
 
 
+def loaded_doubles(numbers: list[Any]) -> np.ndarray | None:
+    """The numbers of a list as an array, if they are many, numpy is loaded and all are floats.
+
+    MessagePack writes a float as a byte that says so and eight of the number, which takes a quarter of the
+    time that numpy needs for a list.
+    """
+    from_buffer = getattr(sys.modules.get("numpy"), "frombuffer", None)
+    if from_buffer is None or len(numbers) <= _MANY:
+        return None
+    try:
+        data = _to_msgpack(numbers)
+    except (TypeError, ValueError, OverflowError, RecursionError):
+        return None
+    begin = len(data) - _FLOAT_RECORD * len(numbers)
+    if begin not in _LIST_HEADS:
+        return None
+    records = from_buffer(data, [("kind", "u1"), ("value", ">f8")], offset=begin)
+    values: np.ndarray = records["value"]
+    return values if (records["kind"] == _FLOAT_MARK).all() else None
+
+
 def int_annotation(type: field_types.Int) -> object:
     """The integer as msgspec checks it; uint64's upper bound is checked by the decoder."""
     if type.high > _LARGEST_BOUND:
@@ -88,6 +114,12 @@ def _list_annotation(type: field_types.Int | field_types.Float) -> Any:
 
 def number_list(value: Any, type: field_types.Int | field_types.Float) -> list[Any]:
     """A new list of checked numbers: in one pass of compiled code if all are plain, one by one if not."""
+    doubles = loaded_doubles(value) if type.code == "f" and value.__class__ is list else None
+    if doubles is not None:
+        sizes = abs(doubles)
+        if not ((sizes > field_types.FLOAT32_LIMIT) & (sizes < math.inf)).any():
+            nearest: list[Any] = doubles.astype("f4").tolist()
+            return nearest
     try:
         numbers: list[Any] = msgspec.convert(value, _list_annotation(type))
     except (msgspec.ValidationError, TypeError, UnicodeEncodeError):  # by half a surrogate

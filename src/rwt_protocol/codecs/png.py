@@ -12,7 +12,7 @@ import math
 import re
 import struct
 import zlib
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from functools import cache
 from io import BytesIO
 from typing import Final, Protocol
@@ -20,7 +20,7 @@ from typing import Final, Protocol
 from rwt_protocol.codecs.json import publish_frame, publish_prefix
 from rwt_protocol.errors import Refused
 from rwt_protocol.payloads import Sample
-from rwt_protocol.transport import Frame
+from rwt_protocol.transport import Buffer, Frame
 
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _HEADER: Final = struct.Struct(">IIBBBBB")
@@ -78,7 +78,18 @@ def encode_in_steps(frame: Frame) -> Generator[None, None, Frame]:
     return (yield from _encode(frame.data))
 
 
-def _encode(data: bytes) -> Generator[None, None, Frame]:
+def _joined(parts: Sequence[Buffer]) -> Generator[None, None, bytearray]:
+    """Parts of a text as one, a part in each step: to fill much new memory at once takes long."""
+    text = bytearray(sum(map(len, parts)))
+    begin = 0
+    for part in parts:
+        text[begin : begin + len(part)] = part
+        begin += len(part)
+        yield
+    return text
+
+
+def _encode(data: bytes | bytearray) -> Generator[None, None, Frame]:
     text = yield from _ascii(data)
     width = max(1, int(math.sqrt(len(text) / 3)))
     height = math.ceil(len(text) / 3 / width)
@@ -104,11 +115,8 @@ class PictureEncoder:
 
     def steps(self, sample: Sample) -> Iterator[None]:
         """Make the frame of a sample in steps; the next call has it, if it is for this sample."""
-        frame = Frame(self._prefix, *sample.payload.json_parts(), b"}")
-        yield
-        data = frame.data
-        yield
-        self._ready = (sample, (yield from _encode(data)))
+        text = yield from _joined((self._prefix, *sample.payload.json_parts(), b"}"))
+        self._ready = (sample, (yield from _encode(text)))
 
 
 def publish_encoder(topic: str) -> PictureEncoder:
@@ -146,7 +154,7 @@ def decode(data: str, max_size: int) -> bytes:
     return b"".join(rows[start + 1 : start + row] for start in range(0, len(rows), row))
 
 
-def _ascii(text: bytes) -> Generator[None, None, bytes]:
+def _ascii(text: bytes | bytearray) -> Generator[None, None, bytes | bytearray]:
     """JSON text with everything beyond ASCII as escapes: clients read the pixels byte by byte (PNG-05)."""
     if text.isascii():
         return text
@@ -210,7 +218,7 @@ def _picture(width: int, height: int, packed: Iterator[bytes]) -> Generator[None
     return parts
 
 
-def _compressed(text: bytes, row: int, height: int) -> Iterator[bytes]:
+def _compressed(text: bytes | bytearray, row: int, height: int) -> Iterator[bytes]:
     """The rows of a picture in zlib's format, each begun by its filter (0), as small as the time allows, in
     pieces.
 
@@ -229,7 +237,7 @@ def _compressed(text: bytes, row: int, height: int) -> Iterator[bytes]:
     yield packer.flush()
 
 
-def _packer(text: bytes) -> _Packer:
+def _packer(text: bytes | bytearray) -> _Packer:
     """What compresses a text.
 
     Searching long for matches pays where there are many and is then quick (a map: 4 ms for a megabyte, 150
