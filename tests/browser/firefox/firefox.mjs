@@ -37,6 +37,13 @@ export async function launch(executablePath) {
         Object.defineProperty(navigator, 'languages', { get: () => languages });
       }, [locale]);
       page.setDefaultTimeout(PATIENCE);
+      // A node of the page comes as undefined, and "there is none" would always be true: an expression says true of it.
+      const evaluate = page.evaluate.bind(page);
+      page.evaluate = (script, ...args) =>
+        evaluate(
+          typeof script === 'string' && !script.includes(';') ? `((it) => it instanceof Node || it)((${script}\n))` : script,
+          ...args,
+        );
       front = page;
       page.screenshot = inFront(page, page.screenshot.bind(page));
       page.mouse.move = inFront(page, page.mouse.move.bind(page.mouse));

@@ -51,8 +51,8 @@ export function witness(page) {
   return async () => {
     const late = new Promise((tell) => setTimeout(tell, HURRY, 'it does not say within 3 s'));
     const shown = page
-      .evaluate('document.body.innerText')
-      .then((text) => String(text).replace(/\s+/g, ' ').slice(0, 1000))
+      .evaluate(`[document.body.innerText, ...[...document.querySelectorAll('input, select')].map((it) => '[' + it.value + ']')].join(' ')`)
+      .then((text) => String(text).replace(/\s+/g, ' ').slice(0, 1500))
       .catch((error) => `it does not say: ${error.message}`);
     return [
       `${page.url?.() ?? 'the page'}, ${since()} after it was opened`,
