@@ -1,15 +1,28 @@
+"""Sockets of the system: their ports, how they end, and how many turns of asyncio large messages take."""
+
 from __future__ import annotations
 
+import asyncio
 import select
 import socket
 import struct
+import sys
 
 import pytest
 
+from bench.traffic.wire import masked
+from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
+from rwt_transports import listen
 from rwt_transports.api import HangUp
-from rwt_transports.drivers.sockets import bind_tcp, hang_up_of
+from rwt_transports.drivers.sockets import UNSENT_BYTES, bind_tcp, hang_up_of
 
 pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only]
+
+REQUEST = (
+    b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+)
+SECONDS = 20.0
 
 
 async def test_every_address_of_a_name_gets_the_same_port() -> None:
@@ -37,3 +50,76 @@ async def test_a_hang_up_is_seen_whatever_is_still_to_be_read() -> None:
         theirs.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
         theirs.close()  # With a reset, as when its process is killed and it is sent something.
         assert hang_up_of(ours.fileno()) is HangUp.GONE
+
+
+class Client:
+    """The one client of a listener: its connection here, its sink and what came from it there."""
+
+    def __init__(self) -> None:
+        self.came: list[bytes] = []
+        self.arrived = asyncio.Event()
+        self.sink: Sink | None = None
+
+    def accept(self, sink: Sink, peer: PeerInfo) -> Endpoint:
+        self.sink = sink
+        return self
+
+    def receive(self, data: bytes, binary: bool) -> None:
+        self.came.append(data)
+        self.arrived.set()
+
+    def closed(self, code: int, reason: str) -> None:
+        """It leaves when it is done."""
+
+    async def join(self, url: str) -> socket.socket:
+        """A connection whose handshake is over, and of which nothing is read."""
+        loop = asyncio.get_running_loop()
+        made = socket.socket()
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 64 * 1024)
+        made.setblocking(False)
+        await loop.sock_connect(made, ("127.0.0.1", int(url.rpartition(":")[2])))
+        await loop.sock_sendall(made, REQUEST)
+        head = b""
+        while b"\r\n\r\n" not in head:
+            head += await asyncio.wait_for(loop.sock_recv(made, 4096), SECONDS)
+        return made
+
+
+async def test_what_has_come_of_a_large_message_is_received_in_one_turn() -> None:
+    client, loop = Client(), asyncio.get_running_loop()
+    message, turns = b"m" * 110_000, 0
+
+    def count() -> None:
+        nonlocal turns
+        turns += 1
+        if not client.came:
+            loop.call_soon(count)
+
+    async with listen("ws://127.0.0.1:0", client.accept) as listener:
+        with await client.join(listener.url) as peer:
+            frame = masked(message)
+            assert peer.send(frame) == len(frame)  # all of it is in the kernel before the loop looks
+            loop.call_soon(count)
+            await asyncio.wait_for(client.arrived.wait(), SECONDS)
+            await asyncio.sleep(0)
+    assert client.came == [message]
+    assert turns == 2  # one that has read, and one that has seen it
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="how much a kernel holds is its own affair")
+async def test_the_kernel_takes_the_whole_of_a_message_that_it_has_taken_a_part_of() -> None:
+    client = Client()
+    async with listen("ws://127.0.0.1:0", client.accept) as listener:
+        with await client.join(listener.url):
+            sink = client.sink
+            assert sink is not None
+            frame = Frame(bytes(UNSENT_BYTES + UNSENT_BYTES // 2))
+            flow = sink.flow("/map")
+            flow.send(frame)
+            await asyncio.sleep(0)  # where it is written
+            assert sink.backlog == 0
+            for _ in range(8):
+                flow.send(frame)
+                await asyncio.sleep(0)
+            # The peer reads nothing: of what follows, the kernel takes no whole message any more.
+            assert sink.backlog > 6 * frame.size
