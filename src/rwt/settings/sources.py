@@ -23,6 +23,9 @@ CLIENT_VARIABLES: Final = frozenset({"RWT_URL", "RWT_TOKEN"})
 
 DEFAULT: Final = "default"
 
+_DEEPEST: Final = 16
+"""Tables within each other; no setting is as deep."""
+
 
 @dataclass(frozen=True, slots=True)
 class Given:
@@ -153,6 +156,8 @@ def _in_file(path: Path) -> Iterator[Given]:
 
 
 def _leaves(above: Key, values: Mapping[str, object], source: str) -> Iterator[Given]:
+    if len(above) > _DEEPEST:
+        raise SettingsError(f"{source}: tables are nested too deeply: {'.'.join(above)}")
     for name, value in values.items():
         if isinstance(value, dict) and value:
             yield from _leaves((*above, name), value, source)

@@ -17,6 +17,7 @@ from rwt_rclpy.launch.entities import (
     text,
     truth,
 )
+from rwt_rclpy.names import bounded_yaml
 
 
 class ParameterValue:
@@ -93,7 +94,7 @@ def _value(context: LaunchContext, value: Any) -> object:
 
 def _read(said: str) -> object:
     try:
-        return yaml.safe_load(said) if said else ""
+        return bounded_yaml.load(said) if said else ""
     except yaml.YAMLError as error:
         raise LaunchError(
             f"{said!r} is no YAML; for a text use ParameterValue(…, value_type=str): {error}"

@@ -15,6 +15,7 @@ from typing import Any, Final
 import yaml
 
 from rwt_rclpy.exceptions import RCLInvalidROSArgsError, UnknownROSArgsError
+from rwt_rclpy.names import bounded_yaml
 from rwt_rclpy.names.validation import expand_topic_name, wrong_in_topic_name
 
 LEVELS: Final = {"unset": 0, "debug": 10, "info": 20, "warn": 30, "error": 40, "fatal": 50}
@@ -228,9 +229,9 @@ def parse_value(text: str) -> Any:
     if _FLOAT.match(text) and not re.match(r"[-+]?\d+\Z", text):
         return float(text)
     try:
-        value = yaml.safe_load(text)
+        value = bounded_yaml.load(text)
     except yaml.YAMLError as error:
-        raise RCLInvalidROSArgsError(f"the value {text!r} cannot be read: {error}") from None
+        raise RCLInvalidROSArgsError(f"the value {text[:200]!r} cannot be read: {error}") from None
     return "" if value is None and text.strip() == "" else value
 
 
@@ -241,9 +242,8 @@ def read_parameter_file(path: Path) -> list[tuple[str, str, Any]]:
         RCLInvalidROSArgsError: the file is not there, or is not of the form ``NODE: {ros__parameters: …}``.
     """
     try:
-        loader = yaml.SafeLoader(path.read_text("utf-8"))
-        node = loader.get_single_node()
-        tree = None if node is None else _merged(loader, node)
+        node = bounded_yaml.compose(path.read_text("utf-8"))
+        tree = None if node is None else _merged(node)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise RCLInvalidROSArgsError(f"--params-file {path}: {error}") from None
     if tree is None:
@@ -255,14 +255,13 @@ def read_parameter_file(path: Path) -> list[tuple[str, str, Any]]:
     return found
 
 
-def _merged(loader: yaml.SafeLoader, node: yaml.Node) -> Any:
+def _merged(node: yaml.Node) -> Any:
     """What a node of YAML says; names that are written twice have what both say, as in ROS's own parser."""
     if not isinstance(node, yaml.MappingNode):
-        return loader.construct_object(node, deep=True)
+        return bounded_yaml.value_of(node)
     found: dict[Any, Any] = {}
     for key_node, value_node in node.value:
-        key, value = loader.construct_object(key_node, deep=True), _merged(loader, value_node)
-        _put(found, key, value)
+        _put(found, bounded_yaml.key_of(key_node), _merged(value_node))
     return found
 
 

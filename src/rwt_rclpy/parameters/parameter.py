@@ -10,6 +10,7 @@ from typing import Any, Final
 import yaml
 
 from rwt_rclpy.messages.loaded import message_class
+from rwt_rclpy.names import bounded_yaml
 
 PARAMETER_SEPARATOR_STRING: Final = "."
 
@@ -147,7 +148,7 @@ class Parameter:
 def get_parameter_value(string_value: str) -> Any:
     """What a text means as a parameter's value, as `rcl_interfaces/ParameterValue`."""
     try:
-        value = yaml.safe_load(string_value)
+        value = bounded_yaml.load(string_value)
     except yaml.YAMLError:
         value = string_value
     if isinstance(value, bool | int | float):
@@ -189,7 +190,12 @@ def parameter_dict_from_yaml_file(
     Raises:
         RuntimeError: a node is not in the file, or the file is not of the form.
     """
-    tree = yaml.safe_load(Path(parameter_file).read_text("utf-8")) or {}
+    try:
+        tree = bounded_yaml.load(Path(parameter_file).read_text("utf-8")) or {}
+    except (UnicodeDecodeError, yaml.YAMLError) as error:
+        raise RuntimeError(f"{parameter_file}: {error}") from None
+    if not isinstance(tree, dict):
+        raise RuntimeError(f"{parameter_file}: expected NODE: with ros__parameters: below it")
     wanted = ["/**"] if use_wildcard and "/**" in tree else []
     if target_nodes:
         missing = [node for node in target_nodes if node not in tree]
