@@ -80,11 +80,9 @@ def encode_in_steps(frame: Frame) -> Generator[None, None, Frame]:
 
 def _joined(parts: Sequence[Buffer]) -> Generator[None, None, bytearray]:
     """Parts of a text as one, a part in each step: to fill much new memory at once takes long."""
-    text = bytearray(sum(map(len, parts)))
-    begin = 0
+    text = bytearray()  # It grows in place, where the C library has room or can move pages.
     for part in parts:
-        text[begin : begin + len(part)] = part
-        begin += len(part)
+        text += part
         yield
     return text
 
