@@ -8,6 +8,7 @@ import contextlib
 import logging
 import os
 import socket
+import traceback
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractAsyncContextManager, ExitStack, asynccontextmanager, nullcontext
@@ -206,7 +207,7 @@ class _Link(asyncio.BufferedProtocol):
         self._since = 0.0  # when it began to receive
         self._turn = turn
         self._loop = turn.loop
-        self.wake: Callable[[], None] = partial(turn.add, self)
+        self.wake: Callable[[], None] = _nothing
 
     # -- asyncio's callbacks -------------------------------------------------------------------------------
 
@@ -217,6 +218,7 @@ class _Link(asyncio.BufferedProtocol):
         # Paused as soon as the network takes less than all; TLS would pause for good at 0.
         transport.set_write_buffer_limits(high=1, low=0)
         self._transport = transport
+        self.wake = partial(self._turn.add, self)  # Not before: one that is never made would be a cycle.
         self._tls = transport.get_extra_info("sslcontext") is not None
         self._open = True
         if self._tls:
@@ -551,6 +553,8 @@ class AsyncioDriver:
                         )
                 except OSError as error:
                     logger.info("a connection did not come about: %s", error)
+                    # Its frames refer to it, and to what a handshake in TLS takes: a cycle that would stay.
+                    traceback.clear_frames(error.__traceback__)
                 except Exception:
                     log_exception("a connection failed as it came")
 
