@@ -153,6 +153,17 @@ def preflights(attacker: Attacker) -> None:
             return
 
 
+def stalled_files(attacker: Attacker) -> None:
+    """Readers of the page's largest file, hundreds of them, who take nothing of it."""
+    for _ in range(500):
+        each = socket.socket()
+        _open.append(each)
+        each.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        each.connect(("127.0.0.1", attacker.port))
+        each.sendall(_request("GET", "/lib/ros3d.min.js"))
+    time.sleep(2 * SECONDS)  # They have been sent before they are answered.
+
+
 # -- the robot by HTTP -------------------------------------------------------------------------------------
 
 
@@ -200,7 +211,8 @@ def clients_by_http(attacker: Attacker) -> None:
 
 
 OF_VIEWERS: Final = (
-    mcp_sessions, mcp_bodies, mcp_streams, large_heads, preflights, bodies_for_everything, clients_by_http,
+    mcp_sessions, mcp_bodies, mcp_streams, large_heads, preflights, stalled_files, bodies_for_everything,
+    clients_by_http,
 )  # fmt: skip
 """Those that can be done by who only looks."""
 
