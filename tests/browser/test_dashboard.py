@@ -299,6 +299,11 @@ async def test_a_token_is_asked_for_and_kept_out_of_every_address(browser: Brows
         assert TOKEN not in "".join([*targets, await page.evaluate("location.href")])
         assert await page.evaluate("Object.values(sessionStorage).length") == 1
         assert TOKEN not in await page.evaluate("JSON.stringify(localStorage)")
+        # The robot's meshes are for those with a token, too: a wheel is drawn, and no file is missing.
+        row = "document.querySelector('.scene-view')?.robotScene?.rows.value.find((it) => it.layer?.robot)"
+        meshes = f"{row}?.layer.robot.getObjectsByProperty('isMesh', true).length"
+        await page.wait(f"{meshes} > 5")
+        assert await page.evaluate(f"{row}.layer.problem.value") == ""
         # Refusals before the token are errors of the network on the console, and expected.
         page.forgive("401", REFUSED)
 

@@ -17,7 +17,7 @@ export function loadMesh(
   redraw: () => void,
 ): Object3D {
   const group = new Group();
-  read(meshUrl(session, resource), session, material).then(
+  readMesh(meshUrl(session, resource), session, material).then(
     (mesh) => {
       group.add(mesh);
       redraw();
@@ -27,7 +27,8 @@ export function loadMesh(
   return group;
 }
 
-async function read(url: URL, session: RobotSession, material: Material): Promise<Object3D> {
+/** A mesh from the robot's server; `material` is for those that bring none. Throws where there is none that can be read. */
+export async function readMesh(url: URL, session: RobotSession, material: Material): Promise<Object3D> {
   const response = await fetch(url, { headers: session.httpHeaders });
   if (!response.ok) throw new Error((await response.text()).trim().slice(0, 200));
   const kind = url.pathname.split(".").at(-1)?.toLowerCase();

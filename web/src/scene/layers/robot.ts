@@ -1,9 +1,10 @@
 /** The robot's model: a URDF with its meshes, moved by /joint_states. */
 
-import { LoadingManager, type Object3D } from "three";
+import { Group, LoadingManager } from "three";
 import URDFLoader, { type URDFRobot } from "urdf-loader";
 import type { Message } from "../../robot/subscriptions";
 import { Layer, type LayerContext } from "./layer";
+import { readMesh } from "./meshes";
 
 const MOST_TEXT = 16 * 1024 * 1024;
 
@@ -44,15 +45,19 @@ export class RobotLayer extends Layer {
       },
     );
     const loader = new URDFLoader(manager);
-    loader.fetchOptions = { headers: session.httpHeaders };
     loader.packages = (name) => new URL(`packages/${name}`, session.httpBase).href;
-    const withHeaders = loader.loadMeshCb.bind(loader);
-    loader.loadMeshCb = (url, loading, material, done) => {
-      withHeaders(url, loading, material, (mesh: Object3D, error?: Error) => {
-        if (error) manager.itemError(url);
-        done(mesh, error);
-        view.redraw();
-      });
+    // The library's own loaders show no token.
+    loader.loadMeshCb = (url, _, material, done) => {
+      readMesh(new URL(url, session.httpBase), session, material).then(
+        (mesh) => {
+          done(mesh);
+          view.redraw();
+        },
+        (error: Error) => {
+          manager.itemError(url);
+          done(new Group(), error);
+        },
+      );
     };
     const robot = loader.parse(document);
     this.robot = robot;
