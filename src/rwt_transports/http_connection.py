@@ -175,7 +175,6 @@ class HttpConnection:
         self._is_waiting = False
         if self._over:
             return
-        self._ahead = 0
         try:
             self._take_requests()
             if self._half_closed and not self._busy and not self._over:
@@ -189,6 +188,7 @@ class HttpConnection:
             self._next_events()
         except h11.RemoteProtocolError as error:
             self._fail(error.error_status_hint)
+        self._ahead = len(self._h11.trailing_data[0]) if self._busy else 0
 
     def _next_events(self) -> None:
         while not self._busy and not self._over:
@@ -351,7 +351,6 @@ class HttpConnection:
     def _taken_whole(self) -> None:
         """The network has taken an answer: go on with what came behind its request."""
         self._busy = False
-        self._ahead = 0
         try:
             self._responded()
         except Exception:
@@ -383,7 +382,6 @@ class HttpConnection:
         else:
             await self._stream(response, response.body)
         self._busy = False
-        self._ahead = 0
         self._responded()
         self._go_on()
 
