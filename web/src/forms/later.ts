@@ -17,7 +17,7 @@ export type Trouble = { kind: "late" | "missing" | "failed"; reason: string };
  * Load a part of the page and begin with it: it comes in the end, or it is told what keeps it away.
  *
  * Some browsers remember that a module did not load, and do not ask for it again before the page is loaded again (the
- * module map of HTML, section 8.1.4); others ask again.
+ * module map of WHATWG's HTML standard, 8.1.4); others ask again.
  *
  * @param load imports it
  * @param begin what it is wanted for; may return what ends that, and throw
