@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeVar, runtime_checkable
 
 from rwt_protocol.ops import Op
 from rwt_protocol.payloads import Encodable, Sample
 from rwt_protocol.transport import Frame
+
+T = TypeVar("T")
+Steps = Generator[None, None, T]
+"""Work in steps of about a millisecond at most, between which others may be served."""
 
 PublishEncoder = Callable[[Sample], Frame]
 """From a sample of one topic to its `publish` message, a frame that all subscribers share.
@@ -76,7 +80,15 @@ class Codec(Protocol):
 class SplitsInSteps(Protocol):
     """A codec that takes large frames apart in steps, between which others may be served."""
 
-    def split_in_steps(
-        self, data: bytes, limits: SplitLimits
-    ) -> Generator[None, None, Sequence[Members | DecodeFailure]]:
+    def split_in_steps(self, data: bytes, limits: SplitLimits) -> Steps[Sequence[Members | DecodeFailure]]:
         """As :meth:`Codec.split`, in steps of about a millisecond at most."""
+
+
+def finished(steps: Steps[T]) -> T:
+    """What work in steps comes to, all of them at once."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            result: T = end.value
+            return result

@@ -6,11 +6,11 @@ It needs the package `pymongo`, which is loaded when the first session that spea
 from __future__ import annotations
 
 import struct
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import repeat
 from typing import Final
 
-from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, SplitLimits
+from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, SplitLimits, Steps, finished
 from rwt_protocol.codecs.object_codec import ObjectCodec, members_of, members_within, too_deep
 from rwt_protocol.errors import EncodingUnavailable, MalformedPayload
 from rwt_protocol.payloads import FEW_BYTES, Sample
@@ -20,7 +20,7 @@ try:
     import bson
     from bson.errors import BSONError, InvalidDocument
 
-    from rwt_protocol.codecs.bson_decoder import LargeDocument, Steps, TooMuchStructure
+    from rwt_protocol.codecs.bson_decoder import LargeDocument, TooMuchStructure
 except ImportError as missing:
     raise EncodingUnavailable(
         "BSON needs the package pymongo, which is not installed: pip install pymongo"
@@ -53,17 +53,9 @@ class BsonCodec(ObjectCodec):
 
     def split(self, data: bytes, limits: SplitLimits) -> Sequence[Members | DecodeFailure]:
         """The message in one frame. Never raises."""
-        steps = self.split_in_steps(data, limits)
-        while True:
-            try:
-                next(steps)
-            except StopIteration as end:
-                found: Sequence[Members | DecodeFailure] = end.value
-                return found
+        return finished(self.split_in_steps(data, limits))
 
-    def split_in_steps(
-        self, data: bytes, limits: SplitLimits
-    ) -> Generator[None, None, Sequence[Members | DecodeFailure]]:
+    def split_in_steps(self, data: bytes, limits: SplitLimits) -> Steps[Sequence[Members | DecodeFailure]]:
         """The same, in steps of about a millisecond at most."""
         size = len(data)
         try:

@@ -5,20 +5,17 @@ from __future__ import annotations
 import codecs
 import re
 import struct
-from collections.abc import Generator
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import bson
 
-from rwt_protocol.codecs.base import SplitLimits
-
-T = TypeVar("T")
-Steps = Generator[None, None, T]
+from rwt_protocol.codecs.base import SplitLimits, Steps
 
 _LENGTH: Final = struct.Struct("<i")
 
-_NUMBERS: Final = re.compile(rb"(?:[\x01\x12][^\0]*+\0.{8}|\x10[^\0]*+\0.{4}){0,512}+", re.DOTALL)
-"""A run of numbers."""
+_NUMBERS: Final = re.compile(rb"(?>[\x01\x12][^\0]*+\0.{8}|\x10[^\0]*+\0.{4}){0,512}+", re.DOTALL)
+"""A run of numbers. Each turn of the loop is atomic: Python before 3.11.5 does not go back from one that
+fails halfway."""
 
 _TEXT, _DOCUMENT, _ARRAY, _OCTETS = range(2, 6)
 _FIXED: Final = {

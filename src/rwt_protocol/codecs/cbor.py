@@ -6,11 +6,11 @@ decoded once, envelope and payload together: a payload is handed on as the plain
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from io import BytesIO
 from typing import Final
 
-from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, SplitLimits
+from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, SplitLimits, Steps, finished
 from rwt_protocol.codecs.cbor_decoder import (
     BYTES_OF_A_HEAD,
     LargeFrame,
@@ -46,17 +46,9 @@ class CborCodec(ObjectCodec):
 
     def split(self, data: bytes, limits: SplitLimits) -> Sequence[Members | DecodeFailure]:
         """The message in one binary frame. Never raises."""
-        steps = self.split_in_steps(data, limits)
-        while True:
-            try:
-                next(steps)
-            except StopIteration as end:
-                found: Sequence[Members | DecodeFailure] = end.value
-                return found
+        return finished(self.split_in_steps(data, limits))
 
-    def split_in_steps(
-        self, data: bytes, limits: SplitLimits
-    ) -> Generator[None, None, Sequence[Members | DecodeFailure]]:
+    def split_in_steps(self, data: bytes, limits: SplitLimits) -> Steps[Sequence[Members | DecodeFailure]]:
         """The same, in steps of about a millisecond at most."""
         import cbor2  # only for those who use it
 

@@ -5,19 +5,16 @@ from __future__ import annotations
 import gc
 import re
 import struct
-from collections.abc import Generator
 from io import BytesIO
-from typing import TYPE_CHECKING, Any, Final, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, Final, NoReturn
 
-from rwt_protocol.codecs.base import SplitLimits
+from rwt_protocol.codecs.base import SplitLimits, Steps
 from rwt_protocol.payloads import FEW_BYTES
 from rwt_protocol.transport import Buffer
 
 if TYPE_CHECKING:
     import cbor2
 
-T = TypeVar("T")
-Steps = Generator[None, None, T]
 
 TYPED_ARRAYS: Final = {
     64: "<B", 65: ">H", 66: ">I", 67: ">Q", 68: "<B", 69: "<H", 70: "<I", 71: "<Q",

@@ -12,11 +12,12 @@ import math
 import re
 import struct
 import zlib
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from io import BytesIO
 from typing import Final, Protocol
 
+from rwt_protocol.codecs.base import Steps, finished
 from rwt_protocol.codecs.json import publish_frame, publish_prefix
 from rwt_protocol.errors import Refused
 from rwt_protocol.payloads import Sample
@@ -64,21 +65,15 @@ def encode(frame: Frame) -> Frame:
     compresses well takes about 5 ms for each megabyte, and what does not up to 14 ms, or 9 ms with the extra
     `fast`. That is two to three times as long as it took to write the message as JSON.
     """
-    steps = encode_in_steps(frame)
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            made: Frame = end.value
-            return made
+    return finished(encode_in_steps(frame))
 
 
-def encode_in_steps(frame: Frame) -> Generator[None, None, Frame]:
+def encode_in_steps(frame: Frame) -> Steps[Frame]:
     """The same in steps of a millisecond at most, between which others may be served."""
     return (yield from _encode(frame.data))
 
 
-def _joined(parts: Sequence[Buffer]) -> Generator[None, None, bytearray]:
+def _joined(parts: Sequence[Buffer]) -> Steps[bytearray]:
     """Parts of a text as one, a part in each step: to fill much new memory at once takes long."""
     text = bytearray()  # It grows in place, where the C library has room or can move pages.
     for part in parts:
@@ -87,7 +82,7 @@ def _joined(parts: Sequence[Buffer]) -> Generator[None, None, bytearray]:
     return text
 
 
-def _encode(data: bytes | bytearray) -> Generator[None, None, Frame]:
+def _encode(data: bytes | bytearray) -> Steps[Frame]:
     text = yield from _ascii(data)
     width = max(1, int(math.sqrt(len(text) / 3)))
     height = math.ceil(len(text) / 3 / width)
@@ -152,7 +147,7 @@ def decode(data: str, max_size: int) -> bytes:
     return b"".join(rows[start + 1 : start + row] for start in range(0, len(rows), row))
 
 
-def _ascii(text: bytes | bytearray) -> Generator[None, None, bytes | bytearray]:
+def _ascii(text: bytes | bytearray) -> Steps[bytes | bytearray]:
     """JSON text with everything beyond ASCII as escapes: clients read the pixels byte by byte (PNG-05)."""
     if text.isascii():
         return text
@@ -177,7 +172,7 @@ def _escape(found: re.Match[str]) -> str:
     return encode_basestring_ascii(found[0])[1:-1]
 
 
-def _picture(width: int, height: int, packed: Iterator[bytes]) -> Generator[None, None, list[bytes]]:
+def _picture(width: int, height: int, packed: Iterator[bytes]) -> Steps[list[bytes]]:
     """A picture in base64, in parts.
 
     Args:
