@@ -6,6 +6,7 @@ from collections.abc import Hashable
 from typing import Any, Final
 
 import yaml
+from yaml.constructor import SafeConstructor
 
 LONGEST: Final = 1_000_000
 """Characters of a text."""
@@ -20,7 +21,8 @@ def load(text: str) -> Any:
     Raises:
         yaml.YAMLError: it is no YAML, or more than is read here; with its place.
     """
-    return _constructed(compose(text))
+    node = compose(text)
+    return None if node is None else value_of(node)
 
 
 def compose(text: str) -> yaml.Node | None:
@@ -44,7 +46,7 @@ def value_of(node: yaml.Node) -> Any:
         yaml.YAMLError: nothing that there is, such as a day of no month; with its place.
     """
     try:
-        return yaml.SafeLoader("").construct_object(node, deep=True)
+        return SafeConstructor().construct_object(node, deep=True)
     except (ValueError, OverflowError, TypeError, LookupError, AttributeError) as error:
         raise _refusal(
             f"{node.tag.rpartition(':')[2]} cannot be read: {str(error)[:200]}", node.start_mark
@@ -57,10 +59,6 @@ def key_of(node: yaml.Node) -> Hashable:
     if not isinstance(key, Hashable):
         raise _refusal("a list or a table is no name", node.start_mark)
     return key
-
-
-def _constructed(node: yaml.Node | None) -> Any:
-    return None if node is None else value_of(node)
 
 
 def _refusal(why: str, mark: Any) -> yaml.YAMLError:
