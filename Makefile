@@ -17,7 +17,7 @@ NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/
 
 .PHONY: demo test quick lowest pythons matrix docs site dist release lint types unit web firefox bench bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
 proxies ros-mcp fuzz mutants conformance \
-client-grades clean
+client-grades size clean
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -201,6 +201,10 @@ matrix: $(STAMP)-dev
 # Every case of the suite against our server over every transport; six minutes, most of them for the pipes.
 conformance: $(STAMP)-dev
 	$(BIN)/python -m tests.conformance.transports
+
+# Counted figures of the source and of running servers; `make size ARGS='--calls publish'` lists the calls per message.
+size: $(STAMP)-dev
+	$(BIN)/python -m tools.size $(ARGS)
 
 clean:
 	rm -rf $(VENV) $(CLIENTS)/node_modules $(BROWSER)/node_modules tests/browser/firefox/node_modules $(WEB)/node_modules $(dir $(PAGE)) tests/browser/screenshots
