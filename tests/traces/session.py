@@ -1,0 +1,23 @@
+"""All sessions, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from tests.traces import access, commands, gateways, rosbridge
+from tests.traces.transcript import Session, Transcript
+
+SESSIONS: Final[Mapping[str, Session]] = {
+    **rosbridge.SESSIONS,
+    **gateways.SESSIONS,
+    **access.SESSIONS,
+    **commands.SESSIONS,
+}
+
+
+def played(name: str) -> str:
+    """Play a session, and return its transcript."""
+    transcript = Transcript(name)
+    SESSIONS[name](transcript)
+    return str(transcript)
