@@ -35,6 +35,7 @@ LONG: Final = (
     "release",
     "rwt",
     "mcp",
+    "traces",
     "zenoh",
     "pytest_plugin",
     "webrtc",
