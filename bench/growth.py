@@ -35,7 +35,7 @@ from bench.traffic.processes import Server
 from bench.traffic.wire import Connection, Loop, masked
 from bench.transport.zenoh import free_endpoint, small
 from rwt_graph.zenoh import ZenohGraph
-from rwt_program.qos import DEFAULT_QOS
+from rwt_participant.qos import DEFAULT_QOS
 
 ENCODINGS: Final = (DEFLATE, "png", "cbor", "none", "cbor-raw")
 """The dearest first, so that a curve that bends upwards says that one pays for another."""
@@ -106,7 +106,7 @@ class Found:
 @contextmanager
 def serving(*arguments: str) -> Iterator[Server]:
     """`rwt serve` with these arguments, for the length of the block."""
-    server = Server("rwt serve", ["-m", "rwt_cli", "serve", "ws://127.0.0.1:0", *arguments], quiet=True)
+    server = Server("rwt serve", ["-m", "rwt.cli", "serve", "ws://127.0.0.1:0", *arguments], quiet=True)
     try:
         yield server
     finally:

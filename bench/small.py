@@ -198,8 +198,8 @@ class Installed:
 
 def processes_table(python: str, rounds: int) -> str:
     """Start and memory, as a table."""
-    rwt = (python, "-m", "rwt_cli")
-    serve = ("-m", "rwt_cli", "serve", "ws://127.0.0.1:0")
+    rwt = (python, "-m", "rwt.cli")
+    serve = ("-m", "rwt.cli", "serve", "ws://127.0.0.1:0")
     to_first_client(rwt)  # once for the files to be read
     starts = [to_first_client(rwt) for _ in range(rounds)]
     with _program(python, serve) as server:

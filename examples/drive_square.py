@@ -5,8 +5,8 @@ The program and the robot share a graph in memory; on a simulated clock the half
 
 import anyio
 
+from rwt.nodes.demo import DemoRobot
 from rwt_graph import MemoryGraph, Node, SimulatedClock
-from rwt_nodes.demo import DemoRobot
 
 SIDE = 1.0  # metres
 SPEED = 0.5  # metres per second

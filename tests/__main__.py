@@ -23,22 +23,23 @@ from typing import Final
 from xml.etree import ElementTree
 
 TESTS: Final = Path(__file__).parent
+RCLPY_TESTS: Final = TESTS.parent / "rwt-rclpy" / "tests"
 
 LONG: Final = (
     "faults/attacks",
     "conformance",
     "browser",
-    "cli",
+    "rwt/cli",
     "docs",
     "clients",
     "faults",
     "release",
     "rwt",
-    "mcp",
+    "rwt/gateways/mcp",
     "traces",
-    "zenoh",
-    "pytest_plugin",
-    "webrtc",
+    "graph/zenoh",
+    "rwt/testing/pytest_plugin",
+    "rwt/media/webrtc",
 )
 """Folders whose tests start servers, clients, browsers and compilers, the longest first: they are begun
 before the others, so that no core is idle while the last one runs."""
@@ -172,7 +173,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         prog="python -m tests",
         description=__doc__,
-        epilog="example: python -m tests --processes 4 tests/bridge tests/access -- -x",
+        epilog="example: python -m tests --processes 4 tests/rwt/gateways/rosbridge tests/rwt/access -- -x",
     )
     beside = max(3, 2 * (os.cpu_count() or 1))
     parser.add_argument(
@@ -181,7 +182,9 @@ def main() -> int:
         default=beside,
         help=f"programs that run beside each other, and wait much of their time [two a core, {beside}]",
     )
-    parser.add_argument("paths", nargs="*", type=Path, default=[TESTS], help="files and folders [all]")
+    parser.add_argument(
+        "paths", nargs="*", type=Path, default=[TESTS, RCLPY_TESTS], help="files and folders [all]"
+    )
     given, further = sys.argv[1:], []
     if "--" in given:
         given, further = given[: given.index("--")], given[given.index("--") + 1 :]

@@ -25,7 +25,7 @@ def free_port() -> int:
 
 
 def rwt_command(*arguments: str) -> list[str]:
-    return [sys.executable, "-m", "rwt_cli", *arguments]
+    return [sys.executable, "-m", "rwt.cli", *arguments]
 
 
 def ended(*arguments: str, folder: Path | None = None) -> subprocess.CompletedProcess[str]:

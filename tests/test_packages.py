@@ -17,32 +17,49 @@ ROOT = Path(__file__).parents[1]
 THROUGH_OTHERS = {"annotated-types", "pydantic-core", "mcp-types"}
 """What comes with a dependency that speaks of it in its own interface: pydantic, and the SDK for agents."""
 
-NOT_TO_INSTALL = {"_typeshed", "rosbridge_conformance", "pytest"}
+NOT_TO_INSTALL = {"_typeshed", "rosbridge_conformance", "pytest", "rwt_rclpy"}
 """What only checkers have, the suite beside the project, and what the plugin is for."""
 
 PACKAGES = {
     "rwt_interfaces": {"rwt_protocol", "rwt_graph", "rwt_transports", "anyio", "asyncio", "numpy", "cbor2"},
     "rwt_tf2": {"rwt_interfaces", "rwt_protocol", "rwt_graph", "anyio", "asyncio", "numpy", "msgspec"},
     "rwt_protocol": {"rwt_interfaces", "rwt_graph", "anyio", "numpy", "PIL", "cbor2", "websockets", "h11"},
-    "rwt_program": {"rwt_protocol", "rwt_graph", "rwt_transports", "numpy", "websockets"},
-    "rwt_graph": {"rwt_protocol", "rwt_transports", "rwt_bridge", "numpy", "websockets"},
-    "rwt_transports": {"rwt_interfaces", "rwt_graph", "rwt_bridge", "numpy"},
-    "rwt_bridge": {"rwt_nodes", "rwt_client", "rwt_cli", "numpy", "PIL"},
-    "rwt_http": {"rwt_bridge", "rwt_nodes", "rwt_client", "rwt_cli", "numpy", "PIL"},
-    "rwt_mcp": {"rwt_bridge", "rwt_http", "rwt_nodes", "rwt_client", "rwt_cli", "mcp", "numpy", "PIL"},
-    "rwt_nodes": {"rwt_bridge", "rwt_client", "rwt_cli", "numpy", "PIL"},
-    "rwt_web": {"rwt_graph", "rwt_nodes", "rwt_bridge", "rwt_interfaces", "numpy", "PIL"},
-    "rwt_client": {"rwt_bridge", "rwt_graph", "rwt_nodes", "rwt_cli"},
-    "rwt_testing": {"rwt_client", "rwt_nodes", "rwt_cli", "pytest", "numpy", "PIL"},
-    "rwt_cli": {"rwt_testing", "rwt_pytest"},
+    "rwt_participant": {"rwt_protocol", "rwt_graph", "rwt_transports", "numpy", "websockets"},
+    "rwt_graph": {"rwt_protocol", "rwt_transports", "rwt.gateways.rosbridge", "numpy", "websockets"},
+    "rwt_transports": {"rwt_interfaces", "rwt_graph", "rwt.gateways.rosbridge", "numpy"},
+    "rwt.gateways.rosbridge": {"rwt.nodes", "rwt_client", "rwt.cli", "numpy", "PIL"},
+    "rwt.gateways.http": {"rwt.gateways.rosbridge", "rwt.nodes", "rwt_client", "rwt.cli", "numpy", "PIL"},
+    "rwt.gateways.mcp": {
+        "rwt.gateways.rosbridge",
+        "rwt.gateways.http",
+        "rwt.nodes",
+        "rwt_client",
+        "rwt.cli",
+        "mcp",
+        "numpy",
+        "PIL",
+    },
+    "rwt.nodes": {"rwt.gateways.rosbridge", "rwt_client", "rwt.cli", "numpy", "PIL"},
+    "rwt.web": {"rwt_graph", "rwt.nodes", "rwt.gateways.rosbridge", "rwt_interfaces", "numpy", "PIL"},
+    "rwt_client": {"rwt.gateways.rosbridge", "rwt_graph", "rwt.nodes", "rwt.cli"},
+    "rwt.testing": {"rwt_client", "rwt.nodes", "rwt.cli", "pytest", "numpy", "PIL"},
+    "rwt.cli": {"rwt.testing"},
     # pytest imports it in every run, of everybody's tests.
-    "rwt_pytest": {"rwt_testing", "rwt_cli", "rwt_graph", "rwt_interfaces", "anyio", "numpy", "pydantic"},
+    "rwt.testing.pytest_plugin": {
+        "rwt.testing.scripted",
+        "rwt.cli",
+        "rwt_graph",
+        "rwt_interfaces",
+        "anyio",
+        "numpy",
+        "pydantic",
+    },
 }
 
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_alone(package: str) -> None:
-    program = f"import {package}, sys; print(' '.join(name for name in sys.modules if '.' not in name))"
+    program = f"import {package}, sys; print(' '.join(sys.modules))"
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert not PACKAGES[package] & set(done.stdout.split())
 

@@ -39,20 +39,36 @@ class _Written(str):
         return str(self)
 
 
-def packages() -> tuple[str, ...]:
-    """The packages that export names."""
-    names = sorted(path.parent.name for path in (ROOT / "src").glob("*/__init__.py"))
-    return tuple(name for name in names if getattr(importlib.import_module(name), "__all__", ()))
+PACKAGES = (
+    "rwt",
+    "rwt.cli",
+    "rwt.gateways.foxglove",
+    "rwt.gateways.http",
+    "rwt.gateways.rosbridge",
+    "rwt.media.webrtc",
+    "rwt.nodes",
+    "rwt.testing",
+    "rwt.web",
+    "rwt_client",
+    "rwt_graph",
+    "rwt_interfaces",
+    "rwt_protocol",
+    "rwt_rclpy",
+    "rwt_tf2",
+    "rwt_transports",
+)
+"""Packages with a public API, each of which has a page."""
+
+SOURCES = (ROOT / "src", ROOT / "rwt-rclpy" / "src")
 
 
 def pages() -> Mapping[str, str]:
     """Every page by its file's name."""
-    names = packages()
     index = ["# Packages\n", _NOTE, "| package | what it is |", "|---|---|"]
-    for name in names:
+    for name in PACKAGES:
         first = _plain(inspect.getdoc(importlib.import_module(name)) or "").split("\n\n")[0]
         index.append(f"| [`{name}`]({name}.md) | {' '.join(first.split())} |")
-    made = {f"{name}.md": _joined(_page(importlib.import_module(name))) for name in names}
+    made = {f"{name}.md": _joined(_page(importlib.import_module(name))) for name in PACKAGES}
     return {"README.md": _joined(index), **made}
 
 
@@ -155,7 +171,8 @@ def _default(value: object) -> str:
 def _constants(package: str) -> Mapping[str, str]:
     """The docstrings of what is assigned at the top of a package's modules; of all of them without a name."""
     found: dict[str, str] = {}
-    for path in sorted((ROOT / "src" / package).rglob("*.py")):
+    folder = package.replace(".", "/")
+    for path in sorted(path for source in SOURCES for path in (source / folder).rglob("*.py")):
         source = path.read_text(encoding="utf-8")
         tree = ast.parse(source)
         for body in (tree.body, *(node.orelse for node in tree.body if isinstance(node, ast.If))):

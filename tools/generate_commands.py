@@ -13,8 +13,8 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from rwt_cli import COMMANDS, parser_for
-from rwt_cli.parser import Parser
+from rwt.cli import COMMANDS, parser_for
+from rwt.cli.parser import Parser
 from rwt_transports.schemes import url_forms
 
 TARGET = Path(__file__).parents[1] / "docs" / "reference" / "commands.md"

@@ -14,13 +14,13 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "explanation" / "architecture.md"
 MOST_MODULES = 15
 
-_BEGIN = "| room | modules | question that it answers |\n|---|---|---|\n"
+_BEGIN = "| folder | modules | purpose |\n|---|---|---|\n"
 
 
 def packages() -> Mapping[str, Path]:
     """Every folder of modules by its dotted name, with its `__init__`."""
     found = {}
-    for top in (ROOT / "src", ROOT / "conformance"):
+    for top in (ROOT / "src", ROOT / "rwt-rclpy" / "src", ROOT / "conformance"):
         for folder in top.iterdir():
             for init in folder.rglob("__init__.py"):
                 found[".".join(init.parent.relative_to(top).parts)] = init

@@ -1,4 +1,4 @@
-// Builds the page into src/rwt_web/static: bundles with hashed names, a compressed copy beside each file, and
+// Builds the page into src/rwt/web/static: bundles with hashed names, a compressed copy beside each file, and
 // manifest.json, the list of what is served and how. Ends with 1 where a budget of budgets.json is exceeded.
 
 import { createHash } from "node:crypto";
@@ -9,7 +9,7 @@ import { brotliCompressSync, constants, gzipSync } from "node:zlib";
 import { build } from "esbuild";
 
 const here = dirname(fileURLToPath(import.meta.url));
-const out = join(here, "..", "src", "rwt_web", "static");
+const out = join(here, "..", "src", "rwt", "web", "static");
 
 const TYPES = {
   ".html": "text/html; charset=utf-8",

@@ -165,7 +165,7 @@ def measure(servers: Sequence[Server], clients: int, rate: float, count: int) ->
 
 
 def serve(name: str, *options: str) -> Server:
-    return Server(name, ["-m", "rwt_cli", "serve", "ws://127.0.0.1:0", *options])
+    return Server(name, ["-m", "rwt.cli", "serve", "ws://127.0.0.1:0", *options])
 
 
 def two_servers(stack: ExitStack) -> list[Server]:

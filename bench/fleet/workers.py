@@ -35,7 +35,7 @@ class Workers(Server):
     def __init__(self, count: int) -> None:
         shared = ["--workers", str(count)] if count > 1 else []
         self.count = count
-        super().__init__(f"{count}", ["-m", "rwt_cli", "serve", "ws://127.0.0.1:0", *shared])
+        super().__init__(f"{count}", ["-m", "rwt.cli", "serve", "ws://127.0.0.1:0", *shared])
 
     def each(self) -> list[float]:
         """Seconds on a CPU of each process that serves."""

@@ -31,7 +31,7 @@ import anyio.to_thread
 from bench.traffic.messages import Stream
 from bench.traffic.wire import BINARY, TEXT, Connection, ConnectionLost, Loop, masked
 from rwt import Server
-from rwt_cli.commands.serve.collecting import BoundedCollections
+from rwt.cli.commands.serve.garbage_collection import BoundedGarbageCollection
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_protocol.codecs import bson_codec
@@ -209,7 +209,7 @@ async def measure(only: str, selector: TimedSelector) -> list[Row]:
     rows: list[Row] = []
     registry = Registry()
     loop = asyncio.get_running_loop()
-    collections = BoundedCollections(loop.call_soon)
+    collections = BoundedGarbageCollection(loop.call_soon)
     collections.begin()
     for bson in (False, True):
         async with Server("ws://127.0.0.1:0", bson_only_mode=bson) as server:

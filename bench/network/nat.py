@@ -28,11 +28,11 @@ import anyio.to_thread
 from aioice import stun
 
 from rwt import Server
+from rwt.hub.hub import open_hub
 from rwt.settings.models import DialSettings, Settings
 from rwt.settings.webrtc import WebRtcSettings
 from rwt_client import connect
 from rwt_transports.connect import connect as connect_transport
-from rwt_transports.relay.hub import open_hub
 from tests.browser.driver import find_browser, opened_browser
 
 OUTSIDE: Final = "203.0.113.1"

@@ -31,9 +31,9 @@ from bench.network.lossy_link import ADDRESSES, lossy_link
 from bench.network.webrtc import BAD, PORT, percentile
 from bench.paper.camera import mark, read_mark
 from rwt import Server
+from rwt.media.encoders.video import VideoEncoder
 from rwt.settings.webrtc import WebRtcSettings
 from rwt_graph import Node
-from rwt_nodes.video.encoders.video import VideoEncoder
 
 HZ: Final = 20
 TOPIC: Final = "/camera/image_raw"

@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rwt import Server
+from rwt.nodes.demo.world.lens import Lens
+from rwt.nodes.demo.world.map import house
+from rwt.nodes.demo.world.pose import Pose
+from rwt.nodes.demo.world.view import View
 from rwt.settings.webrtc import WebRtcSettings
 from rwt_graph import Node
-from rwt_nodes.demo.world.lens import Lens
-from rwt_nodes.demo.world.map import house
-from rwt_nodes.demo.world.pose import Pose
-from rwt_nodes.demo.world.view import View
 from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
 Picture = NDArray[np.uint8]

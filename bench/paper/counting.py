@@ -9,7 +9,7 @@ from typing import Any
 
 import cbor2
 
-from rwt_bridge import Bridge
+from rwt.gateways.rosbridge import Bridge
 from rwt_protocol.transport import (
     AS_MANY_AS_FIT,
     Burst,

@@ -10,10 +10,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from rwt_nodes.demo.world.lens import Lens
-from rwt_nodes.demo.world.map import house
-from rwt_nodes.demo.world.pose import Pose
-from rwt_nodes.demo.world.view import View
+from rwt.nodes.demo.world.lens import Lens
+from rwt.nodes.demo.world.map import house
+from rwt.nodes.demo.world.pose import Pose
+from rwt.nodes.demo.world.view import View
 
 RATE: Final = 30
 """Pictures a second."""

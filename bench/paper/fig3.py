@@ -15,9 +15,9 @@ from bench.paper.arm_robot import DRIVES, LINKS, MINUTE, ROOT
 from bench.paper.counting import CountingClient
 from bench.paper.report import Report
 from rwt import Settings
-from rwt_bridge import Bridge
+from rwt.gateways.rosbridge import Bridge
+from rwt.nodes import Tf2WebRepublisher
 from rwt_graph import MemoryGraph, Node, SimulatedClock, TopicPublisher
-from rwt_nodes import Tf2WebRepublisher
 from rwt_tf2 import IDENTITY, Buffer, StampedTransform, Transform, write_transform
 
 RATE, LINEAR, ANGULAR = 10.0, 0.01, 0.01

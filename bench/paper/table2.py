@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from bench.paper.depth_scene import LENS, RATE, Shot, drive
 from bench.paper.report import Report
+from rwt.media.encoders.encoded import Encoded, Encoder
+from rwt.media.encoders.image import ImageEncoder
+from rwt.media.encoders.video import VideoEncoder
+from rwt.media.stream_request import Video, read_request
+from rwt.nodes.depth_cloud.depth_image import DepthImage, decode_picture, encode_picture
+from rwt.nodes.depth_cloud.depths import square
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
-from rwt_nodes.depth_cloud.depths import square
-from rwt_nodes.depth_cloud.picture import DepthPicture, decode_picture, encode_picture
-from rwt_nodes.video.encoders.encoded import Encoded, Encoder
-from rwt_nodes.video.encoders.image import ImageEncoder
-from rwt_nodes.video.encoders.video import VideoEncoder
-from rwt_nodes.video.stream_request import Video, read_request
 
 Picture = NDArray[np.uint8]
 
@@ -112,7 +112,7 @@ class Line:
             self._encoder = ImageEncoder(stream, coding)
         self._decoder: VideoCodecContext | None = None
 
-    def send(self, number: int, payload: Payload, shot: DepthPicture) -> None:
+    def send(self, number: int, payload: Payload, shot: DepthImage) -> None:
         """Encode one picture, decode it, and note what it took and what it lost."""
         before = time.process_time()
         encoded = self._encoder.encode(payload, number * 1000 // RATE, key=number == 0)
@@ -142,11 +142,11 @@ class Line:
         return np.asarray(frame.to_ndarray(format="rgb24"))
 
 
-def _cropped(shot: Shot) -> DepthPicture:
+def _cropped(shot: Shot) -> DepthImage:
     depths = square((shot.depths * np.float32(0.001)).astype(np.float32), CROP, SIZE)
     # Beyond both tiles nothing is sent, in whatever codec.
     valid = (depths > 0) & (depths < 1.98 * METRES_PER_TILE)
-    return DepthPicture(depths, valid, square(shot.colours, CROP, SIZE))
+    return DepthImage(depths, valid, square(shot.colours, CROP, SIZE))
 
 
 def _payload(registry: Registry, picture: Picture) -> Payload:

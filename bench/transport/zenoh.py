@@ -26,7 +26,7 @@ from rwt_graph import MemoryGraph
 from rwt_graph.api import Participant, Publisher, Sample
 from rwt_graph.zenoh import ZenohGraph
 from rwt_interfaces.payload import Payload
-from rwt_program.qos import DEFAULT_QOS, History, QoS
+from rwt_participant.qos import DEFAULT_QOS, History, QoS
 
 SMALL, LARGE = "std_msgs/String", "sensor_msgs/Image"
 #: Messages between two looks at the event loop.

@@ -7,10 +7,10 @@ from husky_xarm.camera_topics import CameraPublisher
 from husky_xarm.description import describe
 from husky_xarm.simulation import Simulation
 from husky_xarm.state import StatePublisher
+from rwt.nodes.demo.drive import STANDSTILL
+from rwt.nodes.demo.teleop import Teleop
+from rwt.nodes.demo.world.lens import Lens
 from rwt_graph import Graph, Node
-from rwt_nodes.demo.drive import STANDSTILL
-from rwt_nodes.demo.teleop import Teleop
-from rwt_nodes.demo.world.lens import Lens
 
 CONTROL_PERIOD = 1 / 30
 """Seconds from one control step, and one publication of the state, to the next."""

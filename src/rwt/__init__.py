@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from rwt.settings import LoadedSettings, Settings, SettingsError, load_settings, read_settings
     from rwt_client import connect
     from rwt_graph import MemoryGraph, Node, SimulatedClock
-    from rwt_program.api import RobotApi
-    from rwt_program.diagnostics import DiagnosticLevel, DiagnosticStatus, DiagnosticUpdater
-    from rwt_program.errors import (
+    from rwt_participant.api import RobotApi
+    from rwt_participant.diagnostics import DiagnosticLevel, DiagnosticStatus, DiagnosticUpdater
+    from rwt_participant.errors import (
         CallFailed,
         CallTimeout,
         GoalAborted,
@@ -41,17 +41,25 @@ if TYPE_CHECKING:
         UnknownType,
         WrongThread,
     )
-    from rwt_program.goals import Goal, GoalResult, GoalStatus, ReceivedGoal
-    from rwt_program.images import (
+    from rwt_participant.goals import Goal, GoalResult, GoalStatus, ReceivedGoal
+    from rwt_participant.images import (
         compressed_image,
         image_from_numpy,
         image_from_pillow,
         image_to_numpy,
         image_to_pillow,
     )
-    from rwt_program.messages import Message, MessageLike
-    from rwt_program.qos import BEST_AVAILABLE, LATCHED, SENSOR_DATA, Durability, History, QoS, Reliability
-    from rwt_program.watchdog import Watchdog
+    from rwt_participant.messages import Message, MessageLike
+    from rwt_participant.qos import (
+        BEST_AVAILABLE,
+        LATCHED,
+        SENSOR_DATA,
+        Durability,
+        History,
+        QoS,
+        Reliability,
+    )
+    from rwt_participant.watchdog import Watchdog
     from rwt_tf2 import (
         StampedTransform,
         Transform,
@@ -71,20 +79,20 @@ _HOMES: Final = {
         "rwt.settings": "Settings SettingsError LoadedSettings load_settings read_settings",
         "rwt_client": "connect",
         "rwt_graph": "Node MemoryGraph SimulatedClock",
-        "rwt_program.api": "RobotApi",
-        "rwt_program.watchdog": "Watchdog",
-        "rwt_program.diagnostics": "DiagnosticUpdater DiagnosticStatus DiagnosticLevel",
-        "rwt_program.images": (
+        "rwt_participant.api": "RobotApi",
+        "rwt_participant.watchdog": "Watchdog",
+        "rwt_participant.diagnostics": "DiagnosticUpdater DiagnosticStatus DiagnosticLevel",
+        "rwt_participant.images": (
             "image_to_numpy image_from_numpy image_to_pillow image_from_pillow compressed_image"
         ),
         "rwt_tf2": (
             "Transform StampedTransform quaternion_from_yaw yaw_from_quaternion "
             "quaternion_from_euler euler_from_quaternion"
         ),
-        "rwt_program.goals": "Goal GoalResult GoalStatus ReceivedGoal",
-        "rwt_program.messages": "Message MessageLike",
-        "rwt_program.qos": "QoS BEST_AVAILABLE LATCHED SENSOR_DATA Durability History Reliability",
-        "rwt_program.errors": (
+        "rwt_participant.goals": "Goal GoalResult GoalStatus ReceivedGoal",
+        "rwt_participant.messages": "Message MessageLike",
+        "rwt_participant.qos": "QoS BEST_AVAILABLE LATCHED SENSOR_DATA Durability History Reliability",
+        "rwt_participant.errors": (
             "CallFailed CallTimeout GoalAborted GoalCanceled GoalEnded GoalRejected "
             "HandleClosed ImageFormat InterfaceError InvalidMessage InvalidQoS NotFound ParameterRejected "
             "ProviderGone ProviderNotFound RobotError ServiceFailed TimedOut "

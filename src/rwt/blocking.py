@@ -13,12 +13,12 @@ from rwt.errors import ServerError
 from rwt.signals import Stopped
 from rwt_graph.errors import NotRunning
 from rwt_graph.memory.runtime import call_soon_threadsafe
-from rwt_graph.program import node
-from rwt_program.errors import WrongThread
+from rwt_graph.nodes import node
+from rwt_participant.errors import WrongThread
 
 if TYPE_CHECKING:
     from rwt.server import Server
-    from rwt_graph.program.node import Node
+    from rwt_graph.nodes.node import Node
 
 Loop = Literal["asyncio", "trio", "uvloop"]
 """Event loops that a server can be given where the program has none."""

@@ -6,24 +6,24 @@ from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Self
 
+from rwt.access.settings import SettingsError
+from rwt.nodes.playback import PlaybackClock, Player, PlayOptions
 from rwt.server import Server
-from rwt_access.settings import SettingsError
 from rwt_graph.errors import NotRunning
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_interfaces.registry import Registry
-from rwt_nodes.playback import PlaybackClock, Player, PlayOptions
 
 if TYPE_CHECKING:
+    from rwt.nodes.recording import Recording
     from rwt.settings.models import Settings
     from rwt_graph.api import Graph
-    from rwt_nodes.recording import Recording
 
 
 class PlaybackServer(Server):
     """Serves a recording as a robot: its messages at their times, on a clock that shows the recording's time.
 
     Args:
-        recording: an open one (:func:`rwt_nodes.recording.open_recording`); it stays open while this runs.
+        recording: an open one (:func:`rwt.nodes.recording.open_recording`); it stays open while this runs.
         urls: where to listen, as for :class:`Server`.
         options: how it is played; it begins when clients can connect, unless it is `paused`.
         stay: whether the server goes on at the recording's end, with what is kept for late joiners; else

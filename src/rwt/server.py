@@ -18,12 +18,16 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
 
 import anyio
 
+from rwt.access.access import Access
+from rwt.access.audit import bounded_log
+from rwt.access.origins import is_loopback_listener
+from rwt.access.settings import SettingsError
 from rwt.blocking import LOOPS, BlockingNode, ServerThread, exit_of
-from rwt.certificates import CertificateRenewal, authority_page
-from rwt.doors import Doors
-from rwt.gateways import GATEWAYS
-from rwt.graphs import check_graph, make_graph
-from rwt.nodes import (
+from rwt.composition.certificates import CertificateRenewal, authority_page
+from rwt.composition.gateways import GATEWAYS
+from rwt.composition.graphs import check_graph, make_graph
+from rwt.composition.listeners import Listeners
+from rwt.composition.nodes import (
     ReadyNode,
     http_of,
     start_gateway_node,
@@ -31,23 +35,19 @@ from rwt.nodes import (
     start_recording,
     start_script,
 )
+from rwt.composition.webrtc import media_routes, webrtc_media, webrtc_peers
+from rwt.delivery.http_traffic import counted
+from rwt.gateways.rosbridge.bridge import GATEWAY_NODE, Bridge
+from rwt.gateways.rosbridge.numpy_loading import NumpyLoading
+from rwt.nodes.rosapi import DISCLOSURES
 from rwt.observability.metrics import ServerMetrics
 from rwt.observability.supervision import READY, STOPPING, Heartbeat, tell, tell_reloading
 from rwt.settings.sources import with_changes
 from rwt.signals import HANGUP, STOP_SIGNALS, Stopped, on_signals, stopped_by_signals, terminal_is_gone
-from rwt.webrtc import media_routes, webrtc_media, webrtc_peers
-from rwt_access.access import Access
-from rwt_access.audit import bounded_log
-from rwt_access.certificates.tls import renew_server_tls, server_tls
-from rwt_access.origins import is_loopback_listener
-from rwt_access.settings import SettingsError
-from rwt_bridge.bridge import GATEWAY_NODE, Bridge
-from rwt_bridge.loading import NumpyLoading
-from rwt_delivery.http_traffic import counted
+from rwt.tls.tls import renew_server_tls, server_tls
 from rwt_graph.api import Graph
 from rwt_graph.errors import NotRunning
-from rwt_graph.program.node import Node
-from rwt_nodes.rosapi import DISCLOSURES
+from rwt_graph.nodes.node import Node
 from rwt_transports.drivers.sockets import raise_descriptor_limit
 from rwt_transports.relay.dial import check_dial_url
 
@@ -56,12 +56,12 @@ if TYPE_CHECKING:
 
     from typing_extensions import TypeIs
 
+    from rwt.access.gateway import Gateway, MakeGateway
+    from rwt.access.graph_view import GraphView
     from rwt.blocking import Loop
-    from rwt.graphs import MakeGraph
+    from rwt.composition.graphs import MakeGraph
     from rwt.settings.models import GatewayName, Settings
     from rwt.workers.worker import InWorker, WorkerContext
-    from rwt_access.gateway import Gateway, MakeGateway
-    from rwt_access.graph_view import GraphView
     from rwt_graph.clock import Clock
     from rwt_interfaces.registry import Registry
     from rwt_protocol.transport import Accept
@@ -246,7 +246,7 @@ class Server:
             check_graph(given, settings, self._registry, self._clock)
             return given
         if given is None and self._script is not None:
-            from rwt_testing.observed_graph import ObservedGraph  # Only what is tested is observed.
+            from rwt.testing.observed_graph import ObservedGraph  # Only what is tested is observed.
 
             # What the robot's own nodes publish is not what it received.
             given = partial(ObservedGraph, only=(GATEWAY_NODE,))
@@ -435,7 +435,9 @@ class Server:
         reloaded: list[HasRoles] = [*gateways]
         spoken = {name: accept for gateway in gateways for name, accept in gateway.websockets.items()}
         mounts = [await stack.enter_async_context(mount.running()) for mount in self._make_mounts()]
-        doors = Doors(settings, bridge, spoken, metrics, tls, extensions, middleware, self._worker, mounts)
+        doors = Listeners(
+            settings, bridge, spoken, metrics, tls, extensions, middleware, self._worker, mounts
+        )
         if settings.webrtc.enabled:
             peers = webrtc_peers(settings.webrtc, doors.limits, doors.addresses, doors.buffers)
             # They have ended when what they publish on leaves the graph.

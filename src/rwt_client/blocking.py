@@ -4,7 +4,7 @@
 ...     robot.publish("/cmd_vel", {"linear": {"x": 0.2}}, "geometry_msgs/Twist")
 ...     print(robot.once("/odom").pose.pose.position)
 
-Callbacks and handlers run in that thread; see :mod:`rwt_program.blocking`.
+Callbacks and handlers run in that thread; see :mod:`rwt_participant.blocking`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from rwt_client.errors import ConnectionClosed
 from rwt_client.events import ConnectionEvent
 from rwt_client.robot import Robot
 from rwt_client.rosapi import RosApi
-from rwt_program.blocking import (
+from rwt_participant.blocking import (
     Blocking,
     BlockingHandle,
     BlockingPublisher,
@@ -37,14 +37,14 @@ from rwt_program.blocking import (
     holds,
     waits,
 )
-from rwt_program.errors import WrongThread
+from rwt_participant.errors import WrongThread
 from rwt_protocol.transport import Accept
 
 T = TypeVar("T")
 
 
 class _PortalThread:
-    """The event loop of a connection in its thread; satisfies :class:`rwt_program.blocking.LoopThread`.
+    """The event loop of a connection in its thread; satisfies :class:`rwt_participant.blocking.LoopThread`.
 
     Attributes:
         closed: whether this program has closed the connection, and the loop with it.

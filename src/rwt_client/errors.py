@@ -1,4 +1,4 @@
-"""What `rwt_client` raises of its own, beside what every program may meet (:mod:`rwt_program.errors`).
+"""What `rwt_client` raises of its own, beside what every program may meet (:mod:`rwt_participant.errors`).
 
 * :exc:`ClientError`
 
@@ -15,7 +15,7 @@
 
 from __future__ import annotations
 
-from rwt_program.errors import CallFailed, RobotError
+from rwt_participant.errors import CallFailed, RobotError
 
 
 class ClientError(RobotError):

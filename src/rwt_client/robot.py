@@ -27,11 +27,11 @@ from rwt_client.wire.arrays import ArrayKind
 from rwt_client.wire.session import ReconnectingSession
 from rwt_interfaces import NOETIC, Distro
 from rwt_interfaces.distro import closest_distro
-from rwt_program.api import RobotApi
-from rwt_program.errors import CallTimeout, InvalidMessage, ProviderNotFound, ServiceFailed, TimedOut
-from rwt_program.future import USUAL, Future, Timeout
-from rwt_program.goals import Execute, Goal
-from rwt_program.messages import (
+from rwt_participant.api import RobotApi
+from rwt_participant.errors import CallTimeout, InvalidMessage, ProviderNotFound, ServiceFailed, TimedOut
+from rwt_participant.future import USUAL, Future, Timeout
+from rwt_participant.goals import Execute, Goal
+from rwt_participant.messages import (
     Message,
     MessageCallback,
     MessageLike,
@@ -40,8 +40,8 @@ from rwt_program.messages import (
     to_payload,
     type_of,
 )
-from rwt_program.qos import QoS
-from rwt_program.timers import PeriodicTimer, Timer
+from rwt_participant.qos import QoS
+from rwt_participant.timers import PeriodicTimer, Timer
 from rwt_protocol.dispatcher import Dispatcher
 from rwt_protocol.ops import (
     ActionFeedback,

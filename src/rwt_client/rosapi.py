@@ -11,8 +11,8 @@ import anyio
 import msgspec
 
 from rwt_interfaces.times import NANOSECONDS
-from rwt_program import api
-from rwt_program.errors import (
+from rwt_participant import api
+from rwt_participant.errors import (
     CallTimeout,
     NotFound,
     ParameterRejected,
@@ -20,8 +20,8 @@ from rwt_program.errors import (
     RobotError,
     ServiceFailed,
 )
-from rwt_program.messages import ParameterValue
-from rwt_program.spelling import did_you_mean
+from rwt_participant.messages import ParameterValue
+from rwt_participant.spelling import did_you_mean
 
 T = TypeVar("T")
 
@@ -89,7 +89,7 @@ class TypeInfo:
 class RosApi:
     """The questions of rosapi.
 
-    Every method raises :exc:`~rwt_program.errors.CallFailed`, as a call of any service does.
+    Every method raises :exc:`~rwt_participant.errors.CallFailed`, as a call of any service does.
     """
 
     def __init__(self, ask: Ask) -> None:

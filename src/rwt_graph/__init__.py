@@ -13,9 +13,9 @@ from rwt_graph.errors import (
     TypeConflict,
 )
 from rwt_graph.memory.graph import MemoryGraph
-from rwt_graph.program.endpoints import TopicPublisher, TopicSubscription
-from rwt_graph.program.node import ActionServer, Node, ServiceServer
-from rwt_program.timers import Timer
+from rwt_graph.nodes.endpoints import TopicPublisher, TopicSubscription
+from rwt_graph.nodes.node import ActionServer, Node, ServiceServer
+from rwt_participant.timers import Timer
 
 __all__ = [
     "MemoryGraph",

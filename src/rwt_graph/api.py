@@ -2,7 +2,7 @@
 
 It is low-level on purpose: payloads instead of messages, callbacks instead of coroutines, so that a bridge
 can pass bytes through and a backend over a network is as easy to write as one in memory. Programs use
-:class:`rwt_graph.program.node.Node`, which is written on this contract alone.
+:class:`rwt_graph.nodes.node.Node`, which is written on this contract alone.
 
 Rules that hold for every backend:
 
@@ -29,8 +29,8 @@ from typing import TYPE_CHECKING, Final, Self
 
 from msgspec import Struct
 
-from rwt_program.goals import GoalStatus
-from rwt_program.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
+from rwt_participant.goals import GoalStatus
+from rwt_participant.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
 
 if TYPE_CHECKING:
     from rwt_graph.clock import Clock
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.registry import Registry
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
-    from rwt_program.errors import CallFailed
+    from rwt_participant.errors import CallFailed
 
 
 #: Goals of one action server that may run at a time.

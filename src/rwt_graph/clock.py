@@ -21,7 +21,7 @@ from typing import Final, Protocol
 import anyio
 
 from rwt_interfaces.times import NANOSECONDS
-from rwt_program.timers import LONGEST_DELAY, Timer
+from rwt_participant.timers import LONGEST_DELAY, Timer
 
 logger = logging.getLogger(__name__)
 

@@ -1,4 +1,4 @@
-"""What `rwt_graph` raises of its own, beside what every program may meet (:mod:`rwt_program.errors`).
+"""What `rwt_graph` raises of its own, beside what every program may meet (:mod:`rwt_participant.errors`).
 
 * :exc:`GraphError`
 
@@ -12,7 +12,7 @@
 
 from __future__ import annotations
 
-from rwt_program.errors import RobotError
+from rwt_participant.errors import RobotError
 
 
 class GraphError(RobotError):

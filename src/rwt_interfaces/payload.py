@@ -354,7 +354,7 @@ class Payload:
         return cls(message_type, None, message_type.from_ros1(data))
 
     @property
-    def is_as_it_came(self) -> bool:
+    def is_passthrough(self) -> bool:
         """Whether it came in JSON, and is passed on in the very bytes."""
         return self._json is not None and self._message is None
 

@@ -18,7 +18,7 @@ from bench.paper.depth_scene import drive
 from bench.paper.fig3 import ANGULAR, LINEAR, PAPER_SAVED, Viewer, play, viewers
 from bench.paper.report import Report
 from bench.paper.text_messages import samples
-from rwt_nodes.depth_cloud.picture import decode_picture, encode_picture
+from rwt.nodes.depth_cloud.depth_image import decode_picture, encode_picture
 from rwt_protocol.codecs import png
 from rwt_protocol.codecs.json import publish_frame, publish_prefix
 

@@ -25,18 +25,18 @@ def test_a_server_and_a_client_need_neither_numpy_nor_pillow() -> None:
 
 def test_commands_that_print_no_array_import_neither_numpy_nor_pillow() -> None:
     program = (
-        "import sys; from rwt_cli import main\n"
+        "import sys; from rwt.cli import main\n"
         "sys.argv = ['rwt', 'topic', '--help']\n"
         "try: main()\n"
         "except SystemExit: pass\n"
-        "print({'numpy', 'PIL', 'rwt_graph', 'rwt_nodes'} & set(sys.modules))"
+        "print({'numpy', 'PIL', 'rwt_graph', 'rwt.nodes'} & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "set()"
 
 
 def test_starts_are_measured() -> None:
-    used = small.to_first_client((sys.executable, "-m", "rwt_cli"))
+    used = small.to_first_client((sys.executable, "-m", "rwt.cli"))
     assert used.seconds > 0
     assert used.memory > 1
 
@@ -44,7 +44,7 @@ def test_starts_are_measured() -> None:
 @pytest.mark.timeout(60)
 def test_memory_is_measured() -> None:
     assert small.memory_of(sys.executable, ("-c", small.ROBOT), "/odom", 0.01) > 1
-    with small._program(sys.executable, ("-m", "rwt_cli", "serve", "ws://127.0.0.1:0")) as server:
+    with small._program(sys.executable, ("-m", "rwt.cli", "serve", "ws://127.0.0.1:0")) as server:
         assert small.client_memory(sys.executable, f"ws://{server.host}:{server.port}") > 1
 
 

@@ -14,7 +14,7 @@ import anyio.abc
 import pytest
 
 from rwt import Server
-from rwt.web import serve_page
+from rwt.composition.web import serve_page
 from tests.browser.driver import REFUSED, Browser, Page, Size, until
 from tests.browser.stand import Stand, stand
 

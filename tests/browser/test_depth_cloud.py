@@ -8,10 +8,10 @@ from urllib.parse import quote
 import numpy as np
 import pytest
 
+from rwt.nodes.demo.world.lens import Lens
+from rwt.nodes.depth_cloud import DepthCloudEncoder
 from rwt_graph import Node
-from rwt_nodes.demo.world.lens import Lens
-from rwt_nodes.depth_cloud import DepthCloudEncoder
-from rwt_program.qos import SENSOR_DATA
+from rwt_participant.qos import SENSOR_DATA
 from tests.browser.driver import Browser, Page, Picture, near
 from tests.browser.stand import stand
 from tests.browser.test_scene import BACKGROUND, BODY, Frames, scene

@@ -62,7 +62,7 @@ async def test_a_page_of_the_documentation(
     port = free_port()
     name = block.value("file")
     (folder / name).write_text(block.code.replace("9090", str(port)), encoding="utf-8")
-    command = [sys.executable, "-m", "rwt_cli", "serve", "--demo", f"ws://127.0.0.1:{port}"]
+    command = [sys.executable, "-m", "rwt.cli", "serve", "--demo", f"ws://127.0.0.1:{port}"]
     with Running(command, folder, folder / "commands") as server:
         server.wait_for_port(port)
         async with browser.page(f"http://127.0.0.1:{web_server}/{name}", 640, 420) as page:

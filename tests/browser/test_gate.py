@@ -8,7 +8,7 @@ import anyio
 import pytest
 
 from rwt import Server, connect
-from rwt_program.errors import RobotError
+from rwt_participant.errors import RobotError
 from tests.browser.driver import Browser, until
 from tests.browser.test_panels import open_panels, text, violations
 

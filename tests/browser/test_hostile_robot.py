@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from websockets.asyncio.server import ServerConnection, serve
 
-from rwt.web import serve_page
+from rwt.composition.web import serve_page
 from tests.browser.driver import REFUSED, Browser
 from tests.browser.test_panels import KINDS, open_panels, text
 

@@ -9,7 +9,7 @@ import pytest
 
 from bench.paper.camera import LATENCY_PAGE, mark
 from rwt_graph import Node
-from rwt_program.qos import SENSOR_DATA
+from rwt_participant.qos import SENSOR_DATA
 from tests.browser.driver import Browser, Picture, near
 from tests.browser.stand import stand
 

@@ -14,7 +14,7 @@ import anyio
 import pytest
 
 from rwt import Server
-from rwt_nodes.interactive_markers import (
+from rwt.nodes.interactive_markers import (
     Colour,
     Event,
     Feedback,

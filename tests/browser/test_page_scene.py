@@ -11,8 +11,7 @@ from typing import Any
 import pytest
 
 from rwt import Server
-from rwt_graph import Node
-from rwt_nodes.interactive_markers import (
+from rwt.nodes.interactive_markers import (
     Colour,
     Event,
     Feedback,
@@ -21,6 +20,7 @@ from rwt_nodes.interactive_markers import (
     interactive_marker,
     move_plane,
 )
+from rwt_graph import Node
 from tests.browser.driver import Browser, Page, Picture, Size, until
 from tests.browser.test_panels import open_panels, text
 

@@ -16,7 +16,7 @@ import pytest
 from PIL import Image
 
 from rwt import Server
-from rwt_nodes.recording import open_recording
+from rwt.nodes.recording import open_recording
 from tests.browser.driver import IS_MUTE, LEFT_MESH, LEFT_STREAM, MUTE, Browser, Page, until
 from tests.browser.stand import Stand, stand
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from rwt.nodes.demo.arm.kinematics import ARM
+from rwt.nodes.mesh_files import MeshFiles
 from rwt_graph import Node
-from rwt_nodes.demo.arm.kinematics import ARM
-from rwt_nodes.mesh_files import MeshFiles
 from tests.browser.driver import Browser, near
 from tests.browser.stand import Stand, stand
 from tests.browser.test_map import FLOOR, SOLID

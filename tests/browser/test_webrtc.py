@@ -12,7 +12,7 @@ import pytest
 from rwt import Server
 from rwt.settings.webrtc import WebRtcSettings
 from rwt_graph import Node
-from rwt_program.qos import SENSOR_DATA
+from rwt_participant.qos import SENSOR_DATA
 from tests.browser.driver import Browser, Page, until
 from tests.browser.stand import stand
 

@@ -10,7 +10,7 @@ from rwt import Server
 from tests.browser.driver import IS_MUTE, MUTE, Browser, until
 from tests.browser.stand import stand
 from tests.browser.test_panels import violations
-from tests.webrtc.sounds import TONE
+from tests.rwt.media.webrtc.sounds import TONE
 
 pytestmark = pytest.mark.anyio
 

@@ -10,8 +10,8 @@ import pytest
 
 from rwt_client import ConnectionLost
 from rwt_interfaces import NOETIC
-from rwt_program.errors import CallFailed, GoalAborted, GoalCanceled, ProviderNotFound, TimedOut
-from rwt_program.goals import GoalStatus, ReceivedGoal
+from rwt_participant.errors import CallFailed, GoalAborted, GoalCanceled, ProviderNotFound, TimedOut
+from rwt_participant.goals import GoalStatus, ReceivedGoal
 from tests.client.worlds import World, scripted, world
 
 pytestmark = pytest.mark.anyio

@@ -10,8 +10,8 @@ import pytest
 
 from rwt_client import BadAddress, CannotConnect, ConnectionClosed
 from rwt_client.blocking import BlockingRobot, connect
-from rwt_program.errors import TimedOut
-from rwt_program.goals import GoalStatus, ReceivedGoal
+from rwt_participant.errors import TimedOut
+from rwt_participant.goals import GoalStatus, ReceivedGoal
 
 FIBONACCI = "example_interfaces/Fibonacci"
 

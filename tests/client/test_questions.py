@@ -8,11 +8,11 @@ from typing import Any
 import anyio
 import pytest
 
+from rwt.nodes.rosapi.typedefs import typedefs
 from rwt_client import FieldInfo, NodeInfo, RosVersion, TopicInfo
 from rwt_client.endpoints.remote_types import _texts
 from rwt_interfaces import JAZZY, NOETIC, Registry
-from rwt_nodes.rosapi.typedefs import typedefs
-from rwt_program.errors import CallFailed, NotFound, ParameterRejected, ProviderNotFound, UnknownType
+from rwt_participant.errors import CallFailed, NotFound, ParameterRejected, ProviderNotFound, UnknownType
 from tests.client.worlds import World, scripted, world
 
 pytestmark = pytest.mark.anyio

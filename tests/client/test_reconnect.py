@@ -12,7 +12,7 @@ from rwt import Server
 from rwt_client import Backoff, CannotConnect, ConnectionEvent, ConnectionLost, NotConnected, connect
 from rwt_client.connection import ConnectKeywords
 from rwt_graph import MemoryGraph, Node
-from rwt_program.errors import TimedOut
+from rwt_participant.errors import TimedOut
 from tests.client.worlds import AT_ONCE, ScriptedServer, scripted, until
 
 pytestmark = pytest.mark.anyio

@@ -10,7 +10,7 @@ import anyio.lowlevel
 import pytest
 
 from rwt_client import ConnectionLost, NotConnected
-from rwt_program.errors import CallFailed, InvalidMessage, ProviderNotFound, ServiceFailed, TimedOut
+from rwt_participant.errors import CallFailed, InvalidMessage, ProviderNotFound, ServiceFailed, TimedOut
 from tests.client.worlds import scripted, world
 
 pytestmark = pytest.mark.anyio

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from rwt_client import ServerRefused
-from rwt_program.errors import InvalidMessage, NotFound, RobotError, UnknownType
-from rwt_program.qos import QoS
+from rwt_participant.errors import InvalidMessage, NotFound, RobotError, UnknownType
+from rwt_participant.qos import QoS
 from tests.client.worlds import scripted, until, world
 
 pytestmark = pytest.mark.anyio

@@ -11,11 +11,11 @@ import anyio
 import pytest
 
 from rwt import Server
+from rwt.nodes import Tf2WebRepublisher
 from rwt_client import ConnectionLost
 from rwt_client.blocking import connect as connect_blocking
 from rwt_graph import Node
-from rwt_nodes import Tf2WebRepublisher
-from rwt_program.errors import CallFailed, TransformUnavailable
+from rwt_participant.errors import CallFailed, TransformUnavailable
 from rwt_tf2 import StampedTransform, Transform, write_transform
 from tests.client.worlds import AT_ONCE, World, scripted, until, world
 

@@ -12,12 +12,12 @@ from typing import Any, Unpack
 import anyio
 
 from rwt import Server, Settings
-from rwt_bridge import Bridge
+from rwt.gateways.rosbridge import Bridge
+from rwt.nodes import Rosapi
 from rwt_client import Backoff, Robot, connect
 from rwt_client.connection import ConnectKeywords
 from rwt_graph import MemoryGraph, Node
 from rwt_interfaces import DISTROS, Payload, Registry
-from rwt_nodes import Rosapi
 from rwt_protocol.codecs import cbor
 from rwt_protocol.transport import Frame, PeerInfo, Sink
 

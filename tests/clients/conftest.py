@@ -103,7 +103,7 @@ class Server:
     """`rwt serve --demo` on a free port."""
 
     def __init__(self, distro: str, log: IO[bytes], url: str = "ws://127.0.0.1:0") -> None:
-        command = [sys.executable, "-m", "rwt_cli", "serve", "--demo", "--distro", distro, url]
+        command = [sys.executable, "-m", "rwt.cli", "serve", "--demo", "--distro", distro, url]
         self._process = _Process(command, log)
         try:
             announced = self._process.line()

@@ -18,8 +18,8 @@ from fastapi import FastAPI
 from prometheus_client.parser import text_string_to_metric_families
 
 from rwt import Server, connect
-from rwt_access.gate.audit_file import read_audit
-from tests.mcp.agents import agent_at, until
+from rwt.access.gate.audit_file import read_audit
+from tests.rwt.gateways.mcp.agents import agent_at, until
 
 pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only, pytest.mark.clients, pytest.mark.timeout(180)]
 

@@ -25,7 +25,7 @@ from rwt_transports.webrtc.ice import IceServer
 from rwt_transports.webrtc.peer import PeerTerms
 from rwt_transports.webrtc.signalling import PeerBounds, data_routes, open_peers
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
-from tests.nodes.readers import NobodyInParticular
+from tests.rwt.nodes.readers import NobodyInParticular
 
 Transport = Literal["ws", "tcp", "unix", "stdio", "webrtc"]
 

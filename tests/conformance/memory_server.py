@@ -14,14 +14,14 @@ from rosbridge_conformance.runner import Conditions, Run, run_cases
 from rosbridge_conformance.suite.case import Case
 from rosbridge_conformance.suite.target import Target
 from rosbridge_conformance.wire.wires import Dial, Wire, WireClosed, framing_of
+from rwt.gateways.rosbridge.bridge import Bridge
+from rwt.nodes.rosapi import Rosapi
+from rwt.nodes.tf import Tf2WebRepublisher
 from rwt.settings.models import Settings
-from rwt_bridge.bridge import Bridge
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
-from rwt_nodes.rosapi import Rosapi
-from rwt_nodes.tf import Tf2WebRepublisher
 from rwt_protocol.transport import (
     AS_MANY_AS_FIT,
     Accept,

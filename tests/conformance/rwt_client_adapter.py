@@ -15,7 +15,7 @@ import anyio
 import msgspec
 
 from rwt_client import Backoff, ConnectionEvent, Robot, connect
-from rwt_program.errors import (
+from rwt_participant.errors import (
     CallFailed,
     GoalAborted,
     GoalCanceled,
@@ -24,7 +24,7 @@ from rwt_program.errors import (
     RobotError,
     ServiceFailed,
 )
-from rwt_program.goals import ReceivedGoal
+from rwt_participant.goals import ReceivedGoal
 from rwt_protocol.ops import Qos
 
 # Commands and messages, which have no types.

@@ -13,8 +13,8 @@ from pathlib import Path
 from rosbridge_conformance.command import main
 from rosbridge_conformance.wire.pipes import SOCKET
 
-SERVE = (sys.executable, "-m", "rwt_cli", "serve")
-PIPES = f"stdio:{sys.executable} -m rwt_cli serve stdio: unix://{SOCKET}"
+SERVE = (sys.executable, "-m", "rwt.cli", "serve")
+PIPES = f"stdio:{sys.executable} -m rwt.cli serve stdio: unix://{SOCKET}"
 """A server of its own for each case: one client on its pipes, the others on a socket."""
 
 WEBRTC = ("--set", "webrtc.enabled=true", "--set", "webrtc.channels=200")

@@ -12,12 +12,12 @@ from rosbridge_conformance.suite.case import Case
 from rosbridge_conformance.suite.target import Target
 from rosbridge_conformance.wire.pace import RealPace
 from rosbridge_conformance.wire.wires import Wire
+from rwt.gateways.rosbridge.bridge import Bridge
+from rwt.nodes.rosapi import Rosapi
 from rwt.settings.models import Settings
-from rwt_bridge.bridge import Bridge
 from rwt_graph.zenoh import ZenohGraph
 from rwt_interfaces.distro import JAZZY
 from rwt_interfaces.registry import Registry
-from rwt_nodes.rosapi import Rosapi
 from rwt_protocol.transport import Accept
 from tests.conformance.memory_server import MemoryWire
 from tests.zenoh_links import QUICK, free_endpoint

@@ -50,5 +50,15 @@ def test_the_picture_shows_every_package_at_its_layer() -> None:
     assert set(line_of) == {name for layer in layers for name in layer}
     for upper, lower in itertools.pairwise(layers):
         assert max(line_of[name] for name in upper) <= min(line_of[name] for name in lower)
-    table = re.findall(r"^\| `(rwt\w*)` \|", _section("The packages, and one direction"), re.MULTILINE)
+    section = _section("Packages and dependencies")
+    table = re.findall(r"^\| `(rwt\w*)` \|", section, re.MULTILINE)
     assert sorted(table) == sorted(line_of)
+
+
+def test_the_folders_of_the_server_are_in_picture_and_table() -> None:
+    section = _section("Packages and dependencies")
+    listed = {name.split(".")[0] for name in re.findall(r"^\| `rwt\.([\w.]+)` \|", section, re.MULTILINE)}
+    drawn = set(re.findall(r"(\w+)/", section.split("```text\n")[1].split("```")[0])) - {"gate"}
+    folders = {path.parent.name for path in (generate_rooms.ROOT / "src" / "rwt").glob("*/__init__.py")}
+    assert drawn == folders
+    assert listed == folders - {"workers", "observability", "settings"}

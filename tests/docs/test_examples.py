@@ -57,7 +57,7 @@ class Examples:
             folder.mkdir()
             port = self._ports[distro] = free_port()
             url = f"ws://127.0.0.1:{port}"
-            command = [sys.executable, "-m", "rwt_cli", "serve", "--demo", "--distro", distro, url]
+            command = [sys.executable, "-m", "rwt.cli", "serve", "--demo", "--distro", distro, url]
             self._servers.enter_context(Running(command, folder, self._commands)).wait_for_port(port)
         return self._ports[distro]
 
@@ -100,12 +100,12 @@ def _command(block: Block, folder: Path, code: str) -> list[str]:
     file = folder / (block.value("file") or f"example.{suffix}")
     file.write_text(code, encoding="utf-8")
     if block.value("run") == "pytest":
-        plugins = ["-p", "no:cacheprovider", "-p", "rwt_pytest", "-p", "anyio"]
+        plugins = ["-p", "no:cacheprovider", "-p", "rwt.testing.pytest_plugin", "-p", "anyio"]
         return [sys.executable, "-m", "pytest", "-q", *plugins, file.name]
     if block.value("run") == "vitest":
         return ["node", str(_CLIENTS / "node_modules" / "vitest" / "vitest.mjs"), "run", file.name]
     if block.language == "toml":
-        return [sys.executable, "-m", "rwt_cli", "serve", "--config", file.name]
+        return [sys.executable, "-m", "rwt.cli", "serve", "--config", file.name]
     if block.language == "html":
         return ["node", str(Path(__file__).with_name("page_in_node.mjs")), str(file), str(_CLIENTS)]
     interpreter = {"python": [sys.executable], "js": ["node"], "sh": ["sh", "-eu"]}[block.language]

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from rwt_cli import COMMANDS, parser_for
-from rwt_cli.parser import Parser
+from rwt.cli import COMMANDS, parser_for
+from rwt.cli.parser import Parser
 from tests.docs.blocks import ALL_BLOCKS, PAGES, ROOT, Block, blocks_of
 
 _FENCED = re.compile(r"^( *)```.*?^ *```$|<!--.*?-->", re.MULTILINE | re.DOTALL)

@@ -11,11 +11,11 @@ import pytest
 
 import rwt
 import rwt_graph
-from rwt_cli import parser_for
-from rwt_cli.parser import commands_of
+from rwt.cli import parser_for
+from rwt.cli.parser import commands_of
+from rwt.nodes import Rosapi
 from rwt_graph import MemoryGraph, Node
-from rwt_nodes import Rosapi
-from rwt_program import errors, goals, qos
+from rwt_participant import errors, goals, qos
 from rwt_protocol.codecs import SELECTABLE
 from rwt_transports.schemes import url_forms
 from tests.docs.blocks import ROOT

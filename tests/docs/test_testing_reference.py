@@ -7,12 +7,12 @@ import inspect
 import pytest
 from pydantic import BaseModel
 
-import rwt_pytest
+import rwt.testing.pytest_plugin
+from rwt.testing import Faults, ScriptedAction, ScriptedRobot, ScriptedService, ScriptedTopic
+from rwt.testing.pytest_plugin.environment import RobotServer
+from rwt.testing.script import file as script_file
+from rwt.testing.virtual_time import VirtualTime
 from rwt_graph import Node
-from rwt_pytest.environment import RobotServer
-from rwt_testing import Faults, ScriptedAction, ScriptedRobot, ScriptedService, ScriptedTopic
-from rwt_testing.script import file as script_file
-from rwt_testing.virtual_time import VirtualTime
 from tests.docs.blocks import ROOT
 
 PAGE = (ROOT / "docs" / "reference" / "testing.md").read_text(encoding="utf-8")
@@ -42,7 +42,7 @@ def test_every_method_is_listed(kind: type) -> None:
 
 
 def test_every_fixture_and_every_argument_of_the_marker_is_listed() -> None:
-    fixtures = [name for name in vars(rwt_pytest) if name.startswith("rwt_")]
+    fixtures = [name for name in vars(rwt.testing.pytest_plugin) if name.startswith("rwt_")]
     assert "rwt_server" in fixtures
     wanted = [*fixtures, "distro", "demo", "interfaces", "settings"]
     assert [name for name in wanted if f"| `{name}` |" not in PAGE] == []

@@ -17,11 +17,11 @@ import anyio.lowlevel
 import numpy as np
 import pytest
 
+from rwt.nodes.demo.world.lens import Lens
+from rwt.nodes.mesh_files import MeshFiles
 from rwt_graph import MemoryGraph, Node, SimulatedClock
-from rwt_nodes.demo.world.lens import Lens
-from rwt_nodes.mesh_files import MeshFiles
-from rwt_program.errors import GoalRejected
-from rwt_program.goals import Goal, GoalStatus
+from rwt_participant.errors import GoalRejected
+from rwt_participant.goals import Goal, GoalStatus
 from rwt_tf2 import Buffer, read_transform
 
 pytest.importorskip("pybullet", reason="PyBullet has wheels for Linux only")

@@ -12,8 +12,8 @@ import pytest
 from anyio.from_thread import BlockingPortal, start_blocking_portal
 
 from rwt import Server, Settings
+from rwt.gateways.rosbridge.bridge import Bridge
 from rwt.settings.models import LimitSettings
-from rwt_bridge.bridge import Bridge
 from tests.faults.blocking_client import PATIENCE, BlockingClient
 
 MIB = 1 << 20

@@ -14,8 +14,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from rwt.access.settings import SettingsError
 from rwt.settings.sources import read_settings
-from rwt_access.settings import SettingsError
 from rwt_interfaces.definitions.parser import parse_action, parse_message, parse_service
 from rwt_interfaces.errors import DefinitionError
 from rwt_interfaces.registry import Registry

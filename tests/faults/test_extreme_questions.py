@@ -14,16 +14,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rwt import Settings
-from rwt_access.access import Access
-from rwt_bridge import Bridge
+from rwt.access.access import Access
+from rwt.gateways.rosbridge import Bridge
+from rwt.nodes import Rosapi
+from rwt.nodes.rosapi import DISCLOSURES
 from rwt_graph import MemoryGraph, Node
 from rwt_interfaces import Registry
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.payload import Payload
-from rwt_nodes import Rosapi
-from rwt_nodes.rosapi import DISCLOSURES
-from tests.bridge.recording_client import Client
 from tests.faults.server_log import Failures
+from tests.rwt.gateways.rosbridge.recording_client import Client
 
 FEW: Final = 60
 EXAMPLES: Final = int(os.environ.get("SWEEP_EXAMPLES", FEW))

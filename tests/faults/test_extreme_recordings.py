@@ -20,15 +20,15 @@ from mcap.writer import CompressionType, Writer
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 
-from rwt_cli import parser_for
-from rwt_cli.errors import CommandError
+from rwt.cli import parser_for
+from rwt.cli.errors import CommandError
+from rwt.nodes.playback import Player, PlayOptions
+from rwt.nodes.recording import RecordingError, open_recording
 from rwt_graph import MemoryGraph, SimulatedClock
 from rwt_interfaces import Registry
-from rwt_nodes.playback import Player, PlayOptions
-from rwt_nodes.recording import RecordingError, open_recording
 from tests.faults.server_log import Failures
-from tests.nodes.recording.robots import record_robot
-from tests.nodes.recording.test_bags import ros1_bag, ros2_bag
+from tests.rwt.nodes.recording.robots import record_robot
+from tests.rwt.nodes.recording.test_bags import ros1_bag, ros2_bag
 
 FEW: Final = 40
 EXAMPLES: Final = int(os.environ.get("SWEEP_EXAMPLES", FEW))

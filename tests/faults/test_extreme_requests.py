@@ -17,9 +17,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rwt import Server
+from rwt.nodes.video import server as video
 from rwt_graph import Node
 from rwt_graph.api import Graph
-from rwt_nodes.video import server as video
 from tests.faults.server_log import Failures
 
 PATIENCE: Final = 20.0

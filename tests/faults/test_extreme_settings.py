@@ -15,8 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rwt import Server, Settings
+from rwt.access.settings import SettingsError
 from rwt.settings.errors import Key, known_settings
-from rwt_access.settings import SettingsError
 from rwt_protocol.error_text import plain_type
 from tests.faults.blocking_client import BlockingClient, Refused
 from tests.faults.server_log import Failures

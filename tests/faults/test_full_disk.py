@@ -28,7 +28,7 @@ NAMES = ("rwt.bridge", "rwt_transports", "rwt_graph")
 def test_a_server_whose_log_cannot_be_written() -> None:
     with FULL.open("w") as log:
         process = subprocess.Popen(
-            [sys.executable, "-m", "rwt_cli", "serve", "ws://127.0.0.1:0"],
+            [sys.executable, "-m", "rwt.cli", "serve", "ws://127.0.0.1:0"],
             stdout=subprocess.PIPE,
             stderr=log,
             text=True,

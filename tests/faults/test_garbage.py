@@ -11,12 +11,12 @@ from typing import Final
 
 import pytest
 
-from rwt_bridge.ops.actions import SentGoal
-from rwt_bridge.ops.offers import Offer
-from rwt_bridge.ops.subscriptions import ClientSubscription
-from rwt_bridge.peer import Peer
-from rwt_cli.commands.serve.collecting import MOST_LOOKED_AT, BoundedCollections
-from rwt_delivery.throttle import Throttle
+from rwt.cli.commands.serve.garbage_collection import MOST_LOOKED_AT, BoundedGarbageCollection
+from rwt.delivery.throttle import Throttle
+from rwt.gateways.rosbridge.ops.actions import SentGoal
+from rwt.gateways.rosbridge.ops.offers import Offer
+from rwt.gateways.rosbridge.ops.subscriptions import ClientSubscription
+from rwt.gateways.rosbridge.peer import Peer
 from rwt_graph.memory.actions import MemoryActionServer
 from rwt_transports.connection import Connection
 from rwt_transports.http_connection import HttpConnection
@@ -138,7 +138,7 @@ class _Cycle:
 def test_full_collections_are_made_by_the_loop_and_look_at_few_objects() -> None:
     due: list[object] = []
     before = gc.get_threshold()
-    collections = BoundedCollections(lambda collect: due.append(collect))
+    collections = BoundedGarbageCollection(lambda collect: due.append(collect))
     collections.begin()
     try:
         frozen = gc.get_freeze_count()

@@ -16,8 +16,8 @@ from functools import partial
 import pytest
 
 from rwt import Settings
+from rwt.gateways.rosbridge import Bridge
 from rwt.settings.models import LimitSettings
-from rwt_bridge import Bridge
 from rwt_graph import MemoryGraph
 from rwt_protocol.ops import Direction
 from rwt_protocol.session import Refusal, Session
@@ -28,10 +28,10 @@ from rwt_transports.http_connection import HttpConnection
 from rwt_transports.websocket.extensions import Deflate
 from rwt_transports.websocket.wire import websocket_server
 from rwt_transports.wires.json_stream import json_over_tcp
-from tests.bridge.recording_client import Client
 from tests.faults.blocking_client import BlockingClient
 from tests.faults.conftest import MIB, Robot
 from tests.memory_pipe import MemoryPipe
+from tests.rwt.gateways.rosbridge.recording_client import Client
 from tests.transports.rfc6455.compression import RSV1, deflated
 from tests.transports.rfc6455.frames import BINARY, FIN, KEY, frame, text
 from tests.transports.rfc6455.handshake import REQUEST

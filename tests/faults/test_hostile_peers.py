@@ -13,7 +13,7 @@ import pytest
 from rwt import Server
 from rwt.settings.webrtc import WebRtcSettings
 from rwt_client import connect
-from tests.webrtc.peers import OtherSide, other_side, until
+from tests.rwt.media.webrtc.peers import OtherSide, other_side, until
 
 pytestmark = pytest.mark.anyio
 

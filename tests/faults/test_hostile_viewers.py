@@ -14,8 +14,8 @@ from websockets.typing import Subprotocol
 
 from rwt import Server, Settings
 from rwt.blocking import BlockingNode
-from rwt_foxglove.gateway import FoxgloveGateway
-from rwt_foxglove.wire.client_messages import MOST_TEXT
+from rwt.gateways.foxglove.gateway import FoxgloveGateway
+from rwt.gateways.foxglove.wire.client_messages import MOST_TEXT
 from tests.faults.conftest import MIB
 from tests.faults.test_hostile_bytes import memory_below
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import logging
 from urllib.parse import unquote_plus
 
+from rwt.access.admission import Admission
+from rwt.access.audit import Audit
+from rwt.access.settings import AuthSettings, OriginSettings, RoleSettings, SettingsError, TokenSettings
 from rwt.settings.models import Settings
 from rwt.settings.sources import load_settings
-from rwt_access.admission import Admission
-from rwt_access.audit import Audit
-from rwt_access.settings import AuthSettings, OriginSettings, RoleSettings, SettingsError, TokenSettings
 from rwt_protocol.transport import PeerInfo
 from rwt_transports.errors import Refused
 

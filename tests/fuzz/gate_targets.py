@@ -8,10 +8,10 @@ from typing import Any
 import msgspec
 from pydantic import ValidationError
 
-from rwt_access.errors import GateRefused
-from rwt_access.gate.fields import FieldChecks, Motion, NoSuchField
-from rwt_access.gate.rules import Rule
-from rwt_access.settings.gate import GateRule
+from rwt.access.errors import GateRefused
+from rwt.access.gate.fields import FieldChecks, Motion, NoSuchField
+from rwt.access.gate.rules import Rule
+from rwt.access.settings.gate import GateRule
 from rwt_interfaces.distro import JAZZY
 from rwt_interfaces.errors import InvalidMessage, UnknownType
 from rwt_interfaces.payload import Payload

@@ -5,15 +5,15 @@ from __future__ import annotations
 import asyncio
 import json
 
-from rwt.pages import guarded
+from rwt.access.access import Access
+from rwt.composition.pages import guarded
+from rwt.gateways.http import HttpGateway, HttpSettings
+from rwt.nodes import Rosapi
+from rwt.nodes.rosapi import DISCLOSURES
 from rwt.settings.models import Settings
-from rwt_access.access import Access
 from rwt_graph import MemoryGraph, Node
 from rwt_graph.clock import SimulatedClock
-from rwt_http import HttpGateway, HttpSettings
 from rwt_interfaces.registry import Registry
-from rwt_nodes import Rosapi
-from rwt_nodes.rosapi import DISCLOSURES
 from rwt_transports.http import HttpRequest, HttpResponse, Routes
 
 _REGISTRY = Registry()

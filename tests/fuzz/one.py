@@ -6,8 +6,8 @@ import sys
 
 import atheris
 
-with atheris.instrument_imports(include=["rwt_protocol", "rwt_transports", "rwt_interfaces", "rwt_bridge",
-                                         "rwt_graph"]):  # fmt: skip
+INSTRUMENTED = ["rwt_protocol", "rwt_transports", "rwt_interfaces", "rwt_graph", "rwt.gateways.rosbridge"]
+with atheris.instrument_imports(include=INSTRUMENTED):
     from tests.fuzz.targets import TARGETS
 
 

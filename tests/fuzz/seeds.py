@@ -11,9 +11,9 @@ from collections.abc import Iterator
 
 import bson
 
+from rwt.gateways.mcp.tools import TOOLS
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.payload import Payload
-from rwt_mcp.tools import TOOLS
 from rwt_protocol.transport import Frame
 from rwt_transports.wires.whole_messages import HEADER, WHOLE_MESSAGES
 from tests.fuzz.admission_targets import TOKEN
@@ -21,11 +21,11 @@ from tests.fuzz.asgi_targets import requests
 from tests.fuzz.foxglove_targets import conversations
 from tests.fuzz.interface_targets import TYPES
 from tests.protocol.wire_examples import EXAMPLES
+from tests.rwt.media.webrtc.test_sdp import CANDIDATE, CHROMIUM
 from tests.transports.rfc6455 import compression
 from tests.transports.rfc6455.chapters import CHAPTERS
 from tests.transports.rfc6455.frames import text
 from tests.transports.rfc6455.handshake import HANDSHAKES
-from tests.webrtc.test_sdp import CANDIDATE, CHROMIUM
 
 _LARGEST = 300
 """Small inputs change fast."""

@@ -21,8 +21,8 @@ from rwt_transports.websocket.wire import WebSocketWire, websocket_server
 from rwt_transports.wires.json_stream import PLAIN, JsonStreamWire
 from rwt_transports.wires.whole_messages import WHOLE_MESSAGES, MessageWire
 from tests.memory_pipe import MemoryPipe
+from tests.rwt.media.webrtc.chunks import Chunk
 from tests.transports.rfc6455.frames import BINARY, frame
-from tests.webrtc.chunks import Chunk
 
 LARGEST = 2_000
 """Largest message, so that small inputs reach what happens beyond it."""

@@ -6,10 +6,10 @@ import anyio
 import pytest
 
 from rwt_graph import MemoryGraph, Node
-from rwt_graph.program.actionlib import STATUS, ActionlibStatus
-from rwt_program.errors import GoalAborted, GoalCanceled
-from rwt_program.goals import GoalStatus, ReceivedGoal
-from rwt_program.messages import Message
+from rwt_graph.nodes.actionlib import STATUS, ActionlibStatus
+from rwt_participant.errors import GoalAborted, GoalCanceled
+from rwt_participant.goals import GoalStatus, ReceivedGoal
+from rwt_participant.messages import Message
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Advance

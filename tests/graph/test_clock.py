@@ -17,7 +17,7 @@ from rwt_graph.clock import (
     TimerHeap,
     WallClock,
 )
-from rwt_program.timers import Timer
+from rwt_participant.timers import Timer
 
 
 def test_simulated_timers_run_in_order_each_at_its_own_time() -> None:

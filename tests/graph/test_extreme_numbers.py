@@ -14,11 +14,11 @@ from rwt_graph.api import GoalEvents, PendingCall, ServerGoal, ServiceCall
 from rwt_graph.clock import SimulatedClock, SteadyClock
 from rwt_graph.errors import InvalidGraphName
 from rwt_graph.memory.graph import MemoryGraph
-from rwt_graph.program.node import Node
+from rwt_graph.nodes.node import Node
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
-from rwt_program.errors import CallTimeout, InvalidQoS, RobotError
-from rwt_program.qos import LONGEST_SECONDS, MOST_DEPTH, Durability, History, QoS
+from rwt_participant.errors import CallTimeout, InvalidQoS, RobotError
+from rwt_participant.qos import LONGEST_SECONDS, MOST_DEPTH, Durability, History, QoS
 
 EDGES = (0, 1, 2**31, 2**32, 2**53, 2**63, 2**64, 10**30, 10**400)
 

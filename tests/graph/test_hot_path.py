@@ -14,9 +14,9 @@ from rwt_graph.memory import topics
 from rwt_graph.memory.graph import MemoryParticipant
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.structs import MessageType
-from rwt_program.goals import ReceivedGoal
-from rwt_program.messages import Message
-from rwt_program.timers import Timer
+from rwt_participant.goals import ReceivedGoal
+from rwt_participant.messages import Message
+from rwt_participant.timers import Timer
 
 
 class CountingClock(SimulatedClock):

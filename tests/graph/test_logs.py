@@ -5,8 +5,8 @@ import logging
 import pytest
 
 from rwt_graph import MemoryGraph, Node, SimulatedClock
-from rwt_program.errors import ServiceFailed
-from rwt_program.messages import Message
+from rwt_participant.errors import ServiceFailed
+from rwt_participant.messages import Message
 
 
 @pytest.mark.parametrize(

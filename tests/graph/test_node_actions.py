@@ -8,9 +8,9 @@ import pytest
 from rwt_graph import MemoryGraph, Node
 from rwt_graph.memory.actions import ENDINGS, TRANSITIONS, GoalEvent
 from rwt_interfaces.errors import InvalidMessage
-from rwt_program.errors import CallFailed, GoalAborted, GoalCanceled, GoalRejected, NotFound, ProviderGone
-from rwt_program.goals import GoalStatus, ReceivedGoal
-from rwt_program.messages import Message
+from rwt_participant.errors import CallFailed, GoalAborted, GoalCanceled, GoalRejected, NotFound, ProviderGone
+from rwt_participant.goals import GoalStatus, ReceivedGoal
+from rwt_participant.messages import Message
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Advance

@@ -9,8 +9,8 @@ import pytest
 
 from rwt_graph import MemoryGraph, Node, NotRunning, WallClock
 from rwt_interfaces.errors import InvalidMessage
-from rwt_program.errors import CallFailed, CallTimeout, NotFound, ProviderGone, ServiceFailed
-from rwt_program.messages import Message
+from rwt_participant.errors import CallFailed, CallTimeout, NotFound, ProviderGone, ServiceFailed
+from rwt_participant.messages import Message
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Advance

@@ -8,9 +8,9 @@ import pytest
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_interfaces.errors import InvalidMessage, UnknownType
 from rwt_interfaces.payload import Payload
-from rwt_program.errors import HandleClosed
-from rwt_program.messages import Message, is_coroutine_function
-from rwt_program.qos import LATCHED, QoS
+from rwt_participant.errors import HandleClosed
+from rwt_participant.messages import Message, is_coroutine_function
+from rwt_participant.qos import LATCHED, QoS
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Advance

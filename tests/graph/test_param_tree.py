@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_graph.parameters.tree import ParameterTree
-from rwt_program.errors import NotFound, ParameterRejected
-from rwt_program.messages import ParameterValue
+from rwt_participant.errors import NotFound, ParameterRejected
+from rwt_participant.messages import ParameterValue
 
 WHOLES = st.integers(-(2**63), 2**63 - 1)
 LEAVES = st.one_of(WHOLES, st.text(max_size=5), st.booleans(), st.none(), st.lists(WHOLES, max_size=3))

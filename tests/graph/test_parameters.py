@@ -12,8 +12,8 @@ from rwt_graph.parameters.values import ParameterType, coerce, decode, encode, t
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
-from rwt_program.errors import CallTimeout, NotFound, ParameterRejected
-from rwt_program.messages import Message, ParameterValue
+from rwt_participant.errors import CallTimeout, NotFound, ParameterRejected
+from rwt_participant.messages import Message, ParameterValue
 
 if TYPE_CHECKING:
     from tests.graph.conftest import Advance

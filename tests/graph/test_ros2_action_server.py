@@ -12,8 +12,8 @@ from rwt_graph.zenoh import ZenohGraph
 from rwt_graph.zenoh.actions.server import RESULTS_KEPT
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
-from rwt_program.goals import GoalStatus
-from rwt_program.messages import Message
+from rwt_participant.goals import GoalStatus
+from rwt_participant.messages import Message
 
 
 class Asker:

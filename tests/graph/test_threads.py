@@ -8,8 +8,8 @@ import anyio
 import pytest
 
 from rwt_graph import MemoryGraph, Node, NotRunning, TypeConflict
-from rwt_program.errors import ProviderNotFound, WrongThread
-from rwt_program.messages import Message
+from rwt_participant.errors import ProviderNotFound, WrongThread
+from rwt_participant.messages import Message
 
 pytestmark = pytest.mark.anyio
 

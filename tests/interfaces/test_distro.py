@@ -15,16 +15,16 @@ SRC = Path(__file__).parents[2] / "src"
 
 REPORTS = {
     "rwt/pages.py": "the index page names it",
-    "rwt_cli/commands/bag/recording.py": "`rwt bag info` prints it",
-    "rwt_http/gateway.py": "`/version` and the page of the API name it",
+    "rwt/cli/commands/bag/recording.py": "`rwt bag info` prints it",
+    "rwt/gateways/http/gateway.py": "`/version` and the page of the API name it",
     "rwt_client/blocking.py": "rosapi's question",
     "rwt_client/connection.py": "what a program knows of its robot beforehand",
     "rwt_client/robot.py": "finds the distribution from rosapi's answer",
     "rwt_client/rosapi.py": "rosapi's question",
     "rwt_interfaces/distro.py": "the field",
-    "rwt_nodes/recording/mcap_files.py": "reads the note of a recording",
-    "rwt_nodes/recording/writer.py": "writes the note of a recording",
-    "rwt_nodes/rosapi/graph_services.py": "rosapi's answer",
+    "rwt/nodes/recording/mcap_files.py": "reads the note of a recording",
+    "rwt/nodes/recording/writer.py": "writes the note of a recording",
+    "rwt/nodes/rosapi/graph_services.py": "rosapi's answer",
     "rwt_rclpy/middleware/robot_graph.py": "rclpy is ROS 2's, whatever the server says of itself",
 }
 """Where the version may stand: where it is told to somebody, or learned."""

@@ -19,8 +19,8 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+from rwt.access.settings import SettingsError
 from rwt.settings.sources import read_settings
-from rwt_access.settings import SettingsError
 from tests.processes import LONGEST, ROOT, free_port, running
 
 FILES = ROOT / "docs" / "how-to" / "deploy"

@@ -13,7 +13,7 @@ from rwt import BlockingNode, Server, Settings, SettingsError
 from rwt.blocking import Loop
 from rwt_client.blocking import connect
 from rwt_graph import NotRunning
-from rwt_program.errors import NotFound, ServiceFailed, TimedOut, WrongThread
+from rwt_participant.errors import NotFound, ServiceFailed, TimedOut, WrongThread
 
 URL = "ws://127.0.0.1:0"
 

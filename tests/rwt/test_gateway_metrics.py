@@ -6,8 +6,8 @@ from collections.abc import AsyncIterator
 
 import pytest
 
-from rwt_delivery.counters import Counters
-from rwt_delivery.http_traffic import Visitors, counted
+from rwt.delivery.counters import Counters
+from rwt.delivery.http_traffic import Visitors, counted
 from rwt_graph.clock import SimulatedClock
 from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 

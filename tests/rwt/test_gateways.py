@@ -12,15 +12,15 @@ import pytest
 from websockets.asyncio.client import connect
 
 from rwt import Server, Settings
-from rwt_delivery.shared_graph import SharedGraph
+from rwt.delivery.shared_graph import SharedGraph
 from rwt_interfaces.payload import Payload
 from rwt_protocol.transport import Frame
 from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Route
 
 if TYPE_CHECKING:
-    from rwt_access.access import Access
-    from rwt_access.gateway import AcceptPeer
-    from rwt_access.graph_view import GraphView
+    from rwt.access.access import Access
+    from rwt.access.gateway import AcceptPeer
+    from rwt.access.graph_view import GraphView
     from rwt_graph.api import Graph
     from rwt_protocol.transport import Endpoint, PeerInfo, Sink
 

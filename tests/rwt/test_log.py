@@ -11,7 +11,7 @@ import pytest
 from websockets.asyncio.client import connect
 
 from rwt import Server
-from rwt_access.audit import LogRate
+from rwt.access.audit import LogRate
 
 pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only]
 

@@ -41,13 +41,13 @@ def test_importing_it_imports_nothing_else() -> None:
 @pytest.mark.parametrize(
     ("name", "without"),
     [
-        ("Settings", ("anyio", "rwt_graph", "rwt_transports", "rwt_client", "rwt_nodes")),
+        ("Settings", ("anyio", "rwt_graph", "rwt_transports", "rwt_client", "rwt.nodes")),
         (
             "Server",
-            ("rwt_client", "rwt_testing", "rwt_nodes.demo", "rwt_nodes.recording", "zenoh", "numpy", "PIL"),
+            ("rwt_client", "rwt.testing", "rwt.nodes.demo", "rwt.nodes.recording", "zenoh", "numpy", "PIL"),
         ),
-        ("Node", ("rwt_bridge", "rwt_transports", "numpy")),
-        ("connect", ("rwt_bridge", "rwt_graph", "numpy")),
+        ("Node", ("rwt.gateways.rosbridge", "rwt_transports", "numpy")),
+        ("connect", ("rwt.gateways.rosbridge", "rwt_graph", "numpy")),
     ],
 )
 def test_a_name_imports_only_what_it_needs(name: str, without: tuple[str, ...]) -> None:

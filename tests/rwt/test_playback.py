@@ -8,9 +8,9 @@ import anyio
 import pytest
 
 from rwt import MemoryGraph, Node, PlaybackServer, Settings, SettingsError, SimulatedClock, connect
+from rwt.nodes.playback import PlayOptions
+from rwt.nodes.recording import Recorder, open_recording
 from rwt_graph import NotRunning
-from rwt_nodes.playback import PlayOptions
-from rwt_nodes.recording import Recorder, open_recording
 
 URL = "ws://127.0.0.1:0"
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Final
 
 import rwt
+from rwt.cli import parser_for
 from rwt.settings.models import LimitSettings
-from rwt_cli import parser_for
 
 SOURCE: Final = Path(rwt.__file__).parents[1]
 
@@ -46,7 +46,7 @@ def _refusals() -> str:
     files = [
         file
         for file in SOURCE.rglob("*.py")
-        if "settings" not in file.parts and file.name != "settings.py" and "rwt_cli" not in file.parts
+        if "settings" not in file.parts and file.name != "settings.py" and "cli" not in file.parts
     ]
     assert len(files) > 500
     return "\n".join(text for file in files for text in _texts(ast.parse(file.read_text("utf-8"))))
@@ -54,7 +54,7 @@ def _refusals() -> str:
 
 def _quotas() -> set[str]:
     """Limits whose refusals are made by one function, `limits.{the name that it was given}`."""
-    module = ast.parse((SOURCE / "rwt_access" / "quotas.py").read_text("utf-8"))
+    module = ast.parse((SOURCE / "rwt" / "access" / "quotas.py").read_text("utf-8"))
     assert "is the limit (limits." in "".join(_texts(module))
     return {
         node.args[0].value

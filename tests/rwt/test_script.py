@@ -14,7 +14,7 @@ import pytest
 
 from rwt import Server
 from rwt_client.blocking import BlockingRobot, connect
-from rwt_program.errors import CallFailed, TimedOut
+from rwt_participant.errors import CallFailed, TimedOut
 
 LAB = """
 name = "lab"

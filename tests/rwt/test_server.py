@@ -12,14 +12,14 @@ import anyio.to_thread
 import pytest
 
 from rwt import MemoryGraph, Node, Server, ServerError, Settings, SettingsError, SimulatedClock, connect
+from rwt.nodes.recording import open_recording
+from rwt.nodes.recording.recorder import LOOK_SECONDS
+from rwt.testing import ObservedGraph
 from rwt_graph import NotRunning
 from rwt_graph.api import Graph
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.registry import Registry
-from rwt_nodes.recording import open_recording
-from rwt_nodes.recording.recorder import LOOK_SECONDS
 from rwt_protocol.transport import Accept, Endpoint, PeerInfo, Sink
-from rwt_testing import ObservedGraph
 from rwt_transports import ListenError
 from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 from tests.zenoh_links import free_endpoint

@@ -13,7 +13,7 @@ import json
 import sys
 from collections.abc import Iterator
 
-from rwt_cli import main, parser_for
+from rwt.cli import main, parser_for
 
 
 def words_of(parser: argparse.ArgumentParser, words: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:

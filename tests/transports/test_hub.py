@@ -15,6 +15,7 @@ from anyio.abc import SocketAttribute, SocketStream
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rwt.hub.hub import OpenHub, open_hub
 from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
 from rwt_transports import BadUrl, Limits, Refused, listen
 from rwt_transports.backoff import Backoff
@@ -22,7 +23,6 @@ from rwt_transports.connect import connect
 from rwt_transports.errors import ConnectError
 from rwt_transports.http import HttpRequest, HttpResponse, Routes
 from rwt_transports.relay.dial import RelayStatus, check_dial_url, dial
-from rwt_transports.relay.hub import OpenHub, open_hub
 from rwt_transports.relay.protocol import (
     BadAssignment,
     decode_assignment,

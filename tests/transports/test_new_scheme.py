@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from rwt import Server
-from rwt_cli import parser_for
+from rwt.cli import parser_for
 from rwt_client import connect
 from rwt_protocol.transport import Frame
 from rwt_transports import BadUrl

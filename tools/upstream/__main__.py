@@ -227,7 +227,7 @@ def _served(suite: Suite) -> Iterator[str]:
         yield ""
         return
     options = [each.format(here=HERE) for each in suite.serve]
-    command = [sys.executable, "-m", "rwt_cli", "serve", f"ws://127.0.0.1:{suite.port}", *options]
+    command = [sys.executable, "-m", "rwt.cli", "serve", f"ws://127.0.0.1:{suite.port}", *options]
     environment = {name: value for name, value in os.environ.items() if not name.startswith("RWT_")}
     print(f"serving {' '.join(command[3:])}", flush=True)
     with (

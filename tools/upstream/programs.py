@@ -114,7 +114,7 @@ def _server(folder: Path, program: Program, interfaces: Sequence[str]) -> Iterat
     if program.robot:
         command = [sys.executable, str(HERE / "robots" / program.robot), url, *interfaces]
     else:
-        command = [sys.executable, "-m", "rwt_cli", "serve", url, *program.serve]
+        command = [sys.executable, "-m", "rwt.cli", "serve", url, *program.serve]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as server:
         try:
             assert server.stdout is not None  # It was asked for.
@@ -136,7 +136,7 @@ def _problem(program: Program, checkout: Path, graph: str, interfaces: Sequence[
     with ExitStack() as stack:
         running: list[Running] = []
         for number, line in enumerate(program.run):
-            command = [sys.executable, "-m", "rwt_cli", "run", "--root", str(checkout), *interfaces]
+            command = [sys.executable, "-m", "rwt.cli", "run", "--root", str(checkout), *interfaces]
             keys = program.keys if number == len(program.run) - 1 else ""
             started = Running([*command, *line.split()], checkout, graph, keys)
             stack.callback(started.stop)

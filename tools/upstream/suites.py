@@ -15,7 +15,7 @@ import msgspec
 HERE: Final = Path(__file__).parent
 LIST: Final = HERE / "suites.toml"
 #: The packages of modules that have another name.
-_PACKAGES: Final = {"PIL": "pillow", "bson": "pymongo", "rwt_rclpy": "robot-web-tools"}
+_PACKAGES: Final = {"PIL": "pillow", "bson": "pymongo", "rwt_rclpy": "rwt-rclpy"}
 
 
 class CannotRun(Exception):

@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING, Final
 from rwt.observability.prometheus import PrometheusText
 
 if TYPE_CHECKING:
+    from rwt.access.gate.gate import Gate
+    from rwt.access.gateway import Counted, GatewayClient
+    from rwt.access.graph_view import GraphView
+    from rwt.access.quotas import WorkTotals
+    from rwt.delivery.counters import EncodingCounts, TopicCounts
+    from rwt.gateways.rosbridge.bridge import Bridge
     from rwt.observability.prometheus import Kind
-    from rwt_access.gate.gate import Gate
-    from rwt_access.gateway import Counted, GatewayClient
-    from rwt_access.graph_view import GraphView
-    from rwt_access.quotas import WorkTotals
-    from rwt_bridge.bridge import Bridge
-    from rwt_delivery.counters import EncodingCounts, TopicCounts
     from rwt_graph.clock import Clock
-    from rwt_program.timers import Timer
+    from rwt_participant.timers import Timer
     from rwt_protocol.transport import Traffic
     from rwt_transports.http import HttpExtension, MetricFamily
     from rwt_transports.relay.dial import RelayStatus

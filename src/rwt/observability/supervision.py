@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from rwt_graph.clock import Clock
-    from rwt_program.timers import Timer
+    from rwt_participant.timers import Timer
 
 logger = logging.getLogger(__name__)
 

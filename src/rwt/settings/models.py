@@ -7,8 +7,7 @@ from typing import Annotated, Literal, get_args
 
 from pydantic import AfterValidator, Field, model_validator
 
-from rwt.settings.webrtc import WebRtcSettings
-from rwt_access.settings import (
+from rwt.access.settings import (
     BUILT_IN_ROLES,
     MIB,
     Bytes,
@@ -19,10 +18,11 @@ from rwt_access.settings import (
     Table,
     TlsSettings,
 )
-from rwt_bridge.settings import BridgeLimits, BridgeSettings
-from rwt_foxglove.settings import FoxgloveSettings
-from rwt_http.settings import HttpSettings
-from rwt_mcp.settings import McpSettings
+from rwt.gateways.foxglove.settings import FoxgloveSettings
+from rwt.gateways.http.settings import HttpSettings
+from rwt.gateways.mcp.settings import McpSettings
+from rwt.gateways.rosbridge.settings import BridgeLimits, BridgeSettings
+from rwt.settings.webrtc import WebRtcSettings
 
 
 def _check_proxies(networks: tuple[str, ...]) -> tuple[str, ...]:

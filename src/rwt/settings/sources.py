@@ -10,9 +10,9 @@ from typing import Final
 
 from pydantic import ValidationError
 
+from rwt.access.settings import SettingsError
 from rwt.settings.errors import Key, explain, is_list
 from rwt.settings.models import Settings
-from rwt_access.settings import SettingsError
 
 ENVIRONMENT_PREFIX: Final = "RWT_"
 FILE_VARIABLE: Final = "RWT_CONFIG"

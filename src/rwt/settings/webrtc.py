@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field, SecretStr, model_validator
 
-from rwt_access.settings import Count, Seconds, Table
+from rwt.access.settings import Count, Seconds, Table
 
 
 class WebRtcSettings(Table):

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import anyio
 
-from rwt.nodes import ON_EVERY_WORKER
+from rwt.access.settings import SettingsError
+from rwt.composition.nodes import ON_EVERY_WORKER
+from rwt.tls.tls import server_tls
 from rwt.workers.metrics import WorkerMetrics
 from rwt.workers.supervisor import Announce, Supervisor, parent_lives
-from rwt_access.certificates.tls import server_tls
-from rwt_access.settings import SettingsError
 from rwt_interfaces.distro import DISTROS
 from rwt_transports.shared_port import HeldPort, can_share, hold_port
 

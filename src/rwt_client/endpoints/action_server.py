@@ -11,9 +11,9 @@ from rwt_client.endpoints.remote_handle import RemoteServer
 from rwt_client.errors import ConnectionLost
 from rwt_client.wire.decoding import request_of
 from rwt_interfaces.structs import ActionType
-from rwt_program.errors import GoalAborted, GoalCanceled, InvalidMessage, RobotError, ServiceFailed
-from rwt_program.goals import Execute, GoalStatus, ReceivedGoal
-from rwt_program.messages import MessageLike, to_payload
+from rwt_participant.errors import GoalAborted, GoalCanceled, InvalidMessage, RobotError, ServiceFailed
+from rwt_participant.goals import Execute, GoalStatus, ReceivedGoal
+from rwt_participant.messages import MessageLike, to_payload
 from rwt_protocol.ops import (
     ActionFeedback,
     ActionResult,

@@ -6,17 +6,17 @@ import time
 from typing import TYPE_CHECKING, Final
 
 from rwt_interfaces import NOETIC
-from rwt_program.errors import GoalRejected
-from rwt_program.goals import Goal, GoalResult, GoalStatus
-from rwt_program.messages import Message
+from rwt_participant.errors import GoalRejected
+from rwt_participant.goals import Goal, GoalResult, GoalStatus
+from rwt_participant.messages import Message
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rwt_interfaces import Payload
     from rwt_interfaces.structs import ActionType
-    from rwt_program.handles import Handle, Publisher
-    from rwt_program.transforms import Subscribe
+    from rwt_participant.handles import Handle, Publisher
+    from rwt_participant.transforms import Subscribe
 
 PREEMPTED, SUCCEEDED, ABORTED, REJECTED = 2, 3, 4, 5
 """States of ``actionlib_msgs/GoalStatus``, whose numbers are not those of ROS 2 (ALB-08)."""
@@ -52,7 +52,7 @@ async def send_over_topics(
 
 
 class _ActionlibGoal:
-    """One goal; satisfies :class:`rwt_program.goals.GoalChannel`."""
+    """One goal; satisfies :class:`rwt_participant.goals.GoalChannel`."""
 
     def __init__(self, goal: Goal) -> None:
         self._goal = goal

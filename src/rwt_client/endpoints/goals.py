@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from rwt_client.endpoints.services import call_error, failure_text
 from rwt_client.errors import ConnectionLost
 from rwt_client.wire.decoding import MessageReader
-from rwt_program.errors import CallFailed, GoalRejected, InvalidMessage, ProviderNotFound
-from rwt_program.goals import Goal, GoalResult, GoalStatus
+from rwt_participant.errors import CallFailed, GoalRejected, InvalidMessage, ProviderNotFound
+from rwt_participant.goals import Goal, GoalResult, GoalStatus
 from rwt_protocol.ops import ActionFeedback, ActionResult, CancelActionGoal, SendActionGoal
 from rwt_protocol.payloads import RawJson
 
@@ -23,7 +23,7 @@ logger = logging.getLogger("rwt_client")
 
 
 class SentGoal:
-    """A goal of ROS 2's kind on its way; satisfies :class:`rwt_program.goals.GoalChannel`."""
+    """A goal of ROS 2's kind on its way; satisfies :class:`rwt_participant.goals.GoalChannel`."""
 
     def __init__(self, goals: SentGoals, goal: Goal, feedback: MessageReader, result: MessageReader) -> None:
         self.goal = goal

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, Final
 from rwt_client.endpoints.remote_handle import RemoteHandle
 from rwt_client.errors import ConnectionLost, ServerRefused
 from rwt_interfaces.structs import MessageType
-from rwt_program.errors import HandleClosed, InvalidMessage, RobotError
-from rwt_program.handles import Publisher
-from rwt_program.messages import MessageLike, to_payload
-from rwt_program.qos import QoS
+from rwt_participant.errors import HandleClosed, InvalidMessage, RobotError
+from rwt_participant.handles import Publisher
+from rwt_participant.messages import MessageLike, to_payload
+from rwt_participant.qos import QoS
 from rwt_protocol.codecs.json import publish_frame, publish_prefix
 from rwt_protocol.ops import Advertise, Qos, Unadvertise
 from rwt_protocol.transport import DropReason, Flow

@@ -12,13 +12,13 @@ from rwt_client.endpoints.remote_handle import RemoteHandle
 from rwt_client.errors import ConnectionLost, ServerRefused
 from rwt_interfaces.structs import MessageType
 from rwt_interfaces.times import NANOSECONDS
-from rwt_program.errors import InvalidMessage, RobotError
+from rwt_participant.errors import InvalidMessage, RobotError
 from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
 
 if TYPE_CHECKING:
     from rwt_client.endpoints.subscriptions import SubscriptionTable
     from rwt_client.wire.decoding import MessageReader, UnparsedMessage
-    from rwt_program.messages import Message
+    from rwt_participant.messages import Message
 
 logger = logging.getLogger("rwt_client")
 

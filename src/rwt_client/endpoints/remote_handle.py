@@ -7,9 +7,9 @@ from abc import abstractmethod
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Generic, Self, TypeVar
 
-from rwt_program.errors import RobotError, UnknownType
-from rwt_program.future import Future
-from rwt_program.handles import Handle
+from rwt_participant.errors import RobotError, UnknownType
+from rwt_participant.future import Future
+from rwt_participant.handles import Handle
 
 if TYPE_CHECKING:
     from rwt_client.errors import ConnectionLost

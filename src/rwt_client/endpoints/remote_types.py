@@ -15,8 +15,8 @@ from rwt_client.wire.decoding import MessageReader
 from rwt_interfaces import JAZZY, Distro, InterfaceError, InvalidName, Registry
 from rwt_interfaces.names import parse_type_name
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
-from rwt_program.errors import NotFound, ProviderNotFound, UnknownType
-from rwt_program.spelling import did_you_mean
+from rwt_participant.errors import NotFound, ProviderNotFound, UnknownType
+from rwt_participant.spelling import did_you_mean
 
 logger = logging.getLogger("rwt_client")
 

@@ -13,7 +13,7 @@ from rwt_client.endpoints.remote_handle import RemoteServer
 from rwt_client.errors import ConnectionLost
 from rwt_client.wire.decoding import request_of
 from rwt_interfaces.structs import ServiceType
-from rwt_program.errors import (
+from rwt_participant.errors import (
     CallFailed,
     CallTimeout,
     InvalidMessage,
@@ -21,8 +21,8 @@ from rwt_program.errors import (
     RobotError,
     ServiceFailed,
 )
-from rwt_program.future import Future
-from rwt_program.messages import ServiceHandler, to_payload
+from rwt_participant.future import Future
+from rwt_participant.messages import ServiceHandler, to_payload
 from rwt_protocol.ops import AdvertiseService, CallService, ServiceResponse, UnadvertiseService
 from rwt_protocol.payloads import Decoded, Encodable, RawJson
 

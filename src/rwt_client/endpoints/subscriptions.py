@@ -15,9 +15,9 @@ from rwt_client.errors import ConnectionClosed, ConnectionLost, ServerRefused
 from rwt_client.wire.arrays import ArrayKind, check_kind, has_big_arrays, is_encoded_everywhere
 from rwt_client.wire.decoding import MessageReader, UnparsedMessage
 from rwt_interfaces.structs import MessageType
-from rwt_program.errors import HandleClosed, InvalidMessage, RobotError, TimedOut
-from rwt_program.handles import QUEUE_BYTES, Subscription
-from rwt_program.messages import Message, MessageCallback, is_coroutine_function
+from rwt_participant.errors import HandleClosed, InvalidMessage, RobotError, TimedOut
+from rwt_participant.handles import QUEUE_BYTES, Subscription
+from rwt_participant.messages import Message, MessageCallback, is_coroutine_function
 from rwt_protocol.codecs import SELECTABLE
 from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
 

@@ -10,8 +10,8 @@ from typing import Any, Final
 
 from rwt_client.errors import ConnectionLost
 from rwt_client.events import ConnectionEvent
-from rwt_program.errors import RobotError
-from rwt_program.transforms import Advertise, Subscribe, Transforms
+from rwt_participant.errors import RobotError
+from rwt_participant.transforms import Advertise, Subscribe, Transforms
 
 logger = logging.getLogger("rwt_client")
 

@@ -11,8 +11,8 @@ import msgspec
 from rwt_client.wire.arrays import ArrayKind, octets_of, to_numpy
 from rwt_client.wire.cbor import TypedArray
 from rwt_interfaces import Payload
-from rwt_program.errors import InvalidMessage
-from rwt_program.messages import Message
+from rwt_participant.errors import InvalidMessage
+from rwt_participant.messages import Message
 from rwt_protocol.errors import MalformedPayload
 from rwt_protocol.payloads import Decoded, Encodable, RawJson
 

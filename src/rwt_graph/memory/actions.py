@@ -39,8 +39,8 @@ from rwt_graph.errors import InvalidGraphName, InvalidTransition
 from rwt_graph.memory.changes import Changes
 from rwt_graph.memory.node_resources import NodeResources
 from rwt_graph.memory.provider_table import ProviderTable
-from rwt_program.errors import CallFailed, GoalRejected, ProviderGone, ProviderNotFound
-from rwt_program.goals import GoalStatus
+from rwt_participant.errors import CallFailed, GoalRejected, ProviderGone, ProviderNotFound
+from rwt_participant.goals import GoalStatus
 
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload

@@ -36,11 +36,11 @@ from rwt_graph.memory.runtime import Runtime
 from rwt_graph.memory.services import Services
 from rwt_graph.memory.topics import Topics
 from rwt_graph.names import validate
+from rwt_graph.nodes.node import Node
 from rwt_graph.parameters.tree import ParameterTree
-from rwt_graph.program.node import Node
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
-from rwt_program.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
+from rwt_participant.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
@@ -236,7 +236,7 @@ class MemoryGraph(Graph):
         return participant.advertise_service(name, cancel, cancel_service(server, cancel)).close
 
     def node(self, name: str, namespace: str = "/") -> Node:
-        """A :class:`~rwt_graph.program.node.Node` of this graph."""
+        """A :class:`~rwt_graph.nodes.node.Node` of this graph."""
         return Node(self, name, namespace)
 
     @property

@@ -23,8 +23,8 @@ from rwt_graph.clock import Clock
 from rwt_graph.memory.changes import Changes
 from rwt_graph.memory.node_resources import NodeResources
 from rwt_graph.memory.provider_table import ProviderTable
-from rwt_program.errors import CallFailed, CallTimeout, ProviderGone, ProviderNotFound, ServiceFailed
-from rwt_program.timers import LONGEST_DELAY, Timer
+from rwt_participant.errors import CallFailed, CallTimeout, ProviderGone, ProviderNotFound, ServiceFailed
+from rwt_participant.timers import LONGEST_DELAY, Timer
 
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload

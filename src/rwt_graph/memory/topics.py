@@ -28,7 +28,7 @@ from rwt_graph.errors import TypeConflict
 from rwt_graph.memory.changes import Changes
 from rwt_graph.memory.node_resources import NodeResources
 from rwt_interfaces.times import NANOSECONDS
-from rwt_program.qos import Durability, History, QoS
+from rwt_participant.qos import Durability, History, QoS
 
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload

@@ -13,9 +13,9 @@ from typing import TypeAlias, TypeVar
 from rwt_graph.api import Graph
 from rwt_graph.names import resolve, split_parameter
 from rwt_graph.parameters.values import decode, encode
-from rwt_program.api import Parameters
-from rwt_program.errors import NotFound, ParameterRejected, ProviderNotFound
-from rwt_program.messages import Message, MessageLike, ParameterValue
+from rwt_participant.api import Parameters
+from rwt_participant.errors import NotFound, ParameterRejected, ProviderNotFound
+from rwt_participant.messages import Message, MessageLike, ParameterValue
 
 T = TypeVar("T")
 

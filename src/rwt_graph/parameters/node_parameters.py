@@ -17,8 +17,8 @@ from rwt_graph.names import parameter_name
 from rwt_graph.parameters.accounts import Charges
 from rwt_graph.parameters.tree import ParameterTree, measured
 from rwt_graph.parameters.values import ParameterType, coerce, type_of
-from rwt_program.errors import NotFound, ParameterRejected
-from rwt_program.messages import ParameterValue
+from rwt_participant.errors import NotFound, ParameterRejected
+from rwt_participant.messages import ParameterValue
 
 logger = logging.getLogger(__name__)
 

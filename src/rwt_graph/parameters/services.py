@@ -8,16 +8,16 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from rwt_graph.disclosure import Disclosure, Lists, Reads, Writes
+from rwt_graph.nodes.endpoints import TopicPublisher
 from rwt_graph.parameters.node_parameters import NodeParameters
 from rwt_graph.parameters.values import ParameterType, decode, encode, type_of
-from rwt_graph.program.endpoints import TopicPublisher
-from rwt_program.errors import NotFound, ParameterRejected
-from rwt_program.messages import Message, ParameterValue
-from rwt_program.qos import QoS
+from rwt_participant.errors import NotFound, ParameterRejected
+from rwt_participant.messages import Message, ParameterValue
+from rwt_participant.qos import QoS
 
 if TYPE_CHECKING:
     from rwt_interfaces.distro import Distro
-    from rwt_program.messages import MessageLike
+    from rwt_participant.messages import MessageLike
 
 _PACKAGE: Final = "rcl_interfaces"
 #: ROS 2's profile of `/parameter_events`.

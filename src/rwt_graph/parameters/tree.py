@@ -19,8 +19,8 @@ import msgspec
 
 from rwt_graph.parameters.accounts import Charges
 from rwt_graph.parameters.values import INT64_MAX, INT64_MIN
-from rwt_program.errors import NotFound, ParameterRejected
-from rwt_program.messages import ParameterValue
+from rwt_participant.errors import NotFound, ParameterRejected
+from rwt_participant.messages import ParameterValue
 
 T = TypeVar("T")
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from enum import IntEnum
 
-from rwt_program.errors import ParameterRejected
-from rwt_program.messages import Message, ParameterValue
+from rwt_participant.errors import ParameterRejected
+from rwt_participant.messages import Message, ParameterValue
 
 INT64_MIN, INT64_MAX = -(2**63), 2**63 - 1
 

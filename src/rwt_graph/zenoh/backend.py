@@ -13,7 +13,7 @@ import anyio.to_thread
 from rwt_graph.errors import ZenohError
 from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
 from rwt_graph.names import resolve
-from rwt_graph.program.node import Node
+from rwt_graph.nodes.node import Node
 from rwt_graph.zenoh.actions.remote_goals import ZenohActions
 from rwt_graph.zenoh.actions.server import Ros2ActionServer
 from rwt_graph.zenoh.discovery import Discovery
@@ -91,7 +91,7 @@ class ZenohGraph(MemoryGraph):
         )
 
     def node(self, name: str, namespace: str | None = None) -> Node:
-        """A :class:`~rwt_graph.program.node.Node` of this graph, in the graph's namespace by default."""
+        """A :class:`~rwt_graph.nodes.node.Node` of this graph, in the graph's namespace by default."""
         return Node(self, name, self.namespace if namespace is None else namespace)
 
     def participant(self, name: str) -> MemoryParticipant:

@@ -14,7 +14,7 @@ from rwt_graph.zenoh.rmw.attachment import Attachment
 from rwt_graph.zenoh.rmw.keys import data_key
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
-from rwt_program.errors import ProviderGone
+from rwt_participant.errors import ProviderGone
 
 if TYPE_CHECKING:
     from rwt_graph.api import OnReply

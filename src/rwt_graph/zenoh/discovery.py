@@ -16,7 +16,7 @@ from rwt_graph.names import validate
 from rwt_graph.zenoh.rmw.keys import type_name
 from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind, Token, all_tokens, gid_of, parse
 from rwt_interfaces.errors import InterfaceError
-from rwt_program.qos import Durability
+from rwt_participant.qos import Durability
 
 if TYPE_CHECKING:
     from rwt_graph.memory.graph import MemoryGraph

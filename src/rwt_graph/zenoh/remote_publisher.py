@@ -9,7 +9,7 @@ from zenoh.ext import CacheConfig, declare_advanced_publisher
 
 from rwt_graph.memory.topics import KEEP_ALL_LIMIT
 from rwt_graph.zenoh.rmw import attachment
-from rwt_program.qos import History, QoS, Reliability
+from rwt_participant.qos import History, QoS, Reliability
 
 if TYPE_CHECKING:
     from rwt_graph.api import Sample

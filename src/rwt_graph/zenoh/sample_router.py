@@ -14,7 +14,7 @@ from rwt_graph.memory.topics import TransientLocalCache
 from rwt_graph.zenoh.rmw import attachment
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.times import NANOSECONDS
-from rwt_program.qos import Durability
+from rwt_participant.qos import Durability
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rwt_graph.clock import Clock
     from rwt_graph.memory.topics import MemorySubscription, RemoteEndpoint, Topic
     from rwt_interfaces.structs import MessageType
-    from rwt_program.qos import QoS
+    from rwt_participant.qos import QoS
 
 #: Publishers that a subscription remembers.
 _MOST_REMEMBERED = 1000

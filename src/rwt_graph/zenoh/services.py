@@ -21,7 +21,7 @@ from rwt_graph.zenoh.rmw.keys import data_key, dds_type, type_name
 from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind, Token
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import Payload
-from rwt_program.errors import CallFailed, ProviderGone
+from rwt_participant.errors import CallFailed, ProviderGone
 
 if TYPE_CHECKING:
     from rwt_graph.api import OnReply, PendingCall

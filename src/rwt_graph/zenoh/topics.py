@@ -14,7 +14,7 @@ from rwt_graph.zenoh.remote_publisher import RemotePublisher
 from rwt_graph.zenoh.rmw.keys import data_key, dds_type
 from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind
 from rwt_graph.zenoh.sample_router import ReplayFilter, SampleRouter
-from rwt_program.qos import QoS
+from rwt_participant.qos import QoS
 
 if TYPE_CHECKING:
     from rwt_graph.memory.node_resources import NodeResources

@@ -90,7 +90,7 @@ def _encode(data: bytes | bytearray) -> Steps[Frame]:
     return Frame(_HEAD, *picture, _END)
 
 
-class PictureEncoder:
+class PngEncoder:
     """An encoder for the samples of one topic: the JSON message in the pixels of a picture (PNG-01)."""
 
     __slots__ = ("_prefix", "_ready")
@@ -112,9 +112,9 @@ class PictureEncoder:
         self._ready = (sample, (yield from _encode(text)))
 
 
-def publish_encoder(topic: str) -> PictureEncoder:
+def publish_encoder(topic: str) -> PngEncoder:
     """An encoder for the samples of `topic`."""
-    return PictureEncoder(publish_prefix(topic))
+    return PngEncoder(publish_prefix(topic))
 
 
 def decode(data: str, max_size: int) -> bytes:

@@ -1,6 +1,6 @@
 """Dial-out: a robot behind a NAT opens the connections, and serves over them as if clients had come to it.
 
-The other end is a :mod:`rwt_transports.relay.hub`. A few connections are kept waiting there; each serves
+The other end is a :mod:`rwt.hub.hub`. A few connections are kept waiting there; each serves
 one client from its assignment to its end, and another takes its place among those that wait.
 """
 

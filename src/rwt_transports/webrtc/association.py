@@ -10,8 +10,7 @@ an end to it; a message that is no UTF-8 ends the whole peer. Here:
 - what arrives is kept within bounds, and handed over as the bytes that came;
 - what an endpoint that is held back has not taken counts against the window that the peer is told.
 
-Names of aiortc that begin with an underscore are used, since it offers no other way; `tests/webrtc` looks
-whether they are what they were.
+Private names of aiortc are used, since it offers no other way; `tests/rwt/media/webrtc` checks them.
 """
 
 from __future__ import annotations

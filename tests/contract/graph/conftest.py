@@ -14,9 +14,9 @@ from rwt_graph.zenoh import ZenohGraph
 from rwt_graph.zenoh import topics as zenoh_topics
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
-from rwt_program.errors import CallFailed
-from rwt_program.goals import GoalStatus
-from rwt_program.messages import Message
+from rwt_participant.errors import CallFailed
+from rwt_participant.goals import GoalStatus
+from rwt_participant.messages import Message
 from tests.contract.graph.zenoh_pair import PairedGraph
 
 

@@ -8,9 +8,9 @@ import pytest
 from rwt_graph import InvalidGraphName, InvalidTransition
 from rwt_graph.api import GoalEvents, Registration, ServerGoal
 from rwt_interfaces.payload import Payload
-from rwt_program.errors import GoalRejected, ProviderGone, ProviderNotFound
-from rwt_program.goals import GoalStatus
-from rwt_program.messages import Message
+from rwt_participant.errors import GoalRejected, ProviderGone, ProviderNotFound
+from rwt_participant.goals import GoalStatus
+from rwt_participant.messages import Message
 
 if TYPE_CHECKING:
     from collections.abc import Callable

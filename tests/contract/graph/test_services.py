@@ -8,7 +8,7 @@ import pytest
 
 from rwt_graph.api import ServiceCall
 from rwt_interfaces.payload import Payload
-from rwt_program.errors import (
+from rwt_participant.errors import (
     CallFailed,
     CallTimeout,
     NotFound,
@@ -16,7 +16,7 @@ from rwt_program.errors import (
     ProviderNotFound,
     ServiceFailed,
 )
-from rwt_program.messages import Message
+from rwt_participant.messages import Message
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import ServiceType

@@ -7,8 +7,8 @@ import pytest
 
 from rwt_graph import NotRunning, TypeConflict
 from rwt_graph.api import Sample, Subscription
-from rwt_program.messages import Message
-from rwt_program.qos import DEFAULT_QOS, LATCHED, Durability, QoS
+from rwt_participant.messages import Message
+from rwt_participant.qos import DEFAULT_QOS, LATCHED, Durability, QoS
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType

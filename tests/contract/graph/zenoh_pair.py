@@ -28,7 +28,7 @@ from rwt_graph.zenoh import ZenohGraph
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
-from rwt_program.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
+from rwt_participant.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
 from tests.zenoh_links import QUICK, Counting, Ripple, free_endpoint
 
 

@@ -16,10 +16,10 @@ from rwt import Server
 from rwt_client.blocking import BlockingRobot, connect
 from rwt_client.robot import Robot
 from rwt_graph import MemoryGraph, Node
-from rwt_graph.program.node import BlockingNode
-from rwt_program.api import RobotApi
-from rwt_program.errors import ParameterRejected, ServiceFailed
-from rwt_program.goals import ReceivedGoal
+from rwt_graph.nodes.node import BlockingNode
+from rwt_participant.api import RobotApi
+from rwt_participant.errors import ParameterRejected, ServiceFailed
+from rwt_participant.goals import ReceivedGoal
 from tests.client.worlds import world
 from tests.contract.program import texts
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from rwt_program.diagnostics import DiagnosticLevel, DiagnosticStatus, DiagnosticUpdater
-from rwt_program.errors import (
+from rwt_participant.diagnostics import DiagnosticLevel, DiagnosticStatus, DiagnosticUpdater
+from rwt_participant.errors import (
     CallFailed,
     CallTimeout,
     GoalAborted,
@@ -26,9 +26,9 @@ from rwt_program.errors import (
     TransformUnavailable,
     UnknownType,
 )
-from rwt_program.goals import GoalResult, GoalStatus, ReceivedGoal
-from rwt_program.qos import LATCHED, SENSOR_DATA
-from rwt_program.watchdog import Watchdog
+from rwt_participant.goals import GoalResult, GoalStatus, ReceivedGoal
+from rwt_participant.qos import LATCHED, SENSOR_DATA
+from rwt_participant.watchdog import Watchdog
 from rwt_tf2 import Transform
 
 ADD = "example_interfaces/AddTwoInts"

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Final
 
-from rwt_access.certificates.authority import make_authority, make_server, pem
+from rwt.tls.authority import make_authority, make_server, pem
 from tests.faults.attacks.attacker import SCHEMES
 from tests.faults.attacks.watched_server import Look
 from tests.processes import LONGEST, ROOT

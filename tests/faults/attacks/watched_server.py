@@ -21,7 +21,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from rwt_cli import main
+from rwt.cli import main
 
 QUIET_YARDSTICK: Final = 0.010
 """Seconds that :func:`_yardstick` takes on a quiet machine of the kind on which 50 ms are meant."""

@@ -13,10 +13,10 @@ import sys
 from typing import Any, Final
 
 from rwt import MemoryGraph, Node, Server
+from rwt.nodes.demo.robot import DemoRobot
+from rwt.nodes.demo.world.map import Box, World, walled
 from rwt_graph import Graph
 from rwt_interfaces.registry import Registry
-from rwt_nodes.demo.robot import DemoRobot
-from rwt_nodes.demo.world.map import Box, World, walled
 
 #: Metres: what the examples of Nav2's warehouse reach.
 _FLOOR: Final = Box(-10.0, -10.0, 25.0, 10.0)

@@ -10,9 +10,9 @@ from rwt_graph.api import ActionInfo, ClientGoal, Sample, Subscription
 from rwt_graph.zenoh.actions.names import SEND_GOAL, ActionNames, part_type, struct_payload, uuid_struct
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.payload import Payload
-from rwt_program.errors import CallFailed, GoalRejected, ProviderGone, ServiceFailed
-from rwt_program.goals import GoalStatus
-from rwt_program.qos import DEFAULT_QOS
+from rwt_participant.errors import CallFailed, GoalRejected, ProviderGone, ServiceFailed
+from rwt_participant.goals import GoalStatus
+from rwt_participant.qos import DEFAULT_QOS
 
 if TYPE_CHECKING:
     from rwt_graph.api import GoalEvents, PendingCall

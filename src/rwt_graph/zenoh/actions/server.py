@@ -16,9 +16,9 @@ from rwt_graph.memory.cancel_service import cancel_service
 from rwt_graph.memory.node_resources import NodeResources
 from rwt_graph.zenoh.actions.names import ActionNames, part_type, struct_payload, uuid_struct
 from rwt_interfaces.payload import Payload
-from rwt_program.errors import CallFailed, GoalRejected
-from rwt_program.goals import GoalStatus
-from rwt_program.qos import LATCHED
+from rwt_participant.errors import CallFailed, GoalRejected
+from rwt_participant.goals import GoalStatus
+from rwt_participant.qos import LATCHED
 
 if TYPE_CHECKING:
     from rwt_graph.api import Participant, ServiceCall

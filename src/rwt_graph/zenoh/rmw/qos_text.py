@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from rwt_graph.errors import WireError
 from rwt_interfaces.times import NANOSECONDS
-from rwt_program.qos import LONGEST_SECONDS, MOST_DEPTH, Durability, History, QoS, Reliability
+from rwt_participant.qos import LONGEST_SECONDS, MOST_DEPTH, Durability, History, QoS, Reliability
 
 #: The depth that is written as nothing.
 DEFAULT_DEPTH = 42

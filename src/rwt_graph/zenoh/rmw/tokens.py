@@ -12,7 +12,7 @@ from enum import Enum
 from rwt_graph.errors import WireError
 from rwt_graph.zenoh.rmw import qos_text
 from rwt_graph.zenoh.rmw.keys import SLASH, demangle, mangle
-from rwt_program.qos import DEFAULT_QOS, QoS
+from rwt_participant.qos import DEFAULT_QOS, QoS
 
 _PREFIX = "@ros2_lv"
 

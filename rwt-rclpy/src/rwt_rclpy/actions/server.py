@@ -1,0 +1,584 @@
+"""`rclpy.action.server`: offers an action.
+
+Clients reach it as ROS 2 carries actions, by three services and two topics below `<action>/_action`, and as
+an action of the graph, by which bridges and the programs of this project send goals.
+"""
+
+from __future__ import annotations
+
+import functools
+import threading
+import traceback
+from collections import deque
+from collections.abc import Callable
+from enum import Enum, IntEnum
+from typing import TYPE_CHECKING, Any, Final
+
+from rwt_graph.errors import InvalidTransition
+from rwt_participant.goals import GoalStatus
+from rwt_rclpy.clocks.clock import Clock
+from rwt_rclpy.clocks.time import ClockType
+from rwt_rclpy.destroyable import Destroyable
+from rwt_rclpy.endpoints.qos import (
+    QoSProfile,
+    qos_profile_action_status_default,
+    qos_profile_default,
+    qos_profile_services_default,
+)
+from rwt_rclpy.endpoints.serialization import message_of, payload_of
+from rwt_rclpy.endpoints.service import RequestHeader, Service
+from rwt_rclpy.endpoints.type_support import action_type as type_behind
+from rwt_rclpy.endpoints.type_support import service_type
+from rwt_rclpy.exceptions import RCLError
+from rwt_rclpy.execution.entity import Entity
+from rwt_rclpy.execution.executors import await_or_execute
+from rwt_rclpy.execution.task import Future
+from rwt_rclpy.execution.waitable import NumberOfEntities
+from rwt_rclpy.messages.loaded import message_class
+
+if TYPE_CHECKING:
+    from rwt_graph.accounts import Release
+    from rwt_graph.api import ServerGoal
+    from rwt_interfaces.structs import ActionType
+    from rwt_rclpy.nodes.node import Node
+
+
+class GoalResponse(Enum):
+    """Whether a goal is taken."""
+
+    REJECT = 1
+    ACCEPT = 2
+
+
+class CancelResponse(Enum):
+    """Whether a goal will be cancelled."""
+
+    REJECT = 1
+    ACCEPT = 2
+
+
+class GoalEvent(IntEnum):
+    """What happens to a goal."""
+
+    EXECUTE = 0
+    CANCEL_GOAL = 1
+    SUCCEED = 2
+    ABORT = 3
+    CANCELED = 4
+
+
+#: What may happen in which state (ROS 2's design article "Actions").
+TRANSITIONS: Final = {
+    (GoalStatus.ACCEPTED, GoalEvent.EXECUTE): GoalStatus.EXECUTING,
+    (GoalStatus.ACCEPTED, GoalEvent.CANCEL_GOAL): GoalStatus.CANCELING,
+    (GoalStatus.EXECUTING, GoalEvent.CANCEL_GOAL): GoalStatus.CANCELING,
+    (GoalStatus.EXECUTING, GoalEvent.SUCCEED): GoalStatus.SUCCEEDED,
+    (GoalStatus.EXECUTING, GoalEvent.ABORT): GoalStatus.ABORTED,
+    (GoalStatus.CANCELING, GoalEvent.SUCCEED): GoalStatus.SUCCEEDED,
+    (GoalStatus.CANCELING, GoalEvent.ABORT): GoalStatus.ABORTED,
+    (GoalStatus.CANCELING, GoalEvent.CANCELED): GoalStatus.CANCELED,
+}
+
+
+class RequestQueue(Service):
+    """A service whose callback is given the request's header, and answers when it likes.
+
+    The caller is charged for the request until it is answered; for a goal that is accepted, until that ends.
+    """
+
+    def _answer(self, request: Any, header: RequestHeader) -> Any:
+        return self.callback(request, header)
+
+    def answer(self, response: Any, header: RequestHeader) -> None:
+        """Answer a request, and charge nobody for it any more."""
+        self.send_response(response, header)
+        self._link.post(header.release)
+
+
+class ServerGoalHandle:
+    """One goal that was accepted."""
+
+    def __init__(
+        self,
+        action_server: ActionServer,
+        goal_info: Any,
+        goal_request: Any,
+        graph_goal: ServerGoal | None = None,
+    ) -> None:
+        self._action_server = action_server
+        self._goal_info = goal_info
+        self._goal_request = goal_request
+        self._graph_goal = graph_goal
+        self._status = GoalStatus.ACCEPTED
+        self._destroyed = False
+        self._lock = threading.Lock()
+        self.expires_ns: int | None = None
+        #: Ends what who sent the goal is charged for it.
+        self.release: Release | None = None
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ServerGoalHandle) and self.goal_id == other.goal_id
+
+    __hash__ = None  # type: ignore[assignment]  # Equal by the id, which is a message.
+
+    @property
+    def request(self) -> Any:
+        """The goal's message."""
+        return self._goal_request
+
+    @property
+    def goal_id(self) -> Any:
+        """Its `unique_identifier_msgs/UUID`."""
+        return self._goal_info.goal_id
+
+    @property
+    def is_active(self) -> bool:
+        """Whether it has not ended."""
+        return not self._destroyed and not self._status.is_terminal
+
+    @property
+    def is_cancel_requested(self) -> bool:
+        """Whether it is to be cancelled."""
+        return self.status == GoalStatus.CANCELING
+
+    @property
+    def status(self) -> int:
+        """Its state, a number of `action_msgs/GoalStatus`."""
+        return int(GoalStatus.UNKNOWN if self._destroyed else self._status)
+
+    def _update_state(self, event: GoalEvent) -> None:
+        with self._lock:
+            if self._destroyed:
+                return
+            after = TRANSITIONS.get((self._status, event))
+            if after is None:
+                raise RCLError(
+                    f"goal_handle attempted invalid transition from state {self._status.name} with"
+                    f" event {event.name}"
+                )
+            self._status = after
+        self._action_server.publish_status()
+        if not self.is_active:
+            self._action_server.notify_goal_done(self)
+
+    def execute(self, execute_callback: Callable[..., Any] | None = None) -> None:
+        """Have the goal worked on."""
+        if not self.is_cancel_requested:
+            self._update_state(GoalEvent.EXECUTE)
+        self._action_server.notify_execute(self, execute_callback)
+
+    def publish_feedback(self, feedback: Any) -> None:
+        """Send feedback. Raises TypeError for another class."""
+        server = self._action_server
+        if not isinstance(feedback, server.action_type.Feedback):
+            raise TypeError(f"Expected {server.action_type.Feedback}, got {type(feedback)}")
+        if not self._destroyed:
+            server.send_feedback(self, feedback)
+
+    def succeed(self, response: Any = None) -> None:
+        """End it as succeeded. Raises RCLError when its state does not allow that."""
+        self._update_state(GoalEvent.SUCCEED)
+
+    def abort(self, response: Any = None) -> None:
+        """End it as aborted. Raises RCLError when its state does not allow that."""
+        self._update_state(GoalEvent.ABORT)
+
+    def canceled(self, response: Any = None) -> None:
+        """End it as cancelled. Raises RCLError when its state does not allow that."""
+        self._update_state(GoalEvent.CANCELED)
+
+    def destroy(self) -> None:
+        """Forget it."""
+        self._destroyed = True
+
+
+def default_handle_accepted_callback(goal_handle: ServerGoalHandle) -> None:
+    """Execute the goal."""
+    goal_handle.execute()
+
+
+def default_goal_callback(goal_request: Any) -> GoalResponse:
+    """Accept every goal."""
+    return GoalResponse.ACCEPT
+
+
+def default_cancel_callback(cancel_request: Any) -> CancelResponse:
+    """Cancel none."""
+    return CancelResponse.REJECT
+
+
+class ActionServer(Entity):
+    """Offers an action of a node.
+
+    Args:
+        node: the node.
+        action_type: the class of the action.
+        action_name: its name.
+        execute_callback: works on a goal; takes a :class:`ServerGoalHandle`, returns the result.
+        callback_group: which callbacks may run beside its own.
+        goal_callback: takes a goal's message, says whether it is accepted.
+        handle_accepted_callback: is given each accepted goal; executes it by default.
+        cancel_callback: takes a :class:`ServerGoalHandle`, says whether it will be cancelled.
+        result_timeout: for how many seconds results are kept; negative for as long as the server lives.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        action_type: Any,
+        action_name: str,
+        execute_callback: Callable[..., Any],
+        *,
+        callback_group: Any = None,
+        goal_callback: Callable[..., Any] = default_goal_callback,
+        handle_accepted_callback: Callable[..., Any] = default_handle_accepted_callback,
+        cancel_callback: Callable[..., Any] = default_cancel_callback,
+        goal_service_qos_profile: QoSProfile = qos_profile_services_default,
+        result_service_qos_profile: QoSProfile = qos_profile_services_default,
+        cancel_service_qos_profile: QoSProfile = qos_profile_services_default,
+        feedback_pub_qos_profile: QoSProfile = qos_profile_default,
+        status_pub_qos_profile: QoSProfile = qos_profile_action_status_default,
+        result_timeout: float = 900,
+    ) -> None:
+        super().__init__(callback_group or node.default_callback_group)
+        self.register_handle_accepted_callback(handle_accepted_callback)
+        self.register_goal_callback(goal_callback)
+        self.register_cancel_callback(cancel_callback)
+        self.register_execute_callback(execute_callback)
+        interface = type_behind(action_type)
+        self._node = node
+        self._action_type = action_type
+        self._goal_handles: dict[bytes, ServerGoalHandle] = {}
+        self._result_futures: dict[bytes, Future] = {}
+        self._result_timeout = result_timeout
+        self._clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._handle = Destroyable("action server", self._close)
+        self._waiting: deque[Callable[[], Any]] = deque()
+        self._link = node.context.link
+        self._logger = node.get_logger().get_child("action_server")
+        name = self._name = node._rwt_resolved(action_name, "name")
+        impl = action_type.Impl
+        self._feedback = node.create_publisher(
+            impl.FeedbackMessage, f"{name}/_action/feedback", feedback_pub_qos_profile
+        )
+        self._status = node.create_publisher(
+            impl.GoalStatusMessage, f"{name}/_action/status", status_pub_qos_profile
+        )
+        self._services = tuple(
+            self._service(kind, f"{name}/_action/{short}", callback, profile)
+            for kind, short, callback, profile in (
+                (impl.CancelGoalService, "cancel_goal", self._on_cancel, cancel_service_qos_profile),
+                (impl.GetResultService, "get_result", self._on_get_result, result_service_qos_profile),
+                (impl.SendGoalService, "send_goal", self._on_send_goal, goal_service_qos_profile),
+            )
+        )
+        self._registration = self._link.run(functools.partial(self._advertise, interface))
+        self.callback_group.add_entity(self)
+        node.add_waitable(self)
+
+    def _advertise(self, interface: ActionType) -> Any:
+        """Offer the action and its services in one turn of the graph, so that no goal comes between them."""
+        participant = self._node._rwt_participant
+        # The action of the graph comes first: its own services give way to those here.
+        registration = participant.advertise_action(self._name, interface, self._on_graph_goal)
+        for service in self._services:
+            kind = service_type(service.srv_type)
+            service.opened(participant.advertise_service(service.srv_name, kind, service.on_call))
+        return registration
+
+    def _service(
+        self, kind: Any, name: str, callback: Callable[..., Any], profile: QoSProfile
+    ) -> RequestQueue:
+        service = RequestQueue(self._link, self._node, kind, name, callback, self.callback_group, profile)
+        service.wake = self._wake
+        return service
+
+    def _wake(self) -> None:
+        self.wake()
+
+    @property
+    def action_type(self) -> Any:
+        """The class of the action."""
+        return self._action_type
+
+    # Callbacks of the program
+
+    def register_handle_accepted_callback(self, callback: Callable[..., Any] | None) -> None:
+        """Give each accepted goal to a callback; None executes it."""
+        self._handle_accepted_callback = callback or default_handle_accepted_callback
+
+    def register_goal_callback(self, callback: Callable[..., Any] | None) -> None:
+        """Ask a callback whether a goal is accepted; None accepts all."""
+        self._goal_callback = callback or default_goal_callback
+
+    def register_cancel_callback(self, callback: Callable[..., Any] | None) -> None:
+        """Ask a callback whether a goal will be cancelled; None cancels none."""
+        self._cancel_callback = callback or default_cancel_callback
+
+    def register_execute_callback(self, callback: Callable[..., Any]) -> None:
+        """Work on goals with a callback. Raises TypeError for what cannot be called."""
+        if not callable(callback):
+            raise TypeError(f"Failed to register goal execution callback: not callable: {callback!r}")
+        self._execute_callback = callback
+
+    # Goals
+
+    async def _take_goal(
+        self, goal_id: bytes, goal: Any, graph_goal: ServerGoal | None
+    ) -> ServerGoalHandle | None:
+        """Ask the program about a goal; returns its handle, or None when it is rejected."""
+        if goal_id in self._goal_handles:
+            return None
+        answer = await await_or_execute(self._goal_callback, goal)
+        if not isinstance(answer, GoalResponse):
+            self._logger.warning("Goal request callback did not return a GoalResponse type. Rejecting goal.")
+            return None
+        if answer is not GoalResponse.ACCEPT:
+            return None
+        info = message_class("action_msgs/GoalInfo")(
+            goal_id=_uuid(goal_id), stamp=self._node.get_clock().now().to_msg()
+        )
+        handle = ServerGoalHandle(self, info, goal, graph_goal)
+        self._goal_handles[goal_id] = handle
+        self._result_futures[goal_id] = Future()
+        self.publish_status()
+        return handle
+
+    async def _on_send_goal(self, request: Any, header: RequestHeader) -> None:
+        goal_id = bytes(request.goal_id.uuid)
+        handle = await self._take_goal(goal_id, request.goal, None)
+        response: Any = self._action_type.Impl.SendGoalService.Response()
+        response.accepted = handle is not None
+        if handle is None:
+            self._services[2].answer(response, header)
+            return
+        handle.release = header.release
+        response.stamp = handle._goal_info.stamp
+        self._services[2].send_response(response, header)
+        await await_or_execute(self._handle_accepted_callback, handle)
+
+    def _on_graph_goal(self, goal: ServerGoal) -> None:
+        payload = goal.goal.detach()
+        goal_id = bytes.fromhex(goal.id)
+        goal.on_cancel = lambda: self._later(lambda: self._cancel_of_graph(goal_id))
+        self._later(lambda: self._consider(goal, goal_id, message_of(payload, self._action_type.Goal)))
+
+    def _later(self, call: Callable[[], Any]) -> None:
+        self._waiting.append(call)
+        self.wake()
+
+    async def _consider(self, goal: ServerGoal, goal_id: bytes, message: Any) -> None:
+        handle = await self._take_goal(goal_id, message, goal)
+        if handle is None:
+            self._link.post(lambda: goal.reject(f"the action server of {self._name} rejected the goal"))
+            return
+        self._link.post(goal.accept)
+        await await_or_execute(self._handle_accepted_callback, handle)
+
+    async def _cancel_of_graph(self, goal_id: bytes) -> None:
+        handle = self._goal_handles.get(goal_id)
+        if handle is not None:
+            await self._ask_to_cancel(handle)
+
+    async def _ask_to_cancel(self, handle: ServerGoalHandle) -> bool:
+        if await await_or_execute(self._cancel_callback, handle) is not CancelResponse.ACCEPT:
+            return False
+        try:
+            handle._update_state(GoalEvent.CANCEL_GOAL)
+        except RCLError as error:
+            self._logger.debug(f"a goal has ended before it could be cancelled: {error}")
+            return False
+        return True
+
+    async def _on_cancel(self, request: Any, header: RequestHeader) -> None:
+        response: Any = self._action_type.Impl.CancelGoalService.Response()
+        chosen, response.return_code = self._to_cancel(request.goal_info)
+        accepted = [handle for handle in chosen if await self._ask_to_cancel(handle)]
+        response.goals_canceling = [handle._goal_info for handle in accepted]
+        if chosen and not accepted:
+            response.return_code = response.ERROR_REJECTED
+        self._services[0].answer(response, header)
+
+    def _to_cancel(self, info: Any) -> tuple[list[ServerGoalHandle], int]:
+        """The goals that a request is about, by id, up to a time, or all; and the error if there is none."""
+        wanted = bytes(info.goal_id.uuid)
+        stamp = (info.stamp.sec, info.stamp.nanosec)
+        response: Any = self._action_type.Impl.CancelGoalService.Response
+        named = self._goal_handles.get(wanted)
+        if any(wanted) and named is None:
+            return [], response.ERROR_UNKNOWN_GOAL_ID
+        if named is not None and not named.is_active and stamp == (0, 0):
+            return [], response.ERROR_GOAL_TERMINATED
+        chosen = [
+            handle
+            for goal_id, handle in self._goal_handles.items()
+            if handle.is_active
+            and (
+                goal_id == wanted
+                or (not any(wanted) and stamp == (0, 0))
+                or (stamp != (0, 0) and _stamp(handle) <= stamp)
+            )
+        ]
+        return chosen, response.ERROR_NONE
+
+    async def _on_get_result(self, request: Any, header: RequestHeader) -> None:
+        goal_id = bytes(request.goal_id.uuid)
+        future = self._result_futures.get(goal_id)
+        if future is None:
+            response: Any = self._action_type.Impl.GetResultService.Response()
+            response.status = int(GoalStatus.UNKNOWN)
+            self._services[1].answer(response, header)
+            return
+        future.add_done_callback(functools.partial(self._send_result, header))
+
+    def _send_result(self, header: RequestHeader, future: Future) -> None:
+        self._services[1].answer(future.result(), header)
+
+    async def _execute_goal(self, execute_callback: Callable[..., Any], handle: ServerGoalHandle) -> None:
+        try:
+            result = await await_or_execute(execute_callback, handle)
+        except Exception as error:
+            self._logger.error(f"Error raised in execute callback: {error}")
+            traceback.print_exc()
+            result = self._action_type.Result()
+        if result is None:
+            result = self._action_type.Result()
+        if handle.is_active:
+            self._logger.warning(
+                "Goal state not set, assuming aborted. Goal ID: " + bytes(handle.goal_id.uuid).hex()
+            )
+            handle.abort()
+        status = handle._status
+        response: Any = self._action_type.Impl.GetResultService.Response()
+        response.status = int(status)
+        response.result = result
+        future = self._result_futures.get(bytes(handle.goal_id.uuid))
+        if future is not None:
+            future._set_executor(self._node.executor)
+            future.set_result(response)
+        goal = handle._graph_goal
+        if goal is not None:
+            payload = payload_of(result)
+            self._link.post(functools.partial(self._finish, goal, status, payload))
+
+    def _finish(self, goal: ServerGoal, status: GoalStatus, payload: Any) -> None:
+        try:
+            goal.finish(status, payload)
+        except InvalidTransition as error:
+            self._logger.debug(f"the goal had ended in the graph: {error}")
+
+    # What goals ask of it
+
+    def notify_execute(
+        self, goal_handle: ServerGoalHandle, execute_callback: Callable[..., Any] | None
+    ) -> None:
+        """Work on a goal in the executor."""
+        call = execute_callback or self._execute_callback
+        executor = self._node.executor
+        if executor is None:
+            self._later(lambda: self._execute_goal(call, goal_handle))
+        else:
+            executor.create_task(self._execute_goal, call, goal_handle)
+
+    def notify_goal_done(self, goal_handle: ServerGoalHandle) -> None:
+        """A goal has ended: its result is kept for a while, and nobody is charged for it any more."""
+        self._charge_no_more(goal_handle)
+        if self._result_timeout >= 0:
+            now = self._clock.handle.now_ns()
+            goal_handle.expires_ns = now + int(self._result_timeout * 1e9)
+        self.wake()
+
+    def _charge_no_more(self, handle: ServerGoalHandle) -> None:
+        release, handle.release = handle.release, None
+        if release is not None:
+            self._link.post(release)
+
+    def send_feedback(self, goal_handle: ServerGoalHandle, feedback: Any) -> None:
+        """Send a goal's feedback to all that want it."""
+        message: Any = self._action_type.Impl.FeedbackMessage()
+        message.goal_id = goal_handle.goal_id
+        message.feedback = feedback
+        self._feedback.publish(message)
+        goal = goal_handle._graph_goal
+        if goal is not None:
+            payload = payload_of(feedback)
+            self._link.post(lambda: goal.feedback(payload))
+
+    def publish_status(self) -> None:
+        """Publish the states of all goals."""
+        status = message_class("action_msgs/GoalStatus")
+        self._status.publish(
+            self._action_type.Impl.GoalStatusMessage(
+                status_list=[
+                    status(goal_info=handle._goal_info, status=handle.status)
+                    for handle in tuple(self._goal_handles.values())
+                ]
+            )
+        )
+
+    # What an executor asks
+
+    def has_work(self) -> bool:
+        """Whether a request waits, or a result has been kept long enough."""
+        if not self._handle:
+            return False
+        return bool(self._waiting) or any(each.has_work() for each in self._services) or self._expired()
+
+    def _expired(self) -> bool:
+        due = self.due_in_ns()
+        return due is not None and due <= 0
+
+    def due_in_ns(self) -> int | None:
+        """Nanoseconds until a result has been kept long enough."""
+        ends = [each.expires_ns for each in tuple(self._goal_handles.values()) if each.expires_ns is not None]
+        return min(ends) - self._clock.handle.now_ns() if ends else None
+
+    def take(self) -> Callable[[], object] | None:
+        """The oldest request."""
+        if self._waiting:
+            return self._waiting.popleft()
+        for service in reversed(self._services):
+            if service.has_work():
+                call = service.take()
+                if call is not None:
+                    return call
+        self._forget_expired()
+        return None
+
+    def _forget_expired(self) -> None:
+        now = self._clock.handle.now_ns()
+        for goal_id, handle in tuple(self._goal_handles.items()):
+            if handle.expires_ns is not None and handle.expires_ns <= now:
+                handle.destroy()
+                del self._goal_handles[goal_id]
+                self._result_futures.pop(goal_id, None)
+
+    def get_num_entities(self) -> NumberOfEntities:
+        """Three services, and a timer for results."""
+        return NumberOfEntities(num_timers=1, num_services=3)
+
+    def destroy(self) -> None:
+        """Withdraw the action; goals that run end as aborted for clients of the graph."""
+        if not self._handle:
+            return
+        for handle in self._goal_handles.values():
+            self._charge_no_more(handle)
+            handle.destroy()
+        self._node.remove_waitable(self)
+        self._node.destroy_publisher(self._feedback)
+        self._node.destroy_publisher(self._status)
+        self._handle.destroy_when_not_in_use()
+
+    def _close(self) -> None:
+        for service in self._services:
+            service.destroy()
+        self._link.post(self._registration.close)
+
+
+def _uuid(goal_id: bytes) -> Any:
+    return message_class("unique_identifier_msgs/UUID")(uuid=list(goal_id))
+
+
+def _stamp(handle: ServerGoalHandle) -> tuple[int, int]:
+    stamp = handle._goal_info.stamp
+    return stamp.sec, stamp.nanosec

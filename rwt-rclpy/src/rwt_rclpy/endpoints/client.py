@@ -1,0 +1,228 @@
+"""`rclpy.client`."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections import deque
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Self
+
+from rwt_interfaces.payload import Payload
+from rwt_participant.errors import CallFailed, ProviderNotFound
+from rwt_rclpy.destroyable import Destroyable
+from rwt_rclpy.endpoints.introspection import ServiceIntrospectionState, StepPublisher
+from rwt_rclpy.endpoints.qos import QoSProfile
+from rwt_rclpy.endpoints.serialization import message_of, payload_of
+from rwt_rclpy.endpoints.type_variables import SrvType as SrvType
+from rwt_rclpy.endpoints.type_variables import SrvTypeRequest as SrvTypeRequest
+from rwt_rclpy.endpoints.type_variables import SrvTypeResponse as SrvTypeResponse
+from rwt_rclpy.execution.blocking import Wait
+from rwt_rclpy.execution.entity import Entity
+from rwt_rclpy.execution.executors import ExternalShutdownException
+from rwt_rclpy.execution.task import Future
+from rwt_rclpy.logs.logger import get_logger
+
+if TYPE_CHECKING:
+    from rwt_graph.api import Participant
+    from rwt_rclpy.clocks.clock import Clock
+    from rwt_rclpy.execution.context import Context
+    from rwt_rclpy.middleware.link import Link
+    from rwt_rclpy.nodes.node import Node
+
+#: `service_msgs/ServiceEventInfo`.
+REQUEST_SENT, RESPONSE_RECEIVED = 0, 3
+#: How often a wait for something to appear looks again, in nanoseconds.
+LOOK_AGAIN_NS = 10_000_000
+
+
+class Client(Entity):
+    """Calls a service; made by :meth:`Node.create_client`.
+
+    Attributes:
+        srv_type: the class of the service.
+        srv_name: the service's absolute name.
+        qos_profile: its quality of service.
+    """
+
+    def __init__(
+        self,
+        context: Context,
+        link: Link,
+        node: Node,
+        participant: Participant,
+        srv_type: Any,
+        srv_name: str,
+        qos_profile: QoSProfile,
+        callback_group: Any,
+    ) -> None:
+        super().__init__(callback_group)
+        self.context = context
+        self._link = link
+        self._node = node
+        self._participant = participant
+        self._handle = Destroyable("client", self._close)
+        self._replies: deque[tuple[int, Payload | CallFailed]] = deque()
+        self._pending_requests: dict[int, Future] = {}
+        self._numbers = itertools.count(1)
+        self._lock = threading.Lock()
+        self._steps: StepPublisher | None = None
+        self.srv_type = srv_type
+        self.srv_name = srv_name
+        self.qos_profile = qos_profile
+
+    def _close(self) -> None:
+        self._pending_requests.clear()
+
+    @property
+    def handle(self) -> Destroyable:
+        """What it is destroyed by."""
+        return self._handle
+
+    @property
+    def service_name(self) -> str:
+        """The service's absolute name."""
+        self._handle.check()
+        return self.srv_name
+
+    def call(self, request: Any, timeout_sec: float | None = None) -> Any:
+        """Call the service and wait for the response, while an executor spins in another thread.
+
+        Returns:
+            The response; None when none came in time.
+
+        Raises:
+            TypeError: the request is of another class.
+            CallFailed: the service answered that it failed.
+            ExternalShutdownException: the context ended before a response came.
+            InvalidHandle: the client was destroyed.
+        """
+        wait = Wait(self.context)
+        future = self.call_async(request)
+        future.resume_with(wait.wake)
+        if wait.until(future.done, timeout_sec):
+            return future.result()
+        self.remove_pending_request(future)
+        if not self.context.ok():
+            raise ExternalShutdownException
+        return None
+
+    def call_async(self, request: Any) -> Future:
+        """Call the service; the future gets the response from the executor.
+
+        As on ROS, it is never done when nobody offers the service. When the service answers that it failed,
+        which ROS has no way to say, it gets a :exc:`CallFailed`.
+
+        Raises:
+            TypeError: the request is of another class.
+            InvalidHandle: the client was destroyed.
+        """
+        if not isinstance(request, self.srv_type.Request):
+            raise TypeError(f"Expected {self.srv_type.Request}, got {type(request)}")
+        with self._handle:
+            payload = payload_of(request)
+            future = Future()
+            with self._lock:
+                number = next(self._numbers)
+                self._pending_requests[number] = future
+            future.resume_with(lambda: self._forget(number))
+            if self._steps is not None:
+                self._steps.publish(REQUEST_SENT, number, request=request)
+
+            def on_reply(reply: Payload | CallFailed) -> None:
+                self._replies.append((number, reply.detach() if isinstance(reply, Payload) else reply))
+                self.wake()
+
+            self._link.post(lambda: self._participant.call_service(self.srv_name, payload, on_reply))
+            return future
+
+    def _forget(self, number: int) -> None:
+        self._pending_requests.pop(number, None)
+
+    def get_pending_request(self, sequence_number: int) -> Future:
+        """The future of a request. Raises KeyError for one that is not pending."""
+        return self._pending_requests[sequence_number]
+
+    def remove_pending_request(self, future: Future) -> None:
+        """Wait for a response no longer."""
+        for number, pending in tuple(self._pending_requests.items()):
+            if pending is future:
+                self._forget(number)
+
+    def service_is_ready(self) -> bool:
+        """Whether anybody offers the service."""
+        with self._handle:
+            return self._link.run(lambda: self._link.graph.service(self.srv_name)) is not None
+
+    def wait_for_service(self, timeout_sec: float | None = None) -> bool:
+        """Wait until somebody offers the service; says whether that was in time."""
+        return wait_until(self.context, self._link, self.service_is_ready, timeout_sec)
+
+    def configure_introspection(
+        self,
+        clock: Clock,
+        service_event_qos_profile: QoSProfile,
+        introspection_state: ServiceIntrospectionState,
+    ) -> None:
+        """Publish the steps of its calls, or no longer."""
+        self._steps = self._node.step_publisher(
+            self, self.srv_name, clock, service_event_qos_profile, introspection_state, self._steps
+        )
+
+    def destroy(self) -> None:
+        """Call no more; :meth:`Node.destroy_client` does it."""
+        self._handle.destroy_when_not_in_use()
+
+    # What an executor asks
+
+    def has_work(self) -> bool:
+        """Whether a response waits."""
+        return bool(self._replies)
+
+    def take(self) -> Callable[[], object] | None:
+        """What gives the oldest response to its future."""
+        try:
+            number, reply = self._replies.popleft()
+        except IndexError:
+            return None
+        future = self._pending_requests.get(number)
+        if future is None:
+            return None
+        executor = self._node.executor
+
+        def settle() -> None:
+            future._set_executor(executor)
+            if isinstance(reply, Payload):
+                response = message_of(reply, self.srv_type.Response)
+                if self._steps is not None:
+                    self._steps.publish(RESPONSE_RECEIVED, number, response=response)
+                future.set_result(response)
+            elif isinstance(reply, ProviderNotFound):
+                get_logger("rclpy").warning(f"{reply}: as on ROS, the call stays without a response")
+            else:
+                future.set_exception(reply)
+
+        return settle
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.destroy()
+
+
+def wait_until(context: Context, link: Link, ready: Callable[[], bool], timeout_sec: float | None) -> bool:
+    """Wait until something is there, looking again now and then; says whether that was in time."""
+    keeper = link.timekeeper
+    condition = keeper.condition()
+    deadline = None if timeout_sec is None or timeout_sec < 0 else keeper.steady_ns() + int(timeout_sec * 1e9)
+    while context.ok():
+        if ready():
+            return True
+        now = keeper.steady_ns()
+        if deadline is not None and now >= deadline:
+            return False
+        again = now + LOOK_AGAIN_NS
+        with condition:
+            keeper.wait(condition, again if deadline is None else min(again, deadline))
+    return False

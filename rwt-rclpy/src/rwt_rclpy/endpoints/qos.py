@@ -1,0 +1,417 @@
+"""`rclpy.qos`: quality of service, with rmw's numbers and profiles."""
+
+from __future__ import annotations
+
+import warnings
+from enum import Enum, IntEnum
+from typing import Any, Final
+
+from rwt_participant import qos as program
+from rwt_rclpy.clocks.duration import Duration
+
+#: rmw's duration of "as the others have it".
+BEST_AVAILABLE_NS: Final = 9223372036854775806
+
+
+class QoSPolicyKind(IntEnum):
+    """Policies, as events of incompatible ones name them."""
+
+    INVALID = 1
+    DURABILITY = 2
+    DEADLINE = 4
+    LIVELINESS = 8
+    RELIABILITY = 16
+    HISTORY = 32
+    LIFESPAN = 64
+    DEPTH = 128
+    LIVELINESS_LEASE_DURATION = 256
+    AVOID_ROS_NAMESPACE_CONVENTIONS = 512
+
+
+def qos_policy_name_from_kind(policy_kind: QoSPolicyKind | int) -> str:
+    """The name of a policy."""
+    return QoSPolicyKind(policy_kind).name
+
+
+class InvalidQoSProfileException(Exception):
+    """A profile without what it needs."""
+
+    def __init__(self, *args: object) -> None:
+        super().__init__("Invalid QoSProfile", *args)
+
+
+class QoSPolicyEnum(IntEnum):
+    """Base of the policies with a few choices."""
+
+    @classmethod
+    def short_keys(cls) -> list[str]:
+        """The choices as people type them."""
+        return [key.lower() for key in cls.__members__ if not key.startswith("RMW")]
+
+    @classmethod
+    def get_from_short_key(cls, name: str) -> int:
+        """The number of a choice. Raises KeyError for what is none."""
+        return cls[name.upper()].value
+
+    @property
+    def short_key(self) -> str:
+        """The choice as people type it."""
+        return self.name.lower()
+
+
+class HistoryPolicy(QoSPolicyEnum):
+    """Which samples are kept."""
+
+    SYSTEM_DEFAULT = 0
+    KEEP_LAST = 1
+    KEEP_ALL = 2
+    UNKNOWN = 3
+
+
+class ReliabilityPolicy(QoSPolicyEnum):
+    """Whether samples may be lost."""
+
+    SYSTEM_DEFAULT = 0
+    RELIABLE = 1
+    BEST_EFFORT = 2
+    UNKNOWN = 3
+    BEST_AVAILABLE = 4
+
+
+class DurabilityPolicy(QoSPolicyEnum):
+    """Whether late joiners get what was published before."""
+
+    SYSTEM_DEFAULT = 0
+    TRANSIENT_LOCAL = 1
+    VOLATILE = 2
+    UNKNOWN = 3
+    BEST_AVAILABLE = 4
+
+
+class LivelinessPolicy(QoSPolicyEnum):
+    """Who says that a publisher is alive."""
+
+    SYSTEM_DEFAULT = 0
+    AUTOMATIC = 1
+    MANUAL_BY_TOPIC = 3
+    UNKNOWN = 4
+    BEST_AVAILABLE = 5
+
+
+class _OldName:
+    """A name from before Foxy, which warns."""
+
+    def __init__(self, old: str, new: str) -> None:
+        self._old, self._new = old, new
+
+    def __get__(self, instance: object, owner: Any) -> Any:
+        name = owner.__name__
+        warnings.warn(f"{name}.{self._old} is deprecated. Use {name}.{self._new} instead.", stacklevel=2)
+        return owner[self._new]
+
+
+for _policy, _word in (
+    (HistoryPolicy, "HISTORY"),
+    (ReliabilityPolicy, "RELIABILITY"),
+    (DurabilityPolicy, "DURABILITY"),
+    (LivelinessPolicy, "LIVELINESS"),
+):
+    for _name in tuple(_policy.__members__):
+        if _name != "BEST_AVAILABLE":
+            _old = f"RMW_QOS_POLICY_{_word}_{_name}"
+            type.__setattr__(_policy, _old, _OldName(_old, _name))
+
+QoSHistoryPolicy = HistoryPolicy
+QoSReliabilityPolicy = ReliabilityPolicy
+QoSDurabilityPolicy = DurabilityPolicy
+QoSLivelinessPolicy = LivelinessPolicy
+
+DeadlineBestAvailable = Duration(nanoseconds=BEST_AVAILABLE_NS)
+LivelinessLeaseDurationeBestAvailable = Duration(nanoseconds=BEST_AVAILABLE_NS)  # rclpy's spelling
+
+#: What a profile has for what it is not given. A duration of zero is none.
+_DEFAULTS: Final[dict[str, Any]] = {
+    "depth": 10,
+    "reliability": ReliabilityPolicy.RELIABLE,
+    "durability": DurabilityPolicy.VOLATILE,
+    "lifespan": Duration(),
+    "deadline": Duration(),
+    "liveliness": LivelinessPolicy.SYSTEM_DEFAULT,
+    "liveliness_lease_duration": Duration(),
+    "avoid_ros_namespace_conventions": False,
+}
+_ENUMS: Final[dict[str, type[QoSPolicyEnum]]] = {
+    "history": HistoryPolicy,
+    "reliability": ReliabilityPolicy,
+    "durability": DurabilityPolicy,
+    "liveliness": LivelinessPolicy,
+}
+_DURATIONS: Final = frozenset({"lifespan", "deadline", "liveliness_lease_duration"})
+POLICIES: Final = (
+    "history", "depth", "reliability", "durability", "lifespan", "deadline", "liveliness",
+    "liveliness_lease_duration", "avoid_ros_namespace_conventions",
+)  # fmt: skip
+
+
+class QoSProfile:
+    """The policies of one endpoint, each an attribute that checks what is assigned.
+
+    Raises:
+        InvalidQoSProfileException: neither history nor depth was given, or KEEP_LAST without a depth.
+        AssertionError: there is no such policy, or its value is of another type.
+    """
+
+    __slots__ = tuple(f"_{name}" for name in POLICIES)
+
+    history: HistoryPolicy
+    depth: int
+    reliability: ReliabilityPolicy
+    durability: DurabilityPolicy
+    lifespan: Duration
+    deadline: Duration
+    liveliness: LivelinessPolicy
+    liveliness_lease_duration: Duration
+    avoid_ros_namespace_conventions: bool
+
+    def __init__(self, **kwargs: Any) -> None:
+        unknown = set(kwargs) - set(POLICIES)
+        if unknown:
+            raise AssertionError(f"no such policy: {', '.join(sorted(unknown))}")
+        if "history" not in kwargs:
+            if "depth" not in kwargs:
+                raise InvalidQoSProfileException("History and/or depth settings are required.")
+            kwargs["history"] = HistoryPolicy.KEEP_LAST
+        self.history = kwargs["history"]
+        if self.history is HistoryPolicy.KEEP_LAST and "depth" not in kwargs:
+            raise InvalidQoSProfileException("History set to KEEP_LAST without a depth setting.")
+        for name, default in _DEFAULTS.items():
+            setattr(self, name, kwargs.get(name, default))
+
+    def get_c_qos_profile(self) -> QoSProfile:
+        """The profile itself, for code that passes it on to rmw."""
+        return self
+
+    def to_dict(self) -> dict[str, Any]:
+        """The policies by name."""
+        return {name: getattr(self, name) for name in POLICIES}
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, QoSProfile) and all(
+            getattr(self, slot) == getattr(other, slot) for slot in self.__slots__
+        )
+
+    __hash__ = None  # type: ignore[assignment]  # A profile is mutable.
+
+    def __str__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{n}={getattr(self, n)}' for n in POLICIES)})"
+
+    __repr__ = __str__
+
+
+def _checked(name: str) -> property:
+    slot = f"_{name}"
+
+    def get(self: QoSProfile) -> Any:
+        return getattr(self, slot)
+
+    def put(self: QoSProfile, value: Any) -> None:
+        if name in _ENUMS:
+            if not isinstance(value, int):
+                raise AssertionError(f"{name}: expected one of {_ENUMS[name].short_keys()}, got {value!r}")
+            value = _ENUMS[name](value)
+        elif name in _DURATIONS:
+            if not isinstance(value, Duration):
+                raise AssertionError(f"{name}: expected a rclpy.duration.Duration, got {value!r}")
+        elif name == "depth":
+            if not isinstance(value, int):
+                raise AssertionError(f"depth: expected a number of samples, got {value!r}")
+            if self.history is HistoryPolicy.KEEP_LAST and value == 0:
+                warnings.warn(
+                    "A zero depth with KEEP_LAST doesn't make sense; no data could be stored. "
+                    "This will be interpreted as SYSTEM_DEFAULT",
+                    stacklevel=2,
+                )
+        elif not isinstance(value, bool):
+            raise AssertionError(f"{name}: expected a bool, got {value!r}")
+        setattr(self, slot, value)
+
+    return property(get, put, doc=f"The policy {name}.")
+
+
+for _name in POLICIES:
+    setattr(QoSProfile, _name, _checked(_name))
+
+
+def _profile(
+    history: HistoryPolicy,
+    depth: int,
+    reliability: ReliabilityPolicy,
+    durability: DurabilityPolicy,
+    *,
+    liveliness: LivelinessPolicy = LivelinessPolicy.SYSTEM_DEFAULT,
+    durations_ns: int = 0,
+) -> QoSProfile:
+    span = Duration(nanoseconds=durations_ns)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return QoSProfile(
+            history=history,
+            depth=depth,
+            reliability=reliability,
+            durability=durability,
+            deadline=span,
+            liveliness=liveliness,
+            liveliness_lease_duration=span,
+        )
+
+
+_H, _R, _D = HistoryPolicy, ReliabilityPolicy, DurabilityPolicy
+qos_profile_unknown = _profile(_H.UNKNOWN, 0, _R.UNKNOWN, _D.UNKNOWN, liveliness=LivelinessPolicy.UNKNOWN)
+qos_profile_default = _profile(_H.KEEP_LAST, 10, _R.RELIABLE, _D.VOLATILE)
+qos_profile_system_default = _profile(_H.SYSTEM_DEFAULT, 0, _R.SYSTEM_DEFAULT, _D.SYSTEM_DEFAULT)
+qos_profile_sensor_data = _profile(_H.KEEP_LAST, 5, _R.BEST_EFFORT, _D.VOLATILE)
+qos_profile_services_default = _profile(_H.KEEP_LAST, 10, _R.RELIABLE, _D.VOLATILE)
+qos_profile_parameters = _profile(_H.KEEP_LAST, 1000, _R.RELIABLE, _D.VOLATILE)
+qos_profile_parameter_events = _profile(_H.KEEP_LAST, 1000, _R.RELIABLE, _D.VOLATILE)
+qos_profile_best_available = _profile(
+    _H.KEEP_LAST,
+    10,
+    _R.BEST_AVAILABLE,
+    _D.BEST_AVAILABLE,
+    liveliness=LivelinessPolicy.BEST_AVAILABLE,
+    durations_ns=BEST_AVAILABLE_NS,
+)
+qos_profile_action_status_default = _profile(_H.KEEP_LAST, 1, _R.RELIABLE, _D.TRANSIENT_LOCAL)
+qos_profile_rosout_default = _profile(_H.KEEP_LAST, 1000, _R.RELIABLE, _D.TRANSIENT_LOCAL)
+qos_profile_rosout_default.lifespan = Duration(seconds=10)
+
+
+class QoSPresetProfiles(Enum):
+    """The profiles under short names."""
+
+    UNKNOWN = qos_profile_unknown
+    DEFAULT = qos_profile_default
+    SYSTEM_DEFAULT = qos_profile_system_default
+    SENSOR_DATA = qos_profile_sensor_data
+    SERVICES_DEFAULT = qos_profile_services_default
+    PARAMETERS = qos_profile_parameters
+    PARAMETER_EVENTS = qos_profile_parameter_events
+    ACTION_STATUS_DEFAULT = qos_profile_action_status_default
+    BEST_AVAILABLE = qos_profile_best_available
+
+    @classmethod
+    def short_keys(cls) -> list[str]:
+        """The names as people type them."""
+        return [key.lower() for key in cls.__members__]
+
+    @classmethod
+    def get_from_short_key(cls, name: str) -> QoSProfile:
+        """The profile of a name. Raises KeyError for what is none."""
+        found: QoSProfile = cls[name.upper()].value
+        return found
+
+
+class QoSCompatibility(IntEnum):
+    """Whether a publisher and a subscription can talk."""
+
+    OK = 0
+    WARNING = 1
+    ERROR = 2
+
+
+def qos_check_compatible(
+    publisher_qos: QoSProfile, subscription_qos: QoSProfile
+) -> tuple[QoSCompatibility, str]:
+    """Whether a publisher and a subscription can talk, and what is against it.
+
+    A subscription may ask for no more than the publisher offers (rmw's `rmw_qos_profile_check_compatible`).
+    """
+    errors = _errors(publisher_qos, subscription_qos)
+    if errors:
+        return QoSCompatibility.ERROR, "".join(f"ERROR: {each};" for each in errors)
+    unsure = [
+        f"{side} {name} is {policy.name.lower().replace('_', ' ')}"
+        for name in ("reliability", "durability", "liveliness")
+        for side, policy in (
+            ("Publisher", getattr(publisher_qos, name)),
+            ("Subscription", getattr(subscription_qos, name)),
+        )
+        if policy.name in ("SYSTEM_DEFAULT", "UNKNOWN") and _unsure(name, publisher_qos, subscription_qos)
+    ]
+    if unsure:
+        return QoSCompatibility.WARNING, "".join(f"WARNING: {each};" for each in unsure)
+    return QoSCompatibility.OK, ""
+
+
+def _unsure(name: str, publisher: QoSProfile, subscription: QoSProfile) -> bool:
+    """Whether a policy that is not known could be too little."""
+    if name == "liveliness":
+        return {publisher.liveliness, subscription.liveliness} != {LivelinessPolicy.SYSTEM_DEFAULT}
+    return True
+
+
+def _errors(publisher: QoSProfile, subscription: QoSProfile) -> list[str]:
+    errors: list[str] = []
+    if (
+        publisher.reliability is ReliabilityPolicy.BEST_EFFORT
+        and subscription.reliability is ReliabilityPolicy.RELIABLE
+    ):
+        errors.append("Best effort publisher and reliable subscription")
+    if (
+        publisher.durability is DurabilityPolicy.VOLATILE
+        and subscription.durability is DurabilityPolicy.TRANSIENT_LOCAL
+    ):
+        errors.append("Volatile publisher and transient local subscription")
+    if (
+        publisher.liveliness is LivelinessPolicy.AUTOMATIC
+        and subscription.liveliness is LivelinessPolicy.MANUAL_BY_TOPIC
+    ):
+        errors.append("Publisher's liveliness is automatic and subscription's is manual by topic")
+    for name, text in (("deadline", "deadline"), ("liveliness_lease_duration", "liveliness lease duration")):
+        offered = _span(getattr(publisher, name))
+        asked = _span(getattr(subscription, name))
+        if asked is not None and (offered is None or offered > asked):
+            errors.append(f"Subscription's {text} is shorter than the publisher's")
+    return errors
+
+
+def _span(duration: Duration) -> int | None:
+    """Nanoseconds of a finite duration; None for one that asks nothing."""
+    span = duration.nanoseconds
+    return None if span in (0, BEST_AVAILABLE_NS, 2**63 - 1) else span
+
+
+def graph_qos(profile: QoSProfile) -> program.QoS:
+    """The profile as the graph has it."""
+    seconds = program.LONGEST_SECONDS
+    return program.QoS(
+        history=program.History.KEEP_ALL
+        if profile.history is HistoryPolicy.KEEP_ALL
+        else program.History.KEEP_LAST,
+        depth=min(profile.depth or 1, program.MOST_DEPTH),
+        reliability={
+            ReliabilityPolicy.BEST_EFFORT: program.Reliability.BEST_EFFORT,
+            ReliabilityPolicy.BEST_AVAILABLE: program.Reliability.BEST_AVAILABLE,
+        }.get(profile.reliability, program.Reliability.RELIABLE),
+        durability={
+            DurabilityPolicy.TRANSIENT_LOCAL: program.Durability.TRANSIENT_LOCAL,
+            DurabilityPolicy.BEST_AVAILABLE: program.Durability.BEST_AVAILABLE,
+        }.get(profile.durability, program.Durability.VOLATILE),
+        deadline=None if (ns := _span(profile.deadline)) is None else min(ns / 1e9, seconds),
+        lifespan=None if (ns := _span(profile.lifespan)) is None else min(ns / 1e9, seconds),
+    )
+
+
+def profile_of(qos: program.QoS) -> QoSProfile:
+    """The graph's quality of service as a profile."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_ALL
+        if qos.history is program.History.KEEP_ALL
+        else HistoryPolicy.KEEP_LAST,
+        depth=qos.depth or 1,
+        reliability=ReliabilityPolicy[qos.reliability.name],
+        durability=DurabilityPolicy[qos.durability.name],
+        deadline=Duration(seconds=qos.deadline or 0),
+        lifespan=Duration(seconds=qos.lifespan or 0),
+        liveliness=LivelinessPolicy.AUTOMATIC,
+    )

@@ -1,0 +1,197 @@
+"""What a restricted client gets of the answers of services that reveal the graph (API-13).
+
+A service is a node's like any other and knows no clients, so its answer is filtered on its way to the client,
+by what the service declares (:mod:`rwt_graph.disclosure`). Declarations belong to types of services, so they
+hold under every name and for services in other processes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+import msgspec
+
+from rwt.access.errors import NotAllowed
+from rwt.access.graph_view import canonical
+from rwt_graph.disclosure import AsksAbout, Disclosure, Kind, Lists, ListsProviders, Reads, Writes
+from rwt_graph.names import namespace_of
+from rwt_interfaces.errors import InterfaceError
+from rwt_interfaces.names import two_part
+from rwt_interfaces.payload import Payload
+from rwt_participant.errors import CallFailed
+
+if TYPE_CHECKING:
+    from rwt.access.graph_view import GraphView
+    from rwt.access.roles import Act
+    from rwt_interfaces.structs import ServiceType
+
+Disclosures = Mapping[str, Disclosure]
+"""What services reveal, by the name of their type."""
+
+OutcomeFilter = Callable[["Payload | CallFailed"], "Payload | CallFailed"]
+"""From the outcome of a call to the one that the client gets."""
+
+#: Packages whose services are about the graph itself: without a declaration nothing of them is passed on.
+_ABOUT_THE_GRAPH: Final = ("rosapi/", "rosapi_msgs/", "rcl_interfaces/")
+
+#: The services that list the whole graph: of their last answer a role keeps what it sees.
+_LISTINGS: Final = frozenset(
+    f"/rosapi/{name}" for name in ("topics", "topics_and_raw_types", "services", "nodes", "action_servers")
+)
+
+#: A name that nothing in a graph can have, since ROS does not allow it.
+_NO_NAME: Final = "/!"
+
+
+def restrict(
+    view: GraphView, disclosures: Disclosures, service: str, type: ServiceType, request: Payload
+) -> tuple[Payload, OutcomeFilter | None]:
+    """The request of a client as it is put to a service, and how the outcome is filtered; None: not at all.
+
+    A question about what is hidden is put about a name that does not exist, so that the service itself gives
+    the answer that such names get.
+
+    Args:
+        view: what the client sees.
+        disclosures: of all services.
+        service: the absolute name.
+        type: its type.
+        request: of the client.
+
+    Raises:
+        NotAllowed: the request reads or writes a parameter that the role may not, or the service is about the
+            graph and does not declare what it reveals.
+    """
+    disclosure = disclosures.get(type.name)
+    if disclosure is None:
+        if service.startswith("/rosapi/") or type.name.startswith(_ABOUT_THE_GRAPH):
+            raise NotAllowed(
+                f"{service} does not declare what it reveals, so only roles that may do everything call it"
+            )
+        return request, None
+    lists: list[Lists] = []
+    hidden = ""
+    for part in disclosure:
+        if isinstance(part, Lists):
+            lists.append(part)
+            continue
+        if isinstance(part, ListsProviders):
+            return request, partial(_providers, view, part, request)
+        asked = getattr(request.value(), part.field)
+        if isinstance(part, AsksAbout):
+            if not _sees(view, part.kind, canonical(asked)):
+                hidden = canonical(asked)
+                changed = msgspec.structs.replace(request.value(), **{part.field: _NO_NAME})
+                request = Payload.from_value(request.type, changed)
+            continue
+        act: Act = "get_param" if isinstance(part, Reads) else "set_param"
+        for name in _parameters(service, asked):
+            view.role.require(act, name)
+    if not lists and not hidden:
+        return request, None
+
+    def filtered(outcome: Payload | CallFailed) -> Payload | CallFailed:
+        if isinstance(outcome, CallFailed):
+            return outcome.__class__(str(outcome).replace(_NO_NAME, hidden)) if hidden else outcome
+        return _without(view, lists, service, outcome) if lists else outcome
+
+    return request, filtered
+
+
+def setting_parameters(disclosures: Disclosures) -> frozenset[str]:
+    """The types of the services whose calls set parameters."""
+    return frozenset(
+        type for type, parts in disclosures.items() if any(isinstance(part, Writes) for part in parts)
+    )
+
+
+def written_parameters(
+    disclosures: Disclosures, service: str, type: ServiceType, request: Payload
+) -> list[str]:
+    """The full names of the parameters that a call sets, by what the service's type declares."""
+    return [
+        name
+        for part in disclosures.get(type.name, ())
+        if isinstance(part, Writes)
+        for name in _parameters(service, getattr(request.value(), part.field))
+    ]
+
+
+def _sees(view: GraphView, kind: Kind, name: str) -> bool:
+    role = view.role
+    match kind:
+        case "topic":
+            return role.sees_topic(name)
+        case "service":
+            return view.sees_service(name)
+        case "action":
+            return role.sees_action(name)
+        case "parameter":
+            return role.sees_parameter(name)
+        case "node":
+            return view.sees_node(name)
+
+
+def _without(view: GraphView, lists: Iterable[Lists], service: str, response: Payload) -> Payload:
+    """The response without the names that the view hides.
+
+    rosapi gives one listing to all until the graph changes; then what a role sees of it is kept, too.
+    """
+    kept = view.role.answers.get(service)
+    if kept is not None and kept[0] is response:
+        return kept[1]
+    shown = _made_without(view, lists, service, response)
+    if service in _LISTINGS:
+        view.role.answers[service] = (response, shown)
+    return shown
+
+
+def _made_without(view: GraphView, lists: Iterable[Lists], service: str, response: Payload) -> Payload:
+    value = response.value()
+    for part in lists:
+        prefix = f"{namespace_of(service)}:" if part.of_node else ""
+        value = _without_hidden(view, part.kind, prefix, value, part.fields)
+    return Payload.from_value(response.type, value)
+
+
+def _providers(
+    view: GraphView, part: ListsProviders, request: Payload, outcome: Payload | CallFailed
+) -> Payload | CallFailed:
+    """The nodes that offer what the view shows of a service or of a type."""
+    if isinstance(outcome, CallFailed):
+        return outcome
+    asked = getattr(request.value(), part.field)
+    name = canonical(asked)
+    try:
+        type = two_part(asked)
+    except InterfaceError:
+        type = ""  # It names no type.
+    shown = {each.node for each in view.services() if each.name == name or each.type.name == type}
+    listed = [node for node in getattr(outcome.value(), part.lists) if node in shown]
+    return Payload.from_value(outcome.type, msgspec.structs.replace(outcome.value(), **{part.lists: listed}))
+
+
+def _without_hidden(
+    view: GraphView, kind: Kind, prefix: str, value: msgspec.Struct, fields: tuple[str, ...]
+) -> msgspec.Struct:
+    inner, dot, rest = fields[0].partition(".")
+    if dot:
+        part = _without_hidden(view, kind, prefix, getattr(value, inner), (rest,))
+        return msgspec.structs.replace(value, **{inner: part})
+    names = getattr(value, fields[0])
+    if isinstance(names, str):
+        return value if _sees(view, kind, names) else msgspec.structs.replace(value, **{fields[0]: ""})
+    rows = [index for index, name in enumerate(names) if _sees(view, kind, prefix + name)]
+    columns = {field: getattr(value, field) for field in fields}
+    kept = {field: [column[index] for index in rows] for field, column in columns.items()}
+    return msgspec.structs.replace(value, **kept)
+
+
+def _parameters(service: str, asked: str | Iterable[object]) -> Iterable[str]:
+    """The full names of the parameters in a request: of rosapi one name, of a node's own service a list."""
+    if isinstance(asked, str):
+        return (canonical(asked),)
+    node = namespace_of(service)
+    return [f"{node}:{one if isinstance(one, str) else getattr(one, 'name', '')}" for one in asked]

@@ -1,0 +1,147 @@
+"""Who acts on the robot through the gate, and what is noted of it."""
+
+from __future__ import annotations
+
+import logging
+from contextvars import ContextVar
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Final, Literal, get_args
+
+from rwt.access.audit import one_line
+from rwt.access.quotas import RateLimit
+
+if TYPE_CHECKING:
+    from rwt.access.audit import Audit
+    from rwt.access.gate.audit_file import AuditFile
+    from rwt.access.roles import Role
+    from rwt_graph.clock import Clock
+
+Decision = Literal[
+    "allowed",
+    "refused",
+    "would refuse",
+    "changed",
+    "asked",
+    "approved",
+    "denied",
+    "lease",
+    "stop",
+    "left out",
+]
+"""What became of an act: what the gate did, or, of `lease` and `stop`, what changed."""
+
+DECISIONS: Final[tuple[Decision, ...]] = get_args(Decision)
+
+#: Lines of refusals and changes that one client may cause a second in the long run, and at once.
+_LINES_PER_SECOND: Final = 20
+_LINES_AT_ONCE: Final = 200
+
+
+class Actor:
+    """A client as the gate knows it.
+
+    Attributes:
+        name: unlike that of every other client of the server, such as `rosbridge:3`.
+        rights: its role now.
+        address: where it comes from; empty where the transport does not know.
+        lines: bounds how many lines of the audit its refusals cause.
+        left_out: lines beyond that since the last one.
+    """
+
+    __slots__ = ("address", "left_out", "lines", "name", "rights")
+
+    def __init__(self, name: str, rights: Role, address: str) -> None:
+        self.name = name
+        self.rights = rights
+        self.address = address
+        self.lines = RateLimit(_LINES_PER_SECOND, _LINES_AT_ONCE)
+        self.left_out = 0
+
+    @property
+    def role(self) -> str:
+        """The name of its role."""
+        return self.rights.name
+
+    def __str__(self) -> str:
+        return f"{self.name} (role {self.role})"
+
+
+CALLER: Final[ContextVar[Actor | None]] = ContextVar("caller of the gate", default=None)
+"""The client on whose behalf a service of the gate runs; None: a program of the robot itself."""
+
+
+class Recorder:
+    """Notes what happens at the gate: in the audit's file where there is one, and in the server's log.
+
+    Args:
+        file: see there; None: no file.
+        audit: the log.
+        clock: of the graph.
+    """
+
+    __slots__ = ("_audit", "_clock", "_file", "counts")
+
+    def __init__(self, file: AuditFile | None, audit: Audit, clock: Clock) -> None:
+        self._file = file
+        self._audit = audit
+        self._clock = clock
+        self.counts: dict[Decision, int] = dict.fromkeys(DECISIONS, 0)
+
+    @property
+    def keeps_all(self) -> bool:
+        """Whether what no rule is about is noted too."""
+        return self._file is not None
+
+    def note(
+        self,
+        decision: Decision,
+        act: str,
+        name: str,
+        client: Actor | None,
+        text: str = "",
+        rule: str = "",
+    ) -> None:
+        """Note one event.
+
+        Args:
+            decision: what became of it.
+            act: what was to be done, such as `publish`.
+            name: of the topic, service, action or parameter.
+            client: who did it; None: a program of the robot itself, or the gate.
+            text: why, or what changed.
+            rule: the key of the rule that decided.
+        """
+        self.counts[decision] += 1
+        is_bounded = decision in ("refused", "would refuse", "changed")
+        if is_bounded and client is not None:
+            if not client.lines.take(self._clock.monotonic()):
+                client.left_out += 1
+                return
+            if client.left_out:
+                left_out, client.left_out = client.left_out, 0
+                self._write("left out", act, name, client, f"{left_out} lines about this client", "")
+        self._write(decision, act, name, client, text, rule)
+        if decision == "would refuse" or decision in ("lease", "stop", "approved", "denied"):
+            who = "the robot" if client is None else str(client)
+            self._audit.write(
+                logging.WARNING if decision in ("stop", "would refuse") else logging.INFO,
+                "gate: %s: %s by %s: %s", decision, f"{act} {name}".rstrip(), who, one_line(text),
+            )  # fmt: skip
+
+    def _write(self, decision: str, act: str, name: str, client: Actor | None, text: str, rule: str) -> None:
+        if self._file is None:
+            return
+        moment = datetime.fromtimestamp(self._clock.time_ns() / 1e9, UTC)
+        line: dict[str, object] = {
+            "time": moment.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
+            "decision": decision,
+            "act": act,
+            "name": name,
+        }
+        if client is not None:
+            line |= {"client": client.name, "role": client.role, "address": client.address}
+        if rule:
+            line["rule"] = rule
+        if text:
+            line["text"] = text[:2000]
+        self._file.write(line)

@@ -1,0 +1,322 @@
+"""How much one client may hold, how much work it may cause, and how fast it may act."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, Literal, get_args
+
+from rwt.access.errors import QuotaExceeded
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rwt.access.settings import ClientLimits
+
+
+class Quota:
+    """How much of one kind a client holds, and may hold.
+
+    What outlives the client, as a publisher that lingers, stays charged to its address: clients from there
+    may leave behind a few times as much as one may hold.
+
+    Attributes:
+        held: how much it holds now.
+
+    Args:
+        setting: the key below `limits` that says how much it may hold.
+        most: how much it may hold.
+        outlived: what earlier clients of the same address have left behind.
+        times: how much that may be, with this client's, as a multiple of `most`.
+        noun: what is counted; the setting's own name by default.
+        together: whether what the other clients of the address hold counts there too.
+    """
+
+    __slots__ = (
+        "_has_left", "_most", "_most_of_address", "_noun", "_outlived", "_setting", "_together", "held",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        setting: str,
+        most: int,
+        outlived: Quota | None = None,
+        times: int = 1,
+        noun: str = "",
+        *,
+        together: bool = False,
+    ) -> None:
+        self._together = together and outlived is not None
+        self._setting = setting
+        self._most = most
+        self._noun = noun or setting
+        self._outlived = outlived
+        self._most_of_address = times * most
+        self._has_left = False
+        self.held = 0
+
+    def take(self, amount: int = 1) -> Charge:
+        """Count some more, until the charge ends.
+
+        Raises:
+            QuotaExceeded: the client holds as much as it may.
+        """
+        self.add(amount)
+        return Charge(self, amount)
+
+    def exchange(self, old: object, amount: int) -> Charge:
+        """Count something in the place of what an older charge counts, if that is one of this quota.
+
+        Raises:
+            QuotaExceeded: the client holds as much as it may; the older charge stays.
+        """
+        if not isinstance(old, Charge) or old.quota is not self:
+            return self.take(amount)
+        self.add(amount - old.amount)
+        old.quota = None
+        return Charge(self, amount)
+
+    def add(self, amount: int) -> None:
+        """Count some more, until :meth:`give_back`.
+
+        Raises:
+            QuotaExceeded: the client holds as much as it may.
+        """
+        if self.held + amount > self._most:
+            raise QuotaExceeded(
+                f"this client has {self.held} {self._noun}, "
+                f"and {self._most} is the limit (limits.{self._setting})"
+            )
+        outlived = self._outlived
+        if outlived is not None:
+            own = 0 if self._together else self.held
+            if own + outlived.held + amount > self._most_of_address:
+                have = f"{outlived.held} {self._noun}"
+                have = f"have {have}" if self._together else f"have left {have} behind"
+                raise QuotaExceeded(
+                    f"clients of this address {have}, which count until they end; "
+                    f"{self._most} is the limit of each (limits.{self._setting})"
+                )
+            if self._together:
+                outlived.held += amount
+        self.held += amount
+
+    def give_back(self, amount: int) -> None:
+        """Count some less."""
+        self.held -= amount
+        if self._outlived is not None and (self._has_left or self._together):
+            self._outlived.held -= amount
+
+    def leave(self) -> None:
+        """Charge to the client's address from now on what goes on without it."""
+        if self._outlived is not None and not self._has_left and not self._together:
+            self._has_left = True
+            self._outlived.held += self.held
+
+
+class Charge:
+    """Something that counts towards a quota until it ends.
+
+    Attributes:
+        quota: None after its end.
+        amount: that it counts.
+    """
+
+    __slots__ = ("amount", "quota")
+
+    def __init__(self, quota: Quota, amount: int) -> None:
+        self.quota: Quota | None = quota
+        self.amount = amount
+
+    def end(self) -> None:
+        """Count no more."""
+        quota, self.quota = self.quota, None
+        if quota is not None:
+            quota.give_back(self.amount)
+
+
+WorkKind = Literal["messages", "pages", "pictures"]
+"""What work is for: messages and what they set off, pages over HTTP, and pictures made in threads."""
+
+WORK_KINDS: Final[tuple[WorkKind, ...]] = get_args(WorkKind)
+
+
+class WorkTotals:
+    """The work of all clients of a server.
+
+    Attributes:
+        seconds: by what it was for.
+        waits: times that work beyond its rate waited for a turn of its own.
+        refused: requests for pages that were refused, beyond the rate.
+    """
+
+    __slots__ = ("refused", "seconds", "waits")
+
+    def __init__(self) -> None:
+        self.seconds: dict[WorkKind, float] = dict.fromkeys(WORK_KINDS, 0.0)
+        self.waits = 0
+        self.refused = 0
+
+
+class Work:
+    """The work that the server does for a client, or for all clients of an address, in seconds of one
+    processor.
+
+    It is counted after it is done, whatever it was: a message that takes long to read counts like a thousand
+    that do not. Who is beyond its rate is not refused for that: its next work waits until it does not keep
+    others waiting, and only pages over HTTP are refused, since nothing else there can wait.
+
+    The rate is a token bucket kept as one time: the moment at which all work so far is within the rate.
+
+    Attributes:
+        seconds: so far.
+
+    Args:
+        rate: seconds each second in the long run; 0 for any number.
+        burst: seconds at once.
+        totals: where the work of all is counted.
+        monotonic: seconds on a clock that never goes back.
+        of_address: of all clients from where this one comes; None for an address itself.
+    """
+
+    __slots__ = ("_burst", "_monotonic", "_of_address", "_paid_at", "_rate", "_totals", "seconds")
+
+    def __init__(
+        self,
+        rate: float,
+        burst: float,
+        totals: WorkTotals,
+        monotonic: Callable[[], float],
+        of_address: Work | None = None,
+    ) -> None:
+        self._rate = rate
+        self._burst = burst / rate if rate else 0.0
+        self._totals = totals
+        self._monotonic = monotonic
+        self._of_address = of_address
+        self._paid_at = float("-inf")
+        self.seconds = 0.0
+
+    def add(self, seconds: float, kind: WorkKind) -> None:
+        """Count work that has been done."""
+        self._totals.seconds[kind] += seconds
+        now = self._monotonic()
+        self._charge(seconds, now)
+        if self._of_address is not None:
+            self._of_address._charge(seconds, now)
+
+    def _charge(self, seconds: float, now: float) -> None:
+        self.seconds += seconds
+        if self._rate:
+            paid_at = self._paid_at
+            self._paid_at = (paid_at if paid_at > now else now) + seconds / self._rate
+
+    @property
+    def excess(self) -> float:
+        """Seconds until the client and its address are within their rate again; 0.0 where they are."""
+        excess = max(0.0, self._paid_at - self._monotonic() - self._burst)
+        return excess if self._of_address is None else max(excess, self._of_address.excess)
+
+    @property
+    def is_forgotten(self) -> bool:
+        """Whether it is as if no work had been done."""
+        return self._paid_at <= self._monotonic()
+
+    def note_wait(self) -> None:
+        """Count that work waited for a turn of its own."""
+        self._totals.waits += 1
+
+    def refusal(self) -> tuple[str, float] | None:
+        """Why what cannot wait is not done for the client now, and for how many seconds; None if it is."""
+        excess = self.excess
+        if not excess:
+            return None
+        self._totals.refused += 1
+        rate = f"{self._rate:g} seconds of work a second"
+        return f"clients of this address cause more than {rate} (limits.work_per_second)", excess
+
+
+class AddressQuotas:
+    """What clients of one address have left behind, which counts towards the quotas of the next ones, and the
+    work that they all cause.
+
+    Attributes:
+        clients: that are connected from there.
+
+    Args:
+        work: of all clients of the address.
+    """
+
+    def __init__(self, work: Work) -> None:
+        self.advertisements = Quota("advertisements", 0)
+        self.kept = Quota("kept_bytes", 0)
+        self.parameters = Quota("parameter_bytes", 0)
+        self.work = work
+        self.clients = 0
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nobody is there, and nothing is left behind."""
+        held = self.clients or self.advertisements.held or self.kept.held or self.parameters.held
+        return not held and self.work.is_forgotten
+
+
+class ClientQuotas:
+    """Everything that one client may hold, and the work that it may cause.
+
+    Attributes:
+        subscriptions: by topic and id.
+        advertisements: topics, services and actions that it offers, and publishers that linger.
+        calls: calls and goals under way.
+        kept: bytes that the server keeps for it: requests under way, and samples of its latched topics.
+        parameters: bytes of the parameters that it has set.
+        work: that the server does for it.
+    """
+
+    __slots__ = ("_address", "advertisements", "calls", "kept", "parameters", "subscriptions", "work")
+
+    def __init__(self, limits: ClientLimits, address: AddressQuotas, work: Work) -> None:
+        self.subscriptions = Quota("subscriptions", limits.subscriptions)
+        self.advertisements = Quota("advertisements", limits.advertisements, address.advertisements, 10)
+        self.calls = Quota("calls", limits.calls)
+        self.kept = Quota("kept_bytes", limits.kept_bytes, address.kept, 4, "bytes kept", together=True)
+        self.parameters = Quota(
+            "parameter_bytes",
+            limits.parameter_bytes,
+            address.parameters,
+            2,
+            "bytes of parameters",
+            together=True,
+        )
+        self.work = work
+        self._address = address
+        address.clients += 1
+
+    def leave(self) -> None:
+        """Charge to the client's address from now on what goes on without it."""
+        self._address.clients -= 1
+        self.advertisements.leave()
+        self.kept.leave()
+        self.parameters.leave()
+
+
+class RateLimit:
+    """Counts events: `burst` at once, and `rate` a second in the long run.
+
+    It is a token bucket kept as one time: the moment at which the bucket would be full again.
+    """
+
+    __slots__ = ("_full", "_interval", "_tolerance")
+
+    def __init__(self, rate: int, burst: int) -> None:
+        self._interval = 1 / rate
+        # Half an event more, since sums of floats round.
+        self._tolerance = (burst + 0.5) / rate
+        self._full = float("-inf")
+
+    def take(self, now: float) -> bool:
+        """Whether one more event is within the bounds; `now` in seconds on a clock that never goes back."""
+        full = self._full
+        full = (full if full > now else now) + self._interval
+        if full - now > self._tolerance:
+            return False
+        self._full = full
+        return True

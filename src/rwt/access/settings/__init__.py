@@ -1,0 +1,45 @@
+"""What an operator can set about who may do what: the models alone."""
+
+from rwt.access.settings.models import (
+    BUILT_IN_ROLES,
+    AccessSettings,
+    AuthSettings,
+    ClientLimits,
+    OriginSettings,
+    PlainToken,
+    RoleSettings,
+    SettingsError,
+    TlsSettings,
+    TokenSettings,
+)
+from rwt.access.settings.types import (
+    MIB,
+    Bytes,
+    Count,
+    CountOrNone,
+    Globs,
+    Seconds,
+    SecondsOrNone,
+    Table,
+)
+
+__all__ = [
+    "BUILT_IN_ROLES",
+    "MIB",
+    "AccessSettings",
+    "AuthSettings",
+    "Bytes",
+    "ClientLimits",
+    "Count",
+    "CountOrNone",
+    "Globs",
+    "OriginSettings",
+    "PlainToken",
+    "RoleSettings",
+    "Seconds",
+    "SecondsOrNone",
+    "SettingsError",
+    "Table",
+    "TlsSettings",
+    "TokenSettings",
+]

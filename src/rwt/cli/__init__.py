@@ -1,0 +1,157 @@
+"""The command `rwt`: a table of commands, each with a module that is imported only when it is the one typed.
+
+`rwt --help` and completion so import no client, server or message type.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Final
+
+from rwt.cli.console.output import OutputClosed, OutputFailed, failure_line
+from rwt.cli.errors import CALLED_WRONGLY, INTERRUPTED, PIPE_CLOSED, CommandError
+from rwt.cli.parser import Commands, Parser, ShowVersion, add_commands, commands_of, leave_out_unavailable
+
+__all__ = ["COMMANDS", "Command", "main", "parser_for"]
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """One row of :data:`COMMANDS`. The module ``rwt.cli.commands.NAME`` has a function ``add_NAME_command``,
+    which adds the parser.
+
+    Attributes:
+        name: as it is typed.
+        help: what it is about, in one line.
+        module: below ``rwt.cli.commands``, where it is not that of the name.
+    """
+
+    name: str
+    help: str
+    module: str = ""
+
+    def add_to(self, commands: Commands) -> None:
+        """Import it and add its parser."""
+        module = importlib.import_module(f"rwt.cli.commands.{self.module or self.name}")
+        getattr(module, f"add_{self.name}_command")(commands)
+
+
+#: The words that `rwt` takes first, in the order in which help lists them.
+COMMANDS: Final = (
+    Command("serve", "serve a robot to rosbridge clients"),
+    Command("web", "serve the page alone, for any rosbridge server", "serve.web"),
+    Command("hub", "let robots behind a NAT dial in, and clients reach them"),
+    Command("run", "run a ROS 2 program that imports rclpy, without ROS", "programs.run"),
+    Command("launch", "start the nodes of a ROS 2 launch file, without ROS", "programs.launch"),
+    Command("topic", "topics: list, echo, pub, hz and more"),
+    Command("service", "services: list, info, type, call, echo, find"),
+    Command("action", "actions: list, info, type, find, send_goal"),
+    Command("param", "parameters: list, get, set, describe, delete, dump, load"),
+    Command("node", "nodes: list, info"),
+    Command("tf", "frames: echo, tree"),
+    Command("top", "watch topics with their rates, nodes and clients"),
+    Command("teleop", "drive with the arrow keys"),
+    Command(
+        "interface", "messages, services and actions: list, show, generate types for Python and TypeScript"
+    ),
+    Command("stop", "press a robot's emergency stop, or release it", "gate.stop"),
+    Command("approve", "answer what waits for a person's yes", "gate.approve"),
+    Command("audit", "read who did what to a robot", "gate.audit"),
+    Command("bag", "recordings: record, play, info, recover"),
+    Command("mcp", "give an agent the tools for a robot, on standard input and output"),
+    Command("doctor", "find out what is wrong with a connection"),
+    Command("conformance", "grade a rosbridge server or client, this one or any other"),
+    Command("config", "print the settings in effect"),
+    Command("completion", "make a shell complete what you type"),
+    Command("help", "print the help of a command"),
+)
+
+_EXAMPLES: Final = """\
+examples:
+  rwt serve --demo                                  a simulated robot on ws://127.0.0.1:9090
+  rwt topic list                                    its topics
+  RWT_URL=ws://robot:9090 rwt topic echo /odom      another robot
+
+exit codes: 0 done, 1 it failed, 2 it was called wrongly, 3 there is no connection, 4 nothing came in time,
+130 ended by Ctrl-C"""
+
+
+def parser_for(wanted: str | None) -> Parser:
+    """The parser of the command line: the command `wanted` in full, of the others only the names.
+
+    Args:
+        wanted: the name of a command; None for none of them, ``*`` for all.
+    """
+    parser = Parser(
+        prog="rwt", description="Robot Web Tools without ROS: rosbridge v2 for any robot.", epilog=_EXAMPLES
+    )
+    parser.add_argument("--version", action=ShowVersion, help="print the version and end")
+    commands = add_commands(parser)
+    for command in COMMANDS:
+        if wanted in (command.name, "*"):
+            command.add_to(commands)
+        else:
+            commands.add_parser(command.name, help=command.help, add_help=False)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code, see :mod:`rwt.cli.errors`."""
+    if "_ARGCOMPLETE" in os.environ:
+        from rwt.cli.commands.completion import complete
+
+        complete()
+    words = sys.argv[1:] if argv is None else list(argv)
+    try:
+        command = next((word for word in words if not word.startswith("-")), None)
+        if command is not None and command not in {each.name for each in COMMANDS}:
+            _point_to_groups(command)
+        arguments = parser_for(command).parse_args(words)
+        with _log_of_the_command():
+            return int(arguments.run(arguments))
+    except CommandError as error:
+        print(failure_line(error), file=sys.stderr)
+        if isinstance(error, OutputFailed):
+            _forget_output()
+        return error.exit_code
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except (OutputClosed, BrokenPipeError):
+        _forget_output()
+        return PIPE_CLOSED
+
+
+def _point_to_groups(word: str) -> None:
+    """Raise CommandError for a word that is no command, and is a verb of some; return if it is none."""
+    groups = commands_of(parser_for("*"))
+    for group in groups.values():
+        leave_out_unavailable(group)
+    owners = [f"`rwt {name} {word}`" for name, group in groups.items() if word in commands_of(group)]
+    if owners:
+        raise CommandError(f"unknown command {word!r}; did you mean {' or '.join(owners)}?", CALLED_WRONGLY)
+
+
+@contextmanager
+def _log_of_the_command() -> Iterator[None]:
+    """Remove the log handlers of a command when it ends: what runs after it in this process may have another
+    stderr."""
+    import logging  # `--help` needs none of it
+
+    root = logging.getLogger()
+    handlers, level = [*root.handlers], root.level
+    try:
+        yield
+    finally:
+        for handler in {*root.handlers}.difference(handlers):
+            root.removeHandler(handler)
+        root.setLevel(level)
+
+
+def _forget_output() -> None:
+    """Point stdout at the null device: what is still buffered cannot be written, and would raise at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,0 +1,239 @@
+"""`rwt action`: list the robot's actions and send them goals."""
+
+from __future__ import annotations
+
+import argparse
+import textwrap
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from rwt.cli.console.message_argument import type_and_message, with_stamps
+from rwt.cli.console.message_format import Formatting, plain
+from rwt.cli.console.output import Output, note
+from rwt.cli.console.printing import print_count, print_found, print_names, print_type
+from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
+from rwt.cli.graph_lookup import absolute_name, ask_rosapi, known_action, same_type
+from rwt.cli.parser import Commands, add_unavailable
+from rwt.cli.verbs import Arguments, Verb, add_family, gather
+
+if TYPE_CHECKING:
+    from rwt_client import Robot
+    from rwt_interfaces import Payload
+    from rwt_interfaces.structs import ActionType, MessageType
+    from rwt_participant.goals import Goal
+
+
+def add_action_command(commands: Commands) -> None:
+    """Add `action` to the command line."""
+    verbs = add_family(commands, "action", "The robot's actions.", VERBS)
+    add_unavailable(
+        verbs,
+        "echo",
+        "goals and results of others come in no one topic; `rwt topic echo ACTION/_action/feedback` and"
+        " `rwt service echo ACTION/_action/send_goal` have their parts",
+    )
+
+
+def _list_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("-t", "--show-types", action="store_true", help="with each action's type")
+    parser.add_argument("-c", "--count-actions", action="store_true", help="only how many there are")
+
+
+async def _list(robot: Robot, arguments: Arguments, output: Output) -> None:
+    names = sorted(await ask_rosapi(robot.api.action_servers))
+    if arguments.count_actions:
+        print_count(len(names), output)
+    elif arguments.show_types or output.json:
+        types = await gather([partial(robot.api.action_type, name) for name in names])
+        print_names(list(zip(names, types, strict=True)), output, types=True)
+    else:
+        print_names([(name, "") for name in names], output, types=False)
+
+
+def _action_argument(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("action", metavar="ACTION", help="for example /fibonacci")
+
+
+async def _type(robot: Robot, arguments: Arguments, output: Output) -> None:
+    name = absolute_name(arguments.action)
+    print_type(name, await known_action(robot, name), output)
+
+
+def _find_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("type", metavar="TYPE", help="for example example_interfaces/action/Fibonacci")
+    parser.add_argument("-c", "--count-actions", action="store_true", help="only how many there are")
+
+
+async def _find(robot: Robot, arguments: Arguments, output: Output) -> None:
+    names = sorted(await ask_rosapi(robot.api.action_servers))
+    types = await gather([partial(robot.api.action_type, name) for name in names])
+    found = [name for name, kind in zip(names, types, strict=True) if same_type(kind, arguments.type)]
+    print_found(found, output, only_count=arguments.count_actions)
+
+
+def _info_arguments(parser: argparse.ArgumentParser) -> None:
+    _action_argument(parser)
+    parser.add_argument("-t", "--show-types", action="store_true", help="with the type beside each node")
+    parser.add_argument("-c", "--count", action="store_true", help="only how many nodes take part")
+
+
+async def _info(robot: Robot, arguments: Arguments, output: Output) -> None:
+    name = absolute_name(arguments.action)
+    kind = await known_action(robot, name)
+    nodes = await gather([partial(robot.api.node, node) for node in await ask_rosapi(robot.api.nodes)])
+    clients = sorted(node.name for node in nodes if _follows(name, node.subscribing))
+    servers = sorted(node.name for node in nodes if offers(name, node.services, node.publishing))
+    if output.json:
+        output.record({"name": name, "type": kind, "clients": clients, "servers": servers})
+        return
+    output.line(f"Action: {output.styled(name, 'name')}")
+    output.line(f"Type: {output.styled(kind, 'type')}")
+    for heading, found in (("Action clients", clients), ("Action servers", servers)):
+        output.line(f"{heading}: {len(found)}")
+        for node in () if arguments.count else found:
+            shown = f" [{output.styled(kind, 'type')}]" if arguments.show_types else ""
+            output.line(f"    {output.styled(node, 'name')}{shown}")
+
+
+def _follows(action: str, subscribing: tuple[str, ...]) -> bool:
+    """Whether a node with these subscriptions follows goals of an action."""
+    return f"{action}/_action/feedback" in subscribing or f"{action}/feedback" in subscribing
+
+
+def offers(action: str, services: tuple[str, ...], publishing: tuple[str, ...]) -> bool:
+    """Whether a node with these services and topics offers an action. rosapi does not list the nodes: they
+    offer its services (ROS 2) or its topics (ROS 1)."""
+    return f"{action}/_action/cancel_goal" in services or f"{action}/feedback" in publishing
+
+
+def _goal_arguments(parser: argparse.ArgumentParser) -> None:
+    _action_argument(parser)
+    parser.add_argument(
+        "goal",
+        metavar="TYPE GOAL",
+        nargs="*",
+        help="type and goal in YAML or JSON, - to read it from standard input; what is left out has its"
+        " default, and the type may be left out",
+    )
+    parser.add_argument("-f", "--feedback", action="store_true", help="print the feedback, too")
+
+
+async def _send_goal(robot: Robot, arguments: Arguments, output: Output) -> None:
+    from rwt_participant.messages import to_payload
+
+    name = absolute_name(arguments.action)
+    if len(arguments.goal) > 2:
+        raise CommandError("expected TYPE and GOAL; the goal goes in quotes", CALLED_WRONGLY)
+    kind, given = type_and_message(arguments.goal)
+    action_type = await robot.types.action(kind or await known_action(robot, name))
+    request = to_payload(action_type.goal, with_stamps(action_type.goal, given))
+    printer = _GoalPrinter(action_type, output)
+    printer.goal(request)
+    feedback = printer.feedback if arguments.feedback else _nothing
+    goal = await robot.send_goal(name, request, action_type.name, on_feedback=feedback)
+    try:
+        ended = await goal.result(arguments.timeout)
+    except BaseException as error:
+        await _cancel(goal, robot, error)
+        raise
+    printer.result(ended.status.name, ended.result)
+    if not ended.succeeded:
+        raise CommandError(f"the goal of {name} ended as {ended.status.name}", FAILED)
+
+
+def _nothing(message: Any) -> None:
+    """Drop feedback that was not asked for."""
+
+
+async def _cancel(goal: Goal, robot: Robot, error: BaseException) -> None:
+    """Cancel a goal whose result is no longer awaited."""
+    import anyio
+
+    if goal.done or not robot.connected:
+        return
+    if isinstance(error, Exception):
+        note("rwt: canceling the goal, which has not ended in time")
+    goal.cancel()
+    with anyio.CancelScope(shield=True), anyio.move_on_after(2):
+        await robot.drain()
+
+
+class _GoalPrinter:
+    """Prints a goal, its feedback and its result."""
+
+    def __init__(self, action_type: ActionType, output: Output) -> None:
+        self._type = action_type
+        self._output = output
+
+    def goal(self, request: Payload) -> None:
+        if not self._output.json:
+            self._print("Sending goal:", self._type.goal, request.value())
+
+    def feedback(self, message: Any) -> None:
+        if self._output.json:
+            self._output.record({"feedback": plain(self._type.feedback, message, Formatting(json=True))})
+        else:
+            self._print("Feedback:", self._type.feedback, message)
+
+    def result(self, status: str, message: Any) -> None:
+        if self._output.json:
+            result = plain(self._type.result, message, Formatting(json=True))
+            self._output.record({"status": status, "result": result})
+            return
+        self._print("Result:", self._type.result, message)
+        self._output.line(f"Goal finished with status: {self._output.styled(status, _style(status))}")
+
+    def _print(self, heading: str, message_type: MessageType, message: Any) -> None:
+        from rwt.cli.console.yaml_text import block
+
+        shown = textwrap.indent(block(plain(message_type, message)), "    ")
+        self._output.line(f"{self._output.styled(heading, 'heading')}\n{shown}")
+
+
+def _style(status: str) -> Any:
+    return "good" if status == "SUCCEEDED" else "warning"
+
+
+VERBS = (
+    Verb(
+        "list",
+        "list the actions",
+        _list,
+        "rwt action list -t",
+        '[{"name": "/fibonacci", "type": "example_interfaces/action/Fibonacci"}, …]; with -c {"count": 2}',
+        _list_arguments,
+    ),
+    Verb(
+        "info",
+        "print an action's type, clients and servers",
+        _info,
+        "rwt action info /fibonacci",
+        '{"name": "/fibonacci", "type": "example_interfaces/action/Fibonacci", "clients": [],\n'
+        '"servers": ["/demo_robot"]}; the clients are nodes: rosbridge clients are none',
+        _info_arguments,
+    ),
+    Verb(
+        "find",
+        "list the actions of a type",
+        _find,
+        "rwt action find example_interfaces/action/Fibonacci",
+        '["/fibonacci"]; with -c {"count": 1}',
+        _find_arguments,
+    ),
+    Verb(
+        "type",
+        "print an action's type",
+        _type,
+        "rwt action type /fibonacci",
+        '{"name": "/fibonacci", "type": "example_interfaces/action/Fibonacci"}',
+        _action_argument,
+    ),
+    Verb(
+        "send_goal",
+        "send a goal and wait for its result; Ctrl-C cancels it",
+        _send_goal,
+        "rwt action send_goal /fibonacci example_interfaces/action/Fibonacci '{order: 5}' --feedback",
+        'with --feedback a line {"feedback": {…}} for each; then {"status": "SUCCEEDED", "result": {…}}',
+        _goal_arguments,
+    ),
+)

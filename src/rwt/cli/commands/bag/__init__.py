@@ -1,0 +1,31 @@
+"""`rwt bag`: record, play, describe and repair recordings, as the `ros2` tool spells it."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from rwt.cli.parser import Commands, add_commands, add_unavailable
+
+_UNAVAILABLE: Final = {
+    "burst": "a player plays single messages while it serves: `rwt bag play --start-paused`, then the right"
+    " arrow key or a call of /rosbag2_player/burst",
+    "convert": "recordings are MCAP files, which other tools read as they are; `rosbags-convert` makes other"
+    " forms of them",
+    "list": "there are no plugins: MCAP is written; MCAP, .bag and folders of rosbag2 are read",
+    "reindex": "an MCAP file has its own index; `rwt bag recover` repairs one whose end is missing",
+}
+
+
+def add_bag_command(commands: Commands) -> None:
+    """Add `bag` to the command line."""
+    from rwt.cli.commands.bag.play import add_play_verb
+    from rwt.cli.commands.bag.record import add_record_verb
+    from rwt.cli.commands.bag.recording import add_info_verb, add_recover_verb
+
+    verbs = add_commands(commands.add_parser("bag", description=__doc__))
+    add_record_verb(verbs)
+    add_play_verb(verbs)
+    add_info_verb(verbs)
+    add_recover_verb(verbs)
+    for name, why in _UNAVAILABLE.items():
+        add_unavailable(verbs, name, why)

@@ -1,0 +1,327 @@
+"""`rwt bag record`: write what a robot publishes to an MCAP file, over its rosbridge server."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import re
+import sys
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import anyio
+import anyio.to_thread
+
+from rwt.cli.console.output import log_notes, note
+from rwt.cli.errors import CALLED_WRONGLY, CommandError
+from rwt.cli.parser import Commands
+from rwt.cli.verbs import (
+    DEFAULT_URL,
+    TOKEN_VARIABLE,
+    URL_VARIABLE,
+    add_tls_options,
+    command_error,
+    request_headers,
+    seconds,
+    tls_of,
+    topic_glob,
+    url_of,
+)
+from rwt.nodes.recording import (
+    COMPRESSIONS,
+    ENCODINGS,
+    Compression,
+    Encoding,
+    RecordingError,
+    RecordingWriter,
+    Split,
+    TopicSelection,
+)
+from rwt.signals import STOP_SIGNALS, on_signals
+
+if TYPE_CHECKING:
+    import ssl
+
+    from rwt.nodes.recording.remote_recorder import RemoteRecorder
+    from rwt_client import Robot
+
+logger = logging.getLogger(__name__)
+
+_EXAMPLES = """\
+examples:
+  rwt bag record -o run.mcap                        everything, until Ctrl-C
+  rwt bag record --url ws://robot:9090 /odom '/camera/*' --exclude '*/raw'
+  rwt bag record --split 1GB                        run_0000.mcap, run_0001.mcap, …
+  rwt bag record --encoding json --max-seconds 60
+the file opens in Foxglove and Lichtblick, and `rwt bag play` serves it as a robot
+"""
+_LOOK_SECONDS = 1.0
+_PLAIN_PROGRESS_SECONDS = 10.0
+_UNITS = {"kb": 1e3, "mb": 1e6, "gb": 1e9, "s": 1.0, "m": 60.0, "h": 3600.0}
+_MOST_SPLIT = 1e9
+_SPLIT = re.compile(r"(\d+(?:\.\d+)?) ?(kb|mb|gb|s|m|h)", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True)
+class _RecordArguments:
+    """What is to be recorded."""
+
+    url: str
+    headers: dict[str, str]
+    tls: ssl.SSLContext | None
+    path: Path
+    selection: TopicSelection
+    encoding: Encoding
+    compression: Compression
+    split: Split | None
+    overwrite: bool
+    latched: TopicSelection
+    seconds: float | None
+    reconnect: bool
+    verbose: bool
+
+
+def add_record_verb(verbs: Commands) -> None:
+    """Add `record` to `bag`."""
+    parser = verbs.add_parser(
+        "record",
+        help="write what a robot publishes to an MCAP file",
+        description=__doc__,
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "topics",
+        nargs="*",
+        metavar="TOPIC",
+        type=topic_glob,
+        help="only these, or what fits these patterns (default: all)",
+    )
+    parser.add_argument("--all", "-a", action="store_true", help="all topics, which is the default")
+    parser.add_argument(
+        "--url", metavar="URL", help=f"the robot's server (default ${URL_VARIABLE}, or {DEFAULT_URL})"
+    )
+    _add_options(parser)
+
+
+def _add_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--token", metavar="TOKEN", help=f"bearer token to show (default ${TOKEN_VARIABLE})")
+    add_tls_options(parser)
+    parser.add_argument(
+        "--output", "-o", type=Path, metavar="FILE", help="the file (default rwt_DATE-TIME.mcap)"
+    )
+    parser.add_argument("--overwrite", action="store_true", help="replace a file that is there already")
+    _add_topics(parser)
+    _add_form(parser)
+    parser.add_argument(
+        "--max-seconds", type=seconds, metavar="S", help="end by itself after so many seconds"
+    )
+    parser.add_argument(
+        "--no-reconnect", action="store_true", help="end when the connection is lost; else it is retried"
+    )
+    parser.add_argument("--verbose", "-v", action="store_true", help="log every topic")
+    parser.set_defaults(run=_run)
+
+
+def _add_topics(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--exclude",
+        nargs="+",
+        action="extend",
+        default=[],
+        type=topic_glob,
+        metavar="GLOB",
+        help="no topics that fit these",
+    )
+    parser.add_argument(
+        "--services", action="store_true", help="also service calls, where the robot publishes them as events"
+    )
+    parser.add_argument(
+        "--actions", action="store_true", help="also the topics that carry the robot's actions (ROS 2)"
+    )
+    parser.add_argument(
+        "--latched", nargs="+", action="extend", default=[], type=topic_glob, metavar="GLOB",
+        help="topics whose last message late joiners get, where the server does not show that",
+    )  # fmt: skip
+
+
+def _add_form(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--encoding",
+        choices=ENCODINGS,
+        default="ros",
+        help="as ROS serialises messages (default), or as JSON",
+    )
+    parser.add_argument(
+        "--compression", choices=COMPRESSIONS, default="zstd", help="of the file (default zstd)"
+    )
+    parser.add_argument(
+        "--split", type=parse_split, metavar="AMOUNT", help="begin a new file at a size (1GB) or a time (10m)"
+    )
+
+
+def parse_split(text: str) -> Split:
+    """When a new file is begun, from text.
+
+    Raises:
+        argparse.ArgumentTypeError: neither a size nor a time.
+    """
+    match = _SPLIT.fullmatch(text.strip())
+    if match is None or not 0 < float(match[1]) <= _MOST_SPLIT:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is neither a size nor a time: expected for example 500MB, 1GB, 30s or 10m"
+        )
+    amount = float(match[1]) * _UNITS[match[2].lower()]
+    return Split(size=round(amount)) if match[2].lower().endswith("b") else Split(seconds=amount)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from rwt_participant.errors import RobotError  # the client is loaded where it is used
+
+    log_notes("%(levelname)s %(message)s")
+    if arguments.verbose:
+        logging.getLogger("rwt.cli").setLevel(logging.DEBUG)
+    _refuse_files(arguments.topics)
+    path = arguments.output or Path(datetime.now().strftime("rwt_%Y_%m_%d-%H_%M_%S.mcap"))
+    order = _RecordArguments(
+        url_of(arguments),
+        request_headers(arguments),
+        tls_of(arguments),
+        path,
+        TopicSelection(
+            tuple(arguments.topics), tuple(arguments.exclude), arguments.services, arguments.actions
+        ),
+        arguments.encoding,
+        arguments.compression,
+        arguments.split,
+        arguments.overwrite,
+        TopicSelection(tuple(arguments.latched), services=True, actions=True),
+        arguments.max_seconds,
+        not arguments.no_reconnect,
+        arguments.verbose,
+    )
+    writer = logging.getLogger("rwt.nodes.recording.writer")
+    level = writer.level
+    # An error that ends the command is printed once, by the command.
+    writer.setLevel(logging.CRITICAL)
+    try:
+        anyio.run(_record, order)
+    except RobotError as error:
+        raise command_error(error) from error
+    except RecordingError as error:
+        raise CommandError(str(error)) from error
+    finally:
+        writer.setLevel(level)
+    return 0
+
+
+def _refuse_files(topics: Iterable[str]) -> None:
+    """Raise :exc:`CommandError` for the name of a file where topics stand."""
+    for topic in topics:
+        if topic.endswith(".mcap"):
+            raise CommandError(f"expected topics, got {topic!r}; to record to it: -o {topic}", CALLED_WRONGLY)
+
+
+async def _record(order: _RecordArguments) -> None:
+    from rwt_client import Backoff, connect
+
+    over = anyio.Event()
+    with on_signals(dict.fromkeys(STOP_SIGNALS, over.set)):
+        reconnect = Backoff() if order.reconnect else None
+        async with connect(order.url, reconnect=reconnect, headers=order.headers, tls=order.tls) as robot:
+            await _record_robot(robot, order, over)
+
+
+async def _record_robot(robot: Robot, order: _RecordArguments, over: anyio.Event) -> None:
+    """Record until `over` is set, the connection is over, or the time is."""
+    from rwt.nodes.recording.remote_recorder import RemoteRecorder
+
+    if robot.types.distro is None:
+        raise CommandError(
+            f"{order.url} does not answer rosapi's questions, so its topics cannot be known: "
+            "start rosapi on the robot"
+        )
+    writer = RecordingWriter(
+        order.path,
+        robot.types.registry.distro,
+        order.encoding,
+        compression=order.compression,
+        split=order.split,
+        overwrite=order.overwrite,
+    )
+    recorder = RemoteRecorder(robot, writer, order.selection, order.encoding, _named(order.latched))
+    try:
+        await recorder.poll()
+        note(f"recording {order.url} to {writer.paths[0]}")
+        robot.on_event(lambda event: over.set() if event.kind == "closed" else None)
+        if not robot.connected and not order.reconnect:
+            over.set()
+        with anyio.move_on_after(order.seconds):
+            await _keep_looking(recorder, over)
+    finally:
+        recorder.close()
+        with anyio.CancelScope(shield=True):
+            await anyio.to_thread.run_sync(_finish, writer, order.verbose)
+
+
+def _named(latched: TopicSelection) -> Callable[[str], bool]:
+    """Whether a topic fits `--latched`, of which nothing given means none."""
+    return latched.takes if latched.topics else lambda _: False
+
+
+async def _keep_looking(recorder: RemoteRecorder, over: anyio.Event) -> None:
+    """Poll for new topics and print the progress, until `over` is set or nothing can be written."""
+    from rwt_participant.errors import RobotError
+
+    progress = Progress(recorder.writer)
+    while not over.is_set() and recorder.writer.failure is None:
+        with anyio.move_on_after(_LOOK_SECONDS):
+            await over.wait()
+            return
+        progress.print(recorder.topics)
+        try:
+            await recorder.poll()
+        except RobotError as error:
+            logger.warning("the robot does not list its topics: %s", error)
+
+
+def _finish(writer: RecordingWriter, verbose: bool) -> None:
+    """Finish the file, and print what is in it."""
+    writer.close()
+    files = ", ".join(map(str, writer.paths))
+    size = writer.bytes_on_disk / 1e6
+    begin = "\r" if sys.stderr.isatty() else ""
+    print(f"{begin}{writer.messages} messages in {files}, {size:.1f} MB", file=sys.stderr)
+    if not writer.channels:
+        print("no message came on the topics that were asked for: `rwt topic list` has all", file=sys.stderr)
+    if writer.dropped:
+        print(f"{writer.dropped} messages are missing: the disk was too slow", file=sys.stderr)
+    for channel in writer.channels if verbose else ():
+        note(f"  {channel.messages:8}  {channel.form.topic}")
+
+
+class Progress:
+    """One line on stderr: rewritten each second for people, a new one every ten for a log."""
+
+    def __init__(self, writer: RecordingWriter) -> None:
+        self._writer = writer
+        self._told_at = time.monotonic()
+
+    def print(self, topics: int) -> None:
+        """Say how far it is, if it is time to."""
+        is_terminal = sys.stderr.isatty()
+        now = time.monotonic()
+        if not is_terminal and now - self._told_at < _PLAIN_PROGRESS_SECONDS:
+            return
+        self._told_at = now
+        writer = self._writer
+        text = f"{writer.messages} messages of {topics} topics, {writer.content_bytes / 1e6:.1f} MB"
+        if writer.dropped:
+            text += f", {writer.dropped} dropped"
+        print(
+            f"\r{text}" if is_terminal else text, end="" if is_terminal else "\n", file=sys.stderr, flush=True
+        )

@@ -1,0 +1,170 @@
+"""`rwt bag info` and `rwt bag recover`: print what recordings hold, and repair those whose end is missing."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rwt.cli.console.output import printable, standard_output
+from rwt.cli.errors import CommandError
+from rwt.cli.parser import Commands
+from rwt.cli.verbs import number_within
+
+if TYPE_CHECKING:
+    from rwt.nodes.recording import Recording
+    from rwt_participant.qos import QoS
+
+
+def add_recover_verb(verbs: Commands) -> None:
+    """Add `recover` to `bag`."""
+    recover = verbs.add_parser(
+        "recover",
+        help="copy what can be read of an MCAP file that was not ended into a complete one",
+        description="Copy what can be read of an MCAP file that is damaged, or was not ended properly, into a"
+        " complete one, and say what was lost.",
+        epilog="examples:\n  rwt bag recover run.mcap -o whole.mcap",
+    )
+    recover.add_argument("file", type=Path, metavar="FILE", help="the damaged file")
+    recover.add_argument(
+        "--output",
+        "-o",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        help="the complete file, which appears once it is complete; with --overwrite it may be the same",
+    )
+    recover.add_argument("--overwrite", action="store_true", help="replace a file that is there already")
+    add_chunk_bytes(recover)
+    recover.set_defaults(run=_run_recover)
+
+
+def add_chunk_bytes(parser: argparse.ArgumentParser) -> None:
+    """Add the option that bounds what a file can make its reader unpack."""
+    parser.add_argument(
+        "--chunk-bytes",
+        type=number_within("a number of bytes", 1024, 2**40),
+        metavar="N",
+        help="leave out chunks of MCAP files that have more than so many bytes unpacked (default 128 MiB)",
+    )
+
+
+def chunk_bytes(arguments: argparse.Namespace) -> int:
+    """What :func:`add_chunk_bytes` has added."""
+    from rwt.nodes.recording.recording import CHUNK_BYTES
+
+    given: float | None = arguments.chunk_bytes
+    return CHUNK_BYTES if given is None else int(given)
+
+
+def add_info_verb(verbs: Commands) -> None:
+    """Add `info` to `bag`."""
+    info = verbs.add_parser(
+        "info",
+        help="list topics, types, counts and times",
+        description="Print the topics of recordings, their types, how many messages there are, and when.",
+        epilog="examples:\n  rwt bag info run.mcap\n  rwt bag info old.bag --json",
+    )
+    info.add_argument("files", nargs="+", type=Path, metavar="FILE", help="MCAP, .bag or folder of rosbag2")
+    info.add_argument("--json", action="store_true", help="as JSON")
+    add_chunk_bytes(info)
+    info.set_defaults(run=_run_info)
+
+
+def _run_info(arguments: argparse.Namespace) -> int:
+    from rwt.nodes.recording import RecordingError, open_recording
+
+    try:
+        with open_recording(arguments.files, chunk_bytes(arguments)) as recording:
+            text = json.dumps(described(recording), indent=2) if arguments.json else text_of(recording)
+            standard_output(json=arguments.json).line(text)
+    except RecordingError as error:
+        raise CommandError(str(error)) from error
+    return 0
+
+
+def _run_recover(arguments: argparse.Namespace) -> int:
+    from rwt.nodes.recording import RecordingError, open_recording
+    from rwt.nodes.recording.errors import require
+
+    try:
+        require("mcap")
+        from rwt.nodes.recording.mcap_files import recover
+
+        most = chunk_bytes(arguments)
+        found = recover(arguments.file, arguments.output, overwrite=arguments.overwrite, chunk_bytes=most)
+        with open_recording([arguments.output], most) as whole:
+            count = sum(topic.count or 0 for topic in whole.topics)
+    except RecordingError as error:
+        raise CommandError(str(error)) from error
+    print(f"{count} messages of {len(whole.topics)} topics in {arguments.output}")
+    if found.recovery is None and not found.damaged:
+        print(f"{arguments.file} was complete", file=sys.stderr)
+        return 0
+    lost_bytes = 0 if found.recovery is None else found.recovery.lost_bytes
+    lost = f"{found.damaged} damaged chunks and {lost_bytes} bytes at the end"
+    print(f"{lost} could not be read", file=sys.stderr)
+    return int(bool(found.damaged))
+
+
+def described(recording: Recording) -> dict[str, object]:
+    """What there is to know of a recording, for programs."""
+    return {
+        "files": [str(path) for path in recording.paths],
+        "complete": recording.complete,
+        "ros_version": recording.distro.ros_version,
+        "start_ns": recording.start_ns,
+        "end_ns": recording.end_ns,
+        "topics": [
+            {
+                "name": topic.name,
+                "type": topic.type,
+                "encoding": topic.encoding,
+                "count": topic.count,
+                "latched": any(qos.durability.value == "transient_local" for qos in topic.offered_qos),
+            }
+            for topic in recording.topics
+        ],
+    }
+
+
+def text_of(recording: Recording) -> str:
+    """The same for people."""
+    seconds = (recording.end_ns - recording.start_ns) / 1e9
+    lines = [
+        f"files     {', '.join(map(str, recording.paths))}",
+        f"ROS       {recording.distro.ros_version}",
+        f"start     {_date(recording.start_ns)}",
+        f"end       {_date(recording.end_ns)}",
+        f"duration  {seconds:.3f} s",
+        f"messages  {sum(topic.count or 0 for topic in recording.topics)}",
+        "",
+    ]
+    if not recording.complete:
+        lines.insert(1, "note      not ended properly: `rwt bag recover` makes a complete file of it")
+    width = max((len(topic.name) for topic in recording.topics), default=0)
+    for topic in recording.topics:
+        count = "?" if topic.count is None else topic.count
+        name, kind = printable(topic.name), printable(topic.type)
+        lines.append(f"{count:>9}  {name:<{width}}  {kind}{_latched(topic.offered_qos)}")
+    return "\n".join(lines)
+
+
+def _latched(offered: tuple[QoS, ...]) -> str:
+    latched = any(qos.durability.value == "transient_local" for qos in offered)
+    return " (kept for late joiners)" if latched else ""
+
+
+def _date(time_ns: int) -> str:
+    """A time in UTC, to the nanosecond."""
+    from rwt_interfaces.times import NANOSECONDS
+
+    seconds, nanoseconds = divmod(time_ns, NANOSECONDS)
+    try:
+        date = datetime.fromtimestamp(seconds, UTC)
+    except (ValueError, OverflowError, OSError):
+        return f"no date that there is ({time_ns})"
+    return f"{date:%Y-%m-%d %H:%M:%S}.{nanoseconds:09} UTC ({time_ns})"

@@ -1,0 +1,131 @@
+"""`rwt completion`: makes a shell complete commands, options, and the names in the robot's live graph.
+
+argcomplete reads the line and talks with the shells; the values of arguments come from here.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+from collections.abc import Awaitable, Callable, Iterable
+from typing import TYPE_CHECKING, Final, NoReturn, cast
+
+from rwt.cli.console.output import standard_output
+from rwt.cli.parser import Commands, add_commands, commands_of, leave_out_unavailable
+from rwt.cli.verbs import Arguments, connecting, sentence
+
+if TYPE_CHECKING:
+    from argcomplete.completers import BaseCompleter
+
+    from rwt_client import Robot
+
+SHELLS: Final = ("bash", "zsh", "fish")
+LIVE_SECONDS: Final = 1.5
+"""How long a completion waits for the robot."""
+
+_EXAMPLES: Final = """\
+examples:
+  source <(rwt completion bash)                                  in ~/.bashrc
+  source <(rwt completion zsh)                                   in ~/.zshrc, after compinit
+  rwt completion fish > ~/.config/fish/completions/rwt.fish"""
+
+_NAME: Final = re.compile(r"[A-Za-z0-9_/~{}.-]+")
+"""Names that are offered. A server may send others, which a shell or a terminal would take for commands."""
+
+Names = Callable[["Robot"], Awaitable[Iterable[str]]]
+
+
+async def _topics(robot: Robot) -> Iterable[str]:
+    return [topic.name for topic in await robot.api.topics()]
+
+
+async def _services(robot: Robot) -> Iterable[str]:
+    return await robot.api.services()
+
+
+async def _actions(robot: Robot) -> Iterable[str]:
+    return await robot.api.action_servers()
+
+
+async def _nodes(robot: Robot) -> Iterable[str]:
+    return await robot.api.nodes()
+
+
+LIVE: Final[dict[str, Names]] = {"TOPIC": _topics, "SERVICE": _services, "ACTION": _actions, "NODE": _nodes}
+"""What to ask the robot for, by the metavar of an argument."""
+
+
+def add_completion_command(commands: Commands) -> None:
+    """Add `completion` to the command line."""
+    help = "print what makes a shell complete what you type, names of the robot's live graph included"
+    parser = commands.add_parser("completion", description=sentence(help), epilog=_EXAMPLES)
+    shells = add_commands(parser, "shells", "SHELL")
+    for shell in SHELLS:
+        of_shell = shells.add_parser(shell, help=f"for {shell}", description=f"The script for {shell}.")
+        of_shell.set_defaults(run=_print_script, shell=shell)
+
+
+def _print_script(arguments: Arguments) -> int:
+    from argcomplete.shell_integration import shellcode
+
+    standard_output(json=False).text(shellcode(["rwt"], shell=arguments.shell))
+    return 0
+
+
+def complete() -> NoReturn:
+    """Answer a shell, which runs `rwt` with the line so far in its environment, and end."""
+    import argcomplete  # takes a while, and no command needs it
+
+    from rwt.cli import parser_for
+
+    typed = os.environ.get("COMP_LINE", "").split()[1:]
+    command = next((word for word in typed if not word.startswith("-")), None)
+    parser = parser_for(command)
+    for group in commands_of(parser).values():
+        leave_out_unavailable(group)
+    argcomplete.autocomplete(
+        parser, always_complete_options=False, default_completer=cast("BaseCompleter", _values)
+    )
+    raise SystemExit  # only where no shell has asked
+
+
+def _values(action: argparse.Action, parsed_args: argparse.Namespace, **_: object) -> Iterable[str]:
+    """What the value of an argument may be, by its metavar."""
+    metavar = action.metavar if isinstance(action.metavar, str) else ""
+    if metavar in LIVE:
+        return _live(LIVE[metavar], parsed_args)
+    return _types() if metavar.split(" ")[0] == "TYPE" else ()
+
+
+def _types() -> list[str]:
+    from rwt_interfaces.distro import JAZZY
+    from rwt_interfaces.names import KINDS, three_part
+    from rwt_interfaces.registry import Registry
+
+    registry = Registry(JAZZY)
+    return [three_part(name, kind) for kind in KINDS for name in registry.names(kind)]
+
+
+def _live(names: Names, given: argparse.Namespace) -> list[str]:
+    """Names of the robot's live graph; none if it does not answer in time, as an error message would stand in
+    the middle of the line that is being typed."""
+    import anyio
+
+    from rwt.cli.errors import CommandError
+    from rwt_client import ClientError
+
+    found: list[str] = []
+    options = {name: getattr(given, name, None) for name in ("url", "token", "cafile", "insecure")}
+    arguments = Arguments(**options, timeout=LIVE_SECONDS)
+
+    async def ask() -> None:
+        with anyio.move_on_after(LIVE_SECONDS):
+            async with connecting(arguments) as robot:
+                found.extend(filter(_NAME.fullmatch, await names(robot)))
+
+    try:
+        anyio.run(ask)
+    except (ClientError, CommandError):
+        return []
+    return found

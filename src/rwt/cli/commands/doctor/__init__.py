@@ -1,0 +1,422 @@
+"""`rwt doctor`: connect to a rosbridge server, check everything a client needs, and report what is wrong."""
+
+from __future__ import annotations
+
+import secrets
+import statistics
+from collections.abc import AsyncIterator, Callable
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Final, Literal
+
+from rwt.cli.console.output import Output, Style, standard_output
+from rwt.cli.errors import CALLED_WRONGLY, CANNOT_CONNECT, FAILED, CommandError
+from rwt.cli.health import health_of
+from rwt.cli.parser import Commands
+from rwt.cli.verbs import (
+    USUAL_TIMEOUT,
+    Arguments,
+    add_robot_options,
+    epilog,
+    request_headers,
+    run_async,
+    tls_of,
+    token_of,
+    url_of,
+)
+
+if TYPE_CHECKING:
+    import ssl
+    from collections.abc import Mapping
+
+    from rwt.cli.commands.doctor.wire_probe import ReceivedFrame, WireProbe
+
+Verdict = Literal["ok", "note", "warning", "problem"]
+
+_PATIENCE: Final = 3.0
+"""Seconds that each question may take, if ``--timeout`` does not allow less."""
+_QUESTIONS: Final = 10
+_SLOW_SECONDS: Final = 0.2
+_WRONG_SECONDS: Final = 0.5
+"""From how much on a clock is wrong: transforms and delays are wrong by as much."""
+_STYLES: Final[dict[Verdict, Style]] = {"ok": "good", "note": "faint", "warning": "warning", "problem": "bad"}
+_TEXT: Final = "a message of the doctor, long enough to be cut into pieces " * 4
+_NARROW_ROLE: Final = (
+    "for an app that does no more this is as it should be; the encodings were not checked, for which the role"
+    " of the token must publish and subscribe to /rwt_doctor_*"
+)
+_ROSAPI_MISSING: Final = (
+    "start rosapi beside the server (`rosapi_node`; rosbridge's launch file does): without it types must be"
+    " named, and no list can be made"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """The result of one check.
+
+    Attributes:
+        name: what was checked.
+        verdict: ``problem`` if something a client needs does not work.
+        text: what was seen.
+        advice: what to do about it; empty if nothing.
+    """
+
+    name: str
+    verdict: Verdict
+    text: str
+    advice: str = ""
+
+
+def add_doctor_command(commands: Commands) -> None:
+    """Add `doctor` to the command line."""
+    parser = commands.add_parser(
+        "doctor",
+        description="Connect to a rosbridge server, this one or any other, and report what is wrong and what"
+        " to do:\nversion, clock, latency, encodings, rosapi, permissions.",
+        epilog=epilog(
+            "rwt doctor ws://robot:9090",
+            '{"url": "ws://robot:9090", "ok": true, "findings": [{"name": "latency", "verdict": "ok",\n'
+            '"text": …, "advice": ""}, …]}; a verdict is "ok", "note", "warning" or "problem"',
+        ),
+    )
+    parser.add_argument("target", metavar="URL", nargs="?", help="the same as --url")
+    add_robot_options(parser)
+    parser.set_defaults(run=_run)
+
+
+def _run(arguments: Arguments) -> int:
+    if arguments.target and arguments.url:
+        raise CommandError("one URL is enough: --url is the same as the argument", CALLED_WRONGLY)
+    arguments.url = arguments.target or arguments.url
+    output = standard_output(json=arguments.json)
+    findings: list[Finding] = []
+
+    async def program() -> None:
+        def report(finding: Finding) -> None:
+            findings.append(finding)
+            if not output.json:
+                _print(finding, output)
+
+        await _examine(arguments, report)
+
+    run_async(program)
+    problems = [finding for finding in findings if finding.verdict == "problem"]
+    if output.json:
+        record = {
+            "url": url_of(arguments),
+            "ok": not problems,
+            "findings": [asdict(each) for each in findings],
+        }
+        output.record(record)
+    if not problems:
+        return 0
+    return CANNOT_CONNECT if any(each.name == "connection" for each in problems) else FAILED
+
+
+def _print(finding: Finding, output: Output) -> None:
+    verdict = output.styled(finding.verdict, _STYLES[finding.verdict])
+    output.line(
+        f"{verdict}{' ' * (9 - len(finding.verdict))}{finding.name}: {output.escape_terminal(finding.text)}"
+    )
+    if finding.advice:
+        output.line(f"{' ' * 9}-> {output.escape_terminal(finding.advice)}")
+
+
+# -- the examination ---------------------------------------------------------------------------------------
+
+
+async def _examine(arguments: Arguments, report: Callable[[Finding], None]) -> None:
+    from rwt.cli.commands.doctor.wire_probe import WireProbe
+    from rwt_transports.connect import connect
+    from rwt_transports.errors import BadUrl, TransportError
+    from rwt_transports.schemes import carries_binary
+
+    url, limit = url_of(arguments), arguments.timeout or USUAL_TIMEOUT
+    try:
+        tls = tls_of(arguments)
+        for finding in await _over_http(url, min(limit, _PATIENCE), tls):
+            report(finding)
+        headers = request_headers(arguments)
+        for finding in await _ice_servers(url, headers, tls):
+            report(finding)
+        probe = WireProbe()
+        async with connect(url, probe.accept, headers=headers, timeout=limit, tls=tls) as connection:
+            report(_connected(url, bool(token_of(arguments)), connection.path))
+            examination = _Examination(probe, min(limit, _PATIENCE), binary=carries_binary(url))
+            async for finding in examination.findings():
+                report(finding)
+    except BadUrl as error:
+        raise CommandError(str(error), CALLED_WRONGLY) from error
+    except TransportError as error:
+        report(
+            Finding(
+                "connection", "problem", str(error), _how_to_connect(str(error), bool(token_of(arguments)))
+            )
+        )
+
+
+async def _ice_servers(
+    url: str, headers: Mapping[str, str] | None, tls: ssl.SSLContext | None
+) -> list[Finding]:
+    """Whether the STUN and TURN servers that a robot names help; none where the URL is not WebRTC's.
+
+    Raises:
+        TransportError: nothing is answered to the question for them.
+    """
+    if not url.lower().startswith("webrtc+"):
+        return []
+    from rwt.cli.commands.doctor.ice import examine_servers  # aiortc, which is an extra
+
+    return [
+        Finding("ICE server", verdict, text, advice)
+        for verdict, text, advice in await examine_servers(url, headers, tls)
+    ]
+
+
+def _connected(url: str, token: bool, path: str) -> Finding:
+    text = f"connected to {url}" + (f" {path}" if path else "")
+    return Finding("connection", "ok", f"{text}; the token was not refused" if token else text)
+
+
+def _how_to_connect(error: str, token: bool) -> str:
+    if "401" in error or "403" in error:
+        advice = (
+            "this token is not good: ask who runs the server"
+            if token
+            else "it wants a token: --token or RWT_TOKEN"
+        )
+        return f"{advice}; or it does not let in this address or origin"
+    if "no path was found" in error:
+        return (
+            "of these candidates none reaches the other: with a NAT between them set `webrtc.servers` of the"
+            " robot to a STUN server, and where that is not enough to a TURN server; let UDP through"
+            " firewalls"
+        )
+    if "nobody listens" in error or "refused" in error:
+        return "start the server (`rwt serve`, or rosbridge's launch file), and compare port and address"
+    if "name" in error or "resolve" in error:
+        return "check the host's name, or use its address"
+    if "certificate" in error.lower() or "tls" in error.lower():
+        return "check that the certificate names this host, and name its authority's file by --cafile"
+    return "check address, port and firewall; a server on 127.0.0.1 is reached from its own machine only"
+
+
+async def _over_http(url: str, patience: float, tls: ssl.SSLContext | None) -> list[Finding]:
+    """What the server reports of itself, if it is reached over HTTP at all."""
+    health = await health_of(url, patience, tls)
+    if health is None:
+        return []  # Whether it can be reached at all is the next finding.
+    if not health.version:
+        return [Finding("server", "note", "the server does not report its version (only `rwt serve` does)")]
+    clients = f"{health.clients} client{'' if health.clients == 1 else 's'}"
+    state = f"rwt {health.version}, {clients}, {health.work:.0%} of a processor at work for them"
+    if not health.running:
+        return [Finding("server", "problem", f"{state}, but the graph has stopped", "start the server again")]
+    if health.clients_beyond_rate:
+        return [
+            Finding(
+                "server",
+                "warning",
+                f"{state}, of whom {health.clients_beyond_rate} wait for each other",
+                "`rwt_client_work_seconds_total` in /metrics says who they are; limits.work_per_second allows"
+                " more",
+            )
+        ]
+    return [Finding("server", "ok", state)]
+
+
+class _Examination:
+    """Looks at one connection.
+
+    Args:
+        patience: seconds that each question may take.
+        binary: whether the transport carries binary messages.
+    """
+
+    def __init__(self, probe: WireProbe, patience: float, *, binary: bool) -> None:
+        self._probe = probe
+        self._patience = patience
+        self._binary = binary
+        self._type = "std_msgs/msg/String"
+        self._rosapi = False
+
+    async def findings(self) -> AsyncIterator[Finding]:
+        """One check after the other."""
+        self._probe.send("set_level", level="error")
+        yield await self._look_for_rosapi()
+        if self._rosapi:
+            yield await self._look_at_version()
+            for finding in await self._look_at_time():
+                yield finding
+            refused = await self._refusals()
+            if refused:
+                yield Finding("permissions", "note", refused, _NARROW_ROLE)
+                return
+        for encoding in encodings():
+            yield await self._look_at_encoding(encoding)
+            if self._probe.closed_with is not None:
+                code, reason = self._probe.closed_with
+                text = f"the server closed the connection with {code} {reason}".rstrip()
+                yield Finding("connection", "problem", text, "see the server's log")
+                return
+
+    # -- rosapi --------------------------------------------------------------------------------------------
+
+    async def _look_for_rosapi(self) -> Finding:
+        answer = await self._probe.call("/rosapi/get_time", self._patience)
+        if answer is None:
+            return Finding("rosapi", "problem", f"no answer within {self._patience:g} s", _ROSAPI_MISSING)
+        if answer.op.get("result") is False or answer.is_op("status"):
+            return Finding("rosapi", "problem", f"refused: {_reason(answer)}", _ROSAPI_MISSING)
+        self._rosapi = True
+        topics = await self._probe.call("/rosapi/topics", self._patience)
+        values = {} if topics is None else topics.op.get("values")
+        names = values.get("topics", []) if isinstance(values, dict) else []
+        return Finding("rosapi", "ok", f"answers; {len(names)} topics")
+
+    async def _look_at_version(self) -> Finding:
+        answer = await self._probe.call("/rosapi/get_ros_version", self._patience)
+        values = {} if answer is None else answer.op.get("values")
+        if answer is None or answer.op.get("result") is False or not isinstance(values, dict):
+            self._type = "std_msgs/String"
+            return Finding("ROS", "note", "the server does not report its version, as most of ROS 1 do not")
+        version = 1 if values.get("version", 2) == 1 else 2
+        if version == 1:
+            self._type = "std_msgs/String"
+        return Finding("ROS", "ok", f"ROS {version} {values.get('distro', '')}".rstrip())
+
+    async def _look_at_time(self) -> list[Finding]:
+        """Round trips, and the clock: half of the quickest is the way back (RFC 5905 section 8)."""
+        import time
+
+        trips: list[tuple[float, float]] = []
+        for _ in range(_QUESTIONS):
+            began = time.time()
+            answer = await self._probe.call("/rosapi/get_time", self._patience)
+            took = time.time() - began
+            if answer is not None and (there := _seconds_in(answer)) is not None:
+                trips.append((took, there - began - took / 2))
+        if not trips:
+            return [Finding("clock", "warning", "the robot does not report its time")]
+        quickest, ahead = min(trips)
+        return [_latency([took for took, _ in trips]), _clock(ahead, quickest)]
+
+    async def _refusals(self) -> str:
+        """What the server refuses of a topic of the doctor's own; empty if nothing."""
+        probe, topic = self._probe, _own_topic()
+        complaints = len(probe.complaints)
+        probe.send("advertise", topic=topic, type=self._type, id=f"advertise:{topic}")
+        probe.send("subscribe", topic=topic, type=self._type, id=f"subscribe:{topic}")
+        await self._settle()
+        refused = probe.complaints[complaints:]
+        if not refused:
+            probe.send("unsubscribe", topic=topic, id=f"subscribe:{topic}")
+            probe.send("unadvertise", topic=topic, id=f"advertise:{topic}")
+        return "; ".join(refused)
+
+    # -- encodings -----------------------------------------------------------------------------------------
+
+    async def _look_at_encoding(self, encoding: str) -> Finding:
+        name = f"encoding {encoding}"
+        if not self._binary and _is_binary(encoding):
+            return Finding(name, "note", "not on this transport, which carries text only")
+        probe, topic = self._probe, _own_topic()
+        kind = self._type
+        how = {"fragment_size": 100} if encoding == "fragments" else {"compression": encoding}
+        options = {} if encoding == "json" else how
+        complaints = len(probe.complaints)
+        probe.send("advertise", topic=topic, type=kind, id=topic)
+        probe.send("subscribe", topic=topic, type=kind, id=topic, **options)
+        probe.send("publish", topic=topic, msg={"data": _TEXT})
+        frame = await probe.expect(lambda frame: not frame.is_op("service_response"), self._patience)
+        probe.send("unsubscribe", topic=topic, id=topic)
+        probe.send("unadvertise", topic=topic, id=topic)
+        await self._settle()
+        status = "; ".join(probe.complaints[complaints:])
+        found = Finding(name, *_judge(encoding, frame, status))
+        # No client works without JSON; the other encodings only save bandwidth.
+        return found if encoding == "json" or found.verdict != "problem" else replace(found, verdict="note")
+
+    async def _settle(self) -> None:
+        """Wait until the server has handled all ops so far, so that no late answer is mistaken."""
+        if self._rosapi:
+            await self._probe.call("/rosapi/get_time", self._patience)
+
+
+def _own_topic() -> str:
+    return f"/rwt_doctor_{secrets.token_hex(4)}"
+
+
+def encodings() -> tuple[str, ...]:
+    """What is checked: every encoding that can be asked for, and JSON in pieces."""
+    from rwt_protocol.codecs import SELECTABLE
+
+    return ("json", *(each.name for each in SELECTABLE if each.name != "none"), "fragments")
+
+
+def _is_binary(encoding: str) -> bool:
+    from rwt_protocol.codecs import CODECS
+
+    return encoding in CODECS and CODECS[encoding].binary
+
+
+def _judge(encoding: str, frame: ReceivedFrame | None, status: str) -> tuple[Verdict, str, str]:
+    """Verdict, text and advice on what came for a message that was published by ourselves."""
+    if frame is None or frame.is_op("status"):
+        refused = f"refused: {status}" if status else "nothing came back"
+        return (
+            "problem",
+            refused,
+            "a token or role may be needed to publish and subscribe; see the server's log",
+        )
+    came = _encoding_of(frame)
+    if came == encoding:
+        return "ok", f"works, {frame.size} bytes for a message of {len(_TEXT)} characters", ""
+    return "note", f"not offered: it came as {came}", ""
+
+
+def _encoding_of(frame: ReceivedFrame) -> str:
+    if frame.is_op("png"):
+        return "png"
+    if frame.is_op("fragment"):
+        return "fragments"
+    if frame.encoding == "none":
+        return "json"
+    message = frame.op.get("msg")
+    return "cbor-raw" if isinstance(message, dict) and "bytes" in message else frame.encoding
+
+
+def _reason(answer: ReceivedFrame) -> str:
+    values = answer.op.get("values", answer.op.get("msg", ""))
+    return values if isinstance(values, str) and values else "it gave no reason"
+
+
+def _seconds_in(answer: ReceivedFrame) -> float | None:
+    values = answer.op.get("values")
+    time = values.get("time") if isinstance(values, dict) else None
+    if not isinstance(time, dict):
+        return None
+    whole, rest = time.get("sec", time.get("secs")), time.get("nanosec", time.get("nsecs"))
+    if not isinstance(whole, int) or not isinstance(rest, int):
+        return None
+    from rwt_interfaces.times import NANOSECONDS
+
+    return whole + rest / NANOSECONDS
+
+
+def _latency(trips: list[float]) -> Finding:
+    middle, longest = statistics.median(trips), max(trips)
+    text = f"{middle * 1000:.1f} ms there and back, at most {longest * 1000:.1f} ms of {len(trips)}"
+    if middle < _SLOW_SECONDS:
+        return Finding("latency", "ok", text)
+    advice = "a slow network or a busy server: subscribe with a throttle, and see the server's load"
+    return Finding("latency", "warning", text, advice)
+
+
+def _clock(ahead: float, quickest: float) -> Finding:
+    error = f"to within {quickest * 500:.1f} ms"
+    if abs(ahead) < _WRONG_SECONDS:
+        return Finding("clock", "ok", f"{ahead * 1000:+.1f} ms from this computer's, {error}")
+    text = f"{ahead:+.1f} s from this computer's"
+    advice = "set both by NTP; with simulated time (/clock, use_sim_time) this is as it should be"
+    return Finding("clock", "warning", text, advice)

@@ -1,0 +1,420 @@
+"""`rwt interface`: list and show definitions, and generate types for Python and TypeScript from them."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from rwt.cli.console.output import Output, note, standard_output
+from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
+from rwt.cli.parser import Commands, add_commands
+from rwt.cli.verbs import Arguments, add_robot_options, connecting, epilog, run_async, sentence
+from rwt_participant.spelling import did_you_mean
+
+if TYPE_CHECKING:
+    from rwt_interfaces.codegen.type_selection import InterfaceType, TypeSelection
+    from rwt_interfaces.definitions.model import MessageDefinition
+    from rwt_interfaces.registry import Registry
+
+_DISTROS: Final = ("jazzy", "noetic")
+_HEADINGS: Final = {"msg": "Messages", "srv": "Services", "action": "Actions"}
+
+
+def add_interface_command(commands: Commands) -> None:
+    """Add `interface` to the command line."""
+    family = commands.add_parser(
+        "interface",
+        description="Messages, services and actions: of the standard set, of folders, or of a robot.",
+    )
+    verbs = add_commands(family)
+    _add_list(verbs)
+    _add_packages(verbs)
+    _add_show(verbs)
+    _add_proto(verbs)
+    _add_generate(verbs)
+
+
+def _add(
+    verbs: Commands, name: str, help: str, example: str, json: str, run: Callable[[Arguments, Output], None]
+) -> argparse.ArgumentParser:
+    parser = verbs.add_parser(name, help=help, description=sentence(help), epilog=epilog(example, json))
+    parser.set_defaults(run=lambda arguments: _run(run, arguments))
+    return parser
+
+
+def _run(run: Callable[[Arguments, Output], None], arguments: Arguments) -> int:
+    run(arguments, standard_output(json=arguments.json))
+    return 0
+
+
+def _add_source(parser: argparse.ArgumentParser) -> None:
+    """Where the definitions come from."""
+    source = parser.add_argument_group("the definitions")
+    source.add_argument(
+        "--interfaces",
+        action="append",
+        type=Path,
+        default=[],
+        metavar="DIR",
+        help="folder with .msg, .srv and .action files; may be given several times",
+    )
+    source.add_argument(
+        "--distro", choices=_DISTROS, default=_DISTROS[0], help="whose standard set (default jazzy)"
+    )
+    source.add_argument("--live", action="store_true", help="ask the robot; so does --url")
+    add_robot_options(parser)
+
+
+def _is_live(arguments: Arguments) -> bool:
+    if arguments.live or arguments.url:
+        if arguments.interfaces:
+            raise CommandError(
+                "--interfaces adds to the standard set: leave --live and --url out", CALLED_WRONGLY
+            )
+        return True
+    return False
+
+
+def _registry(arguments: Arguments) -> Registry:
+    from rwt.cli.type_lookup import offline_registry
+    from rwt_interfaces.distro import DISTROS
+
+    return offline_registry(DISTROS[arguments.distro], arguments.interfaces)
+
+
+# -- list --------------------------------------------------------------------------------------------------
+
+
+def _add_list(verbs: Commands) -> None:
+    parser = _add(
+        verbs,
+        "list",
+        "list messages, services and actions",
+        "rwt interface list -m",
+        '{"messages": ["geometry_msgs/msg/Twist", …], "services": […], "actions": […]}, or those asked for',
+        _list,
+    )
+    parser.add_argument("package", metavar="PACKAGE", nargs="?", help="only of this package")
+    _add_kinds(parser)
+    _add_source(parser)
+
+
+def _add_kinds(parser: argparse.ArgumentParser) -> None:
+    for kind, heading in _HEADINGS.items():
+        what = heading.lower()
+        parser.add_argument(
+            f"-{kind[0]}", f"--only-{kind}s", action="store_true", dest=kind, help=f"only {what}"
+        )
+
+
+def _kinds(arguments: Arguments) -> list[str]:
+    """The kinds that were asked for; all without an option."""
+    return [kind for kind in _HEADINGS if getattr(arguments, kind)] or [*_HEADINGS]
+
+
+def _names(arguments: Arguments) -> list[str]:
+    return _live_names(arguments) if _is_live(arguments) else _offline_names(arguments)
+
+
+def _of_package(names: list[str], package: str) -> list[str]:
+    """Those of a package.
+
+    Raises:
+        CommandError: it has none; names the nearest package.
+    """
+    found = [name for name in names if name.startswith(f"{package}/")]
+    if not found:
+        packages = {name.partition("/")[0] for name in names}
+        raise CommandError(f"no package {package} is known{did_you_mean(package, packages)}", FAILED)
+    return found
+
+
+def _list(arguments: Arguments, output: Output) -> None:
+    names = _names(arguments)
+    if arguments.package:
+        names = _of_package(names, arguments.package)
+    by_kind = {kind: [name for name in names if name.split("/")[1] == kind] for kind in _kinds(arguments)}
+    if output.json:
+        output.record({_HEADINGS[kind].lower(): of_kind for kind, of_kind in by_kind.items()})
+        return
+    for kind, of_kind in by_kind.items():
+        output.line(output.styled(f"{_HEADINGS[kind]}:", "heading"))
+        for name in of_kind:
+            output.line(f"    {output.styled(name, 'type')}")
+
+
+def _add_packages(verbs: Commands) -> None:
+    parser = _add(
+        verbs,
+        "packages",
+        "list the packages that have messages, services or actions",
+        "rwt interface packages -s",
+        '["example_interfaces", …]',
+        _packages,
+    )
+    _add_kinds(parser)
+    _add_source(parser)
+    parser = _add(
+        verbs,
+        "package",
+        "list what a package has",
+        "rwt interface package geometry_msgs",
+        '["geometry_msgs/msg/Accel", …]',
+        _package,
+    )
+    parser.add_argument("package", metavar="PACKAGE", help="for example geometry_msgs")
+    _add_source(parser)
+
+
+def _packages(arguments: Arguments, output: Output) -> None:
+    kinds = _kinds(arguments)
+    packages = sorted({name.split("/")[0] for name in _names(arguments) if name.split("/")[1] in kinds})
+    _print_types(packages, output)
+
+
+def _package(arguments: Arguments, output: Output) -> None:
+    _print_types(_of_package(_names(arguments), arguments.package), output)
+
+
+def _print_types(names: list[str], output: Output) -> None:
+    if output.json:
+        output.record(names)
+        return
+    for name in names:
+        output.line(output.styled(name, "type"))
+
+
+def _offline_names(arguments: Arguments) -> list[str]:
+    from rwt_interfaces.names import KINDS, three_part
+
+    registry = _registry(arguments)
+    return [three_part(name, kind) for kind in KINDS for name in registry.names(kind)]
+
+
+def _live_names(arguments: Arguments) -> list[str]:
+    found: list[str] = []
+
+    async def ask() -> None:
+        from rwt.cli.graph_lookup import ask_rosapi
+        from rwt_interfaces.names import three_part
+
+        async with connecting(arguments) as robot:
+            # Robots of ROS 1 name messages in two parts, and nothing but messages.
+            found.extend(sorted(three_part(name, "msg") for name in await ask_rosapi(robot.api.interfaces)))
+
+    run_async(ask)
+    return found
+
+
+# -- show --------------------------------------------------------------------------------------------------
+
+
+def _add_show(verbs: Commands) -> None:
+    parser = _add(
+        verbs,
+        "show",
+        "print a definition, with what it contains",
+        "rwt interface show geometry_msgs/msg/Twist",
+        '{"name": "geometry_msgs/msg/Twist", "parts": {"message": [{"name": "linear", "type": …}, …]}}; the\n'
+        'parts of a service are "request" and "response", of an action "goal", "result" and "feedback"',
+        _show,
+    )
+    parser.add_argument("type", metavar="TYPE", help="for example geometry_msgs/msg/Twist")
+    parser.add_argument("--no-comments", action="store_true", help="without comments")
+    parser.add_argument(
+        "--all-comments", action="store_true", help="with the comments of what it contains, too"
+    )
+    _add_source(parser)
+
+
+def _type(arguments: Arguments) -> tuple[Registry, InterfaceType]:
+    """The type that was asked for."""
+    if "/" not in arguments.type:
+        raise CommandError(
+            f"expected a type, for example geometry_msgs/msg/Twist, got {arguments.type!r}; "
+            "`rwt interface package PACKAGE` has the types of a package",
+            CALLED_WRONGLY,
+        )
+    registry, (found,) = _types(arguments, [arguments.type])
+    return registry, found
+
+
+def _add_proto(verbs: Commands) -> None:
+    parser = _add(
+        verbs,
+        "proto",
+        "print a message, request or goal with its defaults, to be filled in and sent",
+        "rwt interface proto geometry_msgs/msg/Twist",
+        '{"linear": {"x": 0.0, "y": 0.0, "z": 0.0}, "angular": {…}}',
+        _proto,
+    )
+    parser.add_argument("type", metavar="TYPE", help="for example geometry_msgs/msg/Twist")
+    parser.add_argument("--no-quotes", action="store_true", help="without quotes around it")
+    _add_source(parser)
+
+
+def _proto(arguments: Arguments, output: Output) -> None:
+    from rwt.cli.console.message_format import Formatting, plain
+    from rwt.cli.console.yaml_text import block
+    from rwt_interfaces.structs import ActionType, ServiceType
+
+    _, found = _type(arguments)
+    if isinstance(found, ServiceType):
+        message_type = found.request
+    else:
+        message_type = found.goal if isinstance(found, ActionType) else found
+    value = plain(message_type, message_type.struct(), Formatting(json=output.json))
+    if output.json:
+        output.record(value)
+    else:
+        quote = "" if arguments.no_quotes else '"'
+        output.text(f"{quote}{block(value)}{quote}\n" if quote else block(value))
+
+
+def _show(arguments: Arguments, output: Output) -> None:
+    registry, found = _type(arguments)
+    parts = _parts(found)
+    if output.json:
+        fields = {name: [_field(field) for field in part.fields] for name, part in parts.items()}
+        output.record({"name": registry.type_name(found), "parts": fields})
+        return
+    sections = []
+    for part in parts.values():
+        comments = not arguments.no_comments
+        sections.append("\n".join(_lines(registry, part, "", comments, arguments.all_comments)))
+    output.line("\n---\n".join(sections).replace("\n\n---\n", "\n---\n"))
+
+
+def _parts(found: InterfaceType) -> dict[str, MessageDefinition]:
+    from rwt_interfaces.structs import ActionType, ServiceType
+
+    if isinstance(found, ServiceType):
+        return {"request": found.request.definition, "response": found.response.definition}
+    if isinstance(found, ActionType):
+        parts = {"goal": found.goal, "result": found.result, "feedback": found.feedback}
+        return {name: part.definition for name, part in parts.items()}
+    return {"message": found.definition}
+
+
+def _field(field: object) -> dict[str, object]:
+    from rwt_interfaces.definitions.model import Field
+    from rwt_interfaces.definitions.parser import format_type
+
+    assert isinstance(field, Field)  # What a definition has.
+    record: dict[str, object] = {"name": field.name, "type": format_type(field.type)}
+    return record if field.default is None else {**record, "default": field.default}
+
+
+def _lines(
+    registry: Registry, definition: MessageDefinition, indent: str, comments: bool, nested_comments: bool
+) -> Iterator[str]:
+    """The text of a definition, and below each field that is a message what that contains, a tab deeper."""
+    messages = {field.name: field.type.name for field in definition.fields if not field.type.is_primitive}
+    for line in definition.text.rstrip("\n").split("\n"):
+        code, _, _ = line.partition("#")
+        if not comments:
+            line = code.rstrip() if "=" not in code else line
+            if not line:
+                continue
+        yield f"{indent}{line}"
+        words = code.split()
+        if len(words) > 1 and "=" not in code and words[1] in messages:
+            nested = registry.definition(messages[words[1]])
+            yield from _lines(registry, nested, f"{indent}\t", comments and nested_comments, nested_comments)
+
+
+def _types(arguments: Arguments, words: list[str]) -> tuple[Registry, list[InterfaceType]]:
+    """The types that words name, and where they are from; live without words, those of the whole graph."""
+    from rwt.cli.type_lookup import find_types, live_types
+
+    if not _is_live(arguments):
+        registry = _registry(arguments)
+        return registry, find_types(registry, words)
+    found: list[tuple[Registry, list[InterfaceType]]] = []
+
+    async def ask() -> None:
+        async with connecting(arguments, definitions=True) as robot:
+            types = await live_types(robot, words)
+            # By their names once more: a type compiled before the last definition came may hold an older one.
+            found.append((robot.types.registry, types))
+
+    run_async(ask)
+    return found[0]
+
+
+# -- generate ----------------------------------------------------------------------------------------------
+
+
+def _add_generate(verbs: Commands) -> None:
+    parser = _add(
+        verbs,
+        "generate",
+        "generate types for your program: pydantic models or TypeScript interfaces",
+        "rwt interface generate --lang python geometry_msgs nav_msgs/msg/Odometry --out messages.py\n"
+        "rwt interface generate --lang typescript --live --out messages.ts      all that a robot speaks",
+        '{"types": ["geometry_msgs/msg/Twist", …], "file": "messages.py"}, and the code if there is no --out',
+        _generate,
+    )
+    parser.add_argument(
+        "name",
+        metavar="NAME",
+        nargs="*",
+        help="a type or a package; with --live none means all of the live graph",
+    )
+    parser.add_argument("--lang", choices=("python", "typescript"), required=True, help="the language")
+    parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="write to this file")
+    _add_source(parser)
+
+
+def _generate(arguments: Arguments, output: Output) -> None:
+    from rwt.cli.type_lookup import find_types
+    from rwt_interfaces.codegen.type_selection import selection
+
+    if not arguments.name and not _is_live(arguments) and not arguments.interfaces:
+        raise CommandError("expected types or packages, --interfaces DIR or --live", CALLED_WRONGLY)
+    words = arguments.name
+    if not words and arguments.interfaces:
+        _registry(arguments)  # Says what is wrong with the folders.
+        words = _own_packages(arguments)
+    registry, types = _types(arguments, words)
+    if _is_live(arguments):
+        types = find_types(registry, [registry.type_name(each) for each in types])
+    chosen = selection(registry, types)
+    code = _code(arguments.lang, chosen)
+    if arguments.out is not None:
+        _write(arguments.out, code)
+    every: list[InterfaceType] = [*chosen.messages, *chosen.services, *chosen.actions]
+    names = [registry.type_name(each) for each in every]
+    if output.json:
+        written = {"file": str(arguments.out)} if arguments.out is not None else {"code": code}
+        output.record({"types": names, **written})
+    elif arguments.out is None:
+        output.text(code)
+    else:
+        note(f"{arguments.out}: {len(names)} types")
+
+
+def _own_packages(arguments: Arguments) -> list[str]:
+    """The packages in the folders of ``--interfaces``."""
+    from rwt_interfaces.definitions.package_directories import interface_files
+
+    return sorted({file.package for folder in arguments.interfaces for file in interface_files(folder)})
+
+
+def _code(language: str, chosen: TypeSelection) -> str:
+    if language == "python":
+        from rwt_interfaces.codegen.python import python_stubs
+
+        return python_stubs(chosen)
+    from rwt_interfaces.codegen.typescript import typescript_stubs
+
+    return typescript_stubs(chosen)
+
+
+def _write(path: Path, code: str) -> None:
+    try:
+        path.write_text(code, encoding="utf-8")
+    except OSError as error:
+        raise CommandError(f"{path}: cannot be written: {error.strerror}", FAILED) from error

@@ -1,0 +1,168 @@
+"""`rwt mcp`: a robot for an agent, over standard input and output."""
+
+from __future__ import annotations
+
+import argparse
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from rwt.cli.console.logs import FORMATS, log_to_stderr
+from rwt.cli.errors import CALLED_WRONGLY, CommandError
+from rwt.cli.parser import Commands
+from rwt.cli.verbs import Arguments, add_robot_options, connecting, run_async
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Callable
+
+    from mcp.server.context import ServerRequestContext
+
+    from rwt.gateways.mcp.agent import Act, Agent
+    from rwt.gateways.mcp.content.answer import Answer
+    from rwt.gateways.mcp.server import Allow
+    from rwt.gateways.mcp.settings import McpSettings
+    from rwt_client import Robot
+
+_EXAMPLES: Final = """\
+examples:
+  rwt mcp --robot ws://robot:9090                     look only
+  rwt mcp --robot ws://robot:9090 --act               drive, call, set: what the robot's server allows
+  RWT_TOKEN=… rwt mcp --robot wss://robot.example.com --act --confirm '*'
+an agent's program starts it, and speaks the Model Context Protocol with it on standard input and output:
+  {"mcpServers": {"robot": {"command": "rwt", "args": ["mcp", "--robot", "ws://robot:9090"]}}}
+it needs the extra `mcp`: pip install mcp"""
+
+
+def add_mcp_command(commands: Commands) -> None:
+    """Add `mcp` to the command line."""
+    parser = commands.add_parser(
+        "mcp",
+        description="Gives an agent the tools, resources and prompts for a robot, over standard input and"
+        ' output. A server with the setting `gateways = ["mcp"]` has them at /mcp without this.',
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_robot_options(parser, json=False)
+    parser.add_argument("--robot", dest="url", metavar="URL", help="the same as --url")
+    parser.add_argument(
+        "--act",
+        action="store_true",
+        help="offer the tools too that change something at the robot, as far as its server allows",
+    )
+    parser.add_argument(
+        "--confirm",
+        action="append",
+        default=[],
+        metavar="GLOB",
+        help="topics, services, actions and parameters for which the person at the agent's program is asked"
+        " before each act; several may be given",
+    )
+    parser.add_argument(
+        "--recordings", type=Path, metavar="FOLDER", help="folder whose recordings it may look at"
+    )
+    parser.add_argument("--log-format", choices=FORMATS, default="text", help="how to log (default text)")
+    parser.add_argument("--verbose", "-v", action="store_true", help="log more, also what only looks")
+    parser.set_defaults(run=_run)
+
+
+def _run(arguments: Arguments) -> int:
+    log_to_stderr(arguments.log_format, verbose=arguments.verbose)
+    try:
+        from mcp.server.stdio import stdio_server
+    except ModuleNotFoundError as error:
+        raise CommandError(f"this needs {error.name}, which is not installed: pip install mcp") from None
+    from importlib.metadata import version
+
+    from pydantic import ValidationError
+
+    from rwt.gateways.mcp.server import make_server
+    from rwt.gateways.mcp.settings import McpSettings
+
+    try:
+        settings = McpSettings(confirm=tuple(arguments.confirm), recordings=arguments.recordings)
+    except ValidationError as error:
+        raise CommandError(str(error), CALLED_WRONGLY) from None
+
+    async def program() -> None:
+        async with connecting(arguments, definitions=True, lasting=True) as robot:
+            server = make_server(CommandHost(robot, settings, acts=arguments.act), version("robot-web-tools"))
+            async with stdio_server() as (incoming, outgoing):
+                await server.run(incoming, outgoing, server.create_initialization_options())
+
+    run_async(program)
+    return 0
+
+
+class CommandHost:
+    """The one agent of this program."""
+
+    def __init__(self, robot: Robot, settings: McpSettings, *, acts: bool) -> None:
+        import logging
+
+        from rwt.cli.commands.mcp.remote_robot import RemoteRobot
+        from rwt.composition.recordings import RecordingFolder
+        from rwt.gateways.mcp.approvals import Questions
+        from rwt.gateways.mcp.goals import GoalTable
+        from rwt_transports.http import any_of
+
+        self.questions = Questions()
+        self._log = logging.getLogger("rwt.gateways.mcp.audit")
+        self._robot = RemoteRobot(robot)
+        self._settings = settings
+        every: tuple[Act, ...] = ("publish", "call", "goals", "set_param")
+        self._acts: frozenset[Act] = frozenset(every) if acts else frozenset()
+        self._goals = GoalTable(settings.goals)
+        self._asks_about = any_of(settings.confirm)
+        self._recordings = None if settings.recordings is None else RecordingFolder(settings.recordings)
+
+    @asynccontextmanager
+    async def agent(
+        self, context: ServerRequestContext[Any, Any], allow: Allow | None = None
+    ) -> AsyncIterator[Agent]:
+        """The one that there is."""
+        from rwt.gateways.mcp.agent import Agent
+
+        yield Agent(
+            owner="",
+            robot=self._robot,
+            settings=self._settings,
+            acts=self._acts,
+            goals=self._goals,
+            in_thread=_in_thread,
+            charge=_count_nothing,
+            sees=_sees_all,
+            how_to_act="start `rwt mcp` with --act",
+            recordings=self._recordings,
+        )
+
+    def asks_about(self, name: str) -> bool:
+        """Whether a person is asked before something is done to what has that name."""
+        return self._asks_about.fullmatch(name.lower()) is not None
+
+    def note(self, context: ServerRequestContext[Any, Any], text: str, *, acts: bool) -> None:
+        """Write what the agent does into the log, on standard error."""
+        from rwt.access.audit import one_line
+
+        (self._log.info if acts else self._log.debug)("%s", one_line(text))
+
+    def count(self, tool: str, outcome: str) -> None:
+        """Nobody asks this program for metrics."""
+
+    def monotonic(self) -> float:
+        """Seconds on a clock that never goes back."""
+        return self._robot.monotonic()
+
+
+async def _in_thread(work: Callable[[], Answer]) -> Answer:
+    import anyio.to_thread
+
+    return await anyio.to_thread.run_sync(work)
+
+
+def _count_nothing(seconds: float) -> None:
+    """This program works for one agent alone."""
+
+
+def _sees_all(topic: str) -> bool:
+    """The recordings are of whoever starts this program."""
+    return True

@@ -1,0 +1,456 @@
+"""`rwt param`: read and change the parameters of the robot's nodes."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from rwt.cli.console.message_argument import STDIN, read_value
+from rwt.cli.console.output import Output
+from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
+from rwt.cli.graph_lookup import absolute_name, ask_rosapi, unknown
+from rwt.cli.parser import Commands
+from rwt.cli.verbs import Arguments, Verb, add_family, gather
+from rwt_participant.spelling import did_you_mean
+
+if TYPE_CHECKING:
+    from rwt.cli.console.yaml_text import YamlValue
+    from rwt_client import Robot
+    from rwt_participant.messages import Message, ParameterValue
+
+PARAMETERS: Final = "ros__parameters"
+"""What stands between a node and its parameters in the files of ROS 2."""
+_KINDS: Final = (
+    "not set", "boolean", "integer", "double", "string", "byte array", "boolean array", "integer array",
+    "double array", "string array",
+)  # fmt: skip
+"""The names of the types of parameters, by the numbers of ``rcl_interfaces/msg/ParameterType``."""
+_CONSTRAINTS: Final = {
+    "min": "Min value",
+    "max": "Max value",
+    "step": "Step",
+    "constraints": "Additional constraints",
+}
+_ANY_NODE: Final = ("/**", "**")
+
+
+def add_param_command(commands: Commands) -> None:
+    """Add `param` to the command line."""
+    add_family(commands, "param", "The parameters of the robot's nodes.", VERBS)
+
+
+# -- names -------------------------------------------------------------------------------------------------
+
+
+async def _names(robot: Robot) -> tuple[str, ...]:
+    return await ask_rosapi(robot.params.names)
+
+
+def _by_node(names: tuple[str, ...]) -> dict[str, list[str]]:
+    """The parameters of each node; those of ROS 1, which are the robot's, of the node with no name."""
+    found: dict[str, list[str]] = {}
+    for name in sorted(names):
+        node, colon, parameter = name.rpartition(":")
+        found.setdefault(node, []).append(parameter if colon else name)
+    return found
+
+
+async def _of_node(robot: Robot, node: str) -> list[str]:
+    """The names of a node's parameters; on ROS 1, of those below a name."""
+    names = await _names(robot)
+    found = _by_node(names)
+    if node in found:
+        return found[node]
+    if not robot.types.registry.distro.parameters_belong_to_nodes:
+        return [name.removeprefix(f"{node}/") for name in sorted(names) if name.startswith(f"{node}/")]
+    known = await ask_rosapi(robot.api.nodes)
+    if node in known:
+        return []
+    raise unknown("node", node, known)
+
+
+def _full(robot: Robot, node: str, parameter: str) -> str:
+    """The name of a parameter as rosapi has it (API-08)."""
+    separator = ":" if robot.types.registry.distro.parameters_belong_to_nodes else "/"
+    return f"{node}{separator}{parameter}"
+
+
+def _addressed(robot: Robot, words: list[str]) -> str:
+    """The name of a parameter from `NODE PARAMETER`, `/node:parameter` or, on ROS 1, `/parameter`."""
+    if len(words) == 2:
+        return _full(robot, absolute_name(words[0]), words[1])
+    return absolute_name(words[0])
+
+
+async def _get_value(robot: Robot, name: str) -> YamlValue:
+    from rwt_participant.errors import NotFound
+
+    try:
+        return await ask_rosapi(lambda: robot.params.get(name))
+    except NotFound as error:
+        raise CommandError(str(error), FAILED) from error
+
+
+# -- list, get, set, delete --------------------------------------------------------------------------------
+
+
+def _list_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("node", metavar="NODE", nargs="?", help="only of this node")
+
+
+async def _list(robot: Robot, arguments: Arguments, output: Output) -> None:
+    if arguments.node is None:
+        found = _by_node(await _names(robot))
+    else:
+        found = {absolute_name(arguments.node): await _of_node(robot, absolute_name(arguments.node))}
+    if output.json:
+        output.record(found)
+        return
+    for node, parameters in found.items():
+        if node and arguments.node is None:
+            output.line(f"{output.styled(node, 'name')}:")
+        for parameter in parameters:
+            shown = output.escape_terminal(parameter)
+            output.line(f"  {shown}" if node else shown)
+
+
+def _name_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "node", metavar="NODE", help="for example /demo_robot; or /node:parameter in one word"
+    )
+    parser.add_argument("parameter", metavar="PARAMETER", nargs="?", help="for example max_speed")
+
+
+def _get_arguments(parser: argparse.ArgumentParser) -> None:
+    _name_arguments(parser)
+    parser.add_argument("--hide-type", action="store_true", help="print the value alone")
+
+
+async def _get(robot: Robot, arguments: Arguments, output: Output) -> None:
+    from rwt.cli.console.yaml_text import flow
+
+    name = _addressed(robot, _given(arguments.node, arguments.parameter))
+    value = await _get_value(robot, name)
+    if output.json:
+        output.record({"name": name, "value": value})
+    elif arguments.hide_type:
+        output.line(flow(value))
+    else:
+        output.line(f"{_kind(value)} value is: {_shown(value, output)}")
+
+
+def _given(*words: str | None) -> list[str]:
+    return [word for word in words if word is not None]
+
+
+def _shown(value: ParameterValue, output: Output) -> str:
+    """A value as the ``ros2`` tool prints it; on a terminal without what that would obey."""
+    from rwt.cli.console.yaml_text import flow
+
+    if isinstance(value, str):
+        return "\n".join(map(output.escape_terminal, value.split("\n")))
+    return str(value) if isinstance(value, bool) else flow(value)
+
+
+def _kind(value: ParameterValue) -> str:
+    """What ROS 2 calls the type of a value."""
+    match value:
+        case bool():
+            return "Boolean"
+        case int():
+            return "Integer"
+        case float():
+            return "Double"
+        case str():
+            return "String"
+        case list():
+            return f"{_kind(value[0])} array" if value else "Array"
+        case _:
+            return "Value"
+
+
+def _set_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "node", metavar="NODE", help="for example /demo_robot; or /node:parameter in one word"
+    )
+    parser.add_argument("parameter", metavar="PARAMETER", help="for example max_speed")
+    parser.add_argument("value", metavar="VALUE", nargs="?", help="in YAML, for example 0.5, true or [1, 2]")
+
+
+async def _set(robot: Robot, arguments: Arguments, output: Output) -> None:
+    from rwt_participant.errors import ParameterRejected
+
+    words = _given(arguments.node, arguments.parameter, arguments.value)
+    name, value = _addressed(robot, words[:-1]), read_value(words[-1], "the value")
+    try:
+        await robot.params.set(name, value)
+    except ParameterRejected as error:
+        raise CommandError(f"setting {name} failed: {error}", FAILED) from error
+    if output.json:
+        output.record({"name": name, "value": value})
+    else:
+        output.line("Set parameter successful")
+
+
+async def _delete(robot: Robot, arguments: Arguments, output: Output) -> None:
+    name = _addressed(robot, _given(arguments.node, arguments.parameter))
+    await robot.params.delete(name)
+    if output.json:
+        output.record({"name": name, "deleted": True})
+    else:
+        output.line("Deleted parameter successfully")
+
+
+# -- describe ----------------------------------------------------------------------------------------------
+
+
+def _describe_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("node", metavar="NODE", help="for example /demo_robot")
+    parser.add_argument("parameters", metavar="PARAMETER", nargs="+", help="for example max_speed")
+
+
+async def _describe(robot: Robot, arguments: Arguments, output: Output) -> None:
+    node = absolute_name(arguments.node)
+    if not robot.types.registry.distro.parameters_belong_to_nodes:
+        raise CommandError("parameters of ROS 1 have no description: there is only `rwt param get`", FAILED)
+    known = await _of_node(robot, node)
+    for name in arguments.parameters:
+        if name not in known:
+            raise CommandError(f"{node} has no parameter {name}{did_you_mean(name, known)}", FAILED)
+    answer = await robot.call(
+        f"{node}/describe_parameters",
+        {"names": arguments.parameters},
+        "rcl_interfaces/srv/DescribeParameters",
+    )
+    descriptions = [_description(descriptor) for descriptor in answer.descriptors]
+    if output.json:
+        output.record(descriptions)
+        return
+    for described in descriptions:
+        _print_description(described, output)
+
+
+def _description(descriptor: Message) -> dict[str, object]:
+    """A ``rcl_interfaces/msg/ParameterDescriptor`` without what it leaves open."""
+    limits = [*descriptor.floating_point_range, *descriptor.integer_range]
+    kind = _KINDS[descriptor.type] if descriptor.type < len(_KINDS) else "unknown"
+    found: dict[str, object] = {"name": descriptor.name, "type": kind}
+    if descriptor.description:
+        found["description"] = descriptor.description
+    if descriptor.read_only:
+        found["read_only"] = True
+    if limits:
+        found |= {"min": limits[0].from_value, "max": limits[0].to_value}
+        if limits[0].step:
+            found["step"] = limits[0].step
+    if descriptor.additional_constraints:
+        found["constraints"] = descriptor.additional_constraints
+    return found
+
+
+def _print_description(described: Mapping[str, object], output: Output) -> None:
+    output.line(f"Parameter name: {output.styled(str(described['name']), 'name')}")
+    output.line(f"  Type: {described['type']}")
+    if "description" in described:
+        output.line(f"  Description: {output.escape_terminal(str(described['description']))}")
+    if "read_only" in described:
+        output.line("  Read only: true")
+    if not _CONSTRAINTS.keys().isdisjoint(described):
+        output.line("  Constraints:")
+    for key, heading in _CONSTRAINTS.items():
+        if key in described:
+            output.line(f"    {heading}: {output.escape_terminal(str(described[key]))}")
+
+
+# -- dump, load --------------------------------------------------------------------------------------------
+
+
+def _dump_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("node", metavar="NODE", help="for example /demo_robot")
+    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write to this file")
+
+
+async def _dump(robot: Robot, arguments: Arguments, output: Output) -> None:
+    from rwt.cli.console.yaml_text import block
+
+    node = absolute_name(arguments.node)
+    names = await _of_node(robot, node)
+    values = await gather([partial(robot.params.get, _full(robot, node, name), "") for name in names])
+    flat: dict[str, YamlValue] = dict(zip(names, values, strict=True))
+    if output.json:
+        output.record({"node": node, "parameters": flat})
+        return
+    text = block({node: {PARAMETERS: _nested(flat)}})
+    if arguments.output is None:
+        output.text(text)
+        return
+    try:
+        arguments.output.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise CommandError(f"{arguments.output}: cannot be written: {error.strerror}", FAILED) from error
+
+
+def _nested(flat: Mapping[str, YamlValue]) -> dict[str, YamlValue]:
+    """`a.b` as `b` within `a`, unless `a` is a parameter itself."""
+    found: dict[str, YamlValue] = {}
+    for name, value in flat.items():
+        *above, last = name.split(".")
+        if any(".".join(above[:depth]) in flat for depth in range(1, len(above) + 1)):
+            found[name] = value
+            continue
+        inner = found
+        for part in above:
+            next_inner = inner.setdefault(part, {})
+            assert isinstance(next_inner, dict)  # No parameter has the name of a group.
+            inner = next_inner
+        inner[last] = value
+    return found
+
+
+def _load_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("node", metavar="NODE", help="for example /demo_robot")
+    parser.add_argument("file", metavar="FILE", help="as `rwt param dump` writes it; - for standard input")
+
+
+async def _load(robot: Robot, arguments: Arguments, output: Output) -> None:
+    node = absolute_name(arguments.node)
+    parameters = _in_file(_text(arguments.file), node, arguments.file)
+    failures = []
+    for parameter, value in parameters.items():
+        refused = await _load_one(robot, _full(robot, node, parameter), value)
+        if refused:
+            failures.append(f"{parameter}: {refused}")
+        if not output.json:
+            outcome = f"failed: {refused}" if refused else "successful"
+            output.line(output.escape_terminal(f"Set parameter {parameter} {outcome}"))
+    if output.json:
+        output.record({"node": node, "set": len(parameters) - len(failures), "failed": failures})
+    if failures:
+        raise CommandError(f"{len(failures)} of {len(parameters)} parameters of {node} were not set", FAILED)
+
+
+async def _load_one(robot: Robot, name: str, value: YamlValue) -> str:
+    """Give a parameter its value; why that failed, empty if it has it now, as read-only ones may."""
+    from rwt_participant.errors import NotFound, ParameterRejected
+
+    try:
+        await robot.params.set(name, value)
+    except ParameterRejected as error:
+        try:
+            return "" if await robot.params.get(name) == value else str(error)
+        except NotFound:
+            return str(error)
+    return ""
+
+
+def _text(file: str) -> str:
+    if file == STDIN:
+        return sys.stdin.read()
+    try:
+        return Path(file).read_text(encoding="utf-8")
+    except OSError as error:
+        raise CommandError(f"{file}: cannot be read: {error.strerror}", CALLED_WRONGLY) from error
+    except UnicodeDecodeError as error:
+        raise CommandError(f"{file}: is not a text in UTF-8", CALLED_WRONGLY) from error
+
+
+def _in_file(text: str, node: str, file: str) -> dict[str, YamlValue]:
+    """The parameters of a node in a file: those of `/**` and then its own, by their dotted names.
+
+    Raises:
+        CommandError: the file cannot be read, or has nothing for this node.
+    """
+    content = read_value(text, file)
+    if not isinstance(content, dict):
+        raise CommandError(f"{file}: expected `{node}:` with `{PARAMETERS}:` below it", CALLED_WRONGLY)
+    found: dict[str, YamlValue] = {}
+    wanted = (*_ANY_NODE, node.removeprefix("/"), node)
+    for name in wanted:
+        section = content.get(name)
+        if section is None:
+            continue
+        parameters = section.get(PARAMETERS) if isinstance(section, dict) else None
+        if not isinstance(parameters, dict):
+            raise CommandError(f"{file}: expected `{PARAMETERS}:` below `{name}:`", CALLED_WRONGLY)
+        found.update(_flat(parameters))
+    if not any(name in content for name in wanted):
+        raise CommandError(
+            f"{file}: has nothing for {node}{did_you_mean(node, content) or f'; it has {list(content)}'}",
+            CALLED_WRONGLY,
+        )
+    return found
+
+
+def _flat(nested: Mapping[str, YamlValue], above: str = "") -> dict[str, YamlValue]:
+    found: dict[str, YamlValue] = {}
+    for name, value in nested.items():
+        if isinstance(value, dict):
+            found.update(_flat(value, f"{above}{name}."))
+        else:
+            found[f"{above}{name}"] = value
+    return found
+
+
+VERBS = (
+    Verb(
+        "list",
+        "list the parameters, of one node or all",
+        _list,
+        "rwt param list /demo_robot",
+        '{"/demo_robot": ["max_speed", …]}; on ROS 1 the names of all stand under ""',
+        _list_arguments,
+    ),
+    Verb(
+        "get",
+        "print a parameter's value",
+        _get,
+        "rwt param get /demo_robot max_speed",
+        '{"name": "/demo_robot:max_speed", "value": 0.8}',
+        _get_arguments,
+    ),
+    Verb(
+        "set",
+        "give a parameter a value",
+        _set,
+        "rwt param set /demo_robot max_speed 0.5",
+        '{"name": "/demo_robot:max_speed", "value": 0.5}',
+        _set_arguments,
+    ),
+    Verb(
+        "delete",
+        "remove a parameter",
+        _delete,
+        "rwt param delete /my_node my_parameter",
+        '{"name": "/my_node:my_parameter", "deleted": true}',
+        _name_arguments,
+    ),
+    Verb(
+        "describe",
+        "print what a node says of its parameters",
+        _describe,
+        "rwt param describe /demo_robot max_speed",
+        '[{"name": "max_speed", "type": "double", "description": …, "min": 0.0, "max": 2.0}]; also "step",\n'
+        '"read_only" and "constraints", each only where the node declares it',
+        _describe_arguments,
+    ),
+    Verb(
+        "dump",
+        "print a node's parameters as a file that load reads",
+        _dump,
+        "rwt param dump /demo_robot > demo_robot.yaml",
+        '{"node": "/demo_robot", "parameters": {"max_speed": 0.8, …}}',
+        _dump_arguments,
+    ),
+    Verb(
+        "load",
+        "set a node's parameters from a file",
+        _load,
+        "rwt param load /demo_robot demo_robot.yaml",
+        '{"node": "/demo_robot", "set": 9, "failed": []}',
+        _load_arguments,
+    ),
+)

@@ -1,0 +1,79 @@
+"""What `rwt run` and `rwt launch` have in common: interfaces, packages, and the graph that nodes join."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rwt.cli.errors import CommandError
+from rwt.cli.verbs import Arguments
+
+if TYPE_CHECKING:
+    from rwt_graph.memory.graph import MemoryGraph
+    from rwt_rclpy import Which
+
+
+def add_graph_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that both have."""
+    parser.add_argument(
+        "--interfaces",
+        action="append",
+        default=[],
+        metavar="DIR",
+        help="folder with .msg, .srv and .action files; may be given several times",
+    )
+    parser.add_argument(
+        "--serve",
+        action="append",
+        default=[],
+        metavar="URL",
+        help="serve the nodes' graph to rosbridge clients at ws://HOST:PORT; may be given several times",
+    )
+    parser.add_argument(
+        "--graph",
+        metavar="WHERE",
+        help="the graph that the nodes join: memory (one of their own), ws://HOST:PORT or unix:///PATH of a"
+        " server, zenoh, or zenoh:ENDPOINT; without it what RWT_RCLPY_GRAPH says, or else memory",
+    )
+    parser.add_argument("--root", type=Path, metavar="DIR", help="where packages are looked for (default .)")
+
+
+def install_rclpy(arguments: Arguments) -> Which:
+    """Let nodes be imported as the options say.
+
+    Returns:
+        Which rclpy they get, as :func:`rwt_rclpy.install` does.
+
+    Raises:
+        CommandError: the options name two graphs.
+        DefinitionError: a folder of interfaces cannot be read.
+    """
+    import rwt_rclpy
+    from rwt_rclpy.running import interface_folders, use_root
+
+    if arguments.serve and arguments.graph:
+        raise CommandError(
+            "--serve serves a graph of this command, and --graph joins another: give one of them", exit_code=2
+        )
+    if arguments.root is not None:
+        use_root(arguments.root)
+    return rwt_rclpy.install(interface_folders(arguments.interfaces))
+
+
+def serve_graph(arguments: Arguments, stack: ExitStack, *own: str) -> MemoryGraph:
+    """Serve one graph until the stack ends: where `--serve` says, which is printed, and at its own URLs."""
+    from rwt.cli.commands.serve import command_errors
+    from rwt.server import Server, listening
+    from rwt_graph.memory.graph import MemoryGraph
+    from rwt_rclpy.messages.loaded import classes
+
+    graph = MemoryGraph(classes().registry)
+    with command_errors():
+        server = Server(*own, *arguments.serve, graph=graph)
+        stack.enter_context(server)
+    if arguments.serve:
+        print(listening(server), file=sys.stderr)
+    return graph

@@ -1,0 +1,260 @@
+"""`rwt serve`: a rosbridge server in front of an in-memory robot graph."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rwt.access.settings import SettingsError
+from rwt.cli.commands.config import add_settings_options, settings_of
+from rwt.cli.console.logs import FORMATS, log_to_stderr, name_worker
+from rwt.cli.console.output import reported
+from rwt.cli.errors import CommandError
+from rwt_interfaces.distro import DISTROS
+from rwt_transports.schemes import url_forms
+
+if TYPE_CHECKING:
+    from rwt.server import Server
+    from rwt.settings.models import Settings
+
+_EXAMPLES = """\
+examples:
+  rwt serve --demo                         the demo robot on ws://127.0.0.1:9090
+  rwt serve ws://0.0.0.0:9090 --distro noetic
+  rwt serve ws://127.0.0.1:0               on any free port, which is printed
+  rwt serve ws://[::1] tcp://127.0.0.1:9091 on several at once
+  rwt serve --demo --tls auto wss://0.0.0.0:9090
+                                           encrypted, for phones, with a QR code of the page's address
+  rwt serve --dial wss://HUB/robots/NAME   from behind a NAT, through a hub (see rwt hub)
+  rwt serve stdio:                         as a child process, on standard input and output
+  rwt serve --interfaces my_msgs/          with message types of your own
+  rwt serve --packages /opt/ros/jazzy/share with meshes for viewers, under /packages/
+  rwt serve --script robot.toml            a robot for tests, which answers what the file says
+  rwt serve ws://0.0.0.0:9090 --workers 4  on four cores, as one server
+  rwt serve --config robot.toml --gate observe
+                                           with a safety gate that only says what it would refuse
+  rwt serve --graph zenoh --zenoh-connect tcp/10.0.0.7:7447
+                                           joined with other servers, or with a ROS 2 graph
+"""
+
+
+def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add `serve` to the command line."""
+    parser = commands.add_parser(
+        "serve",
+        description=__doc__,
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "url",
+        nargs="*",
+        metavar="URL",
+        help=f"where to listen: {url_forms()} (default ws://127.0.0.1:9090; port 0 picks one)",
+    )
+    parser.add_argument(
+        "--dial",
+        action="append",
+        metavar="URL",
+        help="dial in at a hub, wss://HUB/robots/NAME, and serve the clients it passes on; may be given"
+        " several times; without a URL to listen on, nothing else is served",
+    )
+    parser.add_argument(
+        "--tls",
+        choices=("auto",),
+        help="make a certificate for this machine's own addresses and keep it; without a URL listens on"
+        " wss://127.0.0.1:9090 (needs the extra tls)",
+    )
+    parser.add_argument(
+        "--webrtc",
+        action="store_true",
+        default=None,
+        help="take clients over WebRTC data channels too, by offers to /webrtc (needs the extra webrtc)",
+    )
+    _add_robot_options(parser)
+    parser.add_argument("--record", type=Path, metavar="FILE", help="write all topics to an MCAP file")
+    parser.add_argument(
+        "--introspection",
+        action="store_true",
+        help="publish calls and goals on topics, as ROS 2 can, and record them with --record",
+    )
+    parser.add_argument(
+        "--workers",
+        type=int,
+        metavar="N",
+        help="serve the same ports with N processes, for more clients than one core can serve (default 1);"
+        " needs Linux and the extra zenoh",
+    )
+    parser.add_argument(
+        "--gate",
+        choices=("enforce", "observe"),
+        help="whether the rules under `gate` hold, or it is only said what they would refuse",
+    )
+    _add_graph_options(parser)
+    add_settings_options(parser)
+    parser.add_argument("--verbose", "-v", action="store_true", help="log what clients do wrong, and more")
+    parser.add_argument(
+        "--log-format",
+        choices=FORMATS,
+        default="text",
+        help="lines for people, or one JSON object a line (default text)",
+    )
+    parser.set_defaults(run=_run)
+
+
+def _add_robot_options(parser: argparse.ArgumentParser) -> None:
+    """What there is to serve, and which names and types it has."""
+    parser.add_argument("--demo", action="store_true", default=None, help="add a simulated mobile robot")
+    parser.add_argument(
+        "--script",
+        type=Path,
+        metavar="FILE",
+        help="add a robot that does what a .toml or .py file says, for tests of apps",
+    )
+    parser.add_argument("--distro", choices=sorted(DISTROS), help="ROS distribution to speak (default jazzy)")
+    parser.add_argument(
+        "--interfaces",
+        action="append",
+        type=Path,
+        metavar="DIR",
+        help="folder with .msg, .srv and .action files; may be given several times",
+    )
+    parser.add_argument(
+        "--packages",
+        action="append",
+        type=Path,
+        metavar="DIR",
+        help="folder of ROS packages, whose meshes are served under /packages/; may be given several times",
+    )
+
+
+def _add_graph_options(parser: argparse.ArgumentParser) -> None:
+    """The options that choose a graph and connect it."""
+    parser.add_argument(
+        "--graph",
+        choices=("memory", "zenoh"),
+        help="keep the graph in this process (default), or join it with others over Zenoh",
+    )
+    parser.add_argument(
+        "--zenoh-listen",
+        action="append",
+        metavar="ENDPOINT",
+        help="be found by other processes at, for example, tcp/0.0.0.0:7447; may be given several times",
+    )
+    parser.add_argument(
+        "--zenoh-connect",
+        action="append",
+        metavar="ENDPOINT",
+        help="join the process or router at, for example, tcp/10.0.0.7:7447; may be given several times",
+    )
+    parser.add_argument(
+        "--zenoh-config", metavar="FILE", help="a Zenoh configuration file, for TLS, access control, …"
+    )
+    parser.add_argument("--domain", type=int, metavar="N", help="ROS_DOMAIN_ID of --graph zenoh (default 0)")
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from rwt.server import Server  # `--help` and completion need none of it.
+
+    log_to_stderr(arguments.log_format, verbose=arguments.verbose)
+
+    def read_again() -> Settings:
+        try:
+            return _settings(arguments)
+        except CommandError as error:
+            raise SettingsError(str(error)) from error
+
+    with command_errors():
+        settings = _settings(arguments)
+        server = Server(
+            settings=settings,
+            reload=read_again,
+            script=arguments.script,
+            record=arguments.record,
+            introspection=arguments.introspection,
+        )
+        return server.run(on_up=_on_up, in_worker=_in_worker)
+
+
+@contextmanager
+def command_errors() -> Iterator[None]:
+    """Turn what a server raises into a :exc:`CommandError`."""
+    from rwt.errors import ServerError
+    from rwt_participant.errors import RobotError
+    from rwt_transports.errors import TransportError
+
+    try:
+        yield
+    except (TransportError, RobotError, ServerError) as error:
+        raise CommandError(str(error)) from error
+    except SettingsError as error:
+        raise CommandError(str(error), exit_code=2) from error
+
+
+def _in_worker(number: int, serve: Callable[[], None]) -> int:
+    """Serve as one of several processes."""
+    name_worker(number)
+
+    def act() -> None:
+        with command_errors():
+            serve()
+
+    return reported(act)
+
+
+def _settings(arguments: argparse.Namespace) -> Settings:
+    """What the file, the environment and the command line say, in that order."""
+    given: dict[str, object] = {
+        "listen": tuple(arguments.url) or None,
+        "demo": arguments.demo,
+        "workers": arguments.workers,
+        "distro": arguments.distro,
+        "gate.mode": arguments.gate,
+        "interfaces": tuple(arguments.interfaces or ()) or None,
+        "packages": tuple(arguments.packages or ()) or None,
+        "dial.urls": tuple(arguments.dial or ()) or None,
+        "tls.auto": True if arguments.tls == "auto" else None,
+        "webrtc.enabled": arguments.webrtc,
+        "graph": arguments.graph,
+        "zenoh.listen": tuple(arguments.zenoh_listen or ()) or None,
+        "zenoh.connect": tuple(arguments.zenoh_connect or ()) or None,
+        "zenoh.config": arguments.zenoh_config,
+        "zenoh.domain": arguments.domain,
+    }
+    settings = settings_of(arguments, given).settings
+    if arguments.tls is None:
+        return settings
+    from rwt.cli.commands.serve.tls import encrypted  # `--help` needs none of it.
+
+    return encrypted(settings)
+
+
+def _on_up(server: Server) -> str:
+    """Where the server is reached and, for the demo robot, what to do next."""
+    from rwt.cli.commands.serve.garbage_collection import BoundedGarbageCollection
+    from rwt.server import listening
+
+    BoundedGarbageCollection(partial(server.graph.clock.call_later, 0.0)).begin()
+    web = next((url for url in server.urls if url.startswith(("ws://", "wss://"))), None)
+    hint = [_next_steps(web)] if server.settings.demo and web is not None else []
+    if server.settings.tls.auto:
+        from rwt.cli.commands.serve.tls import for_devices
+
+        hint.append(for_devices(server))
+    return "\n".join([listening(server), *filter(None, hint)])
+
+
+def _next_steps(url: str) -> str:
+    page = url.replace("ws", "http", 1)
+    return f"""
+The demo robot is up. Point any rosbridge client at {url}, or open {page} in a browser.
+
+  roslibjs   new ROSLIB.Ros({{ url: "{url}" }})
+  roslibpy   roslibpy.Ros(host="{url.split("/")[2].rpartition(":")[0]}", port={url.rpartition(":")[2]}).run()
+
+Publish geometry_msgs/Twist on /cmd_vel to drive, subscribe to /odom, /scan and /map, call /add_two_ints,
+or send a goal to /navigate_to_pose. Ctrl-C ends it."""

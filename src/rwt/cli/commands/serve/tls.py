@@ -1,0 +1,88 @@
+"""`--tls auto`: a listener that encrypts, and what a phone is shown to find the page."""
+
+from __future__ import annotations
+
+import io
+import sys
+from typing import TYPE_CHECKING
+
+from rwt.access.origins import is_loopback_listener
+from rwt.cli.errors import CALLED_WRONGLY, CommandError
+from rwt_transports.schemes import SCHEMES
+
+if TYPE_CHECKING:
+    from rwt.server import Server
+    from rwt.settings.models import Settings
+
+
+def encrypted(settings: Settings) -> Settings:
+    """Settings with a listener that encrypts, by default on this machine alone.
+
+    Raises:
+        CommandError: there are listeners, and none encrypts.
+    """
+    if "listen" not in settings.model_fields_set:
+        return settings.model_copy(update={"listen": ("wss://127.0.0.1:9090",)})
+    if not any(_encrypts(url) for url in settings.listen):
+        raise CommandError(
+            f"--tls auto: nothing of {', '.join(settings.listen)} is encrypted: expected a URL such as"
+            " wss://0.0.0.0:9090",
+            exit_code=CALLED_WRONGLY,
+        )
+    return settings
+
+
+def _encrypts(url: str) -> bool:
+    scheme = SCHEMES.get(url.partition(":")[0].lower())
+    return scheme is not None and scheme.tls
+
+
+def for_devices(server: Server) -> str:
+    """Where other devices find the page, how they come to trust it, and in a terminal the address as a QR
+    code; empty for a server without a certificate of its own making."""
+    url = next((url for url in server.urls if url.startswith("wss://")), None)
+    if not server.settings.tls.auto or url is None:
+        return ""
+    from rwt.composition.certificates import AUTHORITY_PATH
+    from rwt.tls.own_certificate import own_certificate
+
+    made = own_certificate(server.settings.tls)
+    host = _host_for_devices(url, made.names)
+    page = f"https://{host or 'localhost'}:{url.rpartition(':')[2]}"
+    lines = [
+        f"page: {page}/",
+        f"  to have it trusted, install {page}{AUTHORITY_PATH} on the device (a copy of {made.authority})",
+        f"  SHA-256 {made.fingerprint}",
+    ]
+    if host is None:
+        lines.append(
+            "  no address of this machine is private: name the one that devices use, --set tls.names=ADDRESS"
+        )
+    elif is_loopback_listener(url):
+        lines.append("  only this machine reaches it; for a phone: rwt serve --tls auto wss://0.0.0.0:9090")
+    elif sys.stdout.isatty():
+        lines.append(qr_code(f"{page}/"))
+    return "\n".join(lines)
+
+
+def _host_for_devices(url: str, names: tuple[str, ...]) -> str | None:
+    """The host of a URL; for one that stands for every address, the first that leads out of this machine and
+    is vouched for; None where there is none."""
+    host = url.removeprefix("wss://").rpartition(":")[0]
+    if host not in ("0.0.0.0", "[::]"):
+        return host
+    from rwt.tls.machine import machine_addresses
+
+    for address in machine_addresses():
+        if str(address) in names and not address.is_loopback and (address.version == 4 or host == "[::]"):
+            return f"[{address}]" if address.version == 6 else str(address)
+    return None
+
+
+def qr_code(text: str) -> str:
+    """A text as a QR code (ISO/IEC 18004) of blocks, for a terminal of any colours."""
+    import segno
+
+    drawn = io.StringIO()
+    segno.make(text, micro=False, error="l").terminal(drawn, compact=True)
+    return drawn.getvalue().rstrip("\n")

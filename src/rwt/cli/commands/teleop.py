@@ -1,0 +1,153 @@
+"""`rwt teleop`: drive a robot with the arrow keys, for as long as one is held."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from contextlib import aclosing, suppress
+from typing import TYPE_CHECKING, Final
+
+from rwt.cli.console.key_presses import Key, can_press_keys, key_presses
+from rwt.cli.console.output import Output, note
+from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
+from rwt.cli.graph_lookup import absolute_name, topic_type
+from rwt.cli.parser import Commands
+from rwt.cli.verbs import Arguments, Verb, add_verb, hertz, number_within
+from rwt.signals import HANGUP, STOP_SIGNALS, on_signals
+
+if TYPE_CHECKING:
+    from rwt_client import RemotePublisher, Robot
+
+_TWISTS: Final = ("geometry_msgs/Twist", "geometry_msgs/TwistStamped")
+_DIRECTIONS: Final[dict[Key, tuple[float, float]]] = {
+    "up": (1.0, 0.0), "down": (-1.0, 0.0), "left": (0.0, 1.0), "right": (0.0, -1.0),
+}  # fmt: skip
+"""Shares of the two speeds, forwards and to the left, by key."""
+
+_FIRST_REPEAT_SECONDS: Final = 0.7
+"""A terminal repeats a held key after up to two thirds of a second, and then some thirty times a second."""
+_NEXT_REPEAT_SECONDS: Final = 0.2
+
+_FAREWELL_SECONDS: Final = 2.0
+
+
+def add_teleop_command(commands: Commands) -> None:
+    """Add `teleop` to the command line."""
+    add_verb(commands, _TELEOP)
+
+
+class HeldKey:
+    """The key that is held, by the times at which a terminal repeats it: it does not tell of a release."""
+
+    def __init__(self) -> None:
+        self._key: Key | None = None
+        self._until = -math.inf
+
+    def press(self, key: Key, now: float) -> None:
+        """A key was pressed, or repeated, at `now`, in seconds."""
+        repeated = key == self.at(now)
+        self._key = key
+        self._until = now + (_NEXT_REPEAT_SECONDS if repeated else _FIRST_REPEAT_SECONDS)
+
+    def at(self, now: float) -> Key | None:
+        """The key that is held at `now`; None if none is."""
+        return self._key if now < self._until else None
+
+
+_speed = number_within("a speed", 0, 1000)
+
+
+def _arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "topic",
+        metavar="TOPIC",
+        nargs="?",
+        default="/cmd_vel",
+        help="for Twist or TwistStamped (default /cmd_vel)",
+    )
+    parser.add_argument(
+        "--speed", type=_speed, default=0.3, metavar="M/S", help="forwards and backwards (default 0.3)"
+    )
+    parser.add_argument("--turn", type=_speed, default=1.0, metavar="RAD/S", help="on the spot (default 1)")
+    parser.add_argument(
+        "-r", "--rate", type=hertz, default=20.0, metavar="HZ", help="commands a second (default 20)"
+    )
+
+
+async def _teleop(robot: Robot, arguments: Arguments, output: Output) -> None:
+    import anyio
+
+    if not can_press_keys():
+        raise CommandError(
+            "teleop reads keys from a terminal, and there is none; `rwt topic pub` drives from a program",
+            CALLED_WRONGLY,
+        )
+    topic = absolute_name(arguments.topic)
+    kind = await topic_type(robot, topic)
+    publisher = await robot.advertise(topic, kind)
+    if publisher.type.name not in _TWISTS:
+        raise CommandError(f"{topic} is of {kind}; teleop publishes {' or '.join(_TWISTS)}", FAILED)
+    note("hold an arrow key to drive; space stops, q and Ctrl-C end")
+    held = HeldKey()
+    try:
+        async with anyio.create_task_group() as tasks:
+            # Handled here, so that whatever ends the program leaves a robot that stands.
+            ends = STOP_SIGNALS if HANGUP is None else (*STOP_SIGNALS, HANGUP)
+            with on_signals(dict.fromkeys(ends, tasks.cancel_scope.cancel)):
+                tasks.start_soon(_drive, publisher, held, arguments, output)
+                async with aclosing(key_presses()) as pressed:
+                    async for key in pressed:
+                        if key == "q":
+                            break
+                        held.press(key, anyio.current_time())
+                tasks.cancel_scope.cancel()
+    finally:
+        with anyio.CancelScope(shield=True), anyio.move_on_after(_FAREWELL_SECONDS):
+            await _stop(robot, publisher)
+
+
+async def _drive(publisher: RemotePublisher, held: HeldKey, arguments: Arguments, output: Output) -> None:
+    """Publish commands while a key is held, and a last one of zero when it is released."""
+    import anyio
+
+    drives = False
+    while True:
+        key = held.at(anyio.current_time())
+        forwards, left = _DIRECTIONS.get(key, (0.0, 0.0)) if key is not None else (0.0, 0.0)
+        moves = (forwards, left) != (0.0, 0.0)
+        if moves or drives:
+            _publish(publisher, forwards * arguments.speed, left * arguments.turn)
+            _print(forwards * arguments.speed, left * arguments.turn, output)
+        drives = moves
+        await anyio.sleep(1 / arguments.rate)
+
+
+def _publish(publisher: RemotePublisher, speed: float, turn: float) -> None:
+    twist = {"linear": {"x": speed}, "angular": {"z": turn}}
+    publisher.publish({"twist": twist} if publisher.type.name == _TWISTS[1] else twist)
+
+
+def _print(speed: float, turn: float, output: Output) -> None:
+    if output.json:
+        output.record({"linear": speed, "angular": turn})
+    elif output.people:
+        output.live([f"{speed:+.2f} m/s, {turn:+.2f} rad/s"])
+
+
+async def _stop(robot: Robot, publisher: RemotePublisher) -> None:
+    """Publish a command of zero, if there is still a connection."""
+    from rwt_client import ConnectionLost
+
+    with suppress(ConnectionLost):
+        _publish(publisher, 0.0, 0.0)
+        await robot.drain()
+
+
+_TELEOP = Verb(
+    "teleop",
+    "drive with the arrow keys while one is held; on release, and whatever ends it, the robot stops",
+    _teleop,
+    "rwt teleop\nrwt teleop /turtle1/cmd_vel --speed 2 --turn 2",
+    'one line for each command: {"linear": 0.3, "angular": 0.0}; metres and radians a second',
+    _arguments,
+)

@@ -1,0 +1,195 @@
+"""`rwt top`: what goes on in a robot: its topics with their rates, its nodes, its clients."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from rwt.cli.commands.topic.rates import in_bytes
+from rwt.cli.console.output import Output
+from rwt.cli.graph_lookup import ask_rosapi, topics_of
+from rwt.cli.parser import Commands
+from rwt.cli.verbs import Arguments, Verb, add_verb, count, seconds, tls_of, topic_glob, url_of
+
+if TYPE_CHECKING:
+    from rwt.cli.health import Health
+    from rwt_client import Robot
+    from rwt_client.endpoints.raw_subscription import RawMessage, RawSubscription
+
+_CLIENTS: Final = "/client_count"
+_FRAME_LINES: Final = 4
+"""Lines of the screen that are not rows of topics."""
+
+
+def add_top_command(commands: Commands) -> None:
+    """Add `top` to the command line."""
+    add_verb(commands, _TOP)
+
+
+def _arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "topics",
+        metavar="GLOB",
+        nargs="*",
+        type=topic_glob,
+        help="only topics that fit, for example '/camera/*'",
+    )
+    parser.add_argument(
+        "--interval", type=seconds, default=1.0, metavar="SECONDS", help="between two looks (default 1)"
+    )
+    parser.add_argument(
+        "-n",
+        "--times",
+        type=count,
+        metavar="N",
+        help="end after N looks (default 1 where no terminal shows them)",
+    )
+
+
+@dataclass(slots=True)
+class _Counted:
+    """A topic that is listened to, and what has come since the last look.
+
+    Attributes:
+        since_ns: the robot's time when it was subscribed to: what is older was kept, and is no rate.
+    """
+
+    type: str
+    since_ns: int
+    subscription: RawSubscription | None = None
+    messages: int = 0
+    octets: int = 0
+
+    def hear(self, message: RawMessage) -> None:
+        """Count one message."""
+        if message.stamp_ns is None or message.stamp_ns >= self.since_ns:
+            self.messages += 1
+            self.octets += len(message.data)
+
+
+@dataclass(frozen=True, slots=True)
+class _Rate:
+    """What came on one topic, a second."""
+
+    name: str
+    type: str
+    messages: float
+    octets: float
+
+
+class _Look:
+    """Listens to a robot's topics, undecoded, as they come and go."""
+
+    def __init__(self, robot: Robot, globs: list[str]) -> None:
+        from rwt.nodes.recording import TopicSelection
+
+        self.clients: int | None = None
+        self._robot = robot
+        self._selection = TopicSelection(tuple(globs), (), True, True)
+        self._counted: dict[str, _Counted] = {}
+
+    async def begin(self) -> None:
+        """Listen to the number of clients, which servers of this project publish."""
+        if any(topic.name == _CLIENTS for topic in await topics_of(self._robot)):
+            await self._robot.subscribe(_CLIENTS, self._count_clients)
+
+    def _count_clients(self, message: Any) -> None:
+        self.clients = message.data
+
+    async def follow(self) -> None:
+        """Listen to topics that are new, and forget those that have gone."""
+        from rwt_participant.errors import UnknownType
+
+        topics = {topic.name: topic.type for topic in await topics_of(self._robot)}
+        since_ns = await ask_rosapi(self._robot.time_ns)
+        for name in self._counted.keys() - topics.keys():
+            gone = self._counted.pop(name).subscription
+            if gone is not None:
+                gone.close()
+        for name, kind in topics.items():
+            if name in self._counted or name == _CLIENTS or not kind or not self._selection.takes(name):
+                continue
+            counted = self._counted[name] = _Counted(kind, since_ns)
+            try:
+                counted.subscription = await self._robot.subscribe_raw(name, counted.hear, kind)
+            except UnknownType:
+                continue  # It stays in the list, and nothing is heard of it.
+
+    async def health(self, arguments: Arguments) -> Health | None:
+        """How busy the server is, where it says so over HTTP."""
+        from rwt.cli.health import health_of
+
+        return await health_of(url_of(arguments), arguments.interval, tls_of(arguments))
+
+    def rates(self, elapsed: float) -> list[_Rate]:
+        """What came since the last time, `elapsed` seconds ago, the most bytes first."""
+        found = []
+        for name, counted in self._counted.items():
+            found.append(_Rate(name, counted.type, counted.messages / elapsed, counted.octets / elapsed))
+            counted.messages = counted.octets = 0
+        return sorted(found, key=lambda rate: (-rate.octets, rate.name))
+
+
+async def _top(robot: Robot, arguments: Arguments, output: Output) -> None:
+    import anyio
+
+    look = _Look(robot, arguments.topics)
+    await look.begin()
+    await look.follow()
+    since, times = anyio.current_time(), arguments.times or (None if output.people else 1)
+    while times is None or times > 0:
+        await anyio.sleep_until(since + arguments.interval)
+        now = anyio.current_time()
+        rates, since = look.rates(now - since), now
+        nodes = sorted(await ask_rosapi(robot.api.nodes))
+        _print(rates, nodes, look.clients, await look.health(arguments), output)
+        await look.follow()
+        times = None if times is None else times - 1
+
+
+def _print(
+    rates: list[_Rate], nodes: list[str], clients: int | None, health: Health | None, output: Output
+) -> None:
+    if output.json:
+        topics = [
+            {"name": rate.name, "type": rate.type, "rate": rate.messages, "bytes_per_second": rate.octets}
+            for rate in rates
+        ]
+        work = health.work if health is not None and health.version else None
+        output.record({"topics": topics, "nodes": nodes, "clients": clients, "work": work})
+        return
+    total = in_bytes(sum(rate.octets for rate in rates))
+    head = f"{len(rates)} topics, {total}/s; {len(nodes)} nodes"
+    lines = [head if clients is None else f"{head}; {clients} clients"]
+    if health is not None and health.version:
+        lines[0] += f", {health.work:.0%} of a processor at work for them"
+        if health.clients_beyond_rate:
+            lines[0] += f", {health.clients_beyond_rate} beyond limits.work_per_second"
+    shown = rates[: max(1, shutil.get_terminal_size().lines - _FRAME_LINES)] if output.people else rates
+    width = max((len(rate.name) for rate in shown), default=0)
+    lines.append(output.styled(f"{'Hz':>8}  {'a second':>10}  {'topic':<{width}}  type", "heading"))
+    for rate in shown:
+        name = output.styled(rate.name, "name") + " " * (width - len(rate.name))
+        figures = f"{rate.messages:>8.1f}  {in_bytes(rate.octets):>10}"
+        lines.append(f"{figures}  {name}  {output.styled(rate.type, 'type')}")
+    if output.people:
+        lines += [f"… and {len(rates) - len(shown)} more"] if len(shown) < len(rates) else []
+        output.live(lines)
+        return
+    output.text("".join(f"{line}\n" for line in [*lines, f"nodes: {' '.join(nodes)}"]))
+
+
+_TOP = Verb(
+    "top",
+    "watch topics with their rates and bytes, nodes and clients; for that the robot sends every topic",
+    _top,
+    "rwt top\nrwt top '/camera/*' --interval 5",
+    'one line for each look: {"topics": [{"name": "/odom", "type": …, "rate": 20.0,\n'
+    '"bytes_per_second": …}, …], "nodes": ["/demo_robot", …], "clients": 2, "work": 0.03}; clients and\n'
+    "the seconds of work for them each second are null where the server does not tell",
+    _arguments,
+    definitions=True,
+    lasting=True,
+)

@@ -1,0 +1,208 @@
+"""`rwt topic echo`: print the messages of a topic."""
+
+from __future__ import annotations
+
+import argparse
+from collections import deque
+from collections.abc import Callable
+from types import CodeType
+from typing import TYPE_CHECKING, Any, Final
+
+from rwt.cli.commands.topic.qos import add_qos_options, qos_from
+from rwt.cli.console.message_format import Formatting, csv_line, field_path, plain, plain_value
+from rwt.cli.console.output import Output
+from rwt.cli.errors import CALLED_WRONGLY, CommandError
+from rwt.cli.graph_lookup import absolute_name, topic_type
+from rwt.cli.verbs import Arguments, Verb, count, count_or_none, hertz
+
+if TYPE_CHECKING:
+    from rwt.cli.console.yaml_text import YamlValue
+    from rwt_client import Robot
+    from rwt_client.endpoints.raw_subscription import RawMessage
+    from rwt_client.robot import SubscribeKeywords
+    from rwt_interfaces.structs import MessageType
+
+_USUAL_LENGTH: Final = 128
+_MOST_WAITING: Final = 100
+"""Raw messages that wait to be printed; more push out the oldest."""
+
+
+def _arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("topic", metavar="TOPIC", help="for example /odom")
+    parser.add_argument(
+        "type", metavar="TYPE", nargs="?", help="its type, where the robot does not know it yet"
+    )
+    shape = add_echo_arguments(parser)
+    shape.add_argument("--raw", action="store_true", help="the serialised messages, undecoded")
+    parser.add_argument(
+        "--filter",
+        type=expression,
+        metavar="EXPR",
+        help="only messages for which this Python expression is true, for example 'm.data > 3'",
+    )
+
+
+def add_echo_arguments(parser: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGroup:
+    """Add the options of what prints messages as they come; returns the group of those that choose how."""
+    how_many = parser.add_mutually_exclusive_group()
+    how_many.add_argument("--once", action="store_const", const=1, dest="times", help="end after one message")
+    how_many.add_argument("-n", "--times", type=count, metavar="N", help="end after N messages")
+    parser.add_argument("--field", metavar="PATH", help="only this field, for example pose.pose.position.x")
+    shape = parser.add_mutually_exclusive_group()
+    shape.add_argument("--flow-style", action="store_true", help="each message on one line of YAML")
+    shape.add_argument("--csv", action="store_true", help="each message as comma-separated values")
+    parser.add_argument("--no-arr", action="store_true", help="of arrays only how long they are")
+    parser.add_argument("--no-str", action="store_true", help="of strings only how long they are")
+    parser.add_argument("-f", "--full-length", action="store_true", help="cut no arrays and strings")
+    parser.add_argument(
+        "-l",
+        "--truncate-length",
+        type=count_or_none,
+        default=_USUAL_LENGTH,
+        metavar="N",
+        help=f"cut arrays and strings after N (default {_USUAL_LENGTH}; never with --csv and --json)",
+    )
+    parser.add_argument("--max-rate", type=hertz, metavar="HZ", help="at most so many messages a second")
+    add_qos_options(parser)
+    return shape
+
+
+def expression(text: str) -> CodeType:
+    """A Python expression, compiled.
+
+    Raises:
+        argparse.ArgumentTypeError: it is none.
+    """
+    try:
+        return compile(text, "--filter", "eval")
+    except (SyntaxError, ValueError) as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is no Python expression: {error}") from None
+
+
+async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
+    name = absolute_name(arguments.topic)
+    kind = arguments.type or await topic_type(robot, name)
+    if arguments.raw:
+        await _echo_raw(robot, name, kind, arguments, output)
+    else:
+        await echo_messages(robot, name, kind, arguments, output, _passes(arguments.filter))
+
+
+async def echo_messages(
+    robot: Robot,
+    name: str,
+    kind: str,
+    arguments: Arguments,
+    output: Output,
+    passes: Callable[[Any], bool] = lambda _: True,
+) -> None:
+    """Print the messages of a topic that pass, as many as `arguments` say."""
+    options: SubscribeKeywords = {"qos": qos_from(arguments)}
+    if arguments.max_rate:
+        options["throttle"] = 1 / arguments.max_rate
+    message_type = await robot.types.message(kind)
+    show = _printer(message_type, arguments, output)
+    printed = 0
+    async with robot.topic(name, kind, **options) as messages:
+        while printed != arguments.times:
+            message = await messages.get(arguments.timeout)
+            if passes(message):
+                show(message)
+                printed += 1
+
+
+def _passes(code: CodeType | None) -> Callable[[Any], bool]:
+    """Whether a message, `m` in the expression of ``--filter``, is printed."""
+    if code is None:
+        return lambda _: True
+
+    def passes(message: Any) -> bool:
+        try:
+            return bool(eval(code, {"m": message}))
+        except Exception as error:
+            raise CommandError(f"--filter: {type(error).__name__}: {error}", CALLED_WRONGLY) from error
+
+    return passes
+
+
+async def _echo_raw(robot: Robot, name: str, kind: str, arguments: Arguments, output: Output) -> None:
+    import anyio
+    import pybase64
+
+    from rwt_participant.errors import TimedOut
+
+    refused = next((each for each in ("field", "filter", "max_rate") if getattr(arguments, each)), None)
+    if refused is not None:
+        raise CommandError(f"--raw decodes nothing: leave --{refused.replace('_', '-')} out", CALLED_WRONGLY)
+    arrived: deque[bytes] = deque(maxlen=_MOST_WAITING)
+    come = anyio.Event()
+
+    def hear(message: RawMessage) -> None:
+        arrived.append(bytes(message.data))
+        come.set()
+
+    subscription = await robot.subscribe_raw(name, hear, kind)
+    printed = 0
+    while printed != arguments.times:
+        if not arrived:
+            come = anyio.Event()
+            with anyio.move_on_after(arguments.timeout) as patience:
+                await come.wait()
+            if patience.cancelled_caught:
+                raise TimedOut(f"no message came on {name} within {arguments.timeout:g} s")
+        data = arrived.popleft()
+        printed += 1
+        if output.json:
+            output.record(pybase64.b64encode(data).decode())
+        else:
+            output.text(f"{data!r}\n{output.styled('---', 'faint')}\n")
+    subscription.close()
+
+
+def _printer(message_type: MessageType, arguments: Arguments, output: Output) -> Callable[[Any], None]:
+    """A function that prints one message."""
+    from rwt.cli.console.yaml_text import block, flow
+
+    formatting = _formatting(arguments, output)
+    path = field_path(message_type, arguments.field) if arguments.field else None
+
+    def value_of(message: Any) -> YamlValue:
+        if path is None:
+            return plain(message_type, message, formatting)
+        return plain_value(path.field_type, path.of(message), formatting)
+
+    def show(message: Any) -> None:
+        value = value_of(message)
+        if output.json:
+            output.record(value)
+        elif arguments.csv:
+            output.line(output.escape_terminal(csv_line(value)))
+        elif arguments.flow_style:
+            output.text(f"{flow(value)}\n---\n")
+        else:
+            output.text(f"{block(value)}{output.styled('---', 'faint')}\n")
+
+    return show
+
+
+def _formatting(arguments: Arguments, output: Output) -> Formatting:
+    whole = arguments.full_length or arguments.csv or output.json
+    return Formatting(
+        arrays=not arguments.no_arr,
+        strings=not arguments.no_str,
+        longest=None if whole else arguments.truncate_length,
+        json=output.json,
+    )
+
+
+ECHO = Verb(
+    "echo",
+    "print the messages of a topic",
+    _echo,
+    "rwt topic echo /odom --field pose.pose.position --once",
+    "one line for each message: the message as rosbridge sends it (octets as base64, NaN as null), or the\n"
+    "value of --field; with --raw its octets in base64",
+    _arguments,
+    definitions=True,
+    lasting=True,
+)

@@ -1,0 +1,151 @@
+"""`rwt topic pub`: publish on a topic, once, so many times, or at a rate until Ctrl-C."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import AsyncIterator
+from typing import TYPE_CHECKING, Final
+
+from rwt.cli.commands.topic.qos import add_qos_options, qos_from
+from rwt.cli.console.message_argument import type_and_message, with_stamps
+from rwt.cli.console.message_format import Formatting, constructor, plain
+from rwt.cli.console.output import Output, note
+from rwt.cli.errors import CALLED_WRONGLY, TIMED_OUT, CommandError
+from rwt.cli.graph_lookup import absolute_name, ask_rosapi, topic_type
+from rwt.cli.verbs import Arguments, Verb, count, count_or_none, hertz, seconds_or_none
+
+if TYPE_CHECKING:
+    from rwt_client import RemotePublisher, Robot
+
+_USUAL_RATE: Final = 1.0
+_POLL_SECONDS: Final = 0.1
+"""Seconds between two polls for subscriptions."""
+
+
+def _arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("topic", metavar="TOPIC", help="for example /cmd_vel")
+    parser.add_argument(
+        "message",
+        metavar="TYPE MESSAGE",
+        nargs="*",
+        help="type and message in YAML or JSON, - to read it from standard input; what is left out has its"
+        " default, a header `auto` the time; of a topic that is there the type may be left out",
+    )
+    how_many = parser.add_mutually_exclusive_group()
+    how_many.add_argument(
+        "-1", "--once", action="store_const", const=1, dest="times", help="publish one message"
+    )
+    how_many.add_argument("-t", "-n", "--times", type=count, metavar="N", help="publish N messages")
+    parser.add_argument(
+        "-r", "--rate", type=hertz, default=_USUAL_RATE, metavar="HZ", help="messages a second (default 1)"
+    )
+    parser.add_argument(
+        "-p", "--print", type=count, default=1, metavar="N", help="print every N-th message only"
+    )
+    parser.add_argument(
+        "-w",
+        "--wait",
+        "--wait-matching-subscriptions",
+        type=count_or_none,
+        metavar="N",
+        help="wait for N subscriptions first (default 1 with --once and --times, else 0)",
+    )
+    parser.add_argument(
+        "--keep-alive",
+        type=seconds_or_none,
+        default=0.1,
+        metavar="SECONDS",
+        help="stay connected after the last message (default 0.1)",
+    )
+    parser.add_argument("--latch", action="store_true", help="keep the last message for late subscribers")
+    add_qos_options(parser)
+
+
+async def _pub(robot: Robot, arguments: Arguments, output: Output) -> None:
+    import anyio
+
+    from rwt_participant.messages import to_payload
+
+    name = absolute_name(arguments.topic)
+    if len(arguments.message) > 2:
+        raise CommandError("expected TYPE and MESSAGE; the message goes in quotes", CALLED_WRONGLY)
+    kind, message = type_and_message(arguments.message)
+    with await robot.advertise(
+        name, kind or await topic_type(robot, name), latch=arguments.latch, qos=qos_from(arguments)
+    ) as publisher:
+        given = with_stamps(publisher.type, message)
+        to_payload(publisher.type, given)  # What does not fit is refused before the wait.
+        await _wait_for_subscribers(robot, name, arguments)
+        if not output.json:
+            output.line("publisher: beginning loop")
+        async for number in _ticks(arguments.rate, arguments.times):
+            _publish(publisher, given, number, arguments, output)
+            await publisher.drain()
+        await anyio.sleep(arguments.keep_alive)
+
+
+def _publish(
+    publisher: RemotePublisher, given: object, number: int, arguments: Arguments, output: Output
+) -> None:
+    from rwt_participant.messages import to_payload
+
+    # Made for each message: a header is stamped when its message is sent.
+    message = to_payload(publisher.type, given).value()
+    publisher.publish(message)
+    if number % arguments.print:
+        return
+    if output.json:
+        record = plain(publisher.type, message, Formatting(json=True))
+        output.record({"topic": publisher.name, "number": number, "message": record})
+    else:
+        output.line(f"publishing #{number}: {constructor(publisher.type, message)}\n")
+
+
+async def _ticks(rate: float, times: int | None) -> AsyncIterator[int]:
+    """1, 2, 3, … at a rate; after a delay, the next ones are not closer together."""
+    import anyio
+
+    due = anyio.current_time()
+    number = 0
+    while True:
+        number += 1
+        yield number
+        if number == times:
+            return
+        due = max(due + 1 / rate, anyio.current_time())
+        await anyio.sleep_until(due)
+
+
+async def _wait_for_subscribers(robot: Robot, name: str, arguments: Arguments) -> None:
+    """Wait for `--wait` subscriptions, as long as `--timeout` allows.
+
+    Raises:
+        CommandError: there were too few in time.
+    """
+    import anyio
+
+    wanted = arguments.wait if arguments.wait is not None else int(arguments.times is not None)
+    noted = False
+    with anyio.move_on_after(arguments.timeout):
+        while wanted and len(await ask_rosapi(lambda: robot.api.subscribers(name))) < wanted:
+            if not noted:
+                note(f"Waiting for at least {wanted} matching subscription(s)... (-w 0 does not wait)")
+                noted = True
+            await anyio.sleep(_POLL_SECONDS)
+        return
+    raise CommandError(
+        f"nobody has subscribed to {name} within {arguments.timeout:g} s; -w 0 publishes without", TIMED_OUT
+    )
+
+
+PUB = Verb(
+    "pub",
+    "publish on a topic",
+    _pub,
+    "rwt topic pub --once /cmd_vel geometry_msgs/msg/Twist '{linear: {x: 0.2}}'\n"
+    "rwt topic pub -r 10 /cmd_vel geometry_msgs/msg/Twist '{angular: {z: 1.0}}'     until Ctrl-C",
+    'one line for each message: {"topic": "/cmd_vel", "number": 1, "message": {…}}',
+    _arguments,
+    definitions=True,
+    lasting=True,
+)

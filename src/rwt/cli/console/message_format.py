@@ -1,0 +1,247 @@
+"""Messages as people and programs read them: plain values, shortened if wanted, one field, text, CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import pybase64
+
+from rwt.cli.errors import CALLED_WRONGLY, CommandError
+from rwt_interfaces import field_types
+from rwt_participant.spelling import did_you_mean
+
+if TYPE_CHECKING:
+    from rwt.cli.console.yaml_text import YamlValue
+    from rwt_interfaces.field_types import FieldType
+    from rwt_interfaces.structs import MessageType
+
+_STEP: Final = re.compile(r"([A-Za-z][A-Za-z0-9_]*)((?:\[[0-9]{1,9}\])*)", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True)
+class Formatting:
+    """How much of a message is shown, and for whom.
+
+    Attributes:
+        arrays: whether arrays are shown; else only their length.
+        strings: whether strings are shown; else only their length.
+        longest: items and characters after which an array or a string is cut; None for no cut.
+        json: octets as base64 and NaN as null, as rosbridge sends them.
+    """
+
+    arrays: bool = True
+    strings: bool = True
+    longest: int | None = None
+    json: bool = False
+
+
+def plain(
+    message_type: MessageType, message: Any, formatting: Formatting = Formatting()
+) -> dict[str, YamlValue]:
+    """A message as plain values, fields in the definition's order."""
+    return {
+        slot.name: plain_value(slot.type, getattr(message, slot.attribute), formatting)
+        for slot in message_type.slots
+    }
+
+
+def plain_value(field_type: FieldType, value: Any, formatting: Formatting) -> YamlValue:
+    """What a field holds as plain values."""
+    match field_type:
+        case field_types.Message(type=nested) if nested.time is None:
+            return plain(nested, value, formatting)
+        case field_types.Message(type=nested):
+            return _time(nested.time, value)
+        case field_types.Time():
+            return _time(field_type, value)
+        case field_types.Array(element=element):
+            return _items(field_type, [*value], element, formatting)
+        case field_types.Octets():
+            return _octets(field_type, value, formatting)
+        case field_types.String():
+            return _string(value, formatting)
+        case field_types.Float():
+            return None if formatting.json and not math.isfinite(value) else float(value)
+        case _:
+            plain_one: YamlValue = value
+            return plain_one
+
+
+def _time(field_type: field_types.Time | None, value: Any) -> YamlValue:
+    assert field_type is not None  # Only times are asked for.
+    return {key: int(getattr(value, key)) for key in field_type.keys}
+
+
+def _items(
+    field_type: field_types.Array, items: list[Any], element: field_types.Scalar, formatting: Formatting
+) -> YamlValue:
+    if not formatting.arrays:
+        return _only_length(field_type.length is not None, str(element), len(items))
+    cut = formatting.longest is not None and len(items) > formatting.longest
+    shown: list[YamlValue] = [
+        plain_value(element, item, formatting) for item in (items[: formatting.longest] if cut else items)
+    ]
+    return [*shown, "..."] if cut else shown
+
+
+def _octets(field_type: field_types.Octets, octets: Any, formatting: Formatting) -> YamlValue:
+    if not formatting.arrays:
+        return _only_length(field_type.length is not None, "uint8", len(octets))
+    cut = formatting.longest is not None and len(octets) > formatting.longest
+    shown = bytes(octets[: formatting.longest] if cut else octets)
+    if formatting.json:
+        return pybase64.b64encode(shown).decode() + ("..." if cut else "")
+    return [*shown, "..."] if cut else [*shown]
+
+
+def _only_length(fixed: bool, element: str, length: int) -> str:
+    if fixed:
+        return f"<array type: {element}[{length}]>"
+    return f"<sequence type: {element}, length: {length}>"
+
+
+def _string(text: str, formatting: Formatting) -> str:
+    if not formatting.strings:
+        return f"<string length: <{len(text)}>>"
+    if formatting.longest is not None and len(text) > formatting.longest:
+        return f"{text[: formatting.longest]}..."
+    return text
+
+
+# -- one field ---------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class FieldPath:
+    """A way to one field of a message: ``pose.pose.position.x``, ``transforms[0].child_frame_id``.
+
+    Attributes:
+        text: as it was typed.
+        steps: names of attributes, and indices.
+        field_type: what is there.
+    """
+
+    text: str
+    steps: tuple[str | int, ...]
+    field_type: FieldType
+
+    def of(self, message: Any) -> Any:
+        """What `message` holds there.
+
+        Raises:
+            CommandError: an array is too short.
+        """
+        value = message
+        for step in self.steps:
+            if isinstance(step, str):
+                value = getattr(value, step)
+            elif step < len(value):
+                value = value[step]
+            else:
+                raise CommandError(f"--field {self.text}: there are only {len(value)} items in this message")
+        return value
+
+
+def field_path(message_type: MessageType, text: str) -> FieldPath:
+    """Find a field by its path.
+
+    Raises:
+        CommandError: there is no such field; names the nearest.
+    """
+    steps: list[str | int] = []
+    field_type: FieldType = field_types.Message(message_type)
+    for word in text.split("."):
+        found = _STEP.fullmatch(word)
+        if found is None:
+            raise CommandError(
+                f"--field {text}: expected names and indices, as in pose.position.x or ranges[0]",
+                CALLED_WRONGLY,
+            )
+        attribute, field_type = _field_of(field_type, found[1], text)
+        steps.append(attribute)
+        for index in re.findall(r"[0-9]+", found[2]):
+            steps.append(int(index))
+            field_type = _element_of(field_type, text)
+    return FieldPath(text, tuple(steps), field_type)
+
+
+def _field_of(field_type: FieldType, name: str, text: str) -> tuple[str, FieldType]:
+    time = field_type.type.time if isinstance(field_type, field_types.Message) else field_type
+    if isinstance(time, field_types.Time):
+        known: dict[str, tuple[str, FieldType]] = {
+            key: (key, part) for key, part in zip(time.keys, (time.seconds, time.nanoseconds), strict=True)
+        }
+    elif isinstance(field_type, field_types.Message):
+        known = {slot.name: (slot.attribute, slot.type) for slot in field_type.type.slots}
+    else:
+        raise CommandError(f"--field {text}: {field_type} has no fields, so no {name}", CALLED_WRONGLY)
+    if name not in known:
+        meant = did_you_mean(name, known) or f"; it has {', '.join(known) or 'none'}"
+        raise CommandError(f"--field {text}: {field_type} has no field {name}{meant}", CALLED_WRONGLY)
+    return known[name]
+
+
+def _element_of(field_type: FieldType, text: str) -> FieldType:
+    if isinstance(field_type, field_types.Array):
+        return field_type.element
+    if isinstance(field_type, field_types.Octets):
+        return field_types.UINT8
+    raise CommandError(f"--field {text}: {field_type} is no array", CALLED_WRONGLY)
+
+
+# -- other texts -------------------------------------------------------------------------------------------
+
+
+def csv_line(value: YamlValue) -> str:
+    """All values in order, between commas (RFC 4180, but for the line end)."""
+    buffer = io.StringIO()
+    csv.writer(buffer, lineterminator="").writerow(_leaves(value))
+    return buffer.getvalue()
+
+
+def _leaves(value: YamlValue) -> Iterator[YamlValue]:
+    if isinstance(value, dict):
+        for item in value.values():
+            yield from _leaves(item)
+    elif isinstance(value, list):
+        for item in value:
+            yield from _leaves(item)
+    else:
+        yield value
+
+
+def constructor(message_type: MessageType, message: Any) -> str:
+    """A message as the ``ros2`` tool prints one that it sends: ``std_msgs.msg.String(data='hello')``."""
+    return _constructed(field_types.Message(message_type), message)
+
+
+def _constructed(field_type: FieldType, value: Any) -> str:
+    match field_type:
+        case field_types.Message(type=nested):
+            keys = nested.time.keys if nested.time is not None else None
+            inner = (
+                ", ".join(f"{key}={getattr(value, key)}" for key in keys)
+                if keys is not None
+                else ", ".join(
+                    f"{slot.name}={_constructed(slot.type, getattr(value, slot.attribute))}"
+                    for slot in nested.slots
+                )
+            )
+            return f"{nested.registry.full_name(nested.name).replace('/', '.')}({inner})"
+        case field_types.Time(is_duration=is_duration, keys=keys):
+            name = "Duration" if is_duration else "Time"
+            return (
+                f"builtin_interfaces.msg.{name}({', '.join(f'{key}={getattr(value, key)}' for key in keys)})"
+            )
+        case field_types.Array(element=element):
+            return f"[{', '.join(_constructed(element, item) for item in value)}]"
+        case field_types.Octets():
+            return repr([*value])
+        case _:
+            return repr(value)

@@ -1,0 +1,371 @@
+"""What the verbs that talk to a robot share: their options, the connection, and how they fail.
+
+A family of verbs (`rwt topic …`) is one module with a tuple of :class:`Verb`, and a row in
+:data:`rwt.cli.COMMANDS`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import math
+import os
+from collections.abc import Awaitable, Callable, Sequence
+from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, TypeVar
+
+from rwt.cli.console.output import Output, log_notes, standard_output
+from rwt.cli.errors import CALLED_WRONGLY, CANNOT_CONNECT, FAILED, TIMED_OUT, CommandError
+from rwt.cli.parser import Commands, add_commands
+
+if TYPE_CHECKING:
+    import ssl
+
+    from rwt_client import ConnectionEvent, Robot
+    from rwt_participant.errors import RobotError
+
+DEFAULT_URL: Final = "ws://127.0.0.1:9090"
+URL_VARIABLE: Final = "RWT_URL"
+TOKEN_VARIABLE: Final = "RWT_TOKEN"
+USUAL_TIMEOUT: Final = 10.0
+"""Default of ``--timeout``: seconds that connecting, and each answer, may take."""
+
+_LEAST: Final = 1e-6
+_MOST: Final = 1e9
+"""Of numbers of seconds, which timers can wait, and times a second."""
+
+_MOST_AT_ONCE: Final = 16
+_ROBOT_OPTIONS: Final = "the robot"
+
+T = TypeVar("T")
+
+Arguments = argparse.Namespace
+AddArguments = Callable[[argparse.ArgumentParser], None]
+
+
+def _no_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add nothing: for verbs without arguments of their own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verb:
+    """One verb of a family.
+
+    Attributes:
+        name: as it is typed.
+        help: what it does, in one line.
+        run: does it.
+        example: a command line, or several lines of them, for the help.
+        json: what ``--json`` prints, for the help.
+        add_arguments: adds its own arguments.
+        definitions: whether the definitions of the robot's topics are fetched when connecting.
+        lasting: whether it goes on until Ctrl-C, so that Ctrl-C is a good end; it also waits for a lost
+            connection to come back.
+    """
+
+    name: str
+    help: str
+    run: Callable[[Robot, Arguments, Output], Awaitable[None]]
+    example: str
+    json: str
+    add_arguments: AddArguments = _no_arguments
+    definitions: bool = False
+    lasting: bool = False
+
+
+def add_family(commands: Commands, name: str, description: str, verbs: Sequence[Verb]) -> Commands:
+    """Add a command whose verbs all talk to a robot; returns what further verbs are added to."""
+    family = commands.add_parser(name, description=description)
+    added = add_commands(family)
+    for verb in verbs:
+        add_verb(added, verb)
+    return added
+
+
+def add_verb(commands: Commands, verb: Verb) -> None:
+    """Add a verb to a family, or as a command of its own."""
+    parser = commands.add_parser(
+        verb.name,
+        help=verb.help,
+        description=sentence(verb.help),
+        epilog=epilog(verb.example, verb.json),
+    )
+    verb.add_arguments(parser)
+    add_robot_options(parser)
+    parser.set_defaults(run=lambda arguments: _run(verb, arguments))
+
+
+def sentence(text: str) -> str:
+    """A line of help as a sentence."""
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+def epilog(example: str, json: str) -> str:
+    """The end of a verb's help: how it is typed, and what ``--json`` prints."""
+    examples = "\n".join(f"  {line}" for line in example.splitlines())
+    shape = "\n".join(f"  {line}" for line in json.splitlines())
+    return f"example:\n{examples}\n\n--json prints:\n{shape}"
+
+
+def add_robot_options(parser: argparse.ArgumentParser, *, json: bool = True) -> None:
+    """Add the options of every verb that talks to a robot; without `json` for what prints nothing."""
+    group = parser.add_argument_group(_ROBOT_OPTIONS)
+    group.add_argument(
+        "--url", metavar="URL", help=f"where it is (default ${URL_VARIABLE}, or {DEFAULT_URL})"
+    )
+    group.add_argument(
+        "--token",
+        metavar="TOKEN",
+        help=f"bearer token to present (default ${TOKEN_VARIABLE}, which others on this machine cannot read)",
+    )
+    add_tls_options(group)
+    group.add_argument(
+        "--timeout",
+        type=seconds,
+        metavar="SECONDS",
+        help=f"how long to wait for the connection and each answer (default {USUAL_TIMEOUT:g}; for a"
+        " message no limit)",
+    )
+    if json:
+        group.add_argument("--json", action="store_true", help="print JSON, for programs")
+
+
+def add_tls_options(to: argparse._ActionsContainer) -> None:
+    """Add the options on how the server's certificate is checked."""
+    certificate = to.add_mutually_exclusive_group()
+    certificate.add_argument(
+        "--cafile",
+        type=Path,
+        metavar="FILE",
+        help="check the server's certificate against those in this file, in PEM (default: the system's)",
+    )
+    certificate.add_argument(
+        "--insecure",
+        action="store_true",
+        help="do not check it: whoever is between here and the robot can then read and change everything",
+    )
+
+
+def number_within(what: str, least: float, most: float) -> Callable[[str], float]:
+    """Reads an option's value that is a number in a range.
+
+    Args:
+        what: what it is, for a refusal.
+    """
+
+    def read(text: str) -> float:
+        try:
+            number = float(text)
+        except ValueError:
+            number = math.nan
+        if not least <= number <= most:
+            raise argparse.ArgumentTypeError(f"expected {what} from {least:g} to {most:g}, got {text!r}")
+        return number
+
+    return read
+
+
+seconds: Final = number_within("seconds", _LEAST, _MOST)
+"""An option's value in seconds: from a microsecond to thirty years."""
+
+seconds_or_none: Final = number_within("seconds", 0.0, _MOST)
+"""An option's value in seconds, which may be 0."""
+
+hertz: Final = number_within("times a second", _LEAST, 1e6)
+"""An option's value in Hz: up to a million, and as slow as a timer can be."""
+
+
+def topic_glob(text: str) -> str:
+    """A pattern of topics. The options that take several would take a URL behind them, too."""
+    if "://" in text:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no pattern of topics; a URL stands before options that take several patterns"
+        )
+    return text
+
+
+def count(text: str) -> int:
+    """An option's value that counts something: 1 or more."""
+    return _whole(text, 1)
+
+
+def count_or_none(text: str) -> int:
+    """An option's value that counts something: 0 or more."""
+    return _whole(text, 0)
+
+
+def _whole(text: str, least: int) -> int:
+    number = int(text) if text.isascii() and text.isdigit() and len(text) < 10 else -1
+    if number < least:
+        raise argparse.ArgumentTypeError(f"expected a whole number from {least} to 999999999, got {text!r}")
+    return number
+
+
+def url_of(arguments: Arguments) -> str:
+    """Where the robot is."""
+    return arguments.url or os.environ.get(URL_VARIABLE) or DEFAULT_URL
+
+
+def token_of(arguments: Arguments) -> str:
+    """The token to present; empty for none."""
+    return arguments.token or os.environ.get(TOKEN_VARIABLE, "")
+
+
+def request_headers(arguments: Arguments) -> dict[str, str]:
+    """The request headers with which to connect.
+
+    Raises:
+        CommandError: there is a token and no request to put it in, or it cannot stand in one.
+    """
+    token = token_of(arguments)
+    if not token:
+        return {}
+    from rwt_transports.schemes import SCHEMES  # takes a while, and `--help` needs none of it
+
+    scheme = SCHEMES.get(url_of(arguments).partition(":")[0].lower())
+    if scheme is None or not scheme.http:
+        raise CommandError("a token needs ws:// or wss://: other transports carry none", CALLED_WRONGLY)
+    if not (token.isascii() and token.isprintable()) or " " in token:
+        raise CommandError("the token has characters that no token has; was it copied whole?", CALLED_WRONGLY)
+    return {"Authorization": f"Bearer {token}"}
+
+
+def tls_of(arguments: Arguments) -> ssl.SSLContext | None:
+    """How the server's certificate is checked; None for the system's authorities.
+
+    Raises:
+        CommandError: the connection would not be encrypted, or the file holds no certificates.
+    """
+    if arguments.cafile is None and not arguments.insecure:
+        return None
+    import ssl  # takes a while, and few commands need it
+
+    from rwt_transports.schemes import SCHEMES
+
+    scheme = SCHEMES.get(url_of(arguments).partition(":")[0].lower())
+    if scheme is None or not scheme.tls:
+        raise CommandError(
+            "--cafile and --insecure are about a certificate: give a URL of wss:// or tcps://", CALLED_WRONGLY
+        )
+    try:
+        context = ssl.create_default_context(cafile=arguments.cafile)
+    except ssl.SSLError as error:
+        raise CommandError(
+            f"--cafile: {arguments.cafile}: expected certificates in PEM", CALLED_WRONGLY
+        ) from error
+    except OSError as error:
+        raise CommandError(
+            f"--cafile: {arguments.cafile}: cannot be read: {error.strerror}", CALLED_WRONGLY
+        ) from error
+    if arguments.insecure:
+        context.check_hostname = False
+        context.verify_mode = ssl.CERT_NONE
+    return context
+
+
+def connecting(
+    arguments: Arguments, *, definitions: bool = False, lasting: bool = False
+) -> AbstractAsyncContextManager[Robot]:
+    """A connection to the robot that the options name.
+
+    Args:
+        definitions: fetch the definitions of the topics, which win over the standard ones.
+        lasting: come back when the connection is lost.
+    """
+    from rwt_client import connect  # takes a while, and `--help` needs none of it
+    from rwt_client.connection import RECONNECT
+
+    return connect(
+        url_of(arguments),
+        timeout=arguments.timeout or USUAL_TIMEOUT,
+        reconnect=RECONNECT if lasting else None,
+        fetch_types=definitions,
+        headers=request_headers(arguments),
+        tls=tls_of(arguments),
+    )
+
+
+def run_async(program: Callable[[], Awaitable[None]]) -> None:
+    """Run a coroutine function to its end.
+
+    Raises:
+        CommandError: what the client raised, in the words and exit codes of the command line.
+    """
+    import anyio  # takes a while, and `--help` needs none of it
+
+    from rwt_participant.errors import RobotError
+
+    try:
+        anyio.run(program)
+    except RobotError as error:
+        raise command_error(error) from error
+
+
+def _run(verb: Verb, arguments: Arguments) -> int:
+    log_notes("rwt: %(message)s")
+    output = standard_output(json=arguments.json)
+
+    async def program() -> None:
+        async with connecting(arguments, definitions=verb.definitions, lasting=verb.lasting) as robot:
+            if verb.lasting:
+                robot.on_event(_log_connection)
+            await verb.run(robot, arguments, output)
+
+    try:
+        run_async(program)
+    except KeyboardInterrupt:
+        if not verb.lasting:
+            raise
+    return 0
+
+
+def _log_connection(event: ConnectionEvent) -> None:
+    if event.kind == "lost":
+        logging.getLogger("rwt").warning("%s; connecting again", event.text or "the connection was lost")
+    elif event.kind == "restored":
+        logging.getLogger("rwt").warning("connected again")
+
+
+def command_error(error: RobotError) -> CommandError:
+    """An error of the client with its exit code."""
+    from rwt_client import BadAddress, ConnectionLost
+    from rwt_participant.errors import InvalidMessage, TimedOut, TransformUnavailable
+
+    if isinstance(error, BadAddress | InvalidMessage):
+        code = CALLED_WRONGLY
+    elif isinstance(error, ConnectionLost):
+        code = CANNOT_CONNECT
+    else:
+        code = TIMED_OUT if isinstance(error, TimedOut | TransformUnavailable) else FAILED
+    return CommandError(str(error), code)
+
+
+async def gather(questions: Sequence[Callable[[], Awaitable[T]]]) -> list[T]:
+    """The results of coroutine functions that run concurrently, at most 16 at a time, in order.
+
+    Raises:
+        RobotError: one of them failed; the first error.
+    """
+    import anyio
+
+    from rwt_participant.errors import RobotError
+
+    answers: dict[int, T] = {}
+    failures: list[RobotError] = []
+    few = anyio.Semaphore(_MOST_AT_ONCE)
+
+    async def ask(index: int, question: Callable[[], Awaitable[T]]) -> None:
+        async with few:
+            try:
+                answers[index] = await question()
+            except RobotError as error:
+                failures.append(error)
+
+    async with anyio.create_task_group() as tasks:
+        for index, question in enumerate(questions):
+            tasks.start_soon(ask, index, question)
+    if failures:
+        raise failures[0]
+    return [answers[index] for index in range(len(questions))]

@@ -1,0 +1,94 @@
+"""The protocols that a server speaks beside rosbridge, and how their gateways are made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
+
+from rwt.access.settings import SettingsError
+from rwt_transports.http import HttpResponse
+
+# What only some servers have is imported in the functions that make it.
+if TYPE_CHECKING:
+    from collections.abc import Awaitable
+
+    from rwt.access.access import Access
+    from rwt.access.gateway import Gateway
+    from rwt.access.graph_view import GraphView
+    from rwt.gateways.foxglove.assets import Pages
+    from rwt.settings.models import GatewayName, Settings
+    from rwt_graph.api import Graph
+    from rwt_transports.http import HttpExtension, HttpRequest
+
+_PACKAGES: Final = "/packages/"
+"""Below it nodes serve the files that robots' descriptions name."""
+
+
+def _foxglove(graph: Graph, settings: Settings, access: Access, http: Sequence[HttpExtension]) -> Gateway:
+    from rwt.gateways.foxglove.gateway import FoxgloveGateway
+    from rwt.gateways.foxglove.settings import Bounds
+
+    limits = settings.limits
+    bounds = Bounds(
+        limits.outgoing_message_bytes,
+        limits.structure_bytes,
+        limits.messages_per_second,
+        limits.messages_burst,
+        settings.default_call_service_timeout or None,
+    )
+    return FoxgloveGateway(
+        graph, access, settings.foxglove, bounds, settings.unregister_timeout, package_pages(http)
+    )
+
+
+def _http(graph: Graph, settings: Settings, access: Access, http: Sequence[HttpExtension]) -> Gateway:
+    from rwt.gateways.http import HttpGateway
+
+    offered = {"gateways": ["rosbridge", *settings.gateways], "nodes": list(settings.nodes)}
+    several = settings.workers > 1
+    linger = settings.unregister_timeout
+    return HttpGateway(graph, access, settings.api, linger, offered, several_processes=several)
+
+
+def _mcp(graph: Graph, settings: Settings, access: Access, http: Sequence[HttpExtension]) -> Gateway:
+    try:
+        from rwt.gateways.mcp.gateway import McpGateway
+    except ModuleNotFoundError as error:
+        raise SettingsError(
+            f"`gateways`: mcp needs {error.name}, which is not installed: pip install mcp"
+        ) from None
+    from rwt.composition.recordings import RecordingFolder
+
+    folder = settings.mcp.recordings
+    recordings = None if folder is None else RecordingFolder(folder)
+    several = settings.workers > 1
+    return McpGateway(graph, access, settings.mcp, recordings, several_processes=several)
+
+
+GATEWAYS: Final[
+    Mapping[GatewayName, Callable[[Graph, Settings, Access, Sequence[HttpExtension]], Gateway]]
+] = MappingProxyType({"foxglove": _foxglove, "http": _http, "mcp": _mcp})
+"""Every gateway that the setting `gateways` may name; each is also given what nodes bring to HTTP. A row
+imports its package when it is called, since not every server speaks it."""
+
+
+def package_pages(http: Sequence[HttpExtension]) -> Pages | None:
+    """What answers for the files of packages, of what nodes bring to HTTP; None where no node has any."""
+    found = {
+        route.path: route.page
+        for extension in http
+        for route in extension.routes
+        if route.path.startswith(_PACKAGES) and route.path.endswith("/*") and route.method == "GET"
+    }
+    if not found:
+        return None
+
+    def answer(request: HttpRequest, view: GraphView) -> HttpResponse | Awaitable[HttpResponse]:
+        fitting = [path for path in found if request.path.startswith(path[:-1])]
+        if not fitting:
+            known = " ".join(sorted(found))
+            return HttpResponse(f"{request.path} is below none of {known}\n".encode(), 404)
+        return found[max(fitting, key=len)](request, view)
+
+    return answer

@@ -1,0 +1,126 @@
+"""Which graph a server stands in front of, and which interfaces it knows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, TypeAlias
+
+from rwt.access.settings import SettingsError
+from rwt_graph.memory.graph import MemoryGraph
+from rwt_interfaces.distro import DISTROS
+from rwt_interfaces.errors import InterfaceError
+from rwt_interfaces.registry import Registry
+
+if TYPE_CHECKING:
+    from rwt.settings.models import Settings
+    from rwt.workers.worker import WorkerContext
+    from rwt_graph.api import Graph
+    from rwt_graph.clock import Clock
+
+MakeGraph: TypeAlias = "Callable[[Registry, Clock | None], Graph]"
+"""Makes the graph of a server, as the class :class:`~rwt_graph.memory.graph.MemoryGraph` does."""
+
+
+def make_registry(settings: Settings) -> Registry:
+    """The interfaces of a distribution, and those of the folders in the settings.
+
+    Raises:
+        SettingsError: a folder or a file in it cannot be used.
+    """
+    registry = Registry(DISTROS[settings.distro])
+    for folder in settings.interfaces:
+        try:
+            registry.add_directory(folder)
+        except (InterfaceError, OSError) as error:
+            raise SettingsError(f"`interfaces`: {folder}: {error}") from error
+    try:
+        registry.verify()
+    except InterfaceError as error:
+        raise SettingsError(f"`interfaces`: {error}") from error
+    return registry
+
+
+def make_graph(
+    settings: Settings,
+    make: MakeGraph | None,
+    registry: Registry | None,
+    clock: Clock | None,
+    worker: WorkerContext | None,
+) -> Graph:
+    """The graph that the settings ask for, not entered.
+
+    Args:
+        settings: of the server.
+        make: what makes it, instead of the setting `graph`.
+        registry: the interfaces; None for those that the settings name.
+        clock: None for the wall clock.
+        worker: the worker process that it is for, whose graph is joined with those of the others.
+
+    Raises:
+        SettingsError: the extra for it is not installed, or what is asked for contradicts itself.
+        GraphError: Zenoh's options cannot be used.
+    """
+    if registry is None:
+        registry = make_registry(settings)
+    else:
+        _check_registry(registry, settings)
+    zenoh = settings.zenoh
+    if settings.graph == "memory":
+        if zenoh.listen or zenoh.connect:
+            raise SettingsError(
+                '`zenoh`: to join other processes over Zenoh, give --graph zenoh too, or `graph = "zenoh"`'
+            )
+        return (make or MemoryGraph)(registry, clock)
+    if make is not None:
+        raise SettingsError(f"`graph`: {settings.graph!r}, but {make!r} makes the graph; leave out one")
+    try:
+        from rwt_graph.zenoh import ZenohGraph, ZenohOptions  # An extra: imported only where it is asked for.
+    except ImportError as error:
+        raise SettingsError(
+            "`graph`: the graph over Zenoh needs more packages: pip install eclipse-zenoh xxhash"
+        ) from error
+    options = ZenohOptions(
+        zenoh.listen, zenoh.connect, zenoh.mode, zenoh.multicast, zenoh.config, zenoh.domain
+    )
+    if worker is not None:
+        from rwt_graph.zenoh.worker_mesh import mesh_options
+
+        options = mesh_options(options, worker.folder, worker.number, settings.workers)
+    return ZenohGraph(
+        registry,
+        clock,
+        listen=options.listen,
+        connect=options.connect,
+        mode=options.mode,
+        multicast=options.multicast,
+        config=options.config,
+        domain=options.domain,
+    )
+
+
+def check_graph(graph: Graph, settings: Settings, registry: Registry | None, clock: Clock | None) -> None:
+    """Check that a graph which exists already is what else is asked for.
+
+    Raises:
+        SettingsError: it is not.
+    """
+    if registry is not None or clock is not None:
+        raise SettingsError("registry, clock: the given graph has its own; leave them out")
+    _check_registry(graph.registry, settings)
+    if settings.graph != "memory" or "zenoh" in settings.model_fields_set:
+        raise SettingsError(
+            "`graph`, `zenoh`: cannot change the given graph; leave out the settings, or the graph"
+        )
+
+
+def _check_registry(registry: Registry, settings: Settings) -> None:
+    spoken = registry.distro.name
+    if "distro" in settings.model_fields_set and settings.distro != spoken:
+        raise SettingsError(
+            f"`distro`: {settings.distro!r}, but the given graph or registry is of {spoken!r}; leave out one"
+        )
+    if settings.interfaces:
+        raise SettingsError(
+            "`interfaces`: cannot be added to the given graph or registry; give them to"
+            " `registry.add_directory`, or leave out the graph or registry"
+        )

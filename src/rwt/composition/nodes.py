@@ -1,0 +1,219 @@
+"""What takes part in the graph of a server besides the program's own nodes, and how it is started."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final, NamedTuple, Protocol, cast
+from urllib.parse import urlsplit
+
+from rwt.access.settings import SettingsError
+from rwt.errors import ServerError
+from rwt.gateways.rosbridge.bridge import GATEWAY_NODE
+from rwt.nodes.rosapi import Rosapi
+from rwt.nodes.tf import Tf2WebRepublisher
+from rwt_graph.nodes.node import Node
+from rwt_transports.http import HttpExtension
+
+# What only some servers have is imported in the functions that start it.
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from rwt.nodes.mesh_files import MeshFiles
+    from rwt.nodes.recording import Recorder, RecorderNode
+    from rwt.nodes.video import WebVideoServer
+    from rwt.settings.models import NodeName, Settings
+    from rwt_graph.api import Graph
+    from rwt_protocol.transport import Accept
+
+
+class ReadyNode(Protocol):
+    """A node that works from its construction until it is closed. What it brings to HTTP is its `http`."""
+
+    def close(self) -> None:
+        """Leave the graph."""
+
+
+def http_of(*nodes: object) -> list[HttpExtension]:
+    """What nodes bring to HTTP; those that bring nothing have no attribute `http`."""
+    return [node.http for node in nodes if hasattr(node, "http")]
+
+
+def _video(graph: Graph, settings: Settings) -> WebVideoServer:
+    from rwt.nodes.video import WebVideoServer
+
+    return WebVideoServer(
+        graph, settings.limits.video_viewers, settings.limits.video_encoders, settings.limits.video_pixels
+    )
+
+
+NODES: Final[Mapping[NodeName, Callable[[Graph, Settings], ReadyNode]]] = MappingProxyType(
+    {
+        "rosapi": lambda graph, settings: Rosapi(graph),
+        "tf2_web_republisher": lambda graph, settings: Tf2WebRepublisher(graph),
+        "web_video_server": _video,
+    }
+)
+"""Every node that the setting `nodes` may name. A row that needs heavy libraries imports them when called."""
+
+ON_EVERY_WORKER: Final[frozenset[NodeName]] = frozenset({"web_video_server"})
+"""The nodes that each worker process starts: those with pages, since any process may be asked for them."""
+
+
+class StartedNodes(NamedTuple):
+    """What the nodes that the settings name bring.
+
+    Attributes:
+        http: to HTTP, with the robot's page.
+        video: what encodes pictures, where there is such a node.
+    """
+
+    http: list[HttpExtension]
+    video: WebVideoServer | None
+
+
+def start_nodes(graph: Graph, settings: Settings, stack: ExitStack) -> StartedNodes:
+    """Start what the settings name and `stack` closes.
+
+    Raises:
+        SettingsError: there are no packages in a folder of the setting `packages`, or the settings of the
+            recorder or the page cannot be used.
+    """
+    named = {name: stack.enter_context(closing(NODES[name](graph, settings))) for name in settings.nodes}
+    nodes: list[object] = [*named.values()]
+    if settings.packages:
+        nodes.append(_mesh_files(settings))
+    if settings.demo:
+        from rwt.nodes.demo import DemoRobot
+
+        nodes.append(stack.enter_context(closing(DemoRobot(graph))))
+    if settings.recorder.folder is not None:
+        nodes.append(stack.enter_context(closing(_commanded_recorder(graph, settings))))
+    video = cast("WebVideoServer | None", named.get("web_video_server"))
+    return StartedNodes([*http_of(*nodes), *_web_page(settings)], video)
+
+
+def _web_page(settings: Settings) -> Iterator[HttpExtension]:
+    """The robot's page, or, where it is not built, what the index says of that."""
+    if not settings.web.enabled:
+        return
+    from rwt.web import MISSING, WebPage, WebPageError, find_static_files
+
+    files = find_static_files()
+    if files is None:
+        yield HttpExtension(section=lambda request, reader: f"<p>{html.escape(MISSING)}")
+        return
+    try:
+        yield WebPage(files, layouts=settings.web.layouts, embed=settings.web.embed).http
+    except WebPageError as error:
+        raise SettingsError(f"`web`: {error}") from error
+
+
+def _commanded_recorder(graph: Graph, settings: Settings) -> RecorderNode:
+    from rwt.nodes.recording import ExtraMissing, RecorderFolderError, RecorderLimits, RecorderNode
+
+    given = settings.recorder
+    assert given.folder is not None  # It is started where a folder is named.
+    limits = RecorderLimits(given.recording_bytes, given.folder_bytes)
+    try:
+        return RecorderNode(graph, given.folder, limits)
+    except (RecorderFolderError, ExtraMissing) as error:
+        raise SettingsError(f"`recorder.folder`: {error}") from error
+
+
+def _mesh_files(settings: Settings) -> MeshFiles:
+    from rwt.nodes.mesh_files import MeshFiles, MeshFilesError
+
+    try:
+        return MeshFiles(settings.packages)
+    except MeshFilesError as error:
+        raise SettingsError(f"`packages`: {error}") from error
+
+
+def start_gateway_node(graph: Graph, urls: Sequence[str], settings: Settings) -> Node:
+    """The node as which all clients act, with what every node has, and where it listens as ROS's has it:
+    `port`, which was asked for, and `actual_port` (CFG-01).
+
+    Args:
+        graph: the robot.
+        urls: where the server listens, with the ports it has got.
+        settings: of the server.
+    """
+    node = Node(graph, GATEWAY_NODE)
+    for name, each in (("port", settings.listen), ("actual_port", urls)):
+        ports = [urlsplit(url).port for url in each if url.startswith(("ws:", "wss:"))]
+        if ports and ports[0] is not None:
+            node.parameters.declare(name, ports[0])
+            node.parameters.set(name, ports[0])  # ROS 1 keeps the value of the server before.
+    return node
+
+
+def start_recording(graph: Graph, file: Path | None, stack: ExitStack, *, introspection: bool) -> None:
+    """Record a graph until `stack` is closed, publish its calls and goals on topics of their own, or both.
+
+    Args:
+        graph: what is recorded.
+        file: MCAP; None records nothing.
+        stack: closes the recorder; then what the last messages could not be written for is raised.
+        introspection: whether calls and goals are published, and recorded if anything is.
+
+    Raises:
+        SettingsError: introspection on ROS 1.
+        ServerError: the file cannot be written.
+    """
+    from rwt.nodes.introspection import Introspection
+    from rwt.nodes.recording import Recorder, RecordingError
+    from rwt.nodes.recording.selection import EVERYTHING, TopicSelection
+
+    if introspection and not graph.distro.introspects_calls:
+        raise SettingsError("introspection: is of ROS 2: ROS 1 has no topics for calls; leave it out")
+    if file is None:
+        stack.enter_context(closing(Introspection(graph)))
+        return
+    try:
+        recorder = Recorder(graph, file, EVERYTHING if introspection else TopicSelection())
+    except RecordingError as error:
+        raise ServerError(f"record: {error}") from error
+    stack.callback(_finish, recorder)
+    if introspection:
+        stack.enter_context(closing(Introspection(graph, on_topic=recorder.look)))
+
+
+def _finish(recorder: Recorder) -> None:
+    from rwt.nodes.recording import RecordingError
+
+    try:
+        recorder.close()
+    except RecordingError as error:
+        raise ServerError(f"record: {error}") from error
+
+
+def start_script(
+    graph: Graph, file: Path, settings: Settings, stack: ExitStack
+) -> Callable[[Accept], Accept]:
+    """Start the scripted robot of a file, which `stack` closes.
+
+    Returns:
+        Middleware between the transports and the bridge, which injects the script's faults.
+
+    Raises:
+        SettingsError: the script is wrong, or the graph notes no messages.
+    """
+    from rwt.testing.errors import ScriptError
+    from rwt.testing.observed_graph import ObservedGraph
+    from rwt.testing.script.control import ScriptControl
+    from rwt.testing.wire.observed import ObservedWire
+
+    if not isinstance(graph, ObservedGraph):
+        raise SettingsError(
+            "script: needs a graph in memory that notes its messages: leave out the setting `graph`, or give"
+            " `graph=rwt.testing.ObservedGraph`"
+        )
+    wire = ObservedWire(graph, bson=settings.bson_only_mode)
+    try:
+        stack.enter_context(closing(ScriptControl(graph, wire, file)))
+    except ScriptError as error:
+        raise SettingsError(f"script: {error}") from error
+    return wire.middleware

@@ -1,0 +1,322 @@
+"""What the server's port says to a browser and to a health check."""
+
+from __future__ import annotations
+
+import html
+import json
+import math
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Final
+
+import anyio
+
+from rwt.observability.prometheus import CONTENT_TYPE
+from rwt_protocol.transport import PeerInfo
+from rwt_transports.errors import Refused
+from rwt_transports.http import Audience, HttpResponse, Route, Routes, page_policy, refusal_as_text
+
+if TYPE_CHECKING:
+    from rwt.access.access import Access
+    from rwt.access.graph_view import GraphView
+    from rwt.delivery.turns import Turns
+    from rwt.gateways.rosbridge.bridge import Bridge
+    from rwt.observability.metrics import ServerMetrics
+    from rwt_transports.http import Handler, HttpExtension, HttpRequest
+
+_PAGE = """<!doctype html>
+<html lang="en">
+<meta charset="utf-8">
+<title>Robot Web Tools</title>
+<style>body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 44rem; margin: 3rem auto; padding: 0 1rem }}
+code, pre {{ background: #8882; padding: .1em .3em; border-radius: 3px }} pre {{ padding: .8em }}
+td {{ padding: .1em 1em .1em 0 }}</style>
+<h1>A robot is here</h1>
+<p>This is Robot Web Tools {version}: rosbridge v2 over WebSocket on this very port, speaking ROS {ros} names
+({distro}). {clients} connected. Its work for clients takes {work} of a processor{beyond}.</p>
+<h2>Connect</h2>
+<pre>new ROSLIB.Ros({{ url: "{url}" }})            // roslibjs
+roslibpy.Ros(host="{host}", port={port}).run()  # roslibpy</pre>
+<h2>Topics</h2>
+<table>{topics}</table>
+<h2>Services</h2>
+<table>{services}</table>
+<h2>Actions</h2>
+<table>{actions}</table>
+{sections}"""
+
+
+Gather = Callable[[bytes], Awaitable[bytes]]
+"""Makes of the metrics of this process those of all that serve its port."""
+
+
+def routes(
+    bridge: Bridge,
+    metrics: ServerMetrics,
+    extensions: Iterable[HttpExtension[GraphView]] = (),
+    *,
+    loopback: bool = True,
+    gather: Gather | None = None,
+) -> Routes:
+    """The routes of every server, and those of its nodes and gateways.
+
+    Those of the server win, but for ``/``, which shows the list at ``/index`` unless an extension brings a
+    page for it.
+
+    Args:
+        bridge: whose graph and clients the pages show.
+        metrics: what is counted.
+        extensions: what nodes and gateways bring.
+        loopback: whether the listener is only reached from this machine.
+        gather: joins the metrics with those of other processes on the same port.
+    """
+    extensions = tuple(extensions)
+    index = partial(_index, bridge, metrics, extensions)
+    own: tuple[Route[GraphView], ...] = (
+        Route("/healthz", lambda request, reader: _health(bridge, metrics), Audience.ANYBODY),
+        Route("/metrics", lambda request, reader: _metrics(metrics, gather), Audience.EVERY_TOPIC),
+        Route("/index", index, Audience.ADMITTED),
+    )
+    brought = [route for extension in extensions for route in extension.routes]
+    if all(route.path != "/" for route in brought):
+        brought.append(Route("/", index, Audience.ADMITTED))
+    routes = Routes()
+    methods: dict[str, list[str]] = {}
+    role = partial(_role, _features(brought))
+    for route in (Route("/role", role, Audience.ADMITTED), *brought, *own):
+        page = guarded(
+            bridge.access,
+            route.page,
+            route.audience,
+            loopback=loopback,
+            refusal=route.refusal,
+            turns=bridge.turns,
+        )
+        routes.add(route.path, page, route.method)
+        methods.setdefault(route.path, []).append(route.method)
+    for path, allowed in methods.items():
+        if allowed != ["GET"]:
+            routes.add(path, _preflight(bridge.access, allowed, loopback=loopback), "OPTIONS")
+    return routes
+
+
+def _preflight(access: Access, methods: Iterable[str], *, loopback: bool) -> Handler:
+    """What tells a browser, before it asks, by which methods and with which headers pages of other origins
+    may ask for a path (the Fetch standard's CORS preflight)."""
+    allowed = ", ".join(sorted(set(methods)))
+
+    def handler(request: HttpRequest) -> HttpResponse:
+        origin = request.headers.get("origin", "")
+        if not origin.isascii() or not access.admission.allows_page(request.headers, loopback=loopback):
+            return refusal_as_text(request, _foreign(origin))
+        headers = {
+            "Access-Control-Allow-Origin": origin or "*",
+            "Access-Control-Allow-Methods": allowed,
+            "Access-Control-Allow-Headers": request.headers.get("access-control-request-headers", ""),
+            "Access-Control-Max-Age": "600",
+            "Vary": "Origin",
+            "Allow": f"{allowed}, OPTIONS",
+        }
+        return HttpResponse(status=204, headers={name: value for name, value in headers.items() if value})
+
+    return handler
+
+
+def _foreign(origin: str) -> Refused:
+    return Refused(403, f"pages of {ascii(origin)[1:-1][:200]} may not act here (origins.allow)")
+
+
+def _admitted(access: Access, audience: Audience, request: HttpRequest) -> GraphView:
+    """The graph as whoever sent a request may see it.
+
+    Raises:
+        Refused: they are none of the audience, or their address is beyond its rate of work.
+    """
+    target = f"{request.path}?{request.query}"
+    reader = access.reader(PeerInfo("http", request.address, 0, target, request.headers))
+    if audience is Audience.EVERY_TOPIC and not reader.sees_every_topic:
+        role = reader.role.name
+        raise Refused(403, f"role {role!r} may not see every topic (roles.{role}.subscribe)")
+    if (beyond := reader.work.refusal()) is not None:
+        reason, seconds = beyond
+        raise Refused(429, reason, {"Retry-After": str(math.ceil(seconds))})
+    return reader
+
+
+def guarded(
+    access: Access,
+    page: Callable[[HttpRequest, GraphView], HttpResponse | Awaitable[HttpResponse]],
+    audience: Audience,
+    *,
+    loopback: bool = True,
+    refusal: Callable[[HttpRequest, Refused], HttpResponse] = refusal_as_text,
+    turns: Turns | None = None,
+) -> Handler:
+    """A page that only its audience gets, as the graph's reader that the request proves to be, and that is
+    refused for a while to addresses that cause too much work. Where the turn of the event loop has seen as
+    much work as one may, the page waits for one of its own.
+
+    Unless the page is for anybody, scripts of other origins may read the answer where their page may connect
+    by WebSocket (the setting `origins`; the Fetch standard's CORS protocol, without credentials). Elsewhere
+    they get an answer that their browser keeps from them, and what would act is refused before it does.
+    """
+
+    def handler(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
+        if audience is Audience.ANYBODY:
+            return page(request, access.nobody)
+        origin = request.headers.get("origin")
+        # An origin is ASCII (RFC 6454 section 6.2); what is not cannot be sent back, whatever globs allow.
+        if origin and not (
+            origin.isascii() and access.admission.allows_page(request.headers, loopback=loopback)
+        ):
+            if request.method in ("GET", "HEAD"):
+                return answer_admitted(request)
+            return refusal(request, _foreign(origin))
+        answer = answer_admitted(request)
+        if not origin:
+            return answer
+        headers = {
+            "Access-Control-Allow-Origin": origin,
+            "Access-Control-Expose-Headers": "*",
+            "Vary": "Origin",
+        }
+        return _with_headers(answer, headers) if isinstance(answer, HttpResponse) else _later(answer, headers)
+
+    def answer_admitted(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
+        try:
+            reader = _admitted(access, audience, request)
+        except Refused as refused:
+            return refusal(request, refused)
+        if turns is not None and turns.is_full:
+            return _in_turn(turns, partial(answer_now, request, reader))
+        return answer_now(request, reader)
+
+    def answer_now(request: HttpRequest, reader: GraphView) -> HttpResponse | Awaitable[HttpResponse]:
+        monotonic = reader.clock.monotonic
+        began = monotonic()
+        try:
+            return page(request, reader)
+        finally:
+            seconds = monotonic() - began
+            reader.work.add(seconds, "pages")
+            if turns is not None:
+                turns.note(seconds)
+
+    return handler
+
+
+async def _in_turn(
+    turns: Turns, answer: Callable[[], HttpResponse | Awaitable[HttpResponse]]
+) -> HttpResponse:
+    """Answer in a turn of the event loop of its own, after those who wait already."""
+    turn = anyio.Event()
+    turns.wait(turn.set)
+    await turn.wait()
+    answered = answer()
+    return answered if isinstance(answered, HttpResponse) else await answered
+
+
+def _with_headers(answer: HttpResponse, headers: Mapping[str, str]) -> HttpResponse:
+    return replace(answer, headers={**answer.headers, **headers})
+
+
+async def _later(answer: Awaitable[HttpResponse], headers: Mapping[str, str]) -> HttpResponse:
+    return _with_headers(await answer, headers)
+
+
+def _index(
+    bridge: Bridge,
+    metrics: ServerMetrics,
+    extensions: Iterable[HttpExtension[GraphView]],
+    request: HttpRequest,
+    reader: GraphView,
+) -> HttpResponse:
+    """What is running, and what to connect."""
+    headers = request.headers
+    address = headers.get("host", "localhost:9090")
+    scheme = "wss" if headers.get("x-forwarded-proto") in ("https", "wss") else "ws"
+    host, port = _host_and_port(address)
+    registry = reader.registry
+    clients = "1 client is" if bridge.client_count == 1 else f"{bridge.client_count} clients are"
+    beyond = metrics.clients_beyond_rate
+    page = _PAGE.format(
+        version=html.escape(version("robot-web-tools")),
+        ros=reader.distro.ros_version,
+        distro=reader.distro.name,
+        clients=clients,
+        work=f"{metrics.work:.0%}",
+        beyond=f"; {beyond} beyond limits.work_per_second wait for each other" if beyond else "",
+        url=html.escape(f"{scheme}://{address}{request.prefix}"),
+        host=html.escape(host),
+        port=html.escape(port),
+        topics=_rows(
+            (topic.name, registry.type_name(topic.type) if topic.type else "") for topic in reader.topics()
+        ),
+        services=_rows((service.name, registry.type_name(service.type)) for service in reader.services()),
+        actions=_rows((action.name, registry.type_name(action.type)) for action in reader.actions()),
+        sections="\n".join(its.section(request, reader) for its in extensions if its.section is not None),
+    )
+    return HttpResponse(page.encode(), content_type="text/html; charset=utf-8", headers=page_policy())
+
+
+def _host_and_port(address: str) -> tuple[str, str]:
+    """The two parts of a ``Host`` (RFC 9110 section 7.2); a proxy at HTTP's own port leaves the port out."""
+    host, colon, port = address.rpartition(":")
+    return (host, port) if colon and port.isdecimal() else (address, "80")
+
+
+def _metrics(metrics: ServerMetrics, gather: Gather | None) -> HttpResponse | Awaitable[HttpResponse]:
+    own = HttpResponse(metrics.text(), content_type=CONTENT_TYPE)
+    return own if gather is None else _with_others(own, gather)
+
+
+async def _with_others(own: HttpResponse, gather: Gather) -> HttpResponse:
+    assert isinstance(own.body, bytes)  # Metrics are no stream.
+    return replace(own, body=await gather(own.body))
+
+
+def _rows(pairs: Iterable[tuple[str, str]]) -> str:
+    # Escaped all at once: there may be thousands. A name of the graph has no white space.
+    rows = html.escape("\n".join(f"{name} {type_name}" for name, type_name in pairs))
+    if not rows:
+        return "<tr><td>none"
+    return f"<tr><td><code>{rows}".replace(" ", "</code><td>").replace("\n", "<tr><td><code>")
+
+
+_FEATURES: Final = {"/webrtc": "webrtc", "/whep": "whep", "/whip": "whip"}
+
+
+def _features(routes: Iterable[Route[GraphView]]) -> Sequence[str]:
+    """What pages need to know of before they ask: a request that is answered with 404 is an error on their
+    console."""
+    paths = {route.path for route in routes}
+    return [name for path, name in _FEATURES.items() if path in paths]
+
+
+def _role(features: Sequence[str], request: HttpRequest, reader: GraphView) -> HttpResponse:
+    """What the reader may do, for pages that offer only that: globs of absolute names by act; and what the
+    server has beside rosbridge."""
+    role = reader.role
+    body = {
+        "role": role.name,
+        "unrestricted": role.unrestricted,
+        "allows": role.globs,
+        "features": features,
+    }
+    headers = {"Cache-Control": "no-store"}
+    return HttpResponse(json.dumps(body).encode(), content_type="application/json", headers=headers)
+
+
+def _health(bridge: Bridge, metrics: ServerMetrics) -> HttpResponse:
+    """That the server answers, and how busy it is, for load balancers and supervisors."""
+    running = bridge.shared.graph.running
+    body = {
+        "status": "ok" if running else "stopped",
+        "version": version("robot-web-tools"),
+        "clients": bridge.client_count,
+        "work": round(metrics.work, 3),
+        "clients_beyond_rate": metrics.clients_beyond_rate,
+    }
+    return HttpResponse(json.dumps(body).encode(), 200 if running else 503, "application/json")

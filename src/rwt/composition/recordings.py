@@ -1,0 +1,95 @@
+"""A folder of recordings that agents may look at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rwt.gateways.mcp.errors import ToolError
+from rwt.gateways.mcp.recordings import RecordedTopicRow, RecordingInfo, Recordings
+from rwt.nodes.playback.publications import add_recorded_types, read_payload
+from rwt.nodes.recording import RecordingError, open_recording
+from rwt_interfaces.errors import InterfaceError
+from rwt_interfaces.registry import Registry
+from rwt_participant.spelling import did_you_mean
+
+if TYPE_CHECKING:
+    from rwt.nodes.recording import RecordedMessage, RecordedTopic, Recording
+    from rwt_participant.messages import Message
+
+_SUFFIXES = frozenset({".mcap", ".bag", ".db3"})
+_SECOND = 1_000_000_000
+
+
+class RecordingFolder(Recordings):
+    """The recordings of one folder: its MCAP files, bags of ROS 1, and folders that are bags of ROS 2.
+
+    Args:
+        folder: see above; what is below its folders is not looked at.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def names(self) -> tuple[str, ...]:  # noqa: D102 - inherited
+        try:
+            return tuple(sorted(each.name for each in self._folder.iterdir() if _is_recording(each)))
+        except OSError as error:
+            raise ToolError(f"the recordings cannot be listed: {error.strerror}") from None
+
+    def describe(self, name: str, sees: Callable[[str], bool]) -> RecordingInfo:  # noqa: D102 - inherited
+        with self._opened(name) as recording:
+            return RecordingInfo(
+                name,
+                (recording.end_ns - recording.start_ns) / _SECOND,
+                recording.start_ns,
+                tuple(
+                    RecordedTopicRow(each.name, each.type, each.count)
+                    for each in recording.topics
+                    if sees(each.name)
+                ),
+            )
+
+    def message(self, name: str, topic: str, seconds: float) -> tuple[Message, str, float]:  # noqa: D102 - inherited
+        with self._opened(name) as recording:
+            known = next((each for each in recording.topics if each.name == topic), None)
+            if known is None:
+                raise ToolError(f"{name} has no topic {topic}")
+            start = recording.start_ns + round(seconds * _SECOND)
+            try:
+                found = next(recording.messages({topic}, start), None)
+            except RecordingError as error:
+                raise ToolError(str(error)) from None
+            if found is None:
+                length = (recording.end_ns - recording.start_ns) / _SECOND
+                raise ToolError(
+                    f"{name} has no message of {topic} from {seconds:g} s on; it is {length:.1f} s long"
+                )
+            message, type = _decoded(recording, known, found)
+            return message, type, (found.log_time - recording.start_ns) / _SECOND
+
+    def _opened(self, name: str) -> Recording:
+        names = self.names()
+        if name not in names:
+            raise ToolError(f"there is no recording {name[:100]!r}{did_you_mean(name, names)}")
+        try:
+            return open_recording([self._folder / name])
+        except RecordingError as error:
+            raise ToolError(str(error).replace(f"{self._folder}/", "")) from None
+
+
+def _is_recording(path: Path) -> bool:
+    return path.suffix in _SUFFIXES or (path / "metadata.yaml").is_file()
+
+
+def _decoded(recording: Recording, topic: RecordedTopic, found: RecordedMessage) -> tuple[Message, str]:
+    if not topic.encoding:
+        raise ToolError(f"{topic.name} is recorded in an encoding that is not known here")
+    registry = Registry(recording.distro)
+    try:
+        add_recorded_types(registry, recording)
+        type = registry.message(topic.type)
+        return read_payload(topic.encoding, type, found.data).value(), type.name
+    except InterfaceError as error:
+        raise ToolError(f"the message of {topic.name} cannot be read: {error}") from None

@@ -1,0 +1,80 @@
+"""The robot's page served alone, for a robot whose rosbridge server is another one."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from contextlib import asynccontextmanager
+from functools import partial
+from pathlib import Path
+from ssl import SSLContext
+from typing import Final, NoReturn
+
+from rwt.access.quotas import Work, WorkTotals
+from rwt.errors import ServerError
+from rwt.web import MISSING, WebPage, WebPageError, find_static_files
+from rwt_protocol.transport import PeerInfo, Sink
+from rwt_transports.errors import Refused
+from rwt_transports.http import HttpRequest, HttpResponse, Page, Routes
+from rwt_transports.listener import OpenListener, listen
+
+_HERE_IS_NO_ROBOT: Final = "there is no robot here: this port serves the page alone"
+
+
+class _Nobody:
+    """A reader for pages that reveal nothing of a robot, and are files."""
+
+    work = Work(0.0, 0.0, WorkTotals(), time.monotonic)
+
+    def may_subscribe(self, topic: str) -> bool:
+        """There is no topic."""
+        return False
+
+    def while_allowed(self, topics: Iterable[str], end: Callable[[str], None]) -> NoReturn:
+        """Files are answers that end by themselves."""
+        raise Refused(403, _HERE_IS_NO_ROBOT)
+
+
+@asynccontextmanager
+async def serve_page(
+    url: str,
+    robot: str | None = None,
+    *,
+    layouts: Path | None = None,
+    hosts: Iterable[str] = (),
+    tls: SSLContext | None = None,
+) -> AsyncIterator[OpenListener]:
+    """Serve the page within the block.
+
+    Args:
+        url: where to listen, ``ws://HOST:PORT`` or ``wss://HOST:PORT``.
+        robot: the rosbridge server that the page connects to; without one it asks.
+        layouts: a folder of layouts to offer.
+        hosts: names by which it may be addressed, see :class:`rwt_transports.http.Hosts`.
+        tls: certificate and key for ``wss``.
+
+    Raises:
+        ServerError: the page is not built, or an argument cannot be used.
+        TransportError: the URL cannot be listened on.
+    """
+    files = find_static_files()
+    if files is None:
+        raise ServerError(MISSING)
+    try:
+        page = WebPage(files, robot=robot, layouts=layouts)
+    except WebPageError as error:
+        raise ServerError(str(error)) from error
+    routes = Routes()
+
+    for route in page.http.routes:
+        routes.get(route.path, partial(_answer, route.page))
+    async with listen(url, _refuse, routes=routes, hosts=hosts, tls=tls) as listener:
+        yield listener
+
+
+def _answer(page: Page, request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
+    return page(request, _Nobody())
+
+
+def _refuse(sink: Sink, info: PeerInfo) -> NoReturn:
+    raise Refused(404, _HERE_IS_NO_ROBOT)

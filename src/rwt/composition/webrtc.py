@@ -1,0 +1,108 @@
+"""WebRTC beside the listeners of a server: its peers, out of its settings. The extra `webrtc`."""
+
+from __future__ import annotations
+
+from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING
+
+from rwt.access.settings import SettingsError
+from rwt_transports.background import runs_asyncio
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator
+    from contextlib import AsyncExitStack
+
+    from rwt.access.access import Access
+    from rwt.access.graph_view import GraphView
+    from rwt.media.webrtc import AudioTopics, IncomingMedia
+    from rwt.nodes.video import WebVideoServer
+    from rwt.settings.webrtc import WebRtcSettings
+    from rwt_graph.api import Graph
+    from rwt_transports.http import Route
+    from rwt_transports.limits import AddressCount, Limits
+    from rwt_transports.webrtc.signalling import Peers
+    from rwt_transports.wires.receive_buffer import ReceiveBufferPool
+
+
+@asynccontextmanager
+async def webrtc_peers(
+    settings: WebRtcSettings, limits: Limits, addresses: AddressCount, buffers: ReceiveBufferPool
+) -> AsyncIterator[Peers]:
+    """Accept peers within the block.
+
+    Args:
+        settings: what the operator has set.
+        limits: bounds of each connection.
+        addresses: how many connections each address has.
+        buffers: what all clients of the server receive large messages in.
+
+    Raises:
+        SettingsError: aiortc is not installed, the event loop is not asyncio's, or a server's URL cannot be
+            used.
+    """
+    if not runs_asyncio():
+        raise SettingsError(
+            "`webrtc.enabled`: aiortc runs on asyncio alone, and this event loop is another, such as trio's:"
+            " start the server on asyncio, or leave webrtc out"
+        )
+    try:
+        from rwt_transports.webrtc.credentials import IceServers, IceSource  # An extra that few need.
+        from rwt_transports.webrtc.ice import BadIceServer, check_ice_url
+        from rwt_transports.webrtc.peer import PeerTerms
+        from rwt_transports.webrtc.signalling import PeerBounds, open_peers
+    except ImportError as missing:
+        raise SettingsError(f"`webrtc.enabled` needs aiortc: pip install aiortc ({missing})") from missing
+    try:
+        urls = tuple(check_ice_url(url) for url in settings.servers)
+    except BadIceServer as error:
+        raise SettingsError(f"`webrtc.servers`: {error}") from error
+
+    terms = PeerTerms(
+        limits,
+        buffers,
+        addresses,
+        settings.channels,
+        settings.candidates,
+        settings.connect_seconds,
+    )
+    credential = settings.credential.get_secret_value() if settings.credential else ""
+    source = IceSource(
+        urls, settings.username, credential, settings.credential_command, settings.credential_url or ""
+    )
+    bounds = PeerBounds(settings.peers, settings.handshakes)
+    async with open_peers(terms, bounds, IceServers(source).find) as peers:
+        yield peers
+
+
+def webrtc_media(
+    graph: Graph, access: Access, linger: float, stack: AsyncExitStack
+) -> tuple[IncomingMedia, AudioTopics] | None:
+    """What publishes the media of clients, and what they hear of topics, until `stack` is closed; None where
+    aiortc is not installed, of which :func:`webrtc_peers` complains."""
+    try:
+        from rwt.media.webrtc import AudioTopics, IncomingMedia  # An extra that few need.
+    except ImportError:
+        return None
+    incoming = IncomingMedia(graph, access, linger)
+    stack.callback(incoming.close)
+    sound = AudioTopics(graph)
+    stack.callback(sound.close)
+    return incoming, sound
+
+
+def media_routes(
+    peers: Peers, video: WebVideoServer | None, media: tuple[IncomingMedia, AudioTopics] | None
+) -> tuple[Route[GraphView], ...]:
+    """The routes by which peers get and send pictures and sound.
+
+    Args:
+        peers: that are accepted.
+        video: what encodes pictures; None where the settings name no such node.
+        media: of :func:`webrtc_media`.
+    """
+    if media is None:
+        return ()
+    from rwt.media.webrtc import watch_routes
+
+    incoming, sound = media
+    return (*watch_routes(peers, video, sound), *incoming.routes(peers))

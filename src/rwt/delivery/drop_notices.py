@@ -1,0 +1,117 @@
+"""Tells a client which samples did not reach it, and why: at most one notice per topic and second."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Final
+
+from rwt_protocol.transport import DropReason
+
+if TYPE_CHECKING:
+    from rwt.delivery.counters import Counters, TopicCounts
+    from rwt_graph.clock import Clock
+    from rwt_participant.timers import Timer
+
+NOTICE_SECONDS: Final = 1.0
+LOG_SECONDS: Final = 60.0
+
+_BECAUSE: Final = {
+    DropReason.QUEUE: "more were waiting than the subscription's own queue holds; ask for a longer one, or "
+    "for fewer messages with `throttle_rate`",
+    DropReason.BACKLOG: "this connection is slower than what it is subscribed to; ask for fewer messages "
+    "with `throttle_rate`, or for smaller ones with `compression`",
+    DropReason.SIZE: "they were larger than `limits.outgoing_message_bytes`; ask for pieces with "
+    "`fragment_size`, or for smaller ones with `compression`",
+    DropReason.LIFESPAN: "they were older than their lifespan when their turn came",
+}
+
+
+class DropNotices:
+    """The samples of one topic that one client did not get.
+
+    What a client asked to have dropped (`throttle_rate`) is counted only. The rest is reported: a second
+    after the first drop, with the count since the subscription began.
+
+    Args:
+        topic: as the client spells it.
+        counts: of the topic.
+        counters: of the gateway.
+        clock: the graph's.
+        notify: tells the client.
+        log: writes a line of the log.
+        describe: what is said of samples that were lost, by the reason and how many they are.
+    """
+
+    def __init__(
+        self,
+        topic: str,
+        counts: TopicCounts,
+        counters: Counters,
+        clock: Clock,
+        notify: Callable[[str], None],
+        log: Callable[[str], None],
+        describe: Callable[[DropReason, int], str] | None = None,
+    ) -> None:
+        self._describe = describe or _described
+        self._topic = topic
+        self._counts = counts
+        self._counters = counters
+        self._clock = clock
+        self._notify = notify
+        self._log = log
+        self._total: dict[DropReason, int] = {}
+        self._deadlines = 0
+        self._unreported: set[str] = set()
+        self._timer: Timer | None = None
+        self._logged = float("-inf")
+
+    def withheld(self, reason: DropReason) -> None:
+        """The throttle held a sample back, as the client asked."""
+        self._counts.drop(reason)
+
+    def dropped(self, reason: DropReason) -> None:
+        """A sample was lost on its way to the client."""
+        self._counts.drop(reason)
+        self._total[reason] = self._total.get(reason, 0) + 1
+        self._schedule(reason)
+
+    def deadline_missed(self) -> None:
+        """No sample came within the time that the client expects one in."""
+        self._deadlines += 1
+        self._counters.missed_deadlines += 1
+        self._schedule("deadline")
+
+    def close(self) -> None:
+        """Report nothing more."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _schedule(self, what: str) -> None:
+        self._unreported.add(what)
+        if self._timer is None:
+            self._timer = self._clock.call_later(NOTICE_SECONDS, self._report)
+
+    def _report(self) -> None:
+        self._timer = None
+        text = "; ".join([f"{self._topic}: {self._reason(what)}" for what in sorted(self._unreported)])
+        self._unreported.clear()
+        now = self._clock.monotonic()
+        if now - self._logged >= LOG_SECONDS:
+            self._logged = now
+            self._log(text)
+        self._notify(text)
+
+    def _reason(self, what: str) -> str:
+        if what == "deadline":
+            return f"the deadline was missed {_times(self._deadlines)}"
+        reason = DropReason(what)
+        return self._describe(reason, self._total[reason])
+
+
+def _described(reason: DropReason, count: int) -> str:
+    return f"{count} message{'s' if count > 1 else ''} dropped since the subscription: {_BECAUSE[reason]}"
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"

@@ -1,0 +1,29 @@
+"""How the samples of a topic wait for a client that is slow and has not said how they should."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from rwt_participant.qos import History, Reliability
+from rwt_protocol.transport import AS_MANY_AS_FIT, FlowRules
+
+if TYPE_CHECKING:
+    from rwt_graph.api import EndpointInfo
+
+
+def rules_as_published(publishers: Iterable[EndpointInfo]) -> FlowRules:
+    """Sensor streams, which may be lost anyway, keep their newest; everything else keeps what fits (SUB-17).
+
+    Args:
+        publishers: those of the topic now.
+    """
+    offers = [each.qos for each in publishers]
+    lossy = [
+        qos
+        for qos in offers
+        if qos.reliability is Reliability.BEST_EFFORT and qos.history is History.KEEP_LAST
+    ]
+    if offers and len(lossy) == len(offers):
+        return FlowRules(max(1, *(qos.depth for qos in lossy)))
+    return AS_MANY_AS_FIT

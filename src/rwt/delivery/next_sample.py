@@ -1,0 +1,46 @@
+"""One sample of a topic, for whoever wants no more than the next."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rwt.delivery.throttle import Encoded
+    from rwt_graph.api import Sample
+    from rwt_protocol.transport import Burst, Frame
+
+
+class NextSample:
+    """A gate that keeps the first sample it is offered, undecoded and not encoded, and none after it;
+    satisfies :class:`rwt.delivery.throttle.Gate`.
+
+    Attributes:
+        sample: that one, None before it has come.
+
+    Args:
+        on_sample: called once it is there.
+    """
+
+    is_open: Final = False
+
+    def __init__(self, on_sample: Callable[[], None]) -> None:
+        self._on_sample = on_sample
+        self.sample: Sample | None = None
+
+    def offer(self, encoded: Encoded) -> None:
+        """Take the sample, if it is the first."""
+        if self.sample is None:
+            self.sample = encoded.sample.detach()
+            self._on_sample()
+
+    def send(self, frame: Frame) -> None:
+        """Never called: a gate that is not open is offered samples."""
+
+    def join(self, burst: Burst) -> bool:
+        """Never called, as :meth:`send`."""
+        return False
+
+    def note_sent(self, at: float) -> None:
+        """Nothing goes past this gate."""

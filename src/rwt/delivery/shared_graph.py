@@ -1,0 +1,73 @@
+"""What all clients of one gateway share in a graph: a node, publishers, fan-outs and counters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+from rwt.delivery.counters import Counters
+from rwt.delivery.fanout import Fanout
+from rwt.delivery.shared_publishers import SharedPublishers
+
+if TYPE_CHECKING:
+    from rwt_graph.api import Graph
+    from rwt_interfaces.structs import MessageType
+
+
+class SharedGraph:
+    """A graph as one gateway takes part in it, without a rule about who may do what.
+
+    Attributes:
+        graph: the robot.
+        participant: the node under which all clients act.
+        counters: what is counted.
+        publishers: the publishers that clients share.
+
+    Args:
+        graph: the robot.
+        node: the node's absolute name.
+        linger: seconds that a publisher outlives its last user.
+        log: writes a line of the log.
+    """
+
+    def __init__(self, graph: Graph, node: str, linger: float, log: Callable[[str], None]) -> None:
+        self.graph = graph
+        self.participant = graph.participant(node)
+        self.counters = Counters()
+        self.publishers = SharedPublishers(self.participant, graph.clock, linger, self.counters, log)
+        self._fanouts: dict[str, Fanout] = {}
+
+    @property
+    def fanouts(self) -> Mapping[str, Fanout]:
+        """The topics that clients listen to, by absolute name."""
+        return self._fanouts
+
+    def fanout(self, topic: str, type: MessageType) -> Fanout:
+        """The fan-out of a topic, made if nobody listens yet.
+
+        Raises:
+            TypeConflict: the topic has another type.
+        """
+        fanout = self._fanouts.get(topic)
+        if fanout is None:
+            fanout = self._fanouts[topic] = Fanout(
+                self.participant, topic, type, self.counters.use_topic(topic), self.graph.clock
+            )
+        else:
+            fanout.check_type(type)
+            known = self.graph.topic(topic)
+            if known is not None and not known.publishers:
+                fanout.renew()
+        return fanout
+
+    def release(self, fanout: Fanout) -> None:
+        """End a fan-out that has no listeners."""
+        if fanout.is_empty and self._fanouts.get(fanout.topic) is fanout:
+            del self._fanouts[fanout.topic]
+            self.counters.release_topic(fanout.counts)
+            fanout.close()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self.publishers.close()
+        self.participant.close()

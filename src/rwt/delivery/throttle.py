@@ -1,0 +1,250 @@
+"""When a sample may go to one client: throttle and queue, by the THR rules, and how old it may be."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Protocol
+
+from rwt_protocol.fragments import cut
+from rwt_protocol.transport import DropReason
+
+if TYPE_CHECKING:
+    from rwt.delivery.deadline import DeadlineWatch
+    from rwt_graph.api import Sample
+    from rwt_graph.clock import Clock
+    from rwt_participant.timers import Timer
+    from rwt_protocol.transport import Burst, Flow, Frame
+
+#: Two clock readings this close, in seconds, are the same moment: sums of floats round.
+_SAME_MOMENT = 1e-6
+
+
+def _refuse(_burst: Burst) -> bool:
+    return False
+
+
+class Encoded(Protocol):
+    """A sample on its way out, encoded when it is first sent, once for all gates of a channel."""
+
+    @property
+    def sample(self) -> Sample:
+        """The sample itself."""
+
+    def send(self, take: Callable[[Frame], None]) -> None:
+        """Give the frame to `take`, now or when it is made; asked for each time one is sent."""
+
+
+class Gate(Protocol):
+    """What decides when a sample goes to one client, as a fan-out sees it: a :class:`Throttle`, or
+    :class:`rwt.delivery.next_sample.NextSample`."""
+
+    @property
+    def is_open(self) -> bool:
+        """Whether every sample passes, so that a caller may skip the gate and send at once."""
+
+    @property
+    def send(self) -> Callable[[Frame], None]:
+        """Where the frames of an open gate go."""
+
+    @property
+    def join(self) -> Callable[[Burst], bool]:
+        """Lets a burst of an open gate go."""
+
+    def note_sent(self, at: float) -> None:
+        """A sample went past the gate while it was open, `at` seconds of the clock's steady time."""
+
+    def offer(self, encoded: Encoded) -> None:
+        """Take one sample, while the gate is not open."""
+
+
+class Room:
+    """What the throttles of one client may keep in their queues together.
+
+    Attributes:
+        left: bytes.
+    """
+
+    __slots__ = ("left",)
+
+    def __init__(self, size: int) -> None:
+        self.left = size
+
+
+class Throttle:
+    """One client's flow of one topic.
+
+    * ``throttle == 0``: every sample at once (THR-01); what waits then, waits for the network, in the flow,
+      whose own rules bound it (THR-04).
+    * ``throttle > 0``, ``queue == 0``: at most one sample in `throttle` seconds, the others are dropped; no
+      trailing delivery (THR-02).
+    * ``throttle > 0``, ``queue > 0``: first in, first out, the oldest is dropped beyond `queue` (THR-03).
+
+    Times count from the last sample sent, on the clock's steady time. Nothing that has expired is sent.
+
+    Args:
+        clock: the graph's.
+        flow: where frames go.
+        withheld: called for each sample that the throttle holds back and drops.
+        expired: called for each sample that outlived its lifespan here.
+        room: what all queues of one client together may hold.
+    """
+
+    __slots__ = (
+        "_clock", "_deadline", "_expired", "_flow", "_is_closed", "_last", "_lifespan_ns", "_piece", "_queue",
+        "_room", "_throttle", "_timer", "_withheld",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        clock: Clock,
+        flow: Flow,
+        withheld: Callable[[DropReason], None],
+        expired: Callable[[DropReason], None],
+        room: Room,
+    ) -> None:
+        self._clock = clock
+        self._room = room
+        self._flow = flow
+        self._piece = 0
+        self._withheld = withheld
+        self._expired = expired
+        self._throttle = 0.0
+        self._lifespan_ns = 0
+        self._deadline: DeadlineWatch | None = None
+        self._queue: deque[tuple[Encoded, int]] = deque(maxlen=0)
+        self._last = float("-inf")
+        self._timer: Timer | None = None
+        self._is_closed = False
+
+    @property
+    def is_open(self) -> bool:
+        """Whether every sample passes, so that a caller may skip the gate and send at once."""
+        return not (self._throttle or self._queue or self._lifespan_ns or self._deadline)
+
+    @property
+    def send(self) -> Callable[[Frame], None]:
+        """Where the frames of an open gate go."""
+        return self._send_pieces if self._piece else self._flow.send
+
+    @property
+    def join(self) -> Callable[[Burst], bool]:
+        """Lets a burst of an open gate go; where messages are sent in pieces, each goes by itself."""
+        return _refuse if self._piece else self._flow.join
+
+    def cut_to(self, size: int) -> None:
+        """Send what is longer than `size` characters in pieces; 0 sends everything whole (FRG-20)."""
+        self._piece = size
+
+    def _send_pieces(self, frame: Frame) -> None:
+        self._flow.send_message(frame.pieces(self._piece, cut))
+
+    def configure(self, throttle: float, queue: int) -> None:
+        """Set the throttle in seconds and the queue's length in samples.
+
+        The time of the last sending stays, and of the queue the newest that fit (THR-06).
+        """
+        self._throttle = max(0.0, throttle)
+        self._stop_timer()
+        while queue and len(self._queue) > queue:
+            self._pop()
+        self._queue = deque(self._queue)
+        self._send_due()
+        while not queue and self._queue:
+            self._pop()
+        self._queue = deque(self._queue, maxlen=queue)
+        if self._queue:
+            self._start_timer()
+
+    def note_sent(self, at: float) -> None:
+        """A sample went past the gate while it was open, `at` seconds of the clock's steady time (THR-06)."""
+        self._last = max(self._last, at)
+
+    def watch(self, lifespan_ns: int, deadline: DeadlineWatch | None) -> None:
+        """Send nothing older than `lifespan_ns` (0: any age), and tell `deadline` of every sample."""
+        self._lifespan_ns = lifespan_ns
+        if self._deadline is not None:
+            self._deadline.close()
+        self._deadline = deadline
+
+    def offer(self, encoded: Encoded) -> None:
+        """Take one sample: send it now, keep it for later, or drop it."""
+        if self._deadline is not None:
+            self._deadline.met()
+        if not self._queue and self._due():
+            self._send(encoded)
+        elif self._queue.maxlen:
+            self._enqueue(encoded)
+        else:
+            self._withheld(DropReason.THROTTLE)
+
+    def _enqueue(self, encoded: Encoded) -> None:
+        """Keep a sample for later; older ones of its topic give way to it, those of other topics not."""
+        size = encoded.sample.payload.kept_size
+        full = len(self._queue) == self._queue.maxlen
+        while self._queue and (full or self._room.left < size):
+            self._pop()
+            self._withheld(DropReason.QUEUE)
+            full = False
+        if self._room.left < size:
+            self._withheld(DropReason.QUEUE)
+            return
+        self._room.left -= size
+        self._queue.append((encoded, size))
+        if self._timer is None:
+            self._start_timer()
+
+    def _pop(self) -> Encoded:
+        encoded, size = self._queue.popleft()
+        self._room.left += size
+        return encoded
+
+    def close(self) -> None:
+        """Drop what is queued, and what is being encoded (THR-07)."""
+        self._is_closed = True
+        self._stop_timer()
+        while self._queue:
+            self._pop()
+        self.watch(0, None)
+
+    def _due(self) -> bool:
+        return self._clock.monotonic() - self._last >= self._throttle - _SAME_MOMENT
+
+    def _send_due(self) -> None:
+        while self._queue and self._due():
+            self._send(self._pop())
+
+    def _send(self, encoded: Encoded) -> None:
+        expires_ns = self._expiry(encoded.sample)
+        if expires_ns and expires_ns < self._clock.time_ns():
+            self._expired(DropReason.LIFESPAN)
+            return
+        self._last = self._clock.monotonic()
+        encoded.send(partial(self._send_frame, expires_ns))
+
+    def _send_frame(self, expires_ns: int, frame: Frame) -> None:
+        if not self._is_closed:
+            self._flow.send_message(frame.pieces(self._piece, cut) if self._piece else (frame,), expires_ns)
+
+    def _expiry(self, sample: Sample) -> int:
+        """The end of the publisher's lifespan or of the subscriber's, whichever is sooner; 0: never."""
+        if not self._lifespan_ns:
+            return sample.expires_ns
+        own = sample.stamp_ns + self._lifespan_ns
+        return min(own, sample.expires_ns) if sample.expires_ns else own
+
+    def _start_timer(self) -> None:
+        wait = self._last + self._throttle - self._clock.monotonic()
+        self._timer = self._clock.call_later(max(0.0, wait), self._on_timer)
+
+    def _stop_timer(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _on_timer(self) -> None:
+        self._timer = None
+        self._send_due()
+        if self._queue:
+            self._start_timer()

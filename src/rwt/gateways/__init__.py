@@ -1,0 +1,1 @@
+"""Gateways: one wire protocol each, on one base."""

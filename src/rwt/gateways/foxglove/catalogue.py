@@ -1,0 +1,272 @@
+"""What clients are told that there is: channels for topics, services, and who takes part in what, by role."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from rwt.gateways.foxglove.wire.json_schema import schema_where_needed
+from rwt.gateways.foxglove.wire.payloads import JSON
+from rwt.gateways.foxglove.wire.server_messages import encoded, text, texts
+
+if TYPE_CHECKING:
+    from rwt.access.graph_view import GraphView
+    from rwt_graph.api import TopicInfo
+    from rwt_interfaces.structs import MessageType, ServiceType
+    from rwt_protocol.transport import Frame
+
+SCHEMA_ENCODINGS: Final[Mapping[str, str]] = {"cdr": "ros2msg", "ros1": "ros1msg"}
+"""How the definition of a type is written, by the serialisation of its messages."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Channel:
+    """A topic as clients subscribe to it.
+
+    Attributes:
+        id: one that no other channel of the server has had.
+        topic: absolute name.
+        type: of its messages.
+        announced: what is said of it, in JSON.
+        in_json: whether its messages are JSON, for viewers cannot read what the robot serialises.
+    """
+
+    id: int
+    topic: str
+    type: MessageType
+    announced: bytes
+    in_json: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OfferedService:
+    """A service as clients call it.
+
+    Attributes:
+        id: one that no other service of the server has had.
+        name: absolute name.
+        type: see above.
+        announced: what is said of it, in JSON.
+    """
+
+    id: int
+    name: str
+    type: ServiceType
+    announced: bytes
+
+
+class Catalogue:
+    """The channels and services that any role is shown, each under one id for all clients.
+
+    A topic that goes and comes back, or comes back with another type, is another channel.
+
+    Args:
+        node: the gateway's own node, whose subscriptions do not make a topic.
+    """
+
+    def __init__(self, node: str) -> None:
+        self._node = node
+        self._channels: dict[str, Channel] = {}
+        self._services: dict[str, OfferedService] = {}
+        self._count = 0
+
+    def channel(self, topic: TopicInfo) -> Channel | None:
+        """The channel of a topic; None for one whose type is not known, or that only clients of this gateway
+        listen to."""
+        if topic.type is None:
+            return None
+        if not topic.publishers and all(each.node == self._node for each in topic.subscribers):
+            return None
+        known = self._channels.get(topic.name)
+        if known is None or known.type.name != topic.type.name:
+            self._count += 1
+            schema = _schema(topic.type)
+            announced = encoded({"id": self._count, "topic": topic.name, **schema})
+            known = self._channels[topic.name] = Channel(
+                self._count, topic.name, topic.type, announced, schema["encoding"] == JSON
+            )
+        return known
+
+    def service(self, name: str, type: ServiceType) -> OfferedService:
+        """The service of that name and type."""
+        known = self._services.get(name)
+        if known is None or known.type.name != type.name:
+            self._count += 1
+            announced = encoded(
+                {
+                    "id": self._count,
+                    "name": name,
+                    "type": type.request.registry.type_name(type),
+                    "request": _schema(type.request),
+                    "response": _schema(type.response),
+                }
+            )
+            known = self._services[name] = OfferedService(self._count, name, type, announced)
+        return known
+
+    def keep(self, listings: Iterable[Listing]) -> None:
+        """Forget what none of these shows."""
+        shown = {id for listing in listings for id in (*listing.channels, *listing.services)}
+        self._channels = {name: each for name, each in self._channels.items() if each.id in shown}
+        self._services = {name: each for name, each in self._services.items() if each.id in shown}
+
+
+def _schema(type: MessageType) -> dict[str, str]:
+    """A type as Foxglove's protocol describes it: its definition with all that it contains, as in MCAP; or as
+    JSON Schema."""
+    registry = type.registry
+    json_schema = schema_where_needed(type)
+    if json_schema is not None:
+        return {
+            "encoding": JSON,
+            "schemaName": registry.type_name(type),
+            "schemaEncoding": "jsonschema",
+            "schema": encoded(json_schema).decode(),
+        }
+    serialisation = registry.distro.serialisation
+    return {
+        "encoding": serialisation,
+        "schemaName": registry.type_name(type),
+        "schemaEncoding": SCHEMA_ENCODINGS[serialisation],
+        "schema": registry.full_text(type),
+    }
+
+
+class Connections(NamedTuple):
+    """Who takes part in what: names of nodes by topic and by service."""
+
+    publishers: Mapping[str, tuple[str, ...]] = {}
+    subscribers: Mapping[str, tuple[str, ...]] = {}
+    providers: Mapping[str, tuple[str, ...]] = {}
+
+    def since(self, before: Connections) -> Frame | None:
+        """What tells a client that knows `before` of these; None where nothing has changed."""
+        topics = self.publishers.keys() | self.subscribers.keys()
+        removed = sorted((before.publishers.keys() | before.subscribers.keys()) - topics)
+        published = _changed(self.publishers, before.publishers, topics, "publisherIds")
+        subscribed = _changed(self.subscribers, before.subscribers, topics, "subscriberIds")
+        provided = _changed(self.providers, before.providers, self.providers.keys(), "providerIds")
+        withdrawn = sorted(before.providers.keys() - self.providers.keys())
+        if not (published or subscribed or provided or removed or withdrawn):
+            return None
+        return text(
+            "connectionGraphUpdate",
+            publishedTopics=published,
+            subscribedTopics=subscribed,
+            advertisedServices=provided,
+            removedTopics=removed,
+            removedServices=withdrawn,
+        )
+
+
+def _changed(
+    now: Mapping[str, tuple[str, ...]], before: Mapping[str, tuple[str, ...]], kept: Iterable[str], ids: str
+) -> list[dict[str, object]]:
+    """The names whose nodes are others than before; one that has none any more, if it is kept."""
+    return [
+        {"name": name, ids: now.get(name, ())}
+        for name in sorted(kept)
+        if now.get(name, ()) != before.get(name, ())
+    ]
+
+
+class Change(NamedTuple):
+    """What has become of a listing.
+
+    Attributes:
+        frames: what tells its clients.
+        gone: ids of the channels that are not there any more.
+    """
+
+    frames: tuple[Frame, ...]
+    gone: frozenset[int]
+
+
+class Listing:
+    """What the clients of one role are shown: topics that they may subscribe to, and services that they may
+    call.
+
+    Attributes:
+        view: the graph as the role sees it.
+        channels: by id.
+        services: by id.
+    """
+
+    def __init__(self, catalogue: Catalogue, view: GraphView) -> None:
+        self.view = view
+        self.channels: Mapping[int, Channel] = {}
+        self.services: Mapping[int, OfferedService] = {}
+        self._catalogue = catalogue
+        self._welcome: tuple[Frame, ...] | None = None
+
+    def refresh(self) -> Change:
+        """Look at the graph again."""
+        role, catalogue = self.view.role, self._catalogue
+        channels = {
+            channel.id: channel
+            for topic in self.view.topics()
+            if role.allows("subscribe", topic.name) and (channel := catalogue.channel(topic)) is not None
+        }
+        services = {
+            service.id: service
+            for info in self.view.services()
+            if role.allows("call", info.name)
+            for service in (catalogue.service(info.name, info.type),)
+        }
+        change = self.difference(self.channels, self.services, channels, services)
+        if change.frames:
+            self._welcome = None
+        self.channels, self.services = channels, services
+        return change
+
+    @staticmethod
+    def difference(
+        channels: Mapping[int, Channel],
+        services: Mapping[int, OfferedService],
+        new_channels: Mapping[int, Channel],
+        new_services: Mapping[int, OfferedService],
+    ) -> Change:
+        """What tells a client that was shown these channels and services of the new ones."""
+        gone = channels.keys() - new_channels.keys()
+        withdrawn = services.keys() - new_services.keys()
+        frames = [
+            *([text("unadvertise", channelIds=sorted(gone))] if gone else []),
+            *([text("unadvertiseServices", serviceIds=sorted(withdrawn))] if withdrawn else []),
+            *texts(
+                "advertise",
+                "channels",
+                [each.announced for id, each in new_channels.items() if id not in channels],
+            ),
+            *texts(
+                "advertiseServices",
+                "services",
+                [each.announced for id, each in new_services.items() if id not in services],
+            ),
+        ]
+        return Change(tuple(frames), frozenset(gone))
+
+    @property
+    def welcome(self) -> tuple[Frame, ...]:
+        """What tells a client that knows nothing yet; made once for all that come before the next change."""
+        if self._welcome is None:
+            self._welcome = self.difference({}, {}, self.channels, self.services).frames
+        return self._welcome
+
+    def connections(self) -> Connections:
+        """Who takes part in what the role is shown, as far as it is shown who."""
+        view = self.view
+        publishers: dict[str, tuple[str, ...]] = {}
+        subscribers: dict[str, tuple[str, ...]] = {}
+        for topic in view.topics():
+            publishers[topic.name] = self._nodes(each.node for each in topic.publishers)
+            subscribers[topic.name] = self._nodes(each.node for each in topic.subscribers)
+        providers = {info.name: self._nodes((info.node,)) for info in view.services()}
+        return Connections(
+            {name: nodes for name, nodes in publishers.items() if nodes},
+            {name: nodes for name, nodes in subscribers.items() if nodes},
+            {name: nodes for name, nodes in providers.items() if nodes},
+        )
+
+    def _nodes(self, names: Iterable[str]) -> tuple[str, ...]:
+        return tuple(sorted({name for name in names if name and self.view.sees_node(name)}))

@@ -1,0 +1,281 @@
+"""The Foxglove gateway: its clients, what they share, and what tells them of the graph's changes."""
+
+from __future__ import annotations
+
+import html
+import logging
+from collections.abc import Awaitable, Callable, Mapping
+from functools import partial
+from importlib.metadata import version
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
+from uuid import uuid4
+
+from rwt.access.graph_view import GraphView
+from rwt.delivery.shared_graph import SharedGraph
+from rwt.delivery.turns import Turns
+from rwt.gateways.foxglove.catalogue import Catalogue, Listing
+from rwt.gateways.foxglove.client import FoxgloveClient
+from rwt.gateways.foxglove.parameter_feed import ParameterFeed
+from rwt.gateways.foxglove.parameters import GET
+from rwt.gateways.foxglove.playback import state_frame, state_of
+from rwt.gateways.foxglove.settings import Bounds, FoxgloveSettings
+from rwt.gateways.foxglove.wire.payloads import encodings
+from rwt.gateways.foxglove.wire.server_messages import server_info, time
+from rwt_transports.errors import Refused
+from rwt_transports.http import HttpExtension, HttpRequest
+
+if TYPE_CHECKING:
+    from rwt.access.access import Access
+    from rwt.access.gateway import AcceptPeer
+    from rwt.access.roles import Role
+    from rwt.gateways.foxglove.assets import Pages
+    from rwt.gateways.foxglove.playback import PlaybackState
+    from rwt.gateways.foxglove.wire.server_messages import Capability
+    from rwt_graph.api import Graph
+    from rwt_graph.clock import Playback
+    from rwt_participant.timers import Timer
+    from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
+
+NODE: Final = "/foxglove_bridge"
+"""The node as which all clients act."""
+
+SUBPROTOCOLS: Final = ("foxglove.sdk.v1", "foxglove.websocket.v1")
+"""What the protocol is called; both names stand for the same."""
+
+_LOOK_SECONDS: Final = 0.1
+"""How often the gateway looks whether the graph has changed."""
+
+_SHARE: Final = 0.1
+"""Of all time, what may be spent on telling clients of the graph's changes; beyond it they hear of them
+later."""
+
+
+class FoxgloveGateway:
+    """Foxglove's WebSocket protocol in front of a graph.
+
+    Attributes:
+        name: of the protocol.
+        settings: what the operator has set.
+        bounds: what one client may send and is sent.
+        access: who may do what.
+        shared: the part in the graph that all clients share, as the node `/foxglove_bridge`.
+        turns: of clients that cause more work than they may.
+        pages: what has the files of packages, if anything.
+        playback: the recording that the graph plays, if it plays one.
+        websockets: takes in clients, by subprotocol.
+        http: a section of the index.
+
+    Args:
+        graph: the robot.
+        access: see above.
+        settings: see above.
+        bounds: see above.
+        linger: seconds that a topic outlives its last publisher among the clients.
+        pages: see above.
+    """
+
+    name: Final = "foxglove"
+
+    def __init__(
+        self,
+        graph: Graph,
+        access: Access,
+        settings: FoxgloveSettings | None = None,
+        bounds: Bounds | None = None,
+        linger: float = 10.0,
+        pages: Pages | None = None,
+    ) -> None:
+        self.settings = settings or FoxgloveSettings()
+        self.bounds = bounds or Bounds()
+        self.access = access
+        self.shared = SharedGraph(graph, NODE, linger, partial(access.audit.write, logging.INFO, "%s"))
+        self.turns = Turns(graph.clock)
+        self.pages = pages
+        self.playback: Playback | None = graph.clock.playback
+        self.websockets: Mapping[str, AcceptPeer] = MappingProxyType(dict.fromkeys(SUBPROTOCOLS, self.accept))
+        self.http: HttpExtension[GraphView] = HttpExtension(section=_section)
+        self._graph = graph
+        self._clock = graph.clock
+        self._session_id = uuid4().hex
+        self._catalogue = Catalogue(NODE)
+        self._listings: dict[Role, Listing] = {}
+        self._clients: dict[int, FoxgloveClient] = {}
+        self._count = 0
+        self._seen = -1
+        self._feed = ParameterFeed(self.shared, self._tell_parameters)
+        self._look_timer: Timer | None = None
+        self._time_timer: Timer | None = None
+        self._told_time = -1
+        self._told_playback: PlaybackState | None = None
+
+    @property
+    def clients(self) -> tuple[FoxgloveClient, ...]:
+        """Those that are connected, in the order they came."""
+        return tuple(self._clients.values())
+
+    def accept(self, sink: Sink, info: PeerInfo, *, loopback: bool) -> Endpoint:
+        """Take in a new client; see :class:`rwt.access.gateway.AcceptPeer`."""
+        role = self.access.admission.admit(info, loopback=loopback)
+        if role is None:
+            raise Refused(401, "Foxglove's protocol has no `auth` op: connect with a token (auth.tokens)")
+        began = self._clock.monotonic()
+        self._count += 1
+        graph = self.access.client(self.shared, role, info.address, f"foxglove:{self._count}")
+        client = FoxgloveClient(self, self._count, sink, info, graph, self._listing(role))
+        sink.send(self._server_info(role))
+        for frame in client.listing.welcome:
+            sink.send(frame)
+        if self.playback is not None:
+            sink.send(state_frame(self.playback, did_seek=False))
+        self._clients[client.number] = client
+        self.shared.counters.clients += 1
+        self.access.audit.write(
+            logging.INFO, "foxglove client %d joined from %s over %s",
+            client.number, info.address or "?", info.transport, client=client.number,
+        )  # fmt: skip
+        self._start_looking()
+        graph.work.add(self._clock.monotonic() - began, "messages")
+        return client
+
+    def _server_info(self, role: Role) -> Frame:
+        playback = self.playback
+        return server_info(
+            f"Robot Web Tools {version('robot-web-tools')}",
+            self._capabilities(role),
+            encodings(self._graph.distro),
+            {"ROS_DISTRO": self._graph.distro.name},
+            self._session_id,
+            None if playback is None else (playback.start_ns, playback.end_ns),
+        )
+
+    def _capabilities(self, role: Role) -> list[Capability]:
+        """What clients of a role can make use of."""
+        has: dict[Capability, bool] = {
+            "clientPublish": bool(role.globs["publish"]),
+            "parameters": bool(role.globs["get_param"]) and self._graph.service(GET) is not None,
+            "parametersSubscribe": bool(role.globs["get_param"]),
+            "time": not self._clock.is_real,
+            "services": bool(role.globs["call"]),
+            "connectionGraph": True,
+            "assets": self.pages is not None,
+            "playbackControl": self.playback is not None,
+        }
+        return [capability for capability, is_there in has.items() if is_there]
+
+    # -- what is shown -------------------------------------------------------------------------------------
+
+    def listing_of(self, client: FoxgloveClient) -> Listing:
+        """What a client is shown, in its present role."""
+        return self._listing(client.graph.role)
+
+    def _listing(self, role: Role) -> Listing:
+        listing = self._listings.get(role)
+        if listing is None:
+            view = GraphView(self._graph, role, self.access.nobody.work)
+            listing = self._listings[role] = Listing(self._catalogue, view)
+            listing.refresh()
+        elif self._seen != self._graph.version:
+            self._tell(listing)
+        return listing
+
+    def _tell(self, listing: Listing) -> None:
+        """Look at what a role is shown, and tell its clients what has changed."""
+        change = listing.refresh()
+        clients = [client for client in self._clients.values() if client.listing is listing]
+        if change.frames:
+            for client in clients:
+                client.take_change(change)
+        if any(client.connections is not None for client in clients):
+            connections = listing.connections()
+            for client in clients:
+                client.tell_connections(connections)
+
+    def _look(self) -> None:
+        """Tell clients what has changed in the graph since the last time."""
+        self._look_timer = None
+        began = self._clock.monotonic()
+        version = self._graph.version
+        if version != self._seen:
+            shown = {client.listing for client in self._clients.values()}
+            self._listings = {role: each for role, each in self._listings.items() if each in shown}
+            for listing in self._listings.values():
+                self._tell(listing)
+            self._catalogue.keep(self._listings.values())
+            self._seen = version
+        if self._clients:
+            worked = self._clock.monotonic() - began
+            self._look_timer = self._clock.call_later(max(_LOOK_SECONDS, worked / _SHARE), self._look)
+
+    def _start_looking(self) -> None:
+        if self._look_timer is None:
+            self._look_timer = self._clock.call_later(_LOOK_SECONDS, self._look)
+        if self._time_timer is None and not self._clock.is_real:
+            self._time_timer = self._clock.call_later(0.0, self._tell_time)
+
+    def _tell_time(self) -> None:
+        """Tell all clients the time and what the recording does, where they are not what they were."""
+        self._time_timer = None
+        now = self._clock.time_ns()
+        if now != self._told_time and now >= 0:
+            self._told_time = now
+            frame = time(now)
+            for client in self._clients.values():
+                client.tell_time(frame)
+        if self.playback is not None:
+            state, told = state_of(self.playback), self._told_playback
+            if state != told:
+                self._told_playback = state
+                frame = state_frame(self.playback, did_seek=told is not None and state.seeks != told.seeks)
+                for client in self._clients.values():
+                    client.replies.send(frame)
+        if self._clients:
+            self._time_timer = self._clock.call_later(1 / self.settings.time_hz, self._tell_time)
+
+    # -- parameters ----------------------------------------------------------------------------------------
+
+    def watched(self) -> None:
+        """A client watches other parameters than before."""
+        clients = [client.parameters for client in self._clients.values()]
+        names = {name for each in clients for name in each.watched}
+        self._feed.watch(names, everything=any(each.watches_all for each in clients))
+
+    def _tell_parameters(self, values: Mapping[str, object]) -> None:
+        for client in self._clients.values():
+            client.parameters.changed(values)
+
+    # -- life ----------------------------------------------------------------------------------------------
+
+    def spawn(self, task: Callable[[], Awaitable[None]], name: str) -> None:
+        """Run a coroutine function as a task of the graph."""
+        self._graph.spawn(task, name)
+
+    def reload_roles(self) -> None:
+        """Give each client the role that the settings give it now."""
+        for client in self.clients:
+            client.reload_role()
+
+    def left(self, client: FoxgloveClient) -> None:
+        """Forget a client."""
+        del self._clients[client.number]
+        self.shared.counters.left(client.messages, client.sink.traffic)
+        self.watched()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._feed.close()
+        for timer in (self._look_timer, self._time_timer):
+            if timer is not None:
+                timer.cancel()
+        self.shared.close()
+
+
+def _section(request: HttpRequest, reader: GraphView) -> str:
+    """How to connect, for the index page."""
+    scheme = "wss" if request.headers.get("x-forwarded-proto") in ("https", "wss") else "ws"
+    host = request.headers.get("host", "localhost:9090")
+    url = html.escape(f"{scheme}://{host}{request.prefix}")
+    return (
+        "<h2>Foxglove and Lichtblick</h2><p>Open a connection, choose <em>Foxglove WebSocket</em>, and enter"
+        f"<pre>{url}</pre>"
+    )

@@ -1,0 +1,340 @@
+"""Parameters in Foxglove's protocol: read and set through rosapi's services, and watched as they change.
+
+A node's parameter is called `/node.name`, as Foxglove's own bridge for ROS 2 calls it, and one of the global
+tree `/name`. What a client may read and set is decided where its calls of rosapi are.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from base64 import b64decode
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+from msgspec import UNSET
+
+from rwt.access.errors import AccessError
+from rwt.delivery.turns import SHARE, Turns
+from rwt.gateways.foxglove.errors import NotPossible
+from rwt.gateways.foxglove.wire.server_messages import Level, text
+from rwt_interfaces.payload import Payload
+from rwt_participant.errors import CallFailed, RobotError
+
+if TYPE_CHECKING:
+    from rwt.access.client_graph import ClientGraph
+    from rwt.gateways.foxglove.replies import Replies
+    from rwt.gateways.foxglove.wire.client_messages import GetParameters, Parameter, SetParameters
+    from rwt_interfaces.distro import Distro
+    from rwt_interfaces.structs import ServiceType
+
+LIST: Final = "/rosapi/get_param_names"
+GET: Final = "/rosapi/get_param"
+SET: Final = "/rosapi/set_param"
+DELETE: Final = "/rosapi/delete_param"
+
+_AT_ONCE: Final = 8
+"""Calls of rosapi that are under way for one client."""
+
+_MOST_REQUESTS: Final = 16
+"""Requests of one client that wait for their answers."""
+
+Done = Callable[["Payload | str"], None]
+"""Is given the answer of a service, or why there is none."""
+
+
+def to_client(name: str) -> str:
+    """A parameter's full name, `/node:name` or `/name`, as clients are told it."""
+    return name.replace(":", ".", 1)
+
+
+def from_client(name: str, distro: Distro) -> str:
+    """A parameter's full name from what a client calls it: a node's name has no dots."""
+    return name.replace(".", ":", 1) if distro.parameters_belong_to_nodes and ":" not in name else name
+
+
+def described(name: str, value: object) -> dict[str, object]:
+    """A parameter as clients are told it; one without a value has been deleted."""
+    if value is None:
+        return {"name": to_client(name)}
+    kind = _kind(value)
+    known: dict[str, object] = {"name": to_client(name), "value": _plain(value)}
+    return {**known, "type": kind} if kind else known
+
+
+def _kind(value: object) -> str:
+    """What a value's JSON alone does not say: a whole number may be a float."""
+    if isinstance(value, float):
+        return "float64"
+    if isinstance(value, list | tuple) and any(isinstance(each, float) for each in value):
+        return "float64_array"
+    return ""
+
+
+def _plain(value: object) -> object:
+    """A value that JSON has: bytes as numbers, as rosapi writes them, and null for what is no number."""
+    if isinstance(value, bytes | bytearray):
+        return list(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    return value
+
+
+def wanted_value(parameter: Parameter) -> object:
+    """The value that a client sets; UNSET to delete the parameter.
+
+    Raises:
+        NotPossible: it is not of the type that the client says.
+    """
+    value, kind = parameter.value, parameter.type
+    if value is UNSET or kind is UNSET or kind is None:
+        return value
+    if kind == "float64" and _is_number(value):
+        return float(value)  # type: ignore[arg-type]  # a number, by the line above
+    if kind == "float64_array" and isinstance(value, list) and all(map(_is_number, value)):
+        return [float(each) for each in value]
+    if kind == "byte_array" and isinstance(value, str):
+        try:
+            return list(b64decode(value, validate=True))
+        except ValueError:
+            pass
+    raise NotPossible(f"parameter {parameter.name[:200]}: its value is no {kind}")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+class Parameters:
+    """What one client asks of parameters.
+
+    Args:
+        graph: the graph as the client may see it.
+        replies: how the client is answered.
+        most_names: that it may ask for at once, or watch.
+        turns: of the event loop, in which what it asks for is done.
+    """
+
+    def __init__(self, graph: ClientGraph, replies: Replies, most_names: int, turns: Turns) -> None:
+        self._graph = graph
+        self._replies = replies
+        self._most_names = most_names
+        self._requests = 0
+        self._calls = 0
+        self._due: deque[Callable[[], None]] = deque()
+        self._turns = turns
+        self._has_turn = False
+        self._closed = False
+        self.watched: set[str] = set()
+        self.watches_all = False
+
+    # -- reading and setting -------------------------------------------------------------------------------
+
+    def get(self, asked: GetParameters) -> None:
+        """Tell the client values, of all parameters where it names none.
+
+        Raises:
+            NotPossible: it has asked for too much.
+        """
+        self._begin(len(asked.parameter_names))
+        if asked.parameter_names:
+            names = [from_client(name, self._graph.distro) for name in asked.parameter_names]
+            self._read(names, partial(self._answer, asked.id))
+            return
+
+        def listed(outcome: Payload | str) -> None:
+            if isinstance(outcome, str):
+                self._end(f"parameters cannot be listed: {outcome}")
+                return
+            allows = self._graph.role.allows
+            found = [name for name in getattr(outcome.value(), "names", ()) if allows("get_param", name)]
+            self._read(found, partial(self._answer, asked.id))
+
+        self._call(LIST, {}, listed)
+
+    def set(self, asked: SetParameters) -> None:
+        """Set parameters, and tell the client their values then if it gives an id.
+
+        Raises:
+            NotPossible: it sets too many, or a value is not of the type that it says.
+        """
+        distro = self._graph.distro
+        wanted = [(from_client(each.name, distro), wanted_value(each)) for each in asked.parameters]
+        self._begin(len(wanted))
+        failures: list[str] = []
+        left = len(wanted)
+
+        def done(name: str, outcome: Payload | str) -> None:
+            nonlocal left
+            left -= 1
+            if reason := _failure(outcome):
+                failures.append(f"{to_client(name)}: {reason}")
+            if left:
+                return
+            if failures:
+                self._refuse(f"parameters were not set: {'; '.join(failures[:5])}"[:1000])
+            if asked.id is None:
+                self._end()
+            else:
+                self._read([name for name, _ in wanted], partial(self._answer, asked.id))
+
+        if not wanted:
+            self._answer(asked.id, {})
+        for name, value in wanted:
+            if value is UNSET:
+                self._call(DELETE, {"name": name}, partial(done, name))
+            else:
+                self._call(SET, {"name": name, "value": json.dumps(value)}, partial(done, name))
+
+    def _read(self, names: Sequence[str], on_values: Callable[[Mapping[str, object]], None]) -> None:
+        """Read parameters; those that do not exist, or may not be read, are left out."""
+        names = tuple(dict.fromkeys(names))
+        values: dict[str, object] = {}
+        left = len(names)
+
+        def done(name: str, outcome: Payload | str) -> None:
+            nonlocal left
+            left -= 1
+            if not _failure(outcome) and not isinstance(outcome, str):
+                values[name] = json.loads(getattr(outcome.value(), "value", "null"))
+            if not left:
+                on_values({name: values[name] for name in names if name in values})
+
+        if not names:
+            on_values({})
+        for name in names:
+            self._call(GET, {"name": name}, partial(done, name))
+
+    def _answer(self, id: str | None, values: Mapping[str, object]) -> None:
+        self._end()
+        found = [described(name, value) for name, value in values.items() if value is not None]
+        self._send(found, id)
+
+    def _send(self, parameters: Sequence[dict[str, object]], id: str | None = None) -> None:
+        frame = text("parameterValues", parameters=parameters, id=id)
+        if reason := self._replies.too_large(frame.size):
+            self._replies.say(Level.ERROR, f"parameter values: {reason}")
+        elif not self._closed:
+            self._replies.send(frame)
+
+    def _begin(self, names: int) -> None:
+        if names > self._most_names:
+            raise NotPossible(
+                f"{names} parameters at once, and {self._most_names} are the most"
+                " (foxglove.parameter_names): ask for all, or in parts"
+            )
+        if self._requests >= _MOST_REQUESTS:
+            raise NotPossible(f"{self._requests} requests about parameters wait already: await their answers")
+        self._requests += 1
+
+    def _end(self, failure: str = "") -> None:
+        self._requests -= 1
+        if failure:
+            self._refuse(failure)
+
+    def _refuse(self, reason: str) -> None:
+        if not self._closed:
+            self._graph.counters.refuse("parameters")
+            self._replies.say(Level.ERROR, reason)
+
+    # -- calls ---------------------------------------------------------------------------------------------
+
+    def _call(self, service: str, request: Mapping[str, object], done: Done) -> None:
+        """Call a service of rosapi in a turn of the event loop in which fewer than :data:`_AT_ONCE` calls are
+        under way: values may be large, and a client may ask for a thousand at a time."""
+        self._due.append(partial(self._call_now, service, request, done))
+        self._want_turn()
+
+    def _want_turn(self) -> None:
+        if self._due and self._calls < _AT_ONCE and not self._has_turn and not self._closed:
+            self._has_turn = True
+            self._turns.wait(self._go_on)
+
+    def _go_on(self) -> None:
+        self._has_turn = False
+        monotonic = self._graph.clock.monotonic
+        began, worked = monotonic(), 0.0
+        while self._due and self._calls < _AT_ONCE and worked < SHARE and not self._closed:
+            self._due.popleft()()
+            worked = monotonic() - began
+        self._turns.note(worked)
+        self._graph.work.add(worked, "messages")
+        self._want_turn()
+
+    def _call_now(self, service: str, request: Mapping[str, object], done: Done) -> None:
+        self._calls += 1
+        answered = False
+
+        def on_reply(outcome: Payload | CallFailed) -> None:
+            nonlocal answered
+            if answered:
+                return
+            answered = True
+            self._calls -= 1
+            done(str(outcome) if isinstance(outcome, CallFailed) else outcome)
+            # Not from within the answer: as many in a row would be as deep a stack.
+            self._want_turn()
+
+        def request_of(type: ServiceType) -> Payload:
+            return Payload.from_value(type.request, request)
+
+        try:
+            self._graph.call_service(service, request_of, on_reply)
+        except (RobotError, AccessError) as error:
+            on_reply(error if isinstance(error, CallFailed) else CallFailed(str(error)))
+
+    # -- watching ------------------------------------------------------------------------------------------
+
+    def watch(self, names: Sequence[str]) -> None:
+        """Tell the client when these parameters change, or any where it names none.
+
+        Raises:
+            NotPossible: it watches as many as it may.
+        """
+        if not names:
+            self.watches_all = True
+            return
+        wanted = self.watched | {from_client(name, self._graph.distro) for name in names}
+        if len(wanted) > self._most_names:
+            raise NotPossible(
+                f"{len(wanted)} parameters are watched, and {self._most_names} are the most"
+                " (foxglove.parameter_names): watch all, by naming none"
+            )
+        self.watched = wanted
+
+    def unwatch(self, names: Iterable[str]) -> None:
+        """Tell it no more of these, or of any where it names none."""
+        gone = {from_client(name, self._graph.distro) for name in names}
+        if not gone:
+            self.watches_all = False
+        self.watched = self.watched - gone if gone else set()
+
+    def changed(self, values: Mapping[str, object]) -> None:
+        """Tell the client of changes that it watches and may read; None is a parameter that was deleted."""
+        allows = self._graph.role.allows
+        found = [
+            described(name, value)
+            for name, value in values.items()
+            if (self.watches_all or name in self.watched) and allows("get_param", name)
+        ]
+        if found:
+            self._send(found)
+
+    def close(self) -> None:
+        """Forget what is under way."""
+        self._closed = True
+        self._due.clear()
+        self.watched = set()
+        self.watches_all = False
+
+
+def _failure(outcome: Payload | str) -> str:
+    """Why a service of rosapi did not do what was asked; empty if it did."""
+    if isinstance(outcome, str):
+        return outcome
+    answer = outcome.value()
+    return "" if getattr(answer, "successful", True) else str(getattr(answer, "reason", "")) or "refused"

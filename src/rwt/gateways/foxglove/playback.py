@@ -1,0 +1,119 @@
+"""A recording that is played, as Foxglove's protocol shows and controls it.
+
+It is controlled by the services of the node that plays it, so a client may do what its role may call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from rwt.access.errors import AccessError
+from rwt.gateways.foxglove.wire.server_messages import Level, PlaybackStatus, playback_state
+from rwt_interfaces.payload import Payload
+from rwt_participant.errors import CallFailed, RobotError
+
+if TYPE_CHECKING:
+    from rwt.access.client_graph import ClientGraph
+    from rwt.gateways.foxglove.replies import Replies
+    from rwt.gateways.foxglove.wire.client_messages import PlaybackControlRequest
+    from rwt_graph.clock import Playback
+    from rwt_interfaces.structs import ServiceType
+    from rwt_protocol.transport import Frame
+
+_SAME_SPEED: Final = 1e-6
+"""Two speeds this close are the same: the protocol has 32 bits for one."""
+
+
+class PlaybackState(NamedTuple):
+    """What a recording does, but for where it is.
+
+    Attributes:
+        status: see :class:`~rwt.gateways.foxglove.wire.server_messages.PlaybackStatus`.
+        speed: recorded seconds in a second.
+        seeks: how often it has jumped.
+    """
+
+    status: PlaybackStatus
+    speed: float
+    seeks: int
+
+
+def state_of(playback: Playback) -> PlaybackState:
+    """What a recording does now."""
+    status = PlaybackStatus.PLAYING
+    if playback.paused:
+        at_end = playback.position_ns >= playback.end_ns
+        status = PlaybackStatus.ENDED if at_end else PlaybackStatus.PAUSED
+    return PlaybackState(status, playback.rate, playback.seeks)
+
+
+def state_frame(playback: Playback, *, did_seek: bool, request_id: bytes = b"") -> Frame:
+    """What tells clients what a recording does now."""
+    state = state_of(playback)
+    return playback_state(
+        state.status, playback.position_ns, state.speed, did_seek=did_seek, request_id=request_id
+    )
+
+
+class PlaybackControl:
+    """What one client asks of the recording.
+
+    Args:
+        graph: the graph as the client may see it.
+        replies: how the client is answered.
+        playback: the recording.
+    """
+
+    def __init__(self, graph: ClientGraph, replies: Replies, playback: Playback) -> None:
+        self._graph = graph
+        self._replies = replies
+        self._playback = playback
+
+    def request(self, asked: PlaybackControlRequest) -> None:
+        """Do what a client asks for, and tell it what the recording does then."""
+        seeks = self._playback.seeks
+        steps = self._calls(asked)
+
+        def go_on() -> None:
+            for service, request in steps:
+                self._call(service, request, finished)
+                return
+            did_seek = self._playback.seeks != seeks
+            self._replies.send(state_frame(self._playback, did_seek=did_seek, request_id=asked.request_id))
+
+        def finished(failure: str) -> None:
+            if failure:
+                self._replies.say(Level.ERROR, f"playback: {failure}")
+            go_on()
+
+        go_on()
+
+    def _calls(self, asked: PlaybackControlRequest) -> Iterator[tuple[str, Mapping[str, object]]]:
+        """The calls of the player's services that do what is asked for, with their requests."""
+        playback = self._playback
+        if not asked.plays and not playback.paused:
+            yield "pause", {}
+        if asked.seek_ns is not None:
+            within = min(max(asked.seek_ns, playback.start_ns), playback.end_ns)
+            yield "seek", {"time": self._graph.distro.time(within)}
+        if not abs(asked.speed - playback.rate) <= _SAME_SPEED * playback.rate:
+            yield "set_rate", {"rate": asked.speed}
+        if asked.plays and playback.paused:
+            yield "resume", {}
+
+    def _call(self, service: str, request: Mapping[str, object], finished: Callable[[str], None]) -> None:
+        def on_reply(outcome: Payload | CallFailed) -> None:
+            if isinstance(outcome, CallFailed):
+                finished(str(outcome))
+            else:
+                done = getattr(outcome.value(), "success", True)
+                finished("" if done else f"{service} {request}: the player refuses that")
+
+        def request_of(type: ServiceType) -> Payload:
+            return Payload.from_value(type.request, request)
+
+        try:
+            self._graph.call_service(f"{self._playback.node}/{service}", request_of, on_reply)
+        except (RobotError, AccessError) as error:
+            finished(str(error))

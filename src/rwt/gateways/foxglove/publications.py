@@ -1,0 +1,134 @@
+"""What one client publishes: its channels, and their messages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from rwt.access.errors import AccessError
+from rwt.gateways.foxglove.errors import NotPossible
+from rwt.gateways.foxglove.wire.payloads import check_encoding, is_long, long_payload, payload_of
+from rwt.gateways.foxglove.wire.server_messages import Level
+from rwt_interfaces.errors import InvalidMessage
+from rwt_participant.errors import RobotError
+
+if TYPE_CHECKING:
+    from rwt.access.client_graph import ClientGraph, ClientPublisher
+    from rwt.gateways.foxglove.replies import Replies
+    from rwt.gateways.foxglove.wire.client_messages import ClientChannel, MessageData
+    from rwt_interfaces.payload import Payload
+
+
+class _Announced(NamedTuple):
+    """A channel of a client, and what publishes on it."""
+
+    channel: ClientChannel
+    topic: str
+    publisher: ClientPublisher
+
+
+class Publications:
+    """The channels that one client has announced, by its ids.
+
+    Args:
+        graph: the graph as the client may see it.
+        replies: how the client is answered.
+        structure: maximum number of brackets in its JSON.
+    """
+
+    def __init__(self, graph: ClientGraph, replies: Replies, structure: int) -> None:
+        self._graph = graph
+        self._replies = replies
+        self._structure = structure
+        self._now: Final[Callable[[], int]] = graph.clock.time_ns
+        self._by_id: dict[int, _Announced] = {}
+
+    def advertise(self, channel: ClientChannel) -> None:
+        """Let the client publish on a topic.
+
+        Raises:
+            NotPossible: the id is in use, or the encoding is none that can be taken.
+            AccessError: the role may not publish on the topic, or the client advertises as much as it may.
+            UnknownType: no such message is known here.
+            TypeConflict: the topic has another type.
+        """
+        if channel.id in self._by_id:
+            raise NotPossible(f"advertise: channel {channel.id} is advertised already; take another id")
+        check_encoding(channel.encoding, self._graph.distro)
+        topic = self._graph.advertise(channel.topic, channel.schema_name, channel.id)
+        try:
+            publisher = self._graph.publisher(topic, channel.schema_name, channel.id)
+        except BaseException:
+            self._graph.unadvertise(topic, channel.id)
+            raise
+        self._by_id[channel.id] = _Announced(channel, topic, publisher)
+
+    def unadvertise(self, id: int) -> None:
+        """Take a channel back.
+
+        Raises:
+            NotPossible: the client has none of that id.
+        """
+        announced = self._by_id.pop(id, None)
+        if announced is None:
+            raise NotPossible(f"unadvertise: this client advertises no channel {id}")
+        self._graph.unadvertise(announced.topic, id)
+
+    def publish(self, message: MessageData) -> Generator[None] | None:
+        """Check a message once and hand it to the graph.
+
+        Returns:
+            What does it in steps, if it is long and in JSON.
+
+        Raises:
+            NotPossible: the client has no such channel.
+            InvalidMessage: it does not fit its type.
+            QuotaExceeded: as much is kept for the client as may be.
+        """
+        announced = self._of(message)
+        type, encoding = announced.publisher.type, announced.channel.encoding
+        if is_long(encoding, message.data):
+            return self._publish_in_steps(message, announced)
+        try:
+            payload = payload_of(type, encoding, message.data, self._now)
+        except InvalidMessage as error:
+            raise NotPossible(f"message data on {announced.topic}: {error}") from None
+        self._publish(announced, payload, len(message.data))
+        return None
+
+    def _of(self, message: MessageData) -> _Announced:
+        announced = self._by_id.get(message.channel_id)
+        if announced is None:
+            raise NotPossible(f"message data: this client advertises no channel {message.channel_id}")
+        return announced
+
+    def _publish_in_steps(self, message: MessageData, announced: _Announced) -> Generator[None]:
+        size = len(message.data)
+        try:
+            payload: Payload = yield from long_payload(
+                announced.publisher.type, message.data, self._now, self._structure
+            )
+        except InvalidMessage as error:
+            raise NotPossible(f"message data on {announced.topic}: {error}") from None
+        # Meanwhile the client's role may have become another, and the channel may have gone with it.
+        present = self._of(message)
+        if present.channel is not announced.channel:
+            raise NotPossible(f"message data: channel {message.channel_id} has become another one")
+        self._publish(present, payload, size)
+
+    def _publish(self, announced: _Announced, payload: Payload, size: int) -> None:
+        counts = announced.publisher.counts
+        counts.received += 1
+        counts.received_bytes += size
+        announced.publisher.publish(payload)
+
+    def ask_again(self) -> None:
+        """Ask again for the right to publish on each channel, since the client's role is another one; those
+        that it does not allow end."""
+        for id, announced in tuple(self._by_id.items()):
+            del self._by_id[id]
+            try:
+                self.advertise(announced.channel)
+            except (RobotError, AccessError, NotPossible) as error:
+                self._graph.unadvertise(announced.topic, id)
+                self._replies.say(Level.WARNING, f"channel {id} has ended: {error}")

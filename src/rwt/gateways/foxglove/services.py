@@ -1,0 +1,95 @@
+"""The services that one client calls."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Mapping
+from functools import partial
+from typing import TYPE_CHECKING
+
+from msgspec.structs import replace
+
+from rwt.access.errors import AccessError
+from rwt.gateways.foxglove.errors import FoxgloveError, NotPossible
+from rwt.gateways.foxglove.wire.payloads import check_encoding, in_encoding, is_long, long_payload, payload_of
+from rwt.gateways.foxglove.wire.server_messages import service_call_failure, service_call_response
+from rwt_interfaces.errors import InvalidMessage
+from rwt_interfaces.payload import Payload
+from rwt_participant.errors import CallFailed, RobotError
+
+if TYPE_CHECKING:
+    from rwt.access.client_graph import ClientGraph
+    from rwt.gateways.foxglove.catalogue import OfferedService
+    from rwt.gateways.foxglove.replies import Replies
+    from rwt.gateways.foxglove.wire.client_messages import ServiceCallRequest
+    from rwt_interfaces.structs import ServiceType
+
+
+class Services:
+    """The calls of one client.
+
+    Args:
+        graph: the graph as the client may see it.
+        replies: how the client is answered.
+        structure: brackets that its JSON may have.
+        timeout: seconds that a call may take; None for ever.
+    """
+
+    def __init__(self, graph: ClientGraph, replies: Replies, structure: int, timeout: float | None) -> None:
+        self._graph = graph
+        self._replies = replies
+        self._structure = structure
+        self._timeout = timeout
+
+    def call(self, request: ServiceCallRequest, services: Mapping[int, OfferedService]) -> Generator[None]:
+        """Call a service; whatever becomes of it is answered under the call's id."""
+        try:
+            yield from self._call(request, services)
+        except (RobotError, AccessError, FoxgloveError) as error:
+            self._fail(request, str(error))
+
+    def _call(self, request: ServiceCallRequest, services: Mapping[int, OfferedService]) -> Generator[None]:
+        service = services.get(request.service_id)
+        if service is None:
+            raise NotPossible(f"there is no service {request.service_id}")
+        check_encoding(request.encoding, self._graph.distro)
+        try:
+            payload: Payload = yield from self._request(service.type, request)
+        except InvalidMessage as error:
+            raise NotPossible(f"the request for {service.name}: {error}") from None
+
+        def request_of(type: ServiceType) -> Payload:
+            if type is not service.type:
+                raise NotPossible(f"{service.name} has become another service: see `advertiseServices`")
+            return payload
+
+        # Without the request's bytes, which a call that takes long would keep.
+        asked = replace(request, data=memoryview(b""))
+        on_reply: Callable[[Payload | CallFailed], None] = partial(self._reply, asked)
+        self._graph.call_service(service.name, request_of, on_reply, self._timeout)
+
+    def _request(self, type: ServiceType, request: ServiceCallRequest) -> Generator[None, None, Payload]:
+        now = self._graph.clock.time_ns
+        if is_long(request.encoding, request.data):
+            made = yield from long_payload(type.request, request.data, now, self._structure)
+        else:
+            made = payload_of(type.request, request.encoding, request.data, now)
+        return made.detach()  # The service may keep it, and the frame is gone then.
+
+    def _reply(self, request: ServiceCallRequest, outcome: Payload | CallFailed) -> None:
+        if isinstance(outcome, CallFailed):
+            self._fail(request, str(outcome))
+            return
+        try:
+            parts = in_encoding(outcome, request.encoding)
+        except RobotError as error:  # What another process answered does not fit its type.
+            self._fail(request, str(error))
+            return
+        frame = service_call_response(request.service_id, request.call_id, request.encoding, parts)
+        if reason := self._replies.too_large(frame.size):
+            self._fail(request, reason)
+        else:
+            self._replies.send(frame)
+
+    def _fail(self, request: ServiceCallRequest, reason: str) -> None:
+        self._graph.counters.refuse("serviceCallRequest")
+        self._replies.send(service_call_failure(request.service_id, request.call_id, reason))

@@ -1,0 +1,180 @@
+"""What one client has subscribed to: samples of topics as messages of its subscriptions."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Final
+
+from rwt.delivery.drop_notices import DropNotices
+from rwt.delivery.flow_rules import rules_as_published
+from rwt.delivery.throttle import Room, Throttle
+from rwt.gateways.foxglove.errors import NotPossible
+from rwt.gateways.foxglove.replies import Notice
+from rwt.gateways.foxglove.wire.server_messages import message_data, subscription_number
+from rwt_protocol.transport import DropReason
+
+if TYPE_CHECKING:
+    from rwt.access.client_graph import ClientGraph
+    from rwt.delivery.fanout import Fanout
+    from rwt.gateways.foxglove.catalogue import Channel
+    from rwt.gateways.foxglove.replies import Replies
+    from rwt.gateways.foxglove.wire.client_messages import Subscription
+    from rwt_interfaces.payload import Form
+    from rwt_protocol.payloads import Sample
+    from rwt_protocol.transport import Burst, Flow, Frame
+
+
+class MessageEncoding:
+    """Samples as messages of a channel, whose subscriptions all share a frame with a gap for their ids.
+
+    Attributes:
+        name: as metrics call it.
+        form: what the messages are made of: what the robot serialises, or JSON.
+    """
+
+    def __init__(self, name: str, form: Form) -> None:
+        self.name: Final = name
+        self.form: Final = form
+
+    def publish_encoder(self, topic: str) -> Callable[[Sample], Frame]:
+        """An encoder for the samples of one topic."""
+        if self.form == "json":
+            return lambda sample: message_data(sample.stamp_ns, tuple(sample.payload.json_parts()))
+        return lambda sample: message_data(sample.stamp_ns, sample.payload.serialised_parts())
+
+
+class _NumberedFlow:
+    """A topic's way to one client, on which its subscription's id is put into what all share; satisfies
+    :class:`rwt_protocol.transport.Flow`."""
+
+    __slots__ = ("_flow", "_number", "close", "configure")
+
+    def __init__(self, flow: Flow, id: int) -> None:
+        self._flow = flow
+        self._number = subscription_number(id)
+        self.close = flow.close
+        self.configure = flow.configure
+
+    def send(self, frame: Frame) -> None:
+        self._flow.send(frame.filled(self._number))
+
+    def join(self, burst: Burst) -> bool:
+        return self._flow.join(burst.filled(self._number))
+
+    def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
+        self._flow.send_message([piece.filled(self._number) for piece in pieces], expires_ns)
+
+
+SERIALISED: Final = MessageEncoding("foxglove", "serialised")
+IN_JSON: Final = MessageEncoding("foxglove-json", "json")
+
+_BECAUSE: Final[Mapping[DropReason, str]] = {
+    DropReason.QUEUE: "this connection is slower than its publisher, and the newest count",
+    DropReason.BACKLOG: "this connection is slower than all that it is subscribed to",
+    DropReason.SIZE: "they are larger than limits.outgoing_message_bytes",
+    DropReason.LIFESPAN: "they were older than their lifespan when their turn came",
+}
+
+
+def _reason(reason: DropReason, count: int) -> str:
+    return f"messages are dropped: {_BECAUSE[reason]}"
+
+
+class _Delivery:
+    """One subscription of a client."""
+
+    def __init__(
+        self, graph: ClientGraph, replies: Replies, id: int, channel: Channel, fanout: Fanout
+    ) -> None:
+        clock, topic = graph.clock, channel.topic
+        self.channel = channel
+        self._encoding = IN_JSON if channel.in_json else SERIALISED
+        self._graph = graph
+        self._fanout = fanout
+        self._notice = Notice(replies.sink, topic)
+        self._drops = DropNotices(
+            topic,
+            fanout.counts,
+            graph.counters,
+            clock,
+            self._notice.say,
+            lambda text: replies.log(logging.INFO, text),
+            _reason,
+        )
+        info = graph.topic(topic)
+        rules = rules_as_published(info.publishers if info else ())
+        flow = replies.sink.flow(topic, rules, on_drop=self._drops.dropped, time_ns=clock.time_ns)
+        self._flow = _NumberedFlow(flow, id)
+        # Open, and so without a queue of its own: what waits, waits for the network.
+        self._gate = Throttle(clock, self._flow, self._drops.withheld, self._drops.dropped, Room(0))
+
+    def begin(self) -> None:
+        """Let samples flow, those that are kept for late readers first."""
+        stream = self._fanout.join(self._gate, self.channel.topic, self._encoding)
+        kept = self._fanout.subscription.history() + self._graph.startup_samples(self._fanout)
+        for sample in kept:
+            stream.replay(sample, self._gate)
+
+    def end(self) -> None:
+        """Let none flow any more."""
+        self._gate.close()
+        self._flow.close()
+        self._drops.close()
+        self._notice.close()
+        self._fanout.leave(self._gate, self.channel.topic, self._encoding)
+        self._graph.unsubscribe(self._fanout)
+
+
+class Subscriptions:
+    """What one client has subscribed to, by its ids.
+
+    Args:
+        graph: the graph as the client may see it.
+        replies: how the client is answered.
+    """
+
+    def __init__(self, graph: ClientGraph, replies: Replies) -> None:
+        self._graph = graph
+        self._replies = replies
+        self._by_id: dict[int, _Delivery] = {}
+        self._channels: set[int] = set()
+
+    def subscribe(self, asked: Subscription, channels: Mapping[int, Channel]) -> None:
+        """Let the messages of a channel flow.
+
+        Raises:
+            NotPossible: there is no such channel, or the client has the id or the channel already.
+            NotAllowed, QuotaExceeded, TypeConflict: as :meth:`ClientGraph.subscribe`.
+        """
+        channel = channels.get(asked.channel_id)
+        if channel is None:
+            raise NotPossible(f"subscribe: there is no channel {asked.channel_id}")
+        if asked.id in self._by_id:
+            raise NotPossible(f"subscribe: subscription {asked.id} is in use; take another id")
+        if channel.id in self._channels:
+            raise NotPossible(f"subscribe: channel {channel.id} ({channel.topic}) is subscribed to already")
+        fanout = self._graph.subscribe(channel.topic, channel.type.name)
+        delivery = _Delivery(self._graph, self._replies, asked.id, channel, fanout)
+        self._by_id[asked.id] = delivery
+        self._channels.add(channel.id)
+        delivery.begin()
+
+    def unsubscribe(self, id: int) -> None:
+        """End a subscription. One that does not exist is none of a client's mistakes: it ends with its
+        channel, of which the client may not have heard yet."""
+        delivery = self._by_id.pop(id, None)
+        if delivery is not None:
+            self._channels.discard(delivery.channel.id)
+            delivery.end()
+
+    def end(self, channels: Iterable[int]) -> None:
+        """End the subscriptions of channels that are not there any more."""
+        gone = self._channels.intersection(channels)
+        for id in [id for id, delivery in self._by_id.items() if delivery.channel.id in gone] if gone else ():
+            self.unsubscribe(id)
+
+    def close(self) -> None:
+        """End all."""
+        for id in tuple(self._by_id):
+            self.unsubscribe(id)

@@ -1,0 +1,281 @@
+"""What a client of Foxglove's protocol says: texts in JSON, each a model, and binary frames with a head.
+
+The messages and the layouts are those of the protocol's versions `foxglove.websocket.v1` and
+`foxglove.sdk.v1`, which are the same (https://github.com/foxglove/ws-protocol,
+https://github.com/foxglove/foxglove-sdk). Binary heads are little-endian. Fields that are not known are
+ignored, as the protocol's own servers do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from struct import Struct as Layout
+from struct import error as LayoutError
+from typing import Annotated, Final, Literal
+
+import msgspec
+from msgspec import UNSET, Meta, Struct, UnsetType
+
+from rwt.gateways.foxglove.errors import MalformedMessage
+from rwt_interfaces.errors import InvalidMessage
+from rwt_interfaces.serialise.json import require_quick_numbers
+from rwt_interfaces.serialise.long_strings import finished
+
+MOST_TEXT: Final = 1024 * 1024
+"""Bytes of the largest text that is taken. Messages of topics are binary; what is said in texts is short, and
+each byte of one can cost fifty once it is decoded."""
+
+Id = Annotated[int, Meta(ge=0, le=2**32 - 1)]
+"""An id that a client chooses: 32 bits on the wire."""
+
+ChannelId = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+"""The id of a channel of the server, which stands in texts only."""
+
+Name = Annotated[str, Meta(max_length=4096)]
+"""A name or an address."""
+
+
+class Subscription(Struct, frozen=True, rename="camel"):
+    """One subscription that a client asks for, under an id of its own."""
+
+    id: Id
+    channel_id: ChannelId
+
+
+class ClientChannel(Struct, frozen=True, rename="camel"):
+    """A channel on which a client wants to publish.
+
+    Attributes:
+        id: the client's.
+        topic: name of the topic.
+        encoding: of its messages: ``cdr``, ``ros1`` or ``json``.
+        schema_name: the type of its messages.
+    """
+
+    id: Id
+    topic: Name
+    encoding: Name
+    schema_name: Name
+
+
+class Parameter(Struct, frozen=True):
+    """A parameter as a client sets it.
+
+    Attributes:
+        name: as the gateway spells it.
+        value: of JSON; not given to delete the parameter.
+        type: what the value's JSON alone does not say.
+    """
+
+    name: Name
+    value: object = UNSET
+    type: Literal["byte_array", "float64", "float64_array"] | UnsetType | None = UNSET
+
+
+class Subscribe(Struct, frozen=True, tag_field="op", tag="subscribe"):
+    """Asks for the messages of channels."""
+
+    subscriptions: list[Subscription]
+
+
+class Unsubscribe(Struct, frozen=True, rename="camel", tag_field="op", tag="unsubscribe"):
+    """Ends subscriptions."""
+
+    subscription_ids: list[Id]
+
+
+class Advertise(Struct, frozen=True, tag_field="op", tag="advertise"):
+    """Announces channels on which the client will publish."""
+
+    channels: list[ClientChannel]
+
+
+class Unadvertise(Struct, frozen=True, rename="camel", tag_field="op", tag="unadvertise"):
+    """Takes such channels back."""
+
+    channel_ids: list[Id]
+
+
+class GetParameters(Struct, frozen=True, rename="camel", tag_field="op", tag="getParameters"):
+    """Asks for the values of parameters; of all where none is named."""
+
+    parameter_names: list[Name]
+    id: Name | None = None
+
+
+class SetParameters(Struct, frozen=True, tag_field="op", tag="setParameters"):
+    """Sets parameters; with an id the client wants to hear their values then."""
+
+    parameters: list[Parameter]
+    id: Name | None = None
+
+
+class SubscribeParameterUpdates(
+    Struct, frozen=True, rename="camel", tag_field="op", tag="subscribeParameterUpdates"
+):
+    """Asks to hear of changes of parameters; of all where none is named."""
+
+    parameter_names: list[Name]
+
+
+class UnsubscribeParameterUpdates(
+    Struct, frozen=True, rename="camel", tag_field="op", tag="unsubscribeParameterUpdates"
+):
+    """Asks to hear of them no more; of none where none is named."""
+
+    parameter_names: list[Name]
+
+
+class SubscribeConnectionGraph(Struct, frozen=True, tag_field="op", tag="subscribeConnectionGraph"):
+    """Asks who publishes, subscribes and offers what, now and after every change."""
+
+
+class UnsubscribeConnectionGraph(Struct, frozen=True, tag_field="op", tag="unsubscribeConnectionGraph"):
+    """Asks to hear of that no more."""
+
+
+class FetchAsset(Struct, frozen=True, rename="camel", tag_field="op", tag="fetchAsset"):
+    """Asks for a file by its address."""
+
+    uri: Name
+    request_id: Id
+
+
+class MessageData(Struct, frozen=True):
+    """A message of one of the client's channels."""
+
+    channel_id: int
+    data: memoryview
+
+
+class ServiceCallRequest(Struct, frozen=True):
+    """A call of a service."""
+
+    service_id: int
+    call_id: int
+    encoding: str
+    data: memoryview
+
+
+class PlaybackControlRequest(Struct, frozen=True):
+    """Asks that a recording be played, paused, played at another speed, or from another time on.
+
+    Attributes:
+        plays: whether it is to play; False pauses it.
+        speed: recorded seconds in a second.
+        seek_ns: nanoseconds since the epoch; None stays.
+        request_id: what the answer is to name.
+    """
+
+    plays: bool
+    speed: float
+    seek_ns: int | None
+    request_id: bytes
+
+
+Text = (
+    Subscribe
+    | Unsubscribe
+    | Advertise
+    | Unadvertise
+    | GetParameters
+    | SetParameters
+    | SubscribeParameterUpdates
+    | UnsubscribeParameterUpdates
+    | SubscribeConnectionGraph
+    | UnsubscribeConnectionGraph
+    | FetchAsset
+)
+"""A message that is a text."""
+
+Binary = MessageData | ServiceCallRequest | PlaybackControlRequest
+"""A message that is a binary frame."""
+
+_decode: Final[Callable[[bytes | memoryview], Text]] = msgspec.json.Decoder(Text).decode
+
+MESSAGE_DATA: Final = 1
+SERVICE_CALL_REQUEST: Final = 2
+PLAYBACK_CONTROL_REQUEST: Final = 3
+
+_CHANNEL: Final = Layout("<BI")
+_CALL: Final = Layout("<BIII")
+_PLAYBACK: Final = Layout("<BBfBQI")
+
+#: Bytes of the longest id of a request, which comes back in the answer.
+_LONGEST_ID: Final = 4096
+
+
+def parse_text(data: bytes | memoryview) -> Text:
+    """The message in a text frame.
+
+    Raises:
+        MalformedMessage: it is none; no other exception, whatever the bytes.
+    """
+    if len(data) > MOST_TEXT:
+        raise MalformedMessage(
+            f"a text of {len(data)} bytes, and {MOST_TEXT} are taken: publish in binary frames, and ask for"
+            " less at once"
+        )
+    try:
+        finished(require_quick_numbers(data))
+    except InvalidMessage as error:
+        raise MalformedMessage(str(error)) from None
+    try:
+        return _decode(data)
+    except msgspec.ValidationError as error:
+        raise MalformedMessage(f"no message of the protocol: {error}"[:500]) from None
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise MalformedMessage(f"not JSON that can be read: {error}"[:500]) from None
+
+
+def parse_binary(data: bytes | memoryview) -> Binary:
+    """The message in a binary frame; its payload is a view of the frame.
+
+    Raises:
+        MalformedMessage: it is none; no other exception, whatever the bytes.
+    """
+    view = memoryview(data)
+    if not view:
+        raise MalformedMessage("an empty binary frame: the first byte says what follows")
+    try:
+        if view[0] == MESSAGE_DATA:
+            _, channel_id = _CHANNEL.unpack_from(view)
+            return MessageData(channel_id, view[_CHANNEL.size :])
+        if view[0] == SERVICE_CALL_REQUEST:
+            return _call(view)
+        if view[0] == PLAYBACK_CONTROL_REQUEST:
+            return _playback(view)
+    except LayoutError:
+        raise MalformedMessage(
+            f"a binary frame of opcode {view[0]} and {len(view)} bytes: its head is longer"
+        ) from None
+    raise MalformedMessage(
+        f"a binary frame of opcode {view[0]}: clients send {MESSAGE_DATA} (message data),"
+        f" {SERVICE_CALL_REQUEST} (service call) and {PLAYBACK_CONTROL_REQUEST} (playback control)"
+    )
+
+
+def _call(view: memoryview) -> ServiceCallRequest:
+    _, service_id, call_id, length = _CALL.unpack_from(view)
+    encoding = _text(view[_CALL.size :], length, "the encoding of a service call", 64)
+    return ServiceCallRequest(service_id, call_id, encoding.decode(), view[_CALL.size + length :])
+
+
+def _playback(view: memoryview) -> PlaybackControlRequest:
+    _, command, speed, has_seek, seek_ns, length = _PLAYBACK.unpack_from(view)
+    if command > 1:
+        raise MalformedMessage(f"playback command {command}: expected 0 (play) or 1 (pause)")
+    request_id = _text(view[_PLAYBACK.size :], length, "the id of a playback request", _LONGEST_ID)
+    return PlaybackControlRequest(command == 0, speed, seek_ns if has_seek else None, request_id)
+
+
+def _text(rest: memoryview, length: int, what: str, most: int) -> bytes:
+    """The text of `length` bytes that `rest` begins with, in UTF-8."""
+    if length > min(len(rest), most):
+        raise MalformedMessage(f"{what} has {length} bytes: {len(rest)} follow, and {most} is the most")
+    text = bytes(rest[:length])
+    try:
+        text.decode()
+    except UnicodeDecodeError:
+        raise MalformedMessage(f"{what} is not UTF-8") from None
+    return text

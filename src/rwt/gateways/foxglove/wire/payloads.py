@@ -1,0 +1,90 @@
+"""What a client publishes or asks in one of the encodings that it may use, as a message of its type."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from typing import TYPE_CHECKING, Final
+
+from rwt.gateways.foxglove.errors import NotPossible
+from rwt_interfaces.payload import Payload
+from rwt_protocol.brackets import has_more_brackets
+
+if TYPE_CHECKING:
+    from rwt_interfaces.distro import Distro
+    from rwt_interfaces.structs import MessageType
+    from rwt_protocol.transport import Buffer
+
+JSON: Final = "json"
+
+_IN_STEPS: Final = 64 * 1024
+"""Bytes from which JSON is checked in steps."""
+
+
+def encodings(distro: Distro) -> tuple[str, ...]:
+    """What clients may send, best first: the serialisation of the robot's distribution, and JSON.
+
+    The other distribution's serialisation is not among them: its types have other fields.
+    """
+    return (distro.serialisation, JSON)
+
+
+def check_encoding(encoding: str, distro: Distro) -> None:
+    """Refuse an encoding that messages cannot be sent in.
+
+    Raises:
+        NotPossible: it is one.
+    """
+    if encoding not in encodings(distro):
+        raise NotPossible(f"encoding {encoding[:80]!r}: expected {' or '.join(encodings(distro))}")
+
+
+def is_long(encoding: str, data: memoryview) -> bool:
+    """Whether a message is to be made by :func:`long_payload`: JSON, and so long that it takes steps."""
+    return encoding == JSON and len(data) >= _IN_STEPS
+
+
+def payload_of(type: MessageType, encoding: str, data: memoryview, now: Callable[[], int]) -> Payload:
+    """The message in `data`.
+
+    Args:
+        type: what it should be.
+        encoding: one of :func:`encodings`.
+        data: a view of the frame that it came in.
+        now: ROS time in nanoseconds, for headers without a stamp.
+
+    Raises:
+        InvalidMessage: it does not fit.
+    """
+    if encoding == JSON:
+        return Payload.from_json(type, data, now)
+    return Payload.deserialised(type, data)
+
+
+def long_payload(
+    type: MessageType, data: memoryview, now: Callable[[], int], structure: int
+) -> Generator[None, None, Payload]:
+    """The message in long JSON, in steps of about a millisecond.
+
+    Args:
+        type, data, now: as of :func:`payload_of`.
+        structure: brackets that it may have if it is to be read in a way that makes an object of each.
+
+    Raises:
+        InvalidMessage: it does not fit.
+        NotPossible: it has more brackets, and would have to be read so.
+    """
+    whole = bytes(data)  # The frame may be gone at the next step.
+    if not has_more_brackets(whole, structure // 2):
+        return (yield from Payload.from_json_in_steps(type, whole, now))
+    exact = yield from Payload.from_dense_json_in_steps(type, whole, now)
+    if exact is None:
+        raise NotPossible(
+            f"more than {structure} brackets (limits.structure_bytes): so many are taken only in a message"
+            f" that has every field of {type.name}, each as ROS writes it"
+        )
+    return exact
+
+
+def in_encoding(payload: Payload, encoding: str) -> tuple[Buffer, ...]:
+    """A message in one of the encodings, in parts."""
+    return tuple(payload.json_parts() if encoding == JSON else payload.serialised_parts())

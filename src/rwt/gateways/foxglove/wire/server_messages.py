@@ -1,0 +1,188 @@
+"""Messages from the server to Foxglove clients, as frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from enum import IntEnum
+from struct import Struct as Layout
+from typing import Final, Literal
+
+import msgspec
+
+from rwt_protocol.transport import Buffer, Frame, GapFrame
+
+_encode: Final = msgspec.json.Encoder().encode
+
+MESSAGE_DATA: Final = 1
+TIME: Final = 2
+SERVICE_CALL_RESPONSE: Final = 3
+FETCH_ASSET_RESPONSE: Final = 4
+PLAYBACK_STATE: Final = 5
+
+_BATCH: Final = 256 * 1024
+"""Bytes of a text that announces many things; the rest goes into further ones."""
+
+Capability = Literal[
+    "clientPublish",
+    "parameters",
+    "parametersSubscribe",
+    "time",
+    "services",
+    "connectionGraph",
+    "assets",
+    "playbackControl",
+]
+"""An optional part of the protocol."""
+
+
+class Level(IntEnum):
+    """How bad what a status says is."""
+
+    INFO = 0
+    WARNING = 1
+    ERROR = 2
+
+
+class PlaybackStatus(IntEnum):
+    """What a recording does."""
+
+    PLAYING = 0
+    PAUSED = 1
+    BUFFERING = 2
+    ENDED = 3
+
+
+def text(op: str, **members: object) -> Frame:
+    """A text with these members, of which those that are None are left out."""
+    given = {name: value for name, value in members.items() if value is not None}
+    return Frame(_encode({"op": op, **given}))
+
+
+def encoded(value: object) -> bytes:
+    """A value as JSON, to be put into a text by :func:`texts`."""
+    return _encode(value)
+
+
+def texts(op: str, member: str, items: Iterable[bytes]) -> list[Frame]:
+    """Texts with a list of items that are encoded already; none where there are no items."""
+    frames: list[Frame] = []
+    batch: list[bytes] = []
+    size = 0
+    for item in items:
+        if batch and size + len(item) > _BATCH:
+            frames.append(_listing(op, member, batch))
+            batch, size = [], 0
+        batch.append(item)
+        size += len(item)
+    if batch:
+        frames.append(_listing(op, member, batch))
+    return frames
+
+
+def _listing(op: str, member: str, items: Sequence[bytes]) -> Frame:
+    return Frame(b'{"op":"%s","%s":[%s]}' % (op.encode(), member.encode(), b",".join(items)))
+
+
+def server_info(
+    name: str,
+    capabilities: Sequence[Capability],
+    encodings: Sequence[str],
+    metadata: Mapping[str, str],
+    session_id: str,
+    time_range: tuple[int, int] | None,
+) -> Frame:
+    """The first text: who the server is, and what it can do.
+
+    Args:
+        name: for people.
+        capabilities: what of the protocol it has.
+        encodings: of messages and requests that clients may send.
+        metadata: more about it, by key.
+        session_id: another one where a client cannot go on with what it knew of the server.
+        time_range: begin and end of the recording that is played, nanoseconds since the epoch.
+    """
+    begin, end = (None, None) if time_range is None else map(_timestamp, time_range)
+    return text(
+        "serverInfo",
+        name=name,
+        capabilities=list(capabilities),
+        supportedEncodings=list(encodings),
+        metadata=dict(metadata),
+        sessionId=session_id,
+        dataStartTime=begin,
+        dataEndTime=end,
+    )
+
+
+def _timestamp(time_ns: int) -> dict[str, int]:
+    seconds, nanoseconds = divmod(time_ns, 10**9)
+    return {"sec": seconds, "nsec": nanoseconds}
+
+
+def status(level: Level, message: str, id: str | None = None) -> Frame:
+    """Something that a person should know; a later one of the same id takes its place."""
+    return text("status", level=int(level), message=message, id=id)
+
+
+_KIND_OF_MESSAGE: Final = bytes((MESSAGE_DATA,))
+_NUMBER: Final = Layout("<I").pack
+_STAMP: Final = Layout("<Q").pack
+_TIME: Final = Layout("<BQ").pack
+_RESPONSE: Final = Layout("<BIII").pack
+_ASSET: Final = Layout("<BIBI").pack
+_STATE: Final = Layout("<BBQfBI").pack
+
+
+def message_data(time_ns: int, payload: Sequence[Buffer]) -> GapFrame:
+    """A message of a channel, its payload spliced in uncopied: for all its subscriptions, the ids of which
+    (:func:`subscription_number`) go into the gap."""
+    return GapFrame(_KIND_OF_MESSAGE, 4, _STAMP(time_ns), *payload, binary=True)
+
+
+def subscription_number(id: int) -> bytes:
+    """The id of a subscription as it stands in its messages."""
+    return _NUMBER(id)
+
+
+def time(time_ns: int) -> Frame:
+    """The server's time, nanoseconds since the epoch."""
+    return Frame(_TIME(TIME, time_ns), binary=True)
+
+
+def service_call_response(service_id: int, call_id: int, encoding: str, payload: Sequence[Buffer]) -> Frame:
+    """The answer of a service."""
+    name = encoding.encode()
+    head = _RESPONSE(SERVICE_CALL_RESPONSE, service_id, call_id, len(name)) + name
+    return Frame(head, *payload, binary=True)
+
+
+def service_call_failure(service_id: int, call_id: int, message: str) -> Frame:
+    """Why a service has no answer."""
+    return text("serviceCallFailure", serviceId=service_id, callId=call_id, message=message)
+
+
+def asset(request_id: int, content: Sequence[Buffer]) -> Frame:
+    """A file."""
+    return Frame(_ASSET(FETCH_ASSET_RESPONSE, request_id, 0, 0), *content, binary=True)
+
+
+def asset_failure(request_id: int, message: str) -> Frame:
+    """Why there is no such file."""
+    said = message.encode()
+    return Frame(_ASSET(FETCH_ASSET_RESPONSE, request_id, 1, len(said)), said, binary=True)
+
+
+def playback_state(
+    status: PlaybackStatus, time_ns: int, speed: float, *, did_seek: bool, request_id: bytes = b""
+) -> Frame:
+    """What the recording does now.
+
+    Args:
+        status: see :class:`PlaybackStatus`.
+        time_ns: where it is, nanoseconds since the epoch.
+        speed: recorded seconds in a second.
+        did_seek: whether it has jumped there.
+        request_id: of the request that this answers.
+    """
+    head = _STATE(PLAYBACK_STATE, status, time_ns, speed, did_seek, len(request_id))
+    return Frame(head, request_id, binary=True) if request_id else Frame(head, binary=True)

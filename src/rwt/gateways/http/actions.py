@@ -1,0 +1,397 @@
+"""Actions as resources: goals are made under an action, asked for, heard of as events, and canceled."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final
+
+from rwt.access.errors import QuotaExceeded
+from rwt.gateways.http.events import EventQueue, event, payload_event
+from rwt.gateways.http.problems import HttpProblem
+from rwt.gateways.http.representations import CBOR, EVENTS, JSON, chosen, value_response
+from rwt.gateways.http.requests import Query, name_below, payload_of
+from rwt_graph.api import GoalEvents
+from rwt_participant.errors import CallFailed, GoalRejected, ProviderNotFound
+from rwt_participant.goals import GoalStatus
+from rwt_transports.http import HttpResponse
+
+if TYPE_CHECKING:
+    from rwt.access.client_graph import ClientGraph
+    from rwt.access.graph_view import GraphView
+    from rwt.access.quotas import Charge
+    from rwt.gateways.http.clients import Clients, HttpClient
+    from rwt.gateways.http.settings import HttpSettings
+    from rwt_graph.api import ClientGoal
+    from rwt_interfaces.payload import Payload
+    from rwt_interfaces.structs import ActionType
+    from rwt_participant.timers import Timer
+    from rwt_protocol.transport import DropReason
+    from rwt_transports.http import HttpRequest
+
+PATH: Final = "/api/actions/"
+
+REJECTED: Final = "rejected"
+LOST: Final = "lost"
+
+STATES: Final = (*(status.name.lower() for status in GoalStatus), REJECTED, LOST)
+"""The states of a goal: those of `action_msgs/GoalStatus`, and two in which one ends without a result."""
+
+_GOAL: Final = re.compile(r"/goals/([0-9a-f]{32})\Z")
+_EVENTS: Final = 100
+_RESULT_ID: Final = "result"
+
+
+class Goal:
+    """One goal, from when it was sent until it is forgotten.
+
+    Attributes:
+        client: whose goal it is.
+        action: the action's absolute name.
+        id: 32 hex digits; empty until the graph has given it.
+        ended: whether it has its end.
+        failure: why it ended without a result; None where it has one, or runs.
+        readers: streams of its events.
+    """
+
+    def __init__(self, goals: Goals, client: HttpClient, action: str) -> None:
+        self._goals = goals
+        self.client = client
+        self.action = action
+        self.id = ""
+        self.ended = False
+        self.failure: CallFailed | None = None
+        self.readers: set[GoalStream] = set()
+        self._sent: ClientGoal | None = None
+        self._state = GoalStatus.UNKNOWN.name.lower()
+        self._feedback: Payload | None = None
+        self._result: Payload | None = None
+        self._reason = ""
+        self._charges: dict[str, Charge] = {}
+        self._timer: Timer | None = None
+        client.hold()
+
+    def send(self, type: ActionType, payload: Payload) -> None:
+        """Send it.
+
+        Raises:
+            RobotError, AccessError: as :meth:`rwt.access.client_graph.ClientGraph.send_goal`.
+        """
+
+        def goal_of(now: ActionType) -> Payload:
+            if now.goal is not payload.type:
+                raise HttpProblem("conflict", f"the type of {self.action} has changed meanwhile")
+            return payload
+
+        events = GoalEvents(self._on_result, self._on_feedback, self._on_accepted)
+        try:
+            self._sent = self.client.graph.send_goal(self.action, goal_of, events)
+        except BaseException:
+            self.client.release()
+            raise
+        self.id = self._sent.id
+
+    def body(self) -> dict[str, object]:
+        """What is known of it now."""
+        state = self._state
+        if not self.ended and self._sent is not None:
+            state = self._sent.status.name.lower()
+        return {
+            "id": self.id,
+            "action": self.action,
+            "state": state,
+            "feedback": self._feedback,
+            "result": self._result,
+            "reason": self._reason,
+        }
+
+    def _on_accepted(self) -> None:
+        self._tell(event({"state": GoalStatus.ACCEPTED.name.lower()}, "state"))
+
+    def _on_feedback(self, feedback: Payload) -> None:
+        if self._keep("feedback", feedback):
+            self._feedback = feedback.detach()
+        if self.readers:
+            data = payload_event(feedback, "feedback")
+            for reader in tuple(self.readers):
+                reader.queue.put(data)
+
+    def _on_result(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
+        self.ended = True
+        if isinstance(outcome, CallFailed):
+            self.failure = outcome
+            self._state = REJECTED if isinstance(outcome, GoalRejected) else LOST
+            self._reason = str(outcome)
+        else:
+            self._state = status.name.lower()
+            self._reason = "" if self._sent is None else self._sent.reason
+            if self._keep("result", outcome):
+                self._result = outcome.detach()
+        self._tell(self.end_event())
+        for reader in tuple(self.readers):
+            reader.queue.end()
+        self._timer = self.client.graph.clock.call_later(self._goals.keep_seconds, self.forget)
+
+    def end_event(self) -> bytes:
+        """The last event of its streams."""
+        body = self.body()
+        return event({name: body[name] for name in ("state", "result", "reason")}, "result", _RESULT_ID)
+
+    def _keep(self, what: str, payload: Payload) -> bool:
+        """Charge the client for what is kept of its goal; whether it may have it."""
+        charge = self._charges.pop(what, None)
+        if charge is not None:
+            charge.end()
+        try:
+            self._charges[what] = self.client.graph.keep(payload.kept_size)
+        except QuotaExceeded as exceeded:
+            self._reason = f"its {what} is not kept: {exceeded}"
+            return False
+        return True
+
+    def _tell(self, data: bytes) -> None:
+        for reader in tuple(self.readers):
+            reader.queue.tell(data)
+
+    def forget(self) -> None:
+        """Give back what is kept of it; one that runs goes on unheard."""
+        if not self._goals.discard(self):
+            return
+        if self._timer is not None:
+            self._timer.cancel()
+        if not self.ended and self._sent is not None:
+            self._sent.abandon()
+        for reader in tuple(self.readers):
+            reader.end()
+        for charge in self._charges.values():
+            charge.end()
+        self.client.release()
+
+
+class GoalStream:
+    """One reader's stream of a goal: ``state``, ``feedback`` and at last ``result``; satisfies
+    :class:`rwt.gateways.http.clients.Stream`.
+
+    Attributes:
+        queue: what waits for the reader.
+
+    Args:
+        client: whose stream it is.
+        goal: the goal.
+        most_bytes: bytes that may wait.
+    """
+
+    def __init__(self, client: HttpClient, goal: Goal, most_bytes: int) -> None:
+        self._client = client
+        self._goal = goal
+        self._dropped = 0
+        self.queue = EventQueue(_EVENTS, most_bytes, self._drop, self._close)
+        goal.readers.add(self)
+        if goal.ended:
+            self.queue.tell(goal.end_event())
+            self.queue.end()
+        else:
+            body = goal.body()
+            self.queue.tell(event({name: body[name] for name in ("state", "feedback")}, "state"))
+
+    def allowed(self, graph: ClientGraph) -> bool:
+        """Whether the role that the client has now may hear of the goal."""
+        return graph.role.allows("goals", self._goal.action)
+
+    def end(self) -> None:
+        """End the stream."""
+        self.queue.close()
+
+    def _drop(self, reason: DropReason) -> None:
+        self._dropped += 1
+        if self._dropped & (self._dropped - 1) == 0:  # After 1, 2, 4, … so that few are told of many.
+            self.queue.tell(event({"dropped": self._dropped}, "drops"))
+
+    def _close(self) -> None:
+        self._goal.readers.discard(self)
+        self._client.discard_stream(self)
+
+
+class Goals:
+    """Every goal that clients of the gateway have.
+
+    Attributes:
+        keep_seconds: how long one that has ended is kept.
+
+    Args:
+        settings: of the gateway.
+        several_processes: whether another process may know a goal that this one does not.
+    """
+
+    def __init__(self, settings: HttpSettings, *, several_processes: bool = False) -> None:
+        self._most = settings.goals
+        self._several_processes = several_processes
+        self.keep_seconds = settings.goal_seconds
+        self._known: dict[tuple[str, str], Goal] = {}
+        self._of_client: dict[HttpClient, dict[Goal, None]] = {}
+
+    def __len__(self) -> int:
+        return len(self._known)
+
+    def find(self, action: str, id: str) -> Goal:
+        """A goal by the action's name and its id.
+
+        Raises:
+            HttpProblem: there is none, or it has been forgotten.
+        """
+        goal = self._known.get((action, id))
+        if goal is None and self._several_processes:
+            raise HttpProblem(
+                "misdirected", f"no goal {id} of {action} is known to this process of the server, which has"
+                " several (workers): each knows those that were sent to it", instead="ask over the connection"
+                " that the goal was sent over, or again over another one",
+            )  # fmt: skip
+        if goal is None:
+            raise HttpProblem(
+                "not-found", f"no goal {id} of {action} is known here; those that have ended are kept for"
+                f" {self.keep_seconds:g} s", instead="send one with POST",
+            )  # fmt: skip
+        return goal
+
+    def make_room(self, client: HttpClient) -> None:
+        """Forget the client's oldest goal that has ended, where it has as many as it may.
+
+        Raises:
+            QuotaExceeded: all of them run.
+        """
+        own = self._of_client.get(client, {})
+        if len(own) < self._most:
+            return
+        for goal in own:
+            if goal.ended:
+                goal.forget()
+                return
+        raise QuotaExceeded(
+            f"{len(own)} goals of this address run, and {self._most} is the limit (api.goals)"
+        )
+
+    def add(self, goal: Goal) -> None:
+        """Keep a goal that was sent."""
+        self._known[goal.action, goal.id] = goal
+        self._of_client.setdefault(goal.client, {})[goal] = None
+
+    def discard(self, goal: Goal) -> bool:
+        """Keep a goal no longer; whether it was kept."""
+        if self._known.pop((goal.action, goal.id), None) is None:
+            return False
+        own = self._of_client[goal.client]
+        del own[goal]
+        if not own:
+            del self._of_client[goal.client]
+        return True
+
+    def close(self) -> None:
+        """Forget all."""
+        for goal in tuple(self._known.values()):
+            goal.forget()
+
+
+class Actions:
+    """The pages of actions and goals.
+
+    Args:
+        clients: who asks.
+        settings: of the gateway.
+        several_processes: whether a request may come to another process than the goal was sent to.
+    """
+
+    def __init__(self, clients: Clients, settings: HttpSettings, *, several_processes: bool = False) -> None:
+        self._clients = clients
+        self._settings = settings
+        self.goals = Goals(settings, several_processes=several_processes)
+
+    def list(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
+        """The actions that are shown, with their types."""
+        Query(request)
+        registry = reader.registry
+        actions = [
+            {"name": action.name, "type": registry.type_name(action.type)} for action in reader.actions()
+        ]
+        return value_response(request, actions)
+
+    def get(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
+        """One action, or one goal of it: its state, or its events."""
+        found = _GOAL.search(request.path.rstrip("/"))
+        if found is not None:
+            return self._goal(request, reader, found)
+        Query(request)
+        name = name_below(request, PATH, "action")
+        action = reader.action(name)
+        if action is None:
+            raise HttpProblem("not-found", f"no action {name} is here")
+        return value_response(request, {"name": action.name, "type": reader.registry.type_name(action.type)})
+
+    def _goal(self, request: HttpRequest, reader: GraphView, found: re.Match[str]) -> HttpResponse:
+        Query(request)
+        action = _action_of(request, found.start())
+        reader.require("goals", action)
+        media = chosen(request, (JSON, CBOR, EVENTS))
+        goal = self.goals.find(action, found[1])
+        if media != EVENTS:
+            return value_response(request, goal.body())
+        if goal.ended and request.headers.get("last-event-id") == _RESULT_ID:
+            return HttpResponse(status=204)  # A reader that has its end shall not come back.
+        with self._clients.client_of(request, reader) as client:
+            stream = GoalStream(client, goal, self._settings.stream_bytes)
+            client.add_stream(stream, request)
+        headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+        return HttpResponse(stream.queue, 200, EVENTS, headers)
+
+    async def send(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
+        """Send a goal to an action; it is a resource from then on."""
+        Query(request)
+        path = request.path.rstrip("/")
+        if not path.endswith("/goals"):
+            allowed = "GET, DELETE" if _GOAL.search(path) else "GET"
+            raise HttpProblem(
+                "method-not-allowed", f"nothing is sent to {path}", headers={"Allow": allowed},
+                instead="goals are sent to `/api/actions/NAME/goals`",
+            )  # fmt: skip
+        action = _action_of(request, len(path) - len("/goals"))
+        with self._clients.client_of(request, reader) as client:
+            graph = client.graph
+            graph.require("goals", action)
+            found = graph.action(action)
+            if found is None:
+                raise ProviderNotFound(f"no action {action} is here")
+            payload = await payload_of(found.type.goal, request, graph.clock.time_ns)
+            self.goals.make_room(client)
+            goal = Goal(self.goals, client, action)
+            goal.send(found.type, payload)
+            self.goals.add(goal)
+        if goal.failure is not None:
+            failure = goal.failure
+            goal.forget()
+            raise failure
+        where = f"{request.prefix}{PATH}{action.lstrip('/')}/goals/{goal.id}"
+        return value_response(request, goal.body(), 201, {"Location": where, "Cache-Control": "no-store"})
+
+    def cancel(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
+        """Ask that a goal end early; one that has ended is forgotten."""
+        Query(request)
+        found = _GOAL.search(request.path.rstrip("/"))
+        if found is None:
+            allowed = "POST" if request.path.rstrip("/").endswith("/goals") else "GET"
+            raise HttpProblem(
+                "method-not-allowed", f"{request.path} is no goal: only goals can be canceled",
+                headers={"Allow": allowed},
+            )  # fmt: skip
+        action = _action_of(request, found.start())
+        with self._clients.client_of(request, reader) as client:
+            client.graph.require("goals", action)
+            goal = self.goals.find(action, found[1])
+            if goal.ended:
+                goal.forget()
+                return HttpResponse(status=204)
+            client.graph.cancel_goal(action, goal.id)
+            return value_response(request, goal.body(), 202)
+
+
+def _action_of(request: HttpRequest, end: int) -> str:
+    """The action's absolute name, of a path cut at `end`."""
+    return name_below(replace(request, path=request.path[:end]), PATH, "action")

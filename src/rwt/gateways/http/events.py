@@ -1,0 +1,182 @@
+"""Server-sent events (the HTML standard, section 9.2): a bounded queue for each reader; drops are told."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Final
+
+import anyio
+
+from rwt.gateways.http.representations import json_of
+from rwt_protocol.codecs import Encoding
+from rwt_protocol.transport import DropReason, Frame
+
+if TYPE_CHECKING:
+    from rwt_interfaces.payload import Payload
+    from rwt_protocol.payloads import Sample
+    from rwt_protocol.transport import Buffer, Burst, FlowRules
+
+KEEP_ALIVE_SECONDS: Final = 15.0
+"""After so long without an event a comment is sent, so that proxies see that somebody is there."""
+
+_KEEP_ALIVE: Final = b": nothing new\n\n"
+_CHUNK_BYTES: Final = 256 * 1024
+_SPACES: Final = bytes.maketrans(b"\r\n", b"  ")
+
+
+def _whole(frame: Frame) -> bytes:
+    return frame.data
+
+
+def one_line(json: Buffer) -> bytes:
+    """JSON text without line breaks: outside of strings they are blanks, and in strings JSON has none."""
+    data = bytes(json)
+    return data.translate(_SPACES) if b"\n" in data or b"\r" in data else data
+
+
+def event(data: object, name: str = "", id: str = "") -> bytes:
+    """One event whose data is a value of plain objects and payloads, as JSON."""
+    head = (f"event: {name}\n" if name else "") + (f"id: {id}\n" if id else "")
+    return head.encode() + b"data: " + one_line(json_of(data)) + b"\n\n"
+
+
+def payload_event(payload: Payload, name: str) -> bytes:
+    """One event whose data is a message."""
+    return f"event: {name}\ndata: ".encode() + one_line(payload.json()) + b"\n\n"
+
+
+def _sample_encoder(topic: str) -> Callable[[Sample], Frame]:
+    """Makes the event of a sample, which all readers share; its id is the time of publishing in
+    nanoseconds."""
+
+    def encode(sample: Sample) -> Frame:
+        head = b"id: %d\ndata: " % sample.stamp_ns
+        return Frame(head, *map(one_line, sample.payload.json_parts()), b"\n\n")
+
+    return encode
+
+
+SAMPLES: Final = Encoding("events", 0, _sample_encoder)
+"""Samples as events of the default name, ``message``."""
+
+
+class EventQueue:
+    """The events that wait for one reader; an asynchronous iterator of what to send, and as a
+    :class:`rwt_protocol.transport.Flow` where samples go.
+
+    The oldest give way. What is no sample (notices, ends) is not dropped, and its maker bounds it.
+
+    Args:
+        depth: samples that may wait.
+        most_bytes: bytes that may wait.
+        on_drop: called for each sample that is dropped.
+        on_close: called once, at its end.
+    """
+
+    def __init__(
+        self,
+        depth: int,
+        most_bytes: int,
+        on_drop: Callable[[DropReason], None],
+        on_close: Callable[[], None],
+    ) -> None:
+        self._depth = depth
+        self._most_bytes = most_bytes
+        self._on_drop = on_drop
+        self._on_close = on_close
+        self._waiting: deque[bytes] = deque()
+        self._own: deque[bytes] = deque()
+        self._size = 0
+        self._awake = anyio.Event()
+        self._ended = False
+        self._closed = False
+
+    # -- the sending side, a Flow --------------------------------------------------------------------------
+
+    def send(self, frame: Frame) -> None:
+        """Queue one sample."""
+        self.put(frame.framed(_whole))
+
+    def put(self, data: bytes) -> None:
+        """Queue the bytes of one event, which others give way to."""
+        if self._ended:
+            return
+        if len(data) > self._most_bytes:
+            self._on_drop(DropReason.SIZE)
+            return
+        self._waiting.append(data)
+        self._size += len(data)
+        while self._size > self._most_bytes or len(self._waiting) > self._depth:
+            reason = DropReason.BACKLOG if self._size > self._most_bytes else DropReason.QUEUE
+            self._size -= len(self._waiting.popleft())
+            self._on_drop(reason)
+        self._awake.set()
+
+    def join(self, burst: Burst) -> bool:
+        """Each sample is queued by itself."""
+        return False
+
+    def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
+        """Queue one sample; it is sent whole."""
+        for piece in pieces:
+            self.send(piece)
+
+    def configure(self, rules: FlowRules) -> None:
+        """The rules are given at the beginning."""
+
+    def tell(self, data: bytes) -> None:
+        """Queue an event that is not dropped, in front of the samples."""
+        if not self._ended:
+            self._own.append(data)
+            self._awake.set()
+
+    def end(self) -> None:
+        """Let nothing follow what waits."""
+        self._ended = True
+        self._awake.set()
+
+    def close(self) -> None:
+        """Free everything, and let nothing follow; a second call does nothing."""
+        self._ended = True
+        self._waiting.clear()
+        self._own.clear()
+        self._size = 0
+        self._awake.set()
+        if not self._closed:
+            self._closed = True
+            self._on_close()
+
+    # -- the reading side ----------------------------------------------------------------------------------
+
+    def __aiter__(self) -> EventQueue:
+        return self
+
+    async def __anext__(self) -> bytes:
+        if not (self._own or self._waiting):
+            if self._ended:
+                raise StopAsyncIteration
+            self._awake = anyio.Event()
+            with anyio.move_on_after(KEEP_ALIVE_SECONDS):
+                await self._awake.wait()
+            if not (self._own or self._waiting):
+                if self._ended:
+                    raise StopAsyncIteration
+                return _KEEP_ALIVE
+        return self._take()
+
+    def _take(self) -> bytes:
+        """What one write may join."""
+        taken = list(self._own)
+        self._own.clear()
+        room = _CHUNK_BYTES
+        while self._waiting and room > 0:
+            data = self._waiting.popleft()
+            self._size -= len(data)
+            room -= len(data)
+            taken.append(data)
+        return b"".join(taken)
+
+    async def aclose(self) -> None:
+        """The reader has gone, or there is nothing more to read."""
+        self.close()

@@ -1,0 +1,217 @@
+"""The gateway: its routes, its metrics, and what it says of itself."""
+
+from __future__ import annotations
+
+import html
+import logging
+from collections.abc import Awaitable, Iterable, Mapping
+from functools import partial
+from importlib.metadata import version
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
+
+import msgspec
+
+from rwt.delivery.shared_graph import SharedGraph
+from rwt.gateways.http import actions, openapi, parameters, services, topics
+from rwt.gateways.http.clients import Clients, page
+from rwt.gateways.http.page import try_page
+from rwt.gateways.http.problems import HttpProblem, refusal
+from rwt.gateways.http.representations import CBOR, EVENTS, HTML, JSON, chosen, tagged_bytes, value_response
+from rwt.gateways.http.requests import Query, text_below
+from rwt.gateways.http.schemas import document
+from rwt_transports.http import Audience, HttpExtension, MetricFamily, Route
+
+if TYPE_CHECKING:
+    from rwt.access.access import Access
+    from rwt.access.gateway import AcceptPeer
+    from rwt.access.graph_view import GraphView
+    from rwt.gateways.http.clients import Handler
+    from rwt.gateways.http.settings import HttpSettings
+    from rwt_graph.api import Graph
+    from rwt_transports.http import HttpRequest, HttpResponse
+
+GATEWAY_NODE: Final = "/http_bridge"
+"""The node as which all clients over HTTP act."""
+
+PROTOCOL_VERSION: Final = "2.1.0"
+"""Of rosbridge, which its protocol text calls itself."""
+
+SCHEMA_JSON: Final = "application/schema+json"
+OPENAPI_JSON: Final = "application/vnd.oai.openapi+json;version=3.1"
+
+_TYPES: Final = "/api/types/"
+
+
+class HttpGateway:
+    """The robot over plain HTTP; satisfies :class:`rwt.access.gateway.Gateway`.
+
+    Attributes:
+        name: of the protocol.
+        shared: the part in the graph that all clients share, as the node `/http_bridge`.
+        clients: nobody has a connection of its own.
+
+    Args:
+        graph: the robot.
+        access: who may do what.
+        settings: of the gateway.
+        linger: seconds that a client is there after its last request, and a publisher after its client.
+        capabilities: what else is offered on the port, for ``/version``.
+        several_processes: whether other processes serve the same port, each with the goals sent to it.
+    """
+
+    name: Final = "http"
+    clients: tuple[()] = ()
+
+    def __init__(
+        self,
+        graph: Graph,
+        access: Access,
+        settings: HttpSettings,
+        linger: float = 10.0,
+        capabilities: Mapping[str, object] = MappingProxyType({}),
+        *,
+        several_processes: bool = False,
+    ) -> None:
+        self._settings = settings
+        self._capabilities = capabilities
+        self._requests: dict[tuple[str, str], int] = {}
+        self._documents: dict[tuple[str, str], tuple[object, bytes]] = {}
+        log = partial(access.audit.write, logging.INFO, "%s")
+        self.shared = SharedGraph(graph, GATEWAY_NODE, linger, log)
+        self._clients = Clients(access, self.shared, linger)
+        self._actions = actions.Actions(self._clients, settings, several_processes=several_processes)
+        self.websockets: Mapping[str, AcceptPeer] = {}
+        self.http: HttpExtension[GraphView] = HttpExtension(
+            tuple(self._routes(topics.Topics(self._clients, settings, access))), self._section, self._metrics
+        )
+
+    def reload_roles(self) -> None:
+        """Let each client act as the settings say now."""
+        self._documents.clear()
+        self._clients.reload_roles()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._actions.goals.close()
+        self._clients.close()
+        self.shared.close()
+
+    def _routes(self, of_topics: topics.Topics) -> Iterable[Route[GraphView]]:
+        of_services = services.Services(self._clients, self._settings)
+        of_parameters = parameters.Parameters(self._clients)
+        of_actions = self._actions
+        rows: tuple[tuple[str, str, str, Handler], ...] = (
+            ("GET", "/version", "server", self._version),
+            ("GET", "/api", "server", self._api),
+            ("GET", "/api/*", "server", _unknown),
+            ("GET", "/api/openapi.json", "server", self._openapi),
+            ("GET", "/api/types/*", "types", _type),
+            ("GET", "/api/topics", "topics", of_topics.list),
+            ("GET", "/api/topics/*", "topics", of_topics.get),
+            ("POST", "/api/topics/*", "topics", of_topics.publish),
+            ("GET", "/api/services", "services", of_services.list),
+            ("GET", "/api/services/*", "services", of_services.get),
+            ("POST", "/api/services/*", "services", of_services.call),
+            ("GET", "/api/actions", "actions", of_actions.list),
+            ("GET", "/api/actions/*", "actions", of_actions.get),
+            ("POST", "/api/actions/*", "actions", of_actions.send),
+            ("DELETE", "/api/actions/*", "actions", of_actions.cancel),
+            ("GET", "/api/parameters", "parameters", of_parameters.list),
+            ("GET", "/api/parameters/*", "parameters", of_parameters.get),
+            ("PUT", "/api/parameters/*", "parameters", of_parameters.set),
+            ("DELETE", "/api/parameters/*", "parameters", of_parameters.delete),
+        )
+        for method, path, kind, handler in rows:
+            counted = partial(self._counted, page(handler), (kind, method))
+            yield Route(path, counted, Audience.ADMITTED, method, refusal)
+
+    def _counted(
+        self, handler: Handler, row: tuple[str, str], request: HttpRequest, reader: GraphView
+    ) -> HttpResponse | Awaitable[HttpResponse]:
+        self._requests[row] = self._requests.get(row, 0) + 1
+        return handler(request, reader)
+
+    def _version(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
+        """What runs here and what it can do, for programs that must know before they connect."""
+        Query(request)
+        body = {
+            "name": "robot-web-tools",
+            "version": version("robot-web-tools"),
+            "protocol": "rosbridge",
+            "protocol_version": PROTOCOL_VERSION,
+            "ros_version": reader.distro.ros_version,
+            "distro": reader.distro.name,
+            "capabilities": {"http": {"api": f"{request.prefix}/api", "media": [JSON, CBOR, EVENTS]}}
+            | dict(self._capabilities),
+        }
+        return value_response(request, body)
+
+    def _api(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
+        """The page for people, and for programs where to go on."""
+        if chosen(request, (JSON, CBOR, HTML)) == HTML:
+            return try_page()
+        Query(request)
+        kinds = ("topics", "services", "actions", "parameters")
+        links = {kind: f"{request.prefix}/api/{kind}" for kind in kinds}
+        return value_response(request, {**links, "openapi": f"{request.prefix}/api/openapi.json"})
+
+    def _openapi(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
+        """The document, made anew when what it describes has changed."""
+        Query(request)
+        media = chosen(request, (JSON, OPENAPI_JSON.partition(";")[0]))
+        key = (reader.role.name, request.prefix)
+        described = (reader.topics(), reader.services(), reader.actions())
+        state = tuple((each.name, each.type) for kind in described for each in kind)
+        known = self._documents.get(key)
+        if known is None or known[0] != state:
+            title = f"A robot that speaks ROS {reader.distro.ros_version} ({reader.distro.name})"
+            made = openapi.describe(reader, self._settings, request.prefix, title)
+            if key not in self._documents and len(self._documents) >= _MOST_DOCUMENTS:
+                self._documents.clear()
+            known = self._documents[key] = (state, msgspec.json.encode(made))
+        return tagged_bytes(request, known[1], JSON if media == JSON else OPENAPI_JSON)
+
+    def _section(self, request: HttpRequest, reader: GraphView) -> str:
+        """What the index says of it."""
+        prefix = html.escape(request.prefix)
+        host = html.escape(request.headers.get("host", "localhost:9090"))
+        scheme = "https" if request.headers.get("x-forwarded-proto") in ("https", "wss") else "http"
+        return (
+            "<h2>HTTP</h2><pre>"
+            f"curl {scheme}://{host}{prefix}/api/topics                              # what is here\n"
+            f"curl -H 'Accept: text/event-stream' {scheme}://{host}{prefix}/api/topics/TOPIC</pre>"
+            '<p><a href="api">Try it in a page</a>, or make a client from'
+            ' <a href="api/openapi.json">its OpenAPI document</a>.'
+        )
+
+    def _metrics(self) -> Iterable[MetricFamily]:
+        yield MetricFamily(
+            "rwt_http_requests_total",
+            "counter",
+            "Requests to the HTTP gateway.",
+            [({"resource": kind, "method": method}, n) for (kind, method), n in self._requests.items()],
+        )
+        yield MetricFamily(
+            "rwt_http_streams", "gauge", "Streams of events that are open.", [({}, self._clients.streams)]
+        )
+        yield MetricFamily(
+            "rwt_http_goals", "gauge", "Goals that can be asked for.", [({}, len(self._actions.goals))]
+        )
+
+
+_MOST_DOCUMENTS: Final = 50
+"""Documents that are kept, one for each role and prefix."""
+
+
+def _unknown(request: HttpRequest, reader: GraphView) -> HttpResponse:
+    raise HttpProblem(
+        "not-found", f"there is no {request.path[:200]} here", instead="/api says what there is"
+    )
+
+
+def _type(request: HttpRequest, reader: GraphView) -> HttpResponse:
+    """The JSON Schema of a message type."""
+    Query(request)
+    message = reader.registry.message(text_below(request, _TYPES, "type"))
+    return value_response(request, document(message), media=SCHEMA_JSON)

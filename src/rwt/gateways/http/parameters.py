@@ -1,0 +1,106 @@
+"""Parameters as resources, by the services of rosapi, and so by its rules."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any, Final
+
+import msgspec
+
+from rwt.gateways.http.problems import HttpProblem
+from rwt.gateways.http.representations import value_response
+from rwt.gateways.http.requests import Query, text_below, value_of
+from rwt.gateways.http.services import call
+from rwt_interfaces.payload import Payload
+from rwt_participant.errors import ServiceFailed
+from rwt_transports.http import HttpResponse
+
+if TYPE_CHECKING:
+    from rwt.access.graph_view import GraphView
+    from rwt.gateways.http.clients import Clients
+    from rwt_transports.http import HttpRequest
+
+PATH: Final = "/api/parameters/"
+
+ANSWER_SECONDS: Final = 10.0
+"""How long a node may take to answer for its parameters."""
+
+
+class Parameters:
+    """The pages of parameters: ``/node:name`` on ROS 2, ``/name`` on ROS 1.
+
+    Args:
+        clients: who asks.
+    """
+
+    def __init__(self, clients: Clients) -> None:
+        self._clients = clients
+
+    async def list(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
+        """The names of the parameters that are shown."""
+        Query(request)
+        answer = await self._ask(request, reader, "get_param_names", {})
+        return value_response(request, list(answer.names))
+
+    async def get(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
+        """The value of one."""
+        Query(request)
+        name = _name(request)
+        answer = await self._ask(request, reader, "get_param", {"name": name})
+        if getattr(answer, "successful", True) and answer.value != "null":
+            return value_response(request, json.loads(answer.value))
+        raise HttpProblem("not-found", getattr(answer, "reason", "") or f"parameter {name} is not set")
+
+    async def set(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
+        """Set one to the body."""
+        Query(request)
+        name = _name(request)
+        value = value_of(request)
+        if value is None:
+            raise HttpProblem(
+                "parameter-rejected", "null is no value", instead="DELETE removes the parameter"
+            )
+        try:
+            text = msgspec.json.encode(value).decode()
+        except (TypeError, ValueError, RecursionError) as error:
+            raise HttpProblem("parameter-rejected", f"not a value of a parameter: {error}") from None
+        await self._change(request, reader, "set_param", {"name": name, "value": text})
+        return HttpResponse(status=204)
+
+    async def delete(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
+        """Remove one."""
+        Query(request)
+        name = _name(request)
+        has = await self._ask(request, reader, "has_param", {"name": name})
+        if not has.exists:
+            raise HttpProblem("not-found", f"parameter {name} is not set")
+        await self._change(request, reader, "delete_param", {"name": name})
+        return HttpResponse(status=204)
+
+    async def _change(
+        self, request: HttpRequest, reader: GraphView, service: str, values: dict[str, str]
+    ) -> None:
+        try:
+            answer = await self._ask(request, reader, service, values)
+        except ServiceFailed as failed:  # So ROS 1's rosapi says it.
+            raise HttpProblem("parameter-rejected", str(failed)) from None
+        if not getattr(answer, "successful", True):
+            raise HttpProblem("parameter-rejected", answer.reason)
+
+    async def _ask(self, request: HttpRequest, reader: GraphView, service: str, values: object) -> Any:
+        name = f"/rosapi/{service}"
+        with self._clients.client_of(request, reader) as client:
+            graph = client.graph
+            graph.require("call", name)
+            found = graph.service(name)
+            if found is None:
+                raise HttpProblem(
+                    "not-found", "parameters are read and set through rosapi, which is not here",
+                    instead="let the node rosapi take part (the setting `nodes`)",
+                )  # fmt: skip
+            payload = Payload.from_value(found.type.request, values)
+            return (await call(graph, name, payload, ANSWER_SECONDS)).value()
+
+
+def _name(request: HttpRequest) -> str:
+    return "/" + text_below(request, PATH, "parameter")

@@ -1,0 +1,169 @@
+"""What goes wrong, as clients read it: problem details (RFC 9457), with what, where and what instead."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import msgspec
+
+from rwt.access.client_graph import UnknownTopicType
+from rwt.access.errors import AccessError, GateRefused, NotAllowed, NotAuthenticated, QuotaExceeded
+from rwt.delivery.shared_publishers import IncompatiblePolicies
+from rwt_graph.errors import InvalidGraphName, TypeConflict
+from rwt_participant.errors import (
+    CallFailed,
+    CallTimeout,
+    GoalRejected,
+    InvalidMessage,
+    NotFound,
+    ParameterRejected,
+    ProviderGone,
+    RobotError,
+    ServiceFailed,
+    TimedOut,
+    UnknownType,
+)
+from rwt_transports.http import HttpResponse
+
+if TYPE_CHECKING:
+    from rwt_transports.errors import Refused
+    from rwt_transports.http import HttpRequest
+
+CONTENT_TYPE: Final = "application/problem+json"
+
+
+class Kind(NamedTuple):
+    """One kind of problem: its status, its title, and what can be done, for the page that explains it."""
+
+    status: int
+    title: str
+    instead: str
+
+
+KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
+    {
+        "invalid-request": Kind(400, "The request cannot be read", "correct what the detail names"),
+        "invalid-name": Kind(400, "Not a name that ROS allows", "names are like `odom` or `arm/state`"),
+        "not-authenticated": Kind(401, "Credentials are needed", "send `Authorization: Bearer TOKEN`"),
+        "not-allowed": Kind(403, "The role does not allow this", "ask for a role that does"),
+        "gate-refused": Kind(
+            403, "A rule of the gate does not let this through", "do what the rule asks for"
+        ),
+        "not-found": Kind(404, "Nothing of that name is here", "the lists above it name what there is"),
+        "no-message": Kind(404, "No message is kept", "wait for the next one with `?wait=SECONDS`"),
+        "method-not-allowed": Kind(405, "Not possible here", "use one of the methods that `Allow` names"),
+        "not-acceptable": Kind(406, "Not in a form that was asked for", "accept application/json"),
+        "conflict": Kind(409, "In contradiction to what is here", "use the type and policies that are here"),
+        "goal-rejected": Kind(409, "The goal was rejected", "send another, or send it later"),
+        "misdirected": Kind(421, "Perhaps at another process", "ask again over another connection"),
+        "too-large": Kind(413, "More than may be sent", "send every field of the type, or less"),
+        "unsupported-media-type": Kind(
+            415, "Not a form that is read here", "send application/json or application/cbor"
+        ),
+        "invalid-message": Kind(
+            422, "The body does not fit its type", "the document names the type's fields"
+        ),
+        "unknown-type": Kind(422, "No such type is known", "name one as `std_msgs/String`"),
+        "parameter-rejected": Kind(422, "The parameter cannot have that value", "send another value"),
+        "too-much": Kind(429, "As much as may be", "wait, or end something"),
+        "service-failed": Kind(502, "The service said that it failed", "its reason is in the detail"),
+        "provider-gone": Kind(503, "Whoever offers it has gone away", "try again"),
+        "timeout": Kind(504, "Nothing came in time", "wait longer, with `?wait=` or `?timeout=`"),
+    }
+)
+"""Every kind of problem, by the last part of its `type`."""
+
+_OF_STATUS: Final[Mapping[int, str]] = {401: "not-authenticated", 403: "not-allowed", 429: "too-much"}
+
+_OF_ERROR: Final[tuple[tuple[type[Exception], str], ...]] = (
+    (NotAllowed, "not-allowed"),
+    (GateRefused, "gate-refused"),
+    (NotAuthenticated, "not-authenticated"),
+    (QuotaExceeded, "too-much"),
+    (InvalidGraphName, "invalid-name"),
+    (TypeConflict, "conflict"),
+    (IncompatiblePolicies, "conflict"),
+    (UnknownTopicType, "not-found"),
+    (UnknownType, "unknown-type"),
+    (InvalidMessage, "invalid-message"),
+    (ParameterRejected, "parameter-rejected"),
+    (CallTimeout, "timeout"),
+    (TimedOut, "timeout"),
+    (ProviderGone, "provider-gone"),
+    (GoalRejected, "goal-rejected"),
+    (ServiceFailed, "service-failed"),
+    (NotFound, "not-found"),
+    (CallFailed, "service-failed"),
+)
+"""From the first class that fits to a kind."""
+
+
+class HttpProblem(Exception):
+    """A request that cannot be done.
+
+    Attributes:
+        kind: one of :data:`KINDS`.
+        detail: what is wrong, and where.
+        instead: what to do; that of the kind by default.
+        where: what of the request the problem is about, as a JSON Pointer into its body or a query's name.
+        headers: of the answer.
+    """
+
+    def __init__(
+        self,
+        kind: str,
+        detail: str,
+        *,
+        instead: str = "",
+        where: str = "",
+        headers: Mapping[str, str] | None = None,
+    ) -> None:
+        super().__init__(detail)
+        self.kind = kind
+        self.detail = detail
+        self.instead = instead or KINDS[kind].instead
+        self.where = where
+        self.headers = headers or {}
+
+
+REFUSALS: Final = (HttpProblem, RobotError, AccessError)
+"""What a page may raise that is its client's to know."""
+
+
+def problem_of(error: Exception) -> HttpProblem:
+    """The problem that one of :data:`REFUSALS` is to a client."""
+    if isinstance(error, HttpProblem):
+        return error
+    kind = next((kind for known, kind in _OF_ERROR if isinstance(error, known)), "invalid-request")
+    where = _pointer(error.path) if isinstance(error, InvalidMessage) else ""
+    return HttpProblem(kind, str(error), where=where)
+
+
+def _pointer(path: str) -> str:
+    """``pose.covariance[3]`` as a JSON Pointer (RFC 6901), ``/pose/covariance/3``."""
+    return "/" + path.replace("[", "/").replace("]", "").replace(".", "/") if path else ""
+
+
+def answer(request: HttpRequest, problem: HttpProblem) -> HttpResponse:
+    """A problem as a response."""
+    status, title, _ = KINDS[problem.kind]
+    body = {
+        "type": f"{request.prefix}/api#{problem.kind}",
+        "title": title,
+        "status": status,
+        "detail": problem.detail,
+        "instead": problem.instead,
+        "instance": request.prefix + request.path,
+    }
+    if problem.where:
+        body["where"] = problem.where
+    headers = {"Cache-Control": "no-store", **problem.headers}
+    return HttpResponse(msgspec.json.encode(body), status, CONTENT_TYPE, headers)
+
+
+def refusal(request: HttpRequest, refused: Refused) -> HttpResponse:
+    """What a request hears that was refused before it came to its page."""
+    kind = _OF_STATUS.get(refused.status, "invalid-request")
+    return answer(request, HttpProblem(kind, refused.reason, headers=refused.headers))

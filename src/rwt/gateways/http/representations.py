@@ -1,0 +1,156 @@
+"""How an answer is written: JSON or CBOR as the request accepts, with an entity tag."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from hashlib import blake2b
+from typing import TYPE_CHECKING, Final
+
+import msgspec
+
+from rwt.gateways.http.problems import HttpProblem
+from rwt_transports.http import HttpResponse
+
+if TYPE_CHECKING:
+    from rwt_interfaces.payload import Payload
+    from rwt_transports.http import HttpRequest
+
+JSON: Final = "application/json"
+CBOR: Final = "application/cbor"
+EVENTS: Final = "text/event-stream"
+HTML: Final = "text/html"
+
+VALUES: Final = (JSON, CBOR)
+"""In what a value is written; the first where a request does not say."""
+
+
+def chosen(request: HttpRequest, offered: Sequence[str] = VALUES) -> str:
+    """The media type of `offered` that a request prefers (RFC 9110 section 12.5.1).
+
+    Raises:
+        HttpProblem: it accepts none of them.
+    """
+    accept = request.headers.get("accept", "")
+    if not accept.strip():
+        return offered[0]
+    ranges = list(_ranges(accept))
+    best, best_quality = "", 0.0
+    for media in offered:
+        quality = _quality(media, ranges)
+        if quality > best_quality:
+            best, best_quality = media, quality
+    if not best:
+        detail = (
+            f"the request accepts {accept[:200]!a}, and {request.path} is offered as {', '.join(offered)}"
+        )
+        raise HttpProblem("not-acceptable", detail)
+    return best
+
+
+def _ranges(accept: str) -> Iterable[tuple[str, float]]:
+    for element in accept.split(",")[:50]:
+        media, *parameters = element.split(";")
+        quality = 1.0
+        for parameter in parameters:
+            name, _, value = parameter.partition("=")
+            if name.strip().lower() == "q":
+                try:
+                    quality = min(max(float(value), 0.0), 1.0)
+                except ValueError:
+                    quality = 0.0
+        yield media.strip().lower(), quality
+
+
+def _quality(media: str, ranges: Iterable[tuple[str, float]]) -> float:
+    """That of the most specific range that fits."""
+    found, specific = 0.0, -1
+    for pattern, quality in ranges:
+        fits = {media: 2, f"{media.partition('/')[0]}/*": 1, "*/*": 0}.get(pattern, -1)
+        if fits > specific:
+            found, specific = quality, fits
+    return found
+
+
+def value_response(
+    request: HttpRequest,
+    value: object,
+    status: int = 200,
+    headers: Mapping[str, str] | None = None,
+    *,
+    media: str = JSON,
+) -> HttpResponse:
+    """A value of plain objects and payloads, in the form that the request accepts.
+
+    Args:
+        request: what is answered.
+        value: dicts, lists, scalars, and :class:`rwt_interfaces.payload.Payload` within them.
+        status: HTTP status.
+        headers: further headers.
+        media: the type of its JSON, for what has one of its own.
+
+    Raises:
+        HttpProblem: it accepts neither JSON nor CBOR.
+    """
+    if chosen(request, (media, CBOR)) == CBOR:
+        import cbor2  # Only for those who use it.
+
+        return _tagged(request, cbor2.dumps(_plain(value)), status, CBOR, headers)
+    return _tagged(request, json_of(value), status, media, headers)
+
+
+def json_of(value: object) -> bytes:
+    """A value of plain objects and payloads as JSON."""
+    return msgspec.json.encode(value, enc_hook=_raw)
+
+
+def payload_response(
+    request: HttpRequest, payload: Payload, headers: Mapping[str, str] | None = None
+) -> HttpResponse:
+    """A message by itself, in the form that the request accepts: the bytes that all clients of it share.
+
+    Raises:
+        HttpProblem: it accepts neither JSON nor CBOR.
+    """
+    if chosen(request) == CBOR:
+        return _tagged(request, payload.cbor(), 200, CBOR, headers)
+    return _tagged(request, bytes(payload.json()), 200, JSON, headers)
+
+
+def tagged_bytes(
+    request: HttpRequest, body: bytes, media: str, headers: Mapping[str, str] | None = None
+) -> HttpResponse:
+    """A body that is made already."""
+    return _tagged(request, body, 200, media, headers)
+
+
+def _tagged(
+    request: HttpRequest, body: bytes, status: int, media: str, headers: Mapping[str, str] | None
+) -> HttpResponse:
+    """A response with its entity tag; without its body where the client has it (RFC 9110 section 13.1.2)."""
+    all_headers = {"Cache-Control": "no-cache", "Vary": "Accept", **(headers or {})}
+    if status != 200 or request.method not in ("GET", "HEAD"):
+        return HttpResponse(body, status, media, all_headers)
+    tag = f'"{blake2b(body, digest_size=12, person=media.encode()[-16:]).hexdigest()}"'
+    all_headers["ETag"] = tag
+    known = {each.strip().removeprefix("W/") for each in request.headers.get("if-none-match", "").split(",")}
+    if tag in known or "*" in known:
+        return HttpResponse(b"", 304, media, all_headers)
+    return HttpResponse(body, status, media, all_headers)
+
+
+def _raw(value: object) -> msgspec.Raw:
+    """A payload's own bytes."""
+    make_json = getattr(value, "json", None)
+    if make_json is None:
+        raise TypeError(f"{type(value).__name__} has no JSON")
+    return msgspec.Raw(bytes(make_json()))
+
+
+def _plain(value: object) -> object:
+    """The same with payloads as plain objects."""
+    if isinstance(value, dict):
+        return {name: _plain(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    plain = getattr(value, "plain", None)
+    return value if plain is None else plain()

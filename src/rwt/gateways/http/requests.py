@@ -1,0 +1,234 @@
+"""What a request asks for: the name in its path, its query, and its body as a message."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Collection
+from typing import TYPE_CHECKING, Final, TypeVar
+from urllib.parse import parse_qs, unquote
+
+import anyio.lowlevel
+import msgspec
+
+from rwt.gateways.http.problems import HttpProblem
+from rwt.gateways.http.representations import CBOR, JSON
+from rwt_graph.names import resolve
+from rwt_interfaces.errors import InvalidMessage
+from rwt_interfaces.payload import Payload
+from rwt_interfaces.serialise.json import require_quick_numbers
+from rwt_interfaces.serialise.long_strings import finished
+from rwt_protocol.codecs import CBOR as CBOR_CODEC
+from rwt_protocol.codecs.base import DecodeFailure, SplitLimits
+from rwt_protocol.payloads import Decoded
+
+if TYPE_CHECKING:
+    from rwt_interfaces.serialise.long_strings import Steps
+    from rwt_interfaces.structs import MessageType
+    from rwt_transports.http import HttpRequest
+
+T = TypeVar("T")
+
+SHARE: Final = 0.003
+"""Seconds of one turn of the event loop in which a body is read; the rest waits its turn."""
+
+IN_STEPS: Final = 64 * 1024
+"""Bytes from which a body is read in steps."""
+
+_MOST_BRACKETS: Final = 32 * 1024
+"""Objects and arrays of a larger body, unless it has every field of its type as ROS writes it: each becomes
+an object in memory many times its size."""
+
+_CBOR_LIMITS: Final = SplitLimits(max_depth=100, max_structure=64 * 1024)
+
+_MOST_PARAMETERS: Final = 20
+
+
+def name_below(request: HttpRequest, prefix: str, what: str) -> str:
+    """The absolute name that the path names after a prefix; a slash in it may be percent-encoded or not.
+
+    Raises:
+        HttpProblem: there is none, or its encoding is broken.
+        InvalidGraphName: it is none that ROS allows.
+    """
+    return resolve("/" + text_below(request, prefix, what))
+
+
+def text_below(request: HttpRequest, prefix: str, what: str) -> str:
+    """What the path says after a prefix, without slashes around it.
+
+    Raises:
+        HttpProblem: nothing, or its encoding is broken.
+    """
+    try:
+        text = unquote(request.path.removeprefix(prefix), errors="strict").strip("/")
+    except UnicodeDecodeError:
+        raise HttpProblem("invalid-name", "the path is not percent-encoded UTF-8") from None
+    if not text:
+        raise HttpProblem("not-found", f"{request.path} names no {what}; {prefix.rstrip('/')} lists them")
+    return text
+
+
+class Query:
+    """The query of a request, of which every name is known.
+
+    Args:
+        request: whose query it is.
+        known: the names that it may have; ``token`` may always be there.
+
+    Raises:
+        HttpProblem: it has another name, or one twice.
+    """
+
+    def __init__(self, request: HttpRequest, known: Collection[str] = ()) -> None:
+        try:
+            given = parse_qs(request.query, keep_blank_values=True, max_num_fields=_MOST_PARAMETERS)
+        except ValueError:
+            raise HttpProblem("invalid-request", f"more than {_MOST_PARAMETERS} parameters") from None
+        given.pop("token", None)
+        for name, values in given.items():
+            if name not in known:
+                expected = f"here are {', '.join(sorted(known))}" if known else "none is known here"
+                raise HttpProblem(
+                    "invalid-request", f"no parameter {name[:80]!a} is known; {expected}", where=name[:80]
+                )
+            if len(values) > 1:
+                raise HttpProblem("invalid-request", f"{name} is given {len(values)} times", where=name)
+        self._given = {name: values[0] for name, values in given.items()}
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._given
+
+    def text(self, name: str) -> str | None:
+        """A text; None where it is not given, or empty."""
+        return self._given.get(name) or None
+
+    def flag(self, name: str) -> bool:
+        """Whether a flag is set: ``true`` or ``1``.
+
+        Raises:
+            HttpProblem: it is something else.
+        """
+        value = self._given.get(name, "false").lower()
+        if value not in ("true", "false", "1", "0"):
+            raise HttpProblem(
+                "invalid-request", f"{name}: expected true or false, got {value[:80]!a}", where=name
+            )
+        return value in ("true", "1")
+
+    def seconds(self, name: str, default: float, most: float) -> float:
+        """A time in seconds, at most `most`.
+
+        Raises:
+            HttpProblem: it is no number, or out of range.
+        """
+        return self._number(name, default, most, float)
+
+    def count(self, name: str, default: int, most: int) -> int:
+        """A whole number from 1 to `most`.
+
+        Raises:
+            HttpProblem: it is no number, or out of range.
+        """
+        return int(self._number(name, default, most, int, 1))
+
+    def _number(
+        self, name: str, default: float, most: float, kind: Callable[[str], float], least: float = 0
+    ) -> float:
+        text = self._given.get(name)
+        if text is None:
+            return default
+        try:
+            value = kind(text[:40])
+        except ValueError:
+            value = math.nan
+        if not least <= value <= most:
+            expected = f"expected a number from {least:g} to {most:g}"
+            raise HttpProblem("invalid-request", f"{name}: {expected}, got {text[:80]!a}", where=name)
+        return value
+
+
+async def payload_of(type: MessageType, request: HttpRequest, now: Callable[[], int]) -> Payload:
+    """The body of a request as a message of a type; a large one is read in steps, between which others run.
+
+    An empty body is a message of defaults.
+
+    Raises:
+        HttpProblem: it is in a form that is not read here, or not well formed.
+        InvalidMessage: it does not fit the type.
+    """
+    body = request.body
+    if media_of(request) == CBOR and body:
+        return Payload.from_value(type, _cbor_map(body), now)
+    if not body:
+        return Payload.from_json(type, b"{}", now)
+    if len(body) < IN_STEPS:
+        return Payload.from_json(type, body, now)
+    if body.count(b"{") + body.count(b"[") <= _MOST_BRACKETS:
+        return await _in_turns(Payload.from_json_in_steps(type, body, now))
+    payload = await _in_turns(Payload.from_dense_json_in_steps(type, body, now))
+    if payload is None:
+        raise HttpProblem(
+            "too-large",
+            f"more than {_MOST_BRACKETS} brackets: so many are taken only in a message that has every field"
+            f" of {type.name}, each as ROS writes it",
+        )
+    return payload
+
+
+def value_of(request: HttpRequest) -> object:
+    """The body of a request as a plain value.
+
+    Raises:
+        HttpProblem: it is in a form that is not read here, not well formed, or too large.
+    """
+    body = request.body
+    if len(body) > IN_STEPS:
+        raise HttpProblem("too-large", f"a value of {len(body)} bytes; {IN_STEPS} is the limit")
+    if media_of(request) == CBOR:
+        # The decoder reads maps: so that any value may come, it becomes a member of one.
+        return _cbor_map(b"\xa1\x61v" + body)["v"]
+    try:
+        finished(require_quick_numbers(body))
+        return msgspec.json.decode(body)
+    except InvalidMessage as error:
+        raise HttpProblem("too-large", str(error)) from None
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise HttpProblem("invalid-request", f"the body is not JSON: {error}") from None
+
+
+def media_of(request: HttpRequest) -> str:
+    """The media type of the body; JSON where the request does not say, or says what forms and curl say.
+
+    Raises:
+        HttpProblem: another.
+    """
+    media = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if media in ("", JSON, "text/plain", "application/x-www-form-urlencoded") or media.endswith("+json"):
+        return JSON
+    if media == CBOR:
+        return CBOR
+    raise HttpProblem(
+        "unsupported-media-type", f"the body is {media[:80]!a}", headers={"Accept": f"{JSON}, {CBOR}"}
+    )
+
+
+def _cbor_map(body: bytes) -> dict[str, object]:
+    found = CBOR_CODEC.split(body, _CBOR_LIMITS)[0]
+    if isinstance(found, DecodeFailure):
+        reason = found.reason.replace(" (limits.structure_bytes)", "")
+        raise HttpProblem("invalid-request", f"the body cannot be read: {reason}")
+    return {name: value.value if isinstance(value, Decoded) else value for name, value in found.items()}
+
+
+async def _in_turns(steps: Steps[T]) -> T:
+    until = time.perf_counter() + SHARE
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            result: T = end.value
+            return result
+        if time.perf_counter() > until:
+            await anyio.lowlevel.checkpoint()
+            until = time.perf_counter() + SHARE

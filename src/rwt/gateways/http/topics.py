@@ -1,0 +1,263 @@
+"""Topics as resources: the message that is kept, the next one, all of them as events; and publishing."""
+
+from __future__ import annotations
+
+import logging
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+import anyio
+
+from rwt.delivery.drop_notices import DropNotices
+from rwt.delivery.next_sample import NextSample
+from rwt.delivery.throttle import Room, Throttle
+from rwt.gateways.http.events import SAMPLES, EventQueue, event
+from rwt.gateways.http.problems import HttpProblem
+from rwt.gateways.http.representations import CBOR, EVENTS, JSON, chosen, payload_response, value_response
+from rwt.gateways.http.requests import IN_STEPS, Query, name_below, payload_of
+from rwt_participant.qos import LATCHED, Durability
+from rwt_transports.http import HttpResponse
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
+    from rwt.access.access import Access
+    from rwt.access.client_graph import ClientGraph, ClientPublisher
+    from rwt.access.graph_view import GraphView
+    from rwt.gateways.http.clients import Clients, HttpClient
+    from rwt.gateways.http.settings import HttpSettings
+    from rwt_graph.api import Sample
+    from rwt_participant.qos import QoS
+    from rwt_protocol.transport import DropReason
+    from rwt_transports.http import HttpRequest
+
+PATH: Final = "/api/topics/"
+
+WAIT_SECONDS: Final = 5.0
+"""How long the next message is waited for where none is kept and the request does not say."""
+
+_MARK: Final = object()
+"""Under which a client of the gateway advertises what it publishes on."""
+
+MOST_THROTTLE: Final = 3600.0
+"""Seconds between two events at most."""
+
+MOST_EVENTS: Final = 10_000
+"""Events that may wait for a reader at most."""
+
+_EVENTS: Final = 100
+"""Events that may wait for a reader that says nothing about it."""
+
+
+_INSTEAD: Final = "read faster, ask for fewer with ?throttle=SECONDS, or let more wait with ?queue=COUNT"
+
+
+class Topics:
+    """The pages of topics.
+
+    Args:
+        clients: who asks.
+        settings: of the gateway.
+        access: for the log.
+    """
+
+    def __init__(self, clients: Clients, settings: HttpSettings, access: Access) -> None:
+        self._clients = clients
+        self._settings = settings
+        self._log = partial(access.audit.write, logging.INFO, "%s")
+
+    def list(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
+        """The topics that are shown, with their types."""
+        Query(request)
+        registry = reader.registry
+        topics = [
+            {"name": topic.name, "type": registry.type_name(topic.type) if topic.type else None}
+            for topic in reader.topics()
+        ]
+        return value_response(request, topics)
+
+    def get(self, request: HttpRequest, reader: GraphView) -> HttpResponse | Awaitable[HttpResponse]:
+        """The message that is kept, the next one, or all of them as events.
+
+        With ``?wait=SECONDS`` it is the next one, whatever is kept; with ``?wait=0`` what is kept alone.
+        """
+        name = name_below(request, PATH, "topic")
+        media = chosen(request, (JSON, CBOR, EVENTS))
+        with self._clients.client_of(request, reader) as client:
+            query = Query(request, ("wait", "type", "throttle", "queue"))
+            throttle = query.seconds("throttle", 0.0, MOST_THROTTLE)
+            depth = query.count("queue", _EVENTS, MOST_EVENTS)
+            if media == EVENTS:
+                return self._events(request, client, name, query.text("type"), throttle, depth)
+            longest = self._settings.wait_seconds
+            seconds = query.seconds("wait", min(WAIT_SECONDS, longest), longest)
+            if "wait" not in query or not seconds:
+                fanout = client.graph.subscribe(name, query.text("type"))
+                kept = (*fanout.subscription.history(), *client.graph.startup_samples(fanout))
+                client.graph.unsubscribe(fanout)
+                if kept:
+                    return _message(request, reader, max(kept, key=lambda sample: sample.stamp_ns))
+        if not seconds:
+            raise HttpProblem("no-message", f"no message of {name} is kept for late readers")
+        return self._next(request, reader, name, query.text("type"), seconds)
+
+    async def _next(
+        self, request: HttpRequest, reader: GraphView, name: str, type: str | None, seconds: float
+    ) -> HttpResponse:
+        """The next message."""
+        with self._clients.client_of(request, reader) as client:
+            sample = await _next_sample(client.graph, name, type, seconds)
+        if sample is None:
+            raise HttpProblem("timeout", f"no message of {name} came within {seconds:g} s")
+        return _message(request, reader, sample)
+
+    async def publish(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
+        """Publish the body as one message."""
+        name = name_below(request, PATH, "topic")
+        query = Query(request, ("type", "latch"))
+        type, is_latched = query.text("type"), query.flag("latch")
+        with self._clients.client_of(request, reader) as client:
+            publisher = _publisher(client.graph, name, type, is_latched)
+            payload = await payload_of(publisher.type, request, client.graph.clock.time_ns)
+            if len(request.body) >= IN_STEPS:
+                # That took turns: the role may be another one by now, and the publisher replaced.
+                publisher = _publisher(client.graph, name, payload.type.name, is_latched)
+            publisher.publish(payload)
+            publisher.counts.received += 1
+            publisher.counts.received_bytes += len(request.body)
+        return HttpResponse(status=204)
+
+    def _events(
+        self,
+        request: HttpRequest,
+        client: HttpClient,
+        name: str,
+        type: str | None,
+        throttle: float,
+        depth: int,
+    ) -> HttpResponse:
+        last = request.headers.get("last-event-id", "")
+        stream = TopicEvents(
+            client,
+            name,
+            type,
+            throttle=throttle,
+            depth=depth,
+            most_bytes=self._settings.stream_bytes,
+            log=self._log,
+        )
+        client.add_stream(stream, request)
+        stream.replay(int(last) if last.isascii() and last.isdecimal() and len(last) < 20 else -1)
+        headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+        return HttpResponse(stream.queue, 200, EVENTS, headers)
+
+
+def _publisher(graph: ClientGraph, name: str, type: str | None, is_latched: bool) -> ClientPublisher:
+    """What publishes on a topic as long as the client is there.
+
+    Raises:
+        RobotError, AccessError: as :meth:`rwt.access.client_graph.ClientGraph.publisher`.
+    """
+    if not is_latched:
+        return graph.publisher(name, type, _MARK)
+    return graph.publisher(name, type, _MARK, LATCHED, _lacks_latch)
+
+
+def _lacks_latch(qos: QoS) -> str:
+    return "" if qos.durability is Durability.TRANSIENT_LOCAL else "it keeps nothing for late readers"
+
+
+def _message(request: HttpRequest, reader: GraphView, sample: Sample) -> HttpResponse:
+    type = reader.registry.type_name(sample.payload.type)
+    seconds, nanoseconds = divmod(sample.stamp_ns, 1_000_000_000)
+    headers = {"ROS-Type": type, "ROS-Time": f"{seconds}.{nanoseconds:09d}"}
+    return payload_response(request, sample.payload, headers)
+
+
+async def _next_sample(graph: ClientGraph, name: str, type: str | None, seconds: float) -> Sample | None:
+    """The next message of a topic; None where none comes in time."""
+    fanout = graph.subscribe(name, type)
+    came = anyio.Event()
+    gate = NextSample(came.set)
+    try:
+        fanout.join(gate, name, SAMPLES)
+        try:
+            with anyio.move_on_after(seconds):
+                await came.wait()
+        finally:
+            fanout.leave(gate, name, SAMPLES)
+    finally:
+        graph.unsubscribe(fanout)
+    return gate.sample
+
+
+class TopicEvents:
+    """One reader's stream of a topic; satisfies :class:`rwt.gateways.http.clients.Stream`.
+
+    Attributes:
+        queue: what waits for the reader.
+
+    Args:
+        client: whose stream it is.
+        name: the topic's.
+        type: the topic's, where nobody has advertised it yet.
+        throttle: seconds between two events at least; of those in between the newest comes late.
+        depth: events that may wait while the reader is slow.
+        most_bytes: their bytes together.
+        log: writes a line of the log.
+
+    Raises:
+        RobotError, AccessError: as :meth:`rwt.access.client_graph.ClientGraph.subscribe`.
+    """
+
+    def __init__(
+        self,
+        client: HttpClient,
+        name: str,
+        type: str | None,
+        *,
+        throttle: float,
+        depth: int,
+        most_bytes: int,
+        log: Callable[[str], None],
+    ) -> None:
+        self._client = client
+        self._name = name
+        graph = client.graph
+        self._fanout = graph.subscribe(name, type)
+        self._drops = DropNotices(name, self._fanout.counts, graph.counters, graph.clock, self._tell, log)
+        self._dropped = 0
+        self.queue = EventQueue(depth, most_bytes, self._drop, self._close)
+        room = Room(most_bytes)
+        self._throttle = Throttle(graph.clock, self.queue, self._drops.withheld, self._drop, room)
+        self._throttle.configure(throttle, 1 if throttle else 0)
+        self._stream = self._fanout.join(self._throttle, name, SAMPLES)
+
+    def replay(self, after_ns: int) -> None:
+        """Send the samples that are kept for late readers and were published later than a moment."""
+        kept = (*self._fanout.subscription.history(), *self._client.graph.startup_samples(self._fanout))
+        for sample in kept:
+            if sample.stamp_ns > after_ns:
+                self._stream.replay(sample, self._throttle)
+
+    def allowed(self, graph: ClientGraph) -> bool:
+        """Whether the role that the client has now may see the topic."""
+        return graph.may_subscribe(self._name)
+
+    def end(self) -> None:
+        """End the stream."""
+        self.queue.close()
+
+    def _drop(self, reason: DropReason) -> None:
+        self._dropped += 1
+        self._drops.dropped(reason)
+
+    def _tell(self, text: str) -> None:
+        self.queue.tell(event({"topic": self._name, "dropped": self._dropped, "instead": _INSTEAD}, "drops"))
+
+    def _close(self) -> None:
+        self._throttle.close()
+        self._drops.close()
+        self._fanout.leave(self._throttle, self._name, SAMPLES)
+        self._client.graph.unsubscribe(self._fanout)
+        self._client.discard_stream(self)

@@ -1,0 +1,248 @@
+"""An ASGI application as a page of this server: the SDK's transport is one."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping, MutableMapping
+from http import HTTPStatus
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Final
+
+import anyio
+
+from rwt.gateways.mcp.metered import Metered
+from rwt_transports.http import TEXT, HttpResponse
+
+if TYPE_CHECKING:
+    from anyio.abc import TaskGroup
+    from anyio.streams.memory import MemoryObjectReceiveStream
+
+    from rwt_transports.http import HttpRequest
+
+Message = MutableMapping[str, Any]
+Application = Callable[
+    [
+        MutableMapping[str, Any],
+        Callable[[], Awaitable[Message]],
+        Callable[[Message], Awaitable[None]],
+    ],
+    Awaitable[None],
+]
+"""An ASGI 3 application."""
+
+#: Headers that this server writes itself, and those that only concern one connection.
+_OWN_HEADERS: Final = frozenset({b"content-type", b"content-length", b"connection", b"transfer-encoding"})
+
+_EVENTS: Final = "text/event-stream"
+
+#: Of a stream that is begun here: nobody on the way may keep it, or hold it back.
+_EVENT_HEADERS: Final = MappingProxyType(
+    {"Cache-Control": "no-cache, no-transform", "X-Accel-Buffering": "no"}
+)
+
+#: Seconds after which an answer that has not begun becomes a stream. Of a stream this server learns at once
+#: that its reader has gone, and what the reader had asked for is ended; of an answer to come it does not.
+_PATIENCE: Final = 0.25
+
+
+class Exchange:
+    """One request that an application answers, in a task of its own.
+
+    The answer goes on for as long as somebody reads it: when the client is gone the application is told, and
+    cancelled.
+
+    Args:
+        application: what answers.
+        request: what came.
+        extra: further entries of the scope.
+        on_gone: called when nobody hears the answer any more, or it has ended.
+        on_end: called once when the application has ended.
+        charge: called with the seconds that the application works.
+        has_head: whether the head of the answer says something of its own, such as the id of a session: then
+            it is waited for, however long it takes.
+    """
+
+    def __init__(
+        self,
+        application: Application,
+        request: HttpRequest,
+        extra: Mapping[str, object],
+        on_gone: Callable[[], None],
+        on_end: Callable[[], None],
+        charge: Callable[[float], object],
+        *,
+        has_head: bool = False,
+    ) -> None:
+        self._has_head = has_head
+        self._gone = anyio.Event()
+        self._on_gone = on_gone
+        self._application = application
+        self._request = request
+        self._scope_extra = extra
+        self._on_end = on_end
+        self._charge = charge
+        self._started = anyio.Event()
+        self._head: tuple[int, Iterable[tuple[bytes, bytes]]] | None = None
+        self._written, self._chunks = anyio.create_memory_object_stream[bytes](0)
+        self._is_received = False
+        self._cancel = anyio.CancelScope()
+
+    async def respond(self, tasks: TaskGroup) -> HttpResponse:
+        """The answer, as soon as its head is known.
+
+        Args:
+            tasks: where the application runs.
+        """
+        tasks.start_soon(self._run)
+        try:
+            with anyio.move_on_after(_PATIENCE if self._takes_events() else None):
+                await self._started.wait()
+        except anyio.get_cancelled_exc_class():
+            self._leave()
+            raise
+        body = _Body(self._chunks, self._leave)
+        if not self._started.is_set():
+            late = _LateBody(body, self._started, lambda: self._kind == _EVENTS)
+            return HttpResponse(late, 200, _EVENTS, _EVENT_HEADERS)
+        if self._head is None:
+            self._chunks.close()
+            return HttpResponse(b"internal error\n", 500)
+        status, pairs = self._head
+        headers = {
+            name.decode("latin-1"): value.decode("latin-1")
+            for name, value in pairs
+            if name.lower() not in _OWN_HEADERS
+        }
+        if self._kind == _EVENTS:
+            return HttpResponse(body, status, _EVENTS, headers)
+        try:
+            return HttpResponse(b"".join([chunk async for chunk in body]), status, self._kind, headers)
+        finally:
+            await body.aclose()
+
+    def _takes_events(self) -> bool:
+        if self._has_head:
+            return False
+        return self._request.method == "POST" and _EVENTS in self._request.headers.get("accept", "")
+
+    @property
+    def _kind(self) -> str:
+        """The type of what the application sends, without parameters; once its head is there."""
+        pairs = () if self._head is None else self._head[1]
+        kinds = [value.decode("latin-1") for name, value in pairs if name.lower() == b"content-type"]
+        return kinds[0].partition(";")[0].strip() if kinds else TEXT
+
+    async def _run(self) -> None:
+        try:
+            with self._cancel:
+                await Metered(self._answer(), self._charge)
+        finally:
+            self._started.set()
+            self._written.close()
+            self._on_end()
+
+    async def _answer(self) -> None:
+        await self._application(self._scope(), self._receive, self._send)
+
+    def _scope(self) -> MutableMapping[str, Any]:
+        request = self._request
+        return {
+            "type": "http",
+            "asgi": {"version": "3.0", "spec_version": "2.3"},
+            "http_version": "1.1",
+            "method": request.method,
+            "scheme": request.headers.get("x-forwarded-proto", "http"),
+            "path": request.path,
+            "raw_path": request.path.encode("latin-1"),
+            "query_string": request.query.encode("latin-1"),
+            "root_path": request.prefix,
+            "headers": [
+                (name.encode("latin-1"), value.encode("latin-1")) for name, value in request.headers.items()
+            ],
+            "client": (request.address, 0),
+            "server": None,
+            **self._scope_extra,
+        }
+
+    async def _receive(self) -> Message:
+        if not self._is_received:
+            self._is_received = True
+            return {"type": "http.request", "body": self._request.body, "more_body": False}
+        await self._gone.wait()
+        return {"type": "http.disconnect"}
+
+    async def _send(self, message: Message) -> None:
+        if message["type"] == "http.response.start":
+            HTTPStatus(message["status"])  # Raises ValueError for what is no status, before it is sent.
+            self._head = (message["status"], tuple(message.get("headers", ())))
+            self._started.set()
+            return
+        body = message.get("body", b"")
+        if body:
+            try:
+                await self._written.send(bytes(body))
+            except (anyio.BrokenResourceError, anyio.ClosedResourceError):
+                return  # Nobody hears it; the task is cancelled.
+        if not message.get("more_body", False):
+            self._written.close()
+
+    def _leave(self) -> None:
+        self._gone.set()
+        self._on_gone()
+        self._chunks.close()
+        self._cancel.cancel()
+
+
+class _Body(AsyncIterator[bytes]):
+    """What an application writes. Closed before its end, or before its beginning, it ends the exchange."""
+
+    def __init__(self, chunks: MemoryObjectReceiveStream[bytes], leave: Callable[[], None]) -> None:
+        self._chunks = chunks
+        self._leave = leave
+        self._is_over = False
+
+    async def __anext__(self) -> bytes:
+        try:
+            return await self._chunks.receive()
+        except (anyio.EndOfStream, anyio.ClosedResourceError):
+            self._is_over = True  # What the application does after its answer, it may end.
+            self._chunks.close()
+            raise StopAsyncIteration from None
+
+    async def aclose(self) -> None:
+        """Hear no more of it."""
+        if not self._is_over:
+            self._is_over = True
+            self._leave()
+
+
+class _LateBody(AsyncIterator[bytes]):
+    """The events of an answer that was not there soon: those of the application, or its one answer as one.
+
+    Args:
+        body: what the application writes.
+        started: set when it is known what that is.
+        is_events: whether that is events.
+    """
+
+    def __init__(self, body: _Body, started: anyio.Event, is_events: Callable[[], bool]) -> None:
+        self._body = body
+        self._started = started
+        self._is_events = is_events
+        self._is_begun = False
+
+    async def __anext__(self) -> bytes:
+        if not self._is_begun:
+            self._is_begun = True
+            return b": it takes its time\r\n\r\n"  # A comment, so that the head goes out.
+        await self._started.wait()
+        if self._is_events():
+            return await anext(self._body)
+        answer = b"".join([chunk async for chunk in self._body])
+        if not answer:
+            raise StopAsyncIteration
+        lines = b"\r\ndata: ".join(answer.splitlines())
+        return b"event: message\r\ndata: " + lines + b"\r\n\r\n"
+
+    async def aclose(self) -> None:
+        """Hear no more of it."""
+        await self._body.aclose()

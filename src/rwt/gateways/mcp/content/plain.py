@@ -1,0 +1,131 @@
+"""Messages as plain values that a model can take in: long lists and octets give way to what they hold."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+import msgspec
+
+from rwt.gateways.mcp.errors import ToolError
+from rwt_participant.messages import Message
+from rwt_participant.spelling import did_you_mean
+
+#: Numbers of a list that are shown as they are; of a longer one the first few, with what can be said of all.
+_NUMBERS: Final = 24
+_FIRST_NUMBERS: Final = 8
+
+#: Items of other lists that are shown.
+_ITEMS: Final = 12
+
+#: Characters of a text that are shown.
+_CHARACTERS: Final = 4000
+
+
+def plain(value: object) -> object:
+    """A message, or what one of its fields holds, as dicts, lists, texts and numbers of a bounded size."""
+    if isinstance(value, msgspec.Struct):
+        names = type(value).__struct_encode_fields__
+        return {
+            name: plain(getattr(value, attribute))
+            for name, attribute in zip(names, value.__struct_fields__, strict=True)
+        }
+    if isinstance(value, str):
+        return value if len(value) <= _CHARACTERS else f"{value[:_CHARACTERS]}… ({len(value)} characters)"
+    if isinstance(value, float):
+        return value if math.isfinite(value) else str(value)
+    if value is None or isinstance(value, bool | int):
+        return value
+    if isinstance(value, bytes | bytearray | memoryview):
+        return _octets(bytes(value[:_NUMBERS]), len(value))
+    if isinstance(value, dict):
+        return {str(name): plain(each) for name, each in value.items()}
+    if isinstance(value, Iterable):
+        return _list(value if isinstance(value, Sequence) else list(value))
+    return str(value)
+
+
+def _octets(first: bytes, length: int) -> object:
+    return list(first) if length <= _NUMBERS else f"{length} bytes"
+
+
+def _list(items: Sequence[object]) -> object:
+    length = len(items)
+    if length > _NUMBERS and isinstance(items[0], int | float) and not isinstance(items[0], bool):
+        return _numbers(items)
+    shown = [plain(each) for each in items[: _NUMBERS if length <= _NUMBERS else _ITEMS]]
+    return shown if len(shown) == length else {"length": length, "first": shown}
+
+
+def _numbers(items: Sequence[object]) -> dict[str, object]:
+    import numpy as np  # Only long lists need it.
+
+    values = np.asarray(items, np.float64)
+    finite = values[np.isfinite(values)]
+    about: dict[str, object] = {"length": len(values)}
+    if len(finite) < len(values):
+        about["finite"] = len(finite)
+    if len(finite):
+        least, most = float(finite.min()), float(finite.max())
+        # Each as its part: a sum of the largest floats would overflow, and so may rounding.
+        with np.errstate(over="ignore"):
+            mean = float(np.clip((finite / len(finite)).sum(), least, most))
+        about |= {"min": least, "max": most, "mean": mean}
+    return {**about, "first": [plain(each) for each in items[:_FIRST_NUMBERS]]}
+
+
+def field(message: Message, path: str) -> object:
+    """What stands in one field of a message.
+
+    Args:
+        path: as `pose.position.x` or `ranges[0]`.
+
+    Raises:
+        ToolError: there is no such field; says which there are.
+    """
+    value: object = message
+    for step in path.split("."):
+        name, *indices = step.split("[")
+        value = _member(value, name, path)
+        for index in indices:
+            value = _item(value, index, path)
+    return value
+
+
+def _member(value: object, name: str, path: str) -> object:
+    if not isinstance(value, msgspec.Struct):
+        raise ToolError(f"`{path}`: there is nothing below {name!r}, which stands in no message")
+    names = type(value).__struct_encode_fields__
+    if name not in names:
+        raise ToolError(
+            f"`{path}`: there is no field {name!r}{did_you_mean(name, names)}; there are {', '.join(names)}"
+        )
+    return getattr(value, value.__struct_fields__[names.index(name)])
+
+
+def _item(value: object, index: str, path: str) -> object:
+    digits = index.removesuffix("]")
+    if not index.endswith("]") or not digits.isascii() or not digits.isdecimal() or len(digits) > 9:
+        raise ToolError(f"`{path}`: expected a number in brackets, as `ranges[0]`")
+    if isinstance(value, str) or not hasattr(value, "__getitem__") or not hasattr(value, "__len__"):
+        raise ToolError(f"`{path}`: [{digits}] is asked of what is no list")
+    length = len(value)
+    if int(digits) >= length:
+        raise ToolError(f"`{path}`: [{digits}] is beyond the end: the list has {length} items")
+    found: object = value[int(digits)]
+    return found
+
+
+def numeric_fields(message: Message, prefix: str = "") -> dict[str, float]:
+    """Every field of a message that holds one number, by its path; lists are left out."""
+    found: dict[str, float] = {}
+    for name, attribute in zip(
+        type(message).__struct_encode_fields__, message.__struct_fields__, strict=True
+    ):
+        value = getattr(message, attribute)
+        if isinstance(value, msgspec.Struct):
+            found |= numeric_fields(value, f"{prefix}{name}.")
+        elif isinstance(value, bool | int | float):
+            found[f"{prefix}{name}"] = float(value)
+    return found

@@ -1,0 +1,483 @@
+"""The gateway: agents at `/mcp`, on the port of all others, each under the role of its token."""
+
+from __future__ import annotations
+
+import html
+import json
+import logging
+import time
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from functools import partial
+from importlib.metadata import version
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Final
+
+import anyio
+import anyio.to_thread
+from mcp.server.auth.middleware.bearer_auth import AuthenticatedUser
+from mcp.server.auth.provider import AccessToken
+from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
+from mcp_types.version import HANDSHAKE_PROTOCOL_VERSIONS
+
+from rwt.access.audit import LineRate, one_line
+from rwt.access.gate.rules import pattern
+from rwt.delivery.http_traffic import Visitors
+from rwt.delivery.shared_graph import SharedGraph
+from rwt.gateways.mcp.agent import Agent
+from rwt.gateways.mcp.approvals import Questions
+from rwt.gateways.mcp.asgi import Exchange
+from rwt.gateways.mcp.errors import ToolError
+from rwt.gateways.mcp.goals import GoalTable
+from rwt.gateways.mcp.graph_robot import GraphRobot
+from rwt.gateways.mcp.server import make_server
+from rwt.gateways.mcp.tools import TOOLS
+from rwt_protocol.transport import PeerInfo
+from rwt_transports.errors import Refused
+from rwt_transports.http import (
+    Audience,
+    HttpExtension,
+    HttpRequest,
+    HttpResponse,
+    MetricFamily,
+    Route,
+    any_of,
+    is_local,
+)
+from rwt_transports.limits import network_of
+
+if TYPE_CHECKING:
+    from anyio.abc import TaskGroup
+    from mcp.server.context import ServerRequestContext
+
+    from rwt.access.access import Access
+    from rwt.access.client_graph import ClientGraph
+    from rwt.access.gate.approvals import Approval
+    from rwt.access.gate.gate import Gate
+    from rwt.access.gateway import AcceptPeer
+    from rwt.access.graph_view import GraphView
+    from rwt.access.roles import Role
+    from rwt.gateways.mcp.agent import Act
+    from rwt.gateways.mcp.content.answer import Answer
+    from rwt.gateways.mcp.recordings import Recordings
+    from rwt.gateways.mcp.server import Allow
+    from rwt.gateways.mcp.settings import McpSettings
+    from rwt_graph.api import Graph
+
+logger = logging.getLogger(__name__)
+
+PATH: Final = "/mcp"
+"""Where agents are served."""
+
+NODE: Final = "/mcp"
+"""The node as which all agents act."""
+
+#: Seconds that a publisher of an agent outlives it, as those of rosbridge's clients do.
+_LINGER_SECONDS: Final = 10.0
+
+#: Seconds by which a yes holds for longer than what it is for, so that the robot can be stopped at the end.
+_STOP_SECONDS: Final = 2.0
+
+#: Threads in which pictures and long texts are made at a time.
+_THREADS: Final = 4
+
+_HOW_TO_ACT: Final = "give it a role that may: `mcp.default_role`, or a token of `auth.tokens`"
+
+#: In the scope of each request: who has sent it.
+_CALLER: Final = "rwt.caller"
+
+
+@dataclass(eq=False, slots=True)
+class _Caller:
+    """Who has sent one request.
+
+    Attributes:
+        info: what is known of it.
+        role: by its token, or that of agents without one.
+        is_stream: whether it only listens.
+        at_end: called when nobody hears the answer any more.
+        clients: those that act for it now.
+    """
+
+    info: PeerInfo
+    role: Role
+    is_stream: bool = False
+    at_end: list[Callable[[], object]] = field(default_factory=list)
+    clients: set[ClientGraph] = field(default_factory=set)
+
+    @property
+    def owner(self) -> str:
+        """Agents of one role at one address are one."""
+        return f"{self.role.name}@{network_of(self.info.address)}"
+
+    def leave(self) -> None:
+        """End what is done for it."""
+        for end in self.at_end:
+            end()
+
+
+@dataclass(slots=True)
+class _Session:
+    """A session of the protocol's older versions.
+
+    Attributes:
+        network: of whoever opened it.
+        used_at: when a request of it was last under way.
+        under_way: how many are.
+    """
+
+    network: str
+    used_at: float
+    under_way: int = 0
+
+
+class McpGateway:
+    """Agents in front of a graph. One is made for a server; needs the extra `mcp`.
+
+    Attributes:
+        name: of the protocol.
+        shared: the part in the graph that all agents share, as the node `/mcp`.
+        clients: nobody has a connection of its own.
+
+    Args:
+        graph: the robot.
+        access: who may do what.
+        settings: see there.
+        recordings: what agents may look at.
+        several_processes: whether other processes serve the same port: then no session is kept, since the
+            next request may come to another one.
+    """
+
+    name: Final = "mcp"
+    clients: tuple[()] = ()
+    websockets: Mapping[str, AcceptPeer] = MappingProxyType({})
+
+    def __init__(
+        self,
+        graph: Graph,
+        access: Access,
+        settings: McpSettings,
+        recordings: Recordings | None = None,
+        *,
+        several_processes: bool = False,
+    ) -> None:
+        self._graph = graph
+        self._access = access
+        self._settings = settings
+        self._recordings = recordings
+        self.shared = SharedGraph(
+            graph, NODE, _LINGER_SECONDS, partial(access.audit.write, logging.INFO, "%s")
+        )
+        self._visitors = Visitors(self.shared.counters, graph.clock, _LINGER_SECONDS)
+        self._goals = GoalTable(settings.goals, several_processes=several_processes)
+        self._asks_about = any_of(settings.confirm)
+        self._callers: set[_Caller] = set()
+        self._sessions: dict[str, _Session] = {}
+        self._tool_calls: dict[tuple[str, str], int] = {}
+        self._refused = 0
+        self._log_rate = LineRate(per_second=10, burst=100)
+        self._threads: anyio.CapacityLimiter | None = None
+        self._tasks: TaskGroup | None = None
+        self._is_up = anyio.Event()
+        self.questions = Questions()
+        self._keeps_sessions = not several_processes
+        self._manager = StreamableHTTPSessionManager(
+            make_server(self, version("robot-web-tools")),
+            stateless=several_processes,
+            session_idle_timeout=settings.session_idle_seconds,
+            max_sessions=settings.sessions,
+        )
+        self.http: HttpExtension[GraphView] = HttpExtension(
+            tuple(Route(PATH, self._page, Audience.ADMITTED, method) for method in ("POST", "GET", "DELETE")),
+            self._section,
+            self._metrics,
+        )
+        graph.spawn(self._run, "mcp")
+
+    async def _run(self) -> None:
+        self._threads = anyio.CapacityLimiter(_THREADS)
+        async with self._manager.run(), anyio.create_task_group() as tasks:
+            self._tasks = tasks
+            self._is_up.set()
+            await anyio.sleep_forever()
+
+    def reload_roles(self) -> None:
+        """Give each agent that is being served the role that it has now, or end what is done for it."""
+        for caller in tuple(self._callers):
+            try:
+                caller.role = self._role(caller.info)
+            except Refused:
+                caller.leave()
+                continue
+            for client in caller.clients:
+                client.take_role(caller.role)
+                client.withdraw_refused()
+
+    def close(self) -> None:
+        """End all sessions and leave the graph."""
+        for caller in tuple(self._callers):
+            caller.leave()
+        if self._tasks is not None:
+            self._tasks.cancel_scope.cancel()
+        self._visitors.close()
+        self.shared.close()
+
+    # -- requests --------------------------------------------------------------------------------------------
+
+    async def _page(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
+        info = PeerInfo("http", request.address, 0, f"{request.path}?{request.query}", request.headers)
+        try:
+            role = self._role(info)
+            self._check_room(request)
+        except Refused as refused:
+            self._refused += 1
+            return _refusal(refused)
+        await self._is_up.wait()
+        if self._tasks is None:
+            return _refusal(Refused(503, "this server is closing"))
+        caller = _Caller(info, role, request.method == "GET")
+        self._callers.add(caller)
+        # Its role may be another one when it goes.
+        visitor = caller.owner
+        self._visitors.begin(visitor)
+        session = self._sessions.get(request.headers.get("mcp-session-id", ""))
+        if session is not None:
+            session.under_way += 1
+        # Bound to whoever opened it: a session's id alone is not enough to use it.
+        user = AuthenticatedUser(AccessToken(token="", client_id=caller.owner, scopes=[]))
+        exchange = Exchange(
+            self._manager.asgi_app,
+            request,
+            {_CALLER: caller, "user": user},
+            caller.leave,
+            partial(self._left, caller, visitor, session),
+            partial(reader.work.add, kind="pages"),
+            has_head=self._keeps_sessions and _opens_session(request),
+        )
+        answer = await exchange.respond(self._tasks)
+        self._note_session(request, answer, caller)
+        return answer
+
+    def _role(self, info: PeerInfo) -> Role:
+        """The role of an agent: of its token, or that of agents without one.
+
+        Raises:
+            Refused: its token is not known, or the settings name a role that is not there any more.
+        """
+        admission = self._access.admission
+        role = admission.role_of_token(info)
+        if role is None and admission.default_role is not None:
+            role = admission.roles.get(self._settings.default_role)
+        if role is None:
+            raise Refused(401, "agents need a bearer token here (auth.tokens)")
+        return role
+
+    def _check_room(self, request: HttpRequest) -> None:
+        """Refuse what would be too much at a time.
+
+        Raises:
+            Refused: it would.
+        """
+        settings, network = self._settings, network_of(request.address)
+        most = settings.request_bytes // 16 if _opens_session(request) else settings.request_bytes
+        if len(request.body) > most:
+            text = f"a request of {len(request.body)} bytes; the limit is {most} here (mcp.request_bytes)"
+            raise Refused(413, text)
+        if request.method == "GET":
+            return  # One for each session, and those are bounded.
+        posted = [each for each in self._callers if not each.is_stream]
+        if len(posted) >= settings.requests:
+            text = f"{len(posted)} requests of agents are under way (mcp.requests)"
+            raise Refused(503, text, {"Retry-After": "1"})
+        if is_local(request.address):
+            return
+        own = sum(network_of(each.info.address) == network for each in posted)
+        if own >= settings.requests_per_address:
+            text = f"{own} requests of this address are under way (mcp.requests_per_address)"
+            raise Refused(429, text, {"Retry-After": "1"})
+        if _opens_session(request):
+            self._forget_ended_sessions()
+            open_now = sum(each.network == network for each in self._sessions.values())
+            if open_now >= settings.requests_per_address:
+                text = f"{open_now} sessions of this address are open (mcp.requests_per_address)"
+                raise Refused(429, text, {"Retry-After": "10"})
+
+    def _forget_ended_sessions(self) -> None:
+        """Forget those that the SDK has ended for their silence."""
+        over = time.monotonic() - self._settings.session_idle_seconds
+        self._sessions = {
+            id: each for id, each in self._sessions.items() if each.under_way or each.used_at > over
+        }
+
+    def _note_session(self, request: HttpRequest, answer: HttpResponse, caller: _Caller) -> None:
+        """Note that a session has begun or ended."""
+        known = request.headers.get("mcp-session-id", "")
+        if request.method == "DELETE" and answer.status < 400:
+            self._sessions.pop(known, None)
+        opened = answer.headers.get("mcp-session-id", "")
+        if opened and not known and answer.status < 400:
+            self._forget_ended_sessions()
+            self._sessions[opened] = _Session(network_of(caller.info.address), time.monotonic())
+
+    def _left(self, caller: _Caller, visitor: str, session: _Session | None) -> None:
+        self._callers.discard(caller)
+        self._visitors.end(visitor)
+        if session is not None:
+            session.under_way -= 1
+            session.used_at = time.monotonic()
+
+    # -- what the server of the SDK asks ---------------------------------------------------------------------
+
+    @asynccontextmanager
+    async def agent(
+        self, context: ServerRequestContext[Any, Any], allow: Allow | None = None
+    ) -> AsyncIterator[Agent]:
+        """Whoever sent a request, until its answer is there or nobody hears it any more."""
+        caller = _caller_of(context)
+        running = sum(len(each.clients) for each in self._callers)
+        if running >= self._settings.requests:
+            raise ToolError(f"{running} agents are being served now (mcp.requests): try again in a moment")
+        name = f"mcp:{_name_of(context)}"
+        client = self._access.client(self.shared, caller.role, caller.info.address, name)
+        gate, leave = self._access.gate, None
+        if gate is not None and allow is not None:
+            leave = partial(self._ask_for_leave, gate, client, caller, allow)
+        robot = GraphRobot(client, leave)
+        caller.clients.add(client)
+        with anyio.CancelScope() as scope:
+            caller.at_end.append(scope.cancel)
+            try:
+                yield Agent(
+                    owner=caller.owner,
+                    robot=robot,
+                    settings=self._settings,
+                    acts=_acts(caller.role),
+                    goals=self._goals,
+                    in_thread=partial(self._in_thread, client),
+                    charge=partial(client.work.add, kind="pages"),
+                    sees=client.may_subscribe,
+                    how_to_act=_HOW_TO_ACT,
+                    recordings=self._recordings,
+                )
+            finally:
+                caller.at_end.remove(scope.cancel)
+                caller.clients.discard(client)
+                robot.close()
+        if scope.cancelled_caught:
+            raise ToolError("the request was given up: nobody heard its answer any more")
+
+    async def _ask_for_leave(
+        self, gate: Gate, client: ClientGraph, caller: _Caller, allow: Allow, seconds: float
+    ) -> bool:
+        """Ask the person at an agent's program for what waits for a yes at the gate, where the role may
+        answer such requests; where it may not, others have to."""
+        given = False
+        while (asked := _asked_by(gate, client)) is not None:
+            settings = asked.rule.settings.approval
+            if settings is None or pattern(settings.roles).fullmatch(caller.role.name) is None:
+                return given
+            try:
+                await allow(caller.owner, f"{asked.act} {asked.name}: {asked.content} ({asked.rule.key})")
+            except ToolError:
+                if _asked_by(gate, client) is asked:
+                    gate.approvals.answer(asked.id, approve=False, by=None)
+                raise
+            if _asked_by(gate, client) is asked:
+                lasting = min(seconds + _STOP_SECONDS, settings.remember_seconds) if seconds else 0.0
+                gate.approvals.answer(asked.id, approve=True, by=None, seconds=lasting)
+                given = True
+        return given
+
+    async def _in_thread(self, client: ClientGraph, work: Callable[[], Answer]) -> Answer:
+        def timed() -> tuple[Answer, float]:
+            began = time.thread_time()
+            return work(), time.thread_time() - began
+
+        answer, seconds = await anyio.to_thread.run_sync(timed, limiter=self._threads)
+        client.work.add(seconds, "pictures")
+        return answer
+
+    def asks_about(self, name: str) -> bool:
+        """Whether a person is asked before something is done to what has that name (mcp.confirm)."""
+        return self._asks_about.fullmatch(name.lower()) is not None
+
+    def note(self, context: ServerRequestContext[Any, Any], text: str, *, acts: bool) -> None:
+        """Write into the audit what an agent does."""
+        caller = _caller_of(context)
+        said = f"the agent {_name_of(context)} ({caller.role.name}, {caller.info.address}): {text}"
+        line = self._log_rate.admit(one_line(said), time.monotonic())
+        if line is not None:
+            self._access.audit.write(logging.INFO if acts else logging.DEBUG, "%s", line)
+
+    def count(self, tool: str, outcome: str) -> None:
+        """Count a call of a tool."""
+        key = (tool, outcome)
+        self._tool_calls[key] = self._tool_calls.get(key, 0) + 1
+
+    def monotonic(self) -> float:
+        """Seconds on a clock that never goes back."""
+        return time.monotonic()
+
+    # -- pages of others -------------------------------------------------------------------------------------
+
+    def _section(self, request: HttpRequest, reader: GraphView) -> str:
+        scheme = "https" if request.headers.get("x-forwarded-proto") in ("https", "wss") else "http"
+        url = f"{scheme}://{request.headers.get('host', 'localhost:9090')}{request.prefix}{PATH}"
+        return (
+            f"<h2>Agents</h2><p>Model Context Protocol, streamable HTTP: <code>{html.escape(url)}</code>,"
+            f" {len(TOOLS)} tools, as role <code>{html.escape(self._settings.default_role)}</code> without a"
+            " token."
+        )
+
+    def _metrics(self) -> Iterator[MetricFamily]:
+        yield MetricFamily(
+            "rwt_mcp_tool_calls_total",
+            "counter",
+            "Calls of tools by agents.",
+            [({"tool": tool, "outcome": how}, count) for (tool, how), count in self._tool_calls.items()],
+        )
+        yield MetricFamily(
+            "rwt_mcp_requests", "gauge", "Requests of agents under way.", [({}, len(self._callers))]
+        )
+        self._forget_ended_sessions()
+        yield MetricFamily("rwt_mcp_sessions", "gauge", "Open sessions.", [({}, len(self._sessions))])
+        yield MetricFamily(
+            "rwt_mcp_refused_total", "counter", "Requests that were refused.", [({}, self._refused)]
+        )
+
+
+def _caller_of(context: ServerRequestContext[Any, Any]) -> _Caller:
+    assert context.request is not None  # Everything here comes by HTTP.
+    caller: _Caller = context.request.scope[_CALLER]
+    return caller
+
+
+def _name_of(context: ServerRequestContext[Any, Any]) -> str:
+    """What an agent's program calls itself, cut; it may be anything."""
+    params = context.session.client_params
+    return "unnamed" if params is None else one_line(params.client_info.name[:60]) or "unnamed"
+
+
+def _asked_by(gate: Gate, client: ClientGraph) -> Approval | None:
+    """The oldest of what waits for a yes to a client."""
+    return next((each for each in gate.approvals.pending if each.client.name == client.gate_name), None)
+
+
+def _acts(role: Role) -> frozenset[Act]:
+    """What tools a role can make any use of; the services of rosapi, open to all, are behind others."""
+    acts: tuple[Act, ...] = ("publish", "call", "goals", "set_param")
+    return frozenset(act for act in acts if any(not glob.startswith("/rosapi/") for glob in role.globs[act]))
+
+
+def _opens_session(request: HttpRequest) -> bool:
+    """Whether a request would begin a session of the protocol's older versions."""
+    spoken = request.headers.get("mcp-protocol-version")
+    older = spoken is None or spoken in HANDSHAKE_PROTOCOL_VERSIONS
+    return request.method == "POST" and older and "mcp-session-id" not in request.headers
+
+
+def _refusal(refused: Refused) -> HttpResponse:
+    """A refusal as the protocol has it: a JSON-RPC error without an id."""
+    body = {"jsonrpc": "2.0", "id": None, "error": {"code": -32600, "message": refused.reason}}
+    return HttpResponse(json.dumps(body).encode(), refused.status, "application/json", refused.headers)

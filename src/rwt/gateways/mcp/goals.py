@@ -1,0 +1,105 @@
+"""Goals that agents have sent: remembered until their results are asked for, by whoever sent them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from rwt.gateways.mcp.errors import ToolError
+
+if TYPE_CHECKING:
+    from rwt_participant.goals import Goal
+    from rwt_participant.messages import Message
+
+
+@dataclass(slots=True)
+class SentGoal:
+    """One goal.
+
+    Attributes:
+        owner: who sent it.
+        goal: None while it is being sent.
+        result_type: of the action's result.
+        feedback_type: of the action's feedback.
+        feedback: the last that came.
+        reports: how much feedback has come.
+    """
+
+    owner: str
+    result_type: str
+    feedback_type: str
+    goal: Goal | None = None
+    feedback: Message | None = None
+    reports: int = 0
+
+    def take_feedback(self, message: Message) -> None:
+        """Keep the last."""
+        self.feedback = message
+        self.reports += 1
+
+
+_OF_ANOTHER: Final = (
+    "; this process of the server knows those alone that were sent through it, and there are several"
+    " (workers): ask again, which may reach the other one"
+)
+
+
+class GoalTable:
+    """The goals of all agents of one gateway.
+
+    Args:
+        most: how many are remembered; one owner has a quarter of them at most.
+        several_processes: whether an agent's next request may come to another process.
+    """
+
+    def __init__(self, most: int, *, several_processes: bool = False) -> None:
+        self._most = most
+        self._several_processes = several_processes
+        self._goals: dict[str, SentGoal] = {}
+
+    def __len__(self) -> int:
+        return len(self._goals)
+
+    def of(self, owner: str) -> dict[str, SentGoal]:
+        """The goals of one owner, by id, oldest first."""
+        return {id: sent for id, sent in self._goals.items() if sent.owner == owner}
+
+    def check_room(self, owner: str) -> None:
+        """Make room for one more goal of `owner`, by forgetting the oldest that has ended.
+
+        Raises:
+            ToolError: there is none: as many run as may.
+        """
+        mine = self.of(owner)
+        if len(mine) < max(1, self._most // 4) and len(self._goals) < self._most:
+            return
+        pool = mine if len(mine) >= max(1, self._most // 4) else self._goals
+        for id, sent in pool.items():
+            if sent.goal is not None and sent.goal.done:
+                del self._goals[id]
+                return
+        raise ToolError(
+            f"{len(pool)} goals are under way, which is as many as may be (mcp.goals):"
+            " wait for one with `check_goal`, or end one with `cancel_goal`"
+        )
+
+    def add(self, id: str, sent: SentGoal) -> None:
+        """Remember a goal."""
+        self._goals[id] = sent
+
+    def find(self, owner: str, id: str) -> SentGoal:
+        """The goal of that id.
+
+        Raises:
+            ToolError: `owner` has sent none of that id, or its result was asked for already.
+        """
+        sent = self._goals.get(id)
+        if sent is None or sent.owner != owner:
+            known = ", ".join(self.of(owner)) or "none"
+            hint = _OF_ANOTHER if self._several_processes else ""
+            raise ToolError(f"you have no goal {id[:64]!r}; yours are: {known}{hint}")
+        return sent
+
+    def forget(self, id: str) -> None:
+        """Forget a goal whose result was told."""
+        self._goals.pop(id, None)

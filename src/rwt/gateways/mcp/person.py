@@ -1,0 +1,118 @@
+"""The person at an agent's program, during one call of a tool."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import mcp_types as types
+from mcp_types.version import MODERN_PROTOCOL_VERSIONS
+
+from rwt.gateways.mcp.approvals import Question
+from rwt.gateways.mcp.errors import AnswerNeeded, ToolError
+
+if TYPE_CHECKING:
+    from mcp.server.context import ServerRequestContext
+
+    from rwt.gateways.mcp.approvals import Questions
+
+#: Under this key a question is asked and its answer comes.
+KEY: Final = "leave"
+
+_FORM: Final[types.ElicitRequestedSchema] = {
+    "type": "object",
+    "properties": {
+        "allow": {"type": "boolean", "title": "Allow this", "description": "whether the robot may do it now"}
+    },
+    "required": ["allow"],
+}
+
+_NO: Final = "the person did not allow it: ask what they want instead, and do not try again"
+_CANNOT: Final = (
+    "a person has to allow this, and this program cannot ask one: it has to support elicitation with forms."
+    " Tell the person; there is no other way."
+)
+
+
+class Person:
+    """Asked for leave; the model sees nothing of it.
+
+    By the specification of 2026-07-28 a question is the answer to the call, which then is sent again with
+    what the person said. Older versions ask while the call is under way.
+
+    Args:
+        context: of the call.
+        params: the call.
+        questions: those that wait for their answers.
+        now: seconds on a clock that never goes back.
+    """
+
+    def __init__(
+        self,
+        context: ServerRequestContext[Any, Any],
+        params: types.CallToolRequestParams,
+        questions: Questions,
+        now: float,
+    ) -> None:
+        self._context = context
+        self._params = params
+        self._questions = questions
+        self._now = now
+        self._arguments = params.arguments or {}
+        self._allowed: frozenset[str] | None = None
+
+    async def allow(self, owner: str, what: str) -> None:
+        """Ask whether the agent may do something, unless that was asked and allowed already.
+
+        Args:
+            owner: who wants to act.
+            what: what for.
+
+        Raises:
+            ToolError: the person says no, or cannot be asked.
+            AnswerNeeded: the answer comes with another request.
+        """
+        if not self._can_ask():
+            raise ToolError(_CANNOT)
+        text = f"May the agent {what[:2000]}?"
+        if self._context.protocol_version in MODERN_PROTOCOL_VERSIONS:
+            self._require_answer(owner, text)
+        else:
+            _require_yes(await self._context.session.elicit_form(text, _FORM, self._context.request_id))
+
+    def _can_ask(self) -> bool:
+        capabilities = self._context.session.client_capabilities
+        asks = None if capabilities is None else capabilities.elicitation
+        return asks is not None and (asks.form is not None or asks.url is None)
+
+    def _require_answer(self, owner: str, text: str) -> None:
+        if self._allowed is None:
+            self._allowed = self._read_answer(owner)
+        if text not in self._allowed:
+            question = Question(text, self._allowed)
+            word = self._questions.ask(question, owner, self._params.name, self._arguments, self._now)
+            raise AnswerNeeded(text, word)
+
+    def _read_answer(self, owner: str) -> frozenset[str]:
+        """What the person has allowed, by what came with the call."""
+        word = self._params.request_state
+        answer = (self._params.input_responses or {}).get(KEY)
+        if word is None or not isinstance(answer, types.ElicitResult):
+            return frozenset()
+        asked = self._questions.answered(word, owner, self._params.name, self._arguments, self._now)
+        if asked is None:
+            return frozenset()
+        _require_yes(answer)
+        return asked.allowed | {asked.text}
+
+
+def _require_yes(answer: types.ElicitResult) -> None:
+    if answer.action != "accept" or (answer.content or {}).get("allow") is not True:
+        raise ToolError(_NO)
+
+
+def asked(needed: AnswerNeeded) -> types.InputRequiredResult:
+    """The question as the answer to a call."""
+    form = types.ElicitRequestFormParams(message=needed.question, requested_schema=_FORM)
+    return types.InputRequiredResult(
+        input_requests={KEY: types.ElicitRequest(params=form)}, request_state=needed.key
+    )

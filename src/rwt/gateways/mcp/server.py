@@ -1,0 +1,254 @@
+"""The tools, resources and prompts as a server of the official SDK."""
+
+from __future__ import annotations
+
+import base64
+import logging
+from collections.abc import Awaitable, Callable
+from contextlib import AbstractAsyncContextManager
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, Protocol
+
+import mcp_types as types
+from mcp.server.lowlevel import Server
+from mcp.shared.exceptions import MCPError
+
+from rwt.access.errors import AccessError
+from rwt.gateways.mcp.content.answer import Part, Picture, as_text
+from rwt.gateways.mcp.errors import AnswerNeeded, ToolError
+from rwt.gateways.mcp.guides import INSTRUCTIONS, PROMPTS, RESOURCES, read_resource
+from rwt.gateways.mcp.metered import Metered
+from rwt.gateways.mcp.person import Person, asked
+from rwt.gateways.mcp.tools import TOOLS
+from rwt_participant.errors import RobotError
+
+if TYPE_CHECKING:
+    from mcp.server.context import ServerRequestContext
+
+    from rwt.gateways.mcp.agent import Act, Agent
+    from rwt.gateways.mcp.approvals import Questions
+    from rwt.gateways.mcp.tools.tool import Tool
+
+    Context = ServerRequestContext[Any, Any]
+
+logger = logging.getLogger(__name__)
+
+Allow = Callable[[str, str], Awaitable[None]]
+"""Asks a person whether the agent of some owner may do something; raises where the answer is no."""
+
+
+class Host(Protocol):
+    """What the server is in: who an agent is, and which acts a person is asked about."""
+
+    questions: Questions
+
+    def agent(self, context: Context, allow: Allow | None = None) -> AbstractAsyncContextManager[Agent]:
+        """Whoever sent a request, for as long as it is worked on; `allow` asks the person at its program.
+        Raises :exc:`ToolError` to refuse it."""
+
+    def asks_about(self, name: str) -> bool:
+        """Whether a person is asked before something is done to what has that name."""
+
+    def note(self, context: Context, text: str, *, acts: bool) -> None:
+        """Write into the audit what an agent does."""
+
+    def monotonic(self) -> float:
+        """Seconds on a clock that never goes back."""
+
+    def count(self, tool: str, outcome: str) -> None:
+        """Count a call of a tool: `done`, `asked`, `refused` or `failed`."""
+
+
+def make_server(host: Host, version: str) -> Server[Any]:
+    """The server of one gateway, or of one program at the other end of standard input and output."""
+    handlers = _Handlers(host)
+    return Server(
+        "robot-web-tools",
+        version=version,
+        title="Robot",
+        instructions=INSTRUCTIONS,
+        get_tool_input_schema=lambda name: TOOLS[name].schema if name in TOOLS else None,
+        on_list_tools=handlers.list_tools,
+        on_call_tool=handlers.call_tool,
+        on_list_resources=handlers.list_resources,
+        on_list_resource_templates=handlers.list_templates,
+        on_read_resource=handlers.read_resource,
+        on_list_prompts=handlers.list_prompts,
+        on_get_prompt=handlers.get_prompt,
+    )
+
+
+class _Handlers:
+    """What answers each request of the protocol."""
+
+    def __init__(self, host: Host) -> None:
+        self._host = host
+
+    async def list_tools(
+        self, context: Context, params: types.PaginatedRequestParams | None
+    ) -> types.ListToolsResult:
+        """Those that the agent can make use of."""
+        async with self._agent(context) as agent:
+            offered = [_described(tool) for tool in TOOLS.values() if tool.is_offered_to(agent)]
+        return types.ListToolsResult(tools=offered)
+
+    async def call_tool(
+        self, context: Context, params: types.CallToolRequestParams
+    ) -> types.CallToolResult | types.InputRequiredResult:
+        """Run a tool; what goes wrong is its result, so that the model reads it."""
+        tool, given = TOOLS.get(params.name), params.arguments or {}
+        if tool is None:
+            raise MCPError(types.INVALID_PARAMS, f"there is no tool {params.name[:100]!r}: see tools/list")
+        said = f"{tool.name} {as_text(given)}"
+        self._host.note(context, said, acts=tool.act is not None)
+        person = Person(context, params, self._host.questions, self._host.monotonic())
+        try:
+            async with self._host.agent(context, person.allow) as agent:
+                if not tool.is_offered_to(agent):
+                    raise ToolError(_not_offered(tool, agent))
+                heard = replace(
+                    agent,
+                    confirm=partial(self._confirm, context, person, agent.owner),
+                    report_progress=context.session.report_progress,
+                )
+                answer = await Metered(tool(heard, given), agent.charge)
+        except AnswerNeeded as needed:
+            self._host.count(tool.name, "asked")
+            return asked(needed)
+        except (ToolError, RobotError, AccessError) as error:
+            self._host.count(tool.name, "refused")
+            self._host.note(context, f"{tool.name}: refused: {error}", acts=tool.act is not None)
+            return types.CallToolResult(content=[types.TextContent(text=str(error))], is_error=True)
+        except Exception:
+            self._host.count(tool.name, "failed")
+            logger.exception("the tool %s failed", tool.name)
+            return types.CallToolResult(content=[types.TextContent(text="internal error")], is_error=True)
+        self._host.count(tool.name, "done")
+        return types.CallToolResult(content=[_content(part) for part in answer])
+
+    async def _confirm(
+        self, context: Context, person: Person, owner: str, act: Act, name: str, what: str
+    ) -> None:
+        """Ask the person at the agent's program, where the settings want that."""
+        if self._host.asks_about(name):
+            await person.allow(owner, what)
+            self._host.note(context, f"{act} {name}: the person allowed it", acts=True)
+
+    async def list_resources(
+        self, context: Context, params: types.PaginatedRequestParams | None
+    ) -> types.ListResourcesResult:
+        """Those with a URI of their own."""
+        return types.ListResourcesResult(
+            resources=[
+                types.Resource(uri=each.uri, name=each.uri, title=each.title, description=each.description)
+                for each in RESOURCES
+                if not each.is_template
+            ]
+        )
+
+    async def list_templates(
+        self, context: Context, params: types.PaginatedRequestParams | None
+    ) -> types.ListResourceTemplatesResult:
+        """Those with a name in their URI."""
+        return types.ListResourceTemplatesResult(
+            resource_templates=[
+                types.ResourceTemplate(
+                    uri_template=each.uri, name=each.uri, title=each.title, description=each.description
+                )
+                for each in RESOURCES
+                if each.is_template
+            ]
+        )
+
+    async def read_resource(
+        self, context: Context, params: types.ReadResourceRequestParams
+    ) -> types.ReadResourceResult:
+        """Read one, as a tool would show it."""
+        uri = str(params.uri)
+        self._host.note(context, f"read {uri}", acts=False)
+        try:
+            async with self._host.agent(context) as agent:
+                answer = await Metered(read_resource(agent, uri), agent.charge)
+        except (ToolError, RobotError, AccessError) as error:
+            raise MCPError(types.INVALID_PARAMS, str(error)) from None
+        return types.ReadResourceResult(contents=[_resource_content(uri, part) for part in answer])
+
+    async def list_prompts(
+        self, context: Context, params: types.PaginatedRequestParams | None
+    ) -> types.ListPromptsResult:
+        """All of them."""
+        return types.ListPromptsResult(
+            prompts=[
+                types.Prompt(
+                    name=each.name,
+                    title=each.title,
+                    description=each.description,
+                    arguments=[
+                        types.PromptArgument(name=name, description=about, required=True)
+                        for name, about in each.arguments.items()
+                    ],
+                )
+                for each in PROMPTS.values()
+            ]
+        )
+
+    async def get_prompt(
+        self, context: Context, params: types.GetPromptRequestParams
+    ) -> types.GetPromptResult:
+        """One, with its arguments filled in."""
+        prompt = PROMPTS.get(params.name)
+        if prompt is None:
+            known = ", ".join(PROMPTS)
+            raise MCPError(
+                types.INVALID_PARAMS, f"there is no prompt {params.name[:100]!r}; there are {known}"
+            )
+        try:
+            text = prompt.fill_in(params.arguments or {})
+        except ToolError as error:
+            raise MCPError(types.INVALID_PARAMS, str(error)) from None
+        return types.GetPromptResult(
+            description=prompt.description,
+            messages=[types.PromptMessage(role="user", content=types.TextContent(text=text))],
+        )
+
+    def _agent(self, context: Context) -> AbstractAsyncContextManager[Agent]:
+        return self._host.agent(context)
+
+
+def _not_offered(tool: Tool[Any], agent: Agent) -> str:
+    if tool.act is None:
+        return "there are no recordings to look at here (mcp.recordings)"
+    return (
+        f"this agent may only look: {tool.name} needs a role with `{tool.act}`. A person can change that:"
+        f" {agent.how_to_act}. Tell them; there is no other way."
+    )
+
+
+def _described(tool: Tool[Any]) -> types.Tool:
+    looks = tool.act is None
+    return types.Tool(
+        name=tool.name,
+        title=tool.title,
+        description=tool.description,
+        input_schema=dict(tool.schema),
+        annotations=types.ToolAnnotations(
+            read_only_hint=looks,
+            destructive_hint=None if looks else True,
+            idempotent_hint=None if looks else tool.act == "set_param",
+            open_world_hint=not looks,
+        ),
+    )
+
+
+def _content(part: Part) -> types.TextContent | types.ImageContent:
+    if isinstance(part, Picture):
+        return types.ImageContent(data=base64.b64encode(part.data).decode(), mime_type=part.mime_type)
+    return types.TextContent(text=part)
+
+
+def _resource_content(uri: str, part: Part) -> types.TextResourceContents | types.BlobResourceContents:
+    if isinstance(part, Picture):
+        data = base64.b64encode(part.data).decode()
+        return types.BlobResourceContents(uri=uri, blob=data, mime_type=part.mime_type)
+    return types.TextResourceContents(uri=uri, text=part, mime_type="text/plain")

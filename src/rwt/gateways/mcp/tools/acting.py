@@ -1,0 +1,172 @@
+"""Tools that change something at once: publishing, calling, setting a parameter."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+from pydantic import Field
+
+from rwt.access.errors import AccessError
+from rwt.gateways.mcp.content.answer import Answer, as_text
+from rwt.gateways.mcp.errors import ToolError
+from rwt.gateways.mcp.tools.tool import Arguments, Name, Seconds, Tool
+from rwt_participant.errors import NotFound, UnknownType
+
+if TYPE_CHECKING:
+    from rwt.gateways.mcp.agent import Agent
+    from rwt_participant.handles import Publisher
+
+Fields = Annotated[dict[str, Any], Field(description="its fields; those left out have their defaults")]
+
+#: What makes a robot stand still when nothing else is said: a velocity of zeros.
+_STOPPED_BY_ZEROS: Final = frozenset({"geometry_msgs/Twist", "geometry_msgs/TwistStamped"})
+
+
+class PublishArguments(Arguments):
+    """See the tool."""
+
+    topic: Annotated[Name, Field(description="absolute name, as /cmd_vel")]
+    message: Fields
+    type: Annotated[
+        str, Field(max_length=256, description="of a topic that is new; else the topic's own is taken")
+    ] = ""
+    seconds: Annotated[Seconds, Field(description="how long to publish it again and again; 0: once")] = 0.0
+    rate: Annotated[
+        float, Field(gt=0, le=50, allow_inf_nan=False, description="messages a second meanwhile")
+    ] = 10.0
+    stop: Annotated[
+        dict[str, Any] | None,
+        Field(
+            description="the message published at the end, also when the call is cancelled; by default zeros"
+            " for velocities (geometry_msgs/Twist), for other types none"
+        ),
+    ] = None
+
+
+async def _publish(agent: Agent, asked: PublishArguments) -> Answer:
+    seconds = agent.bounded_seconds(asked.seconds, "seconds")
+    type = await _message_type(agent, asked)
+    stop = asked.stop
+    if stop is None and seconds and type in _STOPPED_BY_ZEROS:
+        stop = {}
+    for_long = f" for {seconds:g} s" if seconds else ""
+    await agent.confirm(
+        "publish", asked.topic, f"publish {as_text(asked.message)} on {asked.topic}{for_long}"
+    )
+    async with agent.robot.advertise(asked.topic, type) as publisher:
+        lease = await agent.robot.take_lease(asked.topic)
+        if lease is not None and seconds > lease:
+            # It is this side that would publish, and cannot tell an agent that has died from one that waits.
+            raise ToolError(
+                f"`seconds` is {seconds:g}, and on {asked.topic} nobody may go on for longer than {lease:g} s"
+                " without a word (the lease of the robot's gate): publish for that long, and again to go on"
+            )
+        await _publish_first(agent, publisher, asked)
+        if not seconds:
+            return (f"published one message on {publisher.name}",)
+        count = await _publish_for(agent, publisher, asked, seconds, stop)
+    ending = "" if stop is None else f", and at the end {as_text(stop) if stop else 'zeros'}"
+    return (f"published {count} messages on {publisher.name} in {seconds:g} s{ending}",)
+
+
+async def _message_type(agent: Agent, asked: PublishArguments) -> str:
+    """The two-part name of the type that was given, or that the topic has."""
+    try:
+        if not asked.type:
+            return (await agent.robot.type_of(asked.topic)).name
+        return (await agent.robot.interface(asked.type)).name
+    except UnknownType:
+        raise
+    except NotFound as error:
+        raise ToolError(f"{error}; for a topic of your own give its `type`") from None
+
+
+async def _publish_first(agent: Agent, publisher: Publisher, asked: PublishArguments) -> None:
+    """Publish one message, once more where the gate wants a person's yes, and it was given."""
+    try:
+        publisher.publish(asked.message)
+    except AccessError:
+        if not await agent.robot.pass_gate(asked.seconds):
+            raise
+        publisher.publish(asked.message)
+
+
+async def _publish_for(
+    agent: Agent, publisher: Publisher, asked: PublishArguments, seconds: float, stop: dict[str, Any] | None
+) -> int:
+    """Publish again and again, after the first time; whatever ends it, the stop message is the last."""
+    robot = agent.robot
+    began, count, told = robot.monotonic(), 1, 0
+    try:
+        await robot.sleep(min(1 / asked.rate, seconds))
+        while (gone := robot.monotonic() - began) < seconds:
+            publisher.publish(asked.message)
+            count += 1
+            if int(gone) > told:
+                told = int(gone)
+                await agent.report_progress(gone, seconds, f"published {count} messages on {publisher.name}")
+            await robot.sleep(min(1 / asked.rate, max(0.0, seconds - gone)))
+    finally:
+        if stop is not None:
+            publisher.publish(stop)
+    return count
+
+
+PUBLISH: Final = Tool(
+    "publish",
+    "Publish a message",
+    "Publishes a message on a topic, once, or again and again for some seconds. To drive a robot publish a"
+    " velocity with `seconds`: at the end the robot is stopped, whatever happens meanwhile.",
+    PublishArguments,
+    _publish,
+    act="publish",
+)
+
+
+class CallServiceArguments(Arguments):
+    """See the tool."""
+
+    service: Annotated[Name, Field(description="absolute name")]
+    request: Fields = Field(default_factory=dict)
+    timeout: Annotated[Seconds, Field(gt=0, description="seconds to wait for the answer")] = 10.0
+
+
+async def _call_service(agent: Agent, asked: CallServiceArguments) -> Answer:
+    timeout = agent.bounded_seconds(asked.timeout, "timeout")
+    await agent.confirm("call", asked.service, f"call {asked.service} with {as_text(asked.request)}")
+    response = await agent.robot.call(asked.service, asked.request, timeout)
+    return await agent.show(response, "")
+
+
+CALL_SERVICE: Final = Tool(
+    "call_service",
+    "Call a service",
+    "Calls a service and waits for its response. `list_robot` tells its type, and `describe_type` the fields"
+    " of the request.",
+    CallServiceArguments,
+    _call_service,
+    act="call",
+)
+
+
+class SetParameterArguments(Arguments):
+    """See the tool."""
+
+    name: Annotated[Name, Field(description="`/node:parameter` on ROS 2, `/parameter` on ROS 1")]
+    value: Annotated[Any, Field(description="true, false, a number, a text, or a list of one of these")]
+
+
+async def _set_parameter(agent: Agent, asked: SetParameterArguments) -> Answer:
+    await agent.confirm("set_param", asked.name, f"set the parameter {asked.name} to {as_text(asked.value)}")
+    await agent.robot.params.set(asked.name, asked.value)
+    return (f"{asked.name} is now {as_text(asked.value)[:1000]}",)
+
+
+SET_PARAMETER: Final = Tool(
+    "set_parameter",
+    "Set a parameter",
+    "Sets a parameter of a node, which may refuse the value.",
+    SetParameterArguments,
+    _set_parameter,
+    act="set_param",
+)

@@ -1,0 +1,180 @@
+"""Tools for actions: sending a goal, following it, cancelling it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Final
+
+import anyio
+from pydantic import Field
+
+from rwt.gateways.mcp.content.answer import Answer, as_text, bounded
+from rwt.gateways.mcp.content.plain import plain
+from rwt.gateways.mcp.errors import ToolError
+from rwt.gateways.mcp.goals import SentGoal
+from rwt.gateways.mcp.tools.acting import Fields
+from rwt.gateways.mcp.tools.tool import Arguments, Name, Seconds, Tool
+from rwt_interfaces.structs import ActionType
+from rwt_participant.errors import CallTimeout, NotFound
+from rwt_participant.spelling import did_you_mean
+
+if TYPE_CHECKING:
+    from rwt.gateways.mcp.agent import Agent
+    from rwt_participant.goals import Goal
+    from rwt_participant.messages import Message
+
+#: Seconds between two reports of progress.
+_REPORT_EVERY: Final = 0.5
+
+#: Seconds for which the end of a goal is waited for that was asked to end.
+_CANCEL_SECONDS: Final = 5.0
+
+
+class SendGoalArguments(Arguments):
+    """See the tool."""
+
+    action: Annotated[Name, Field(description="absolute name, as /navigate_to_pose")]
+    goal: Fields = Field(default_factory=dict)
+    timeout: Annotated[
+        Seconds, Field(description="seconds to wait for the end; after them the goal goes on")
+    ] = 30.0
+
+
+async def _send_goal(agent: Agent, asked: SendGoalArguments) -> Answer:
+    patience = agent.bounded_seconds(asked.timeout, "timeout")
+    type = await _type_of(agent, asked.action)
+    await agent.confirm("goals", asked.action, f"send the goal {as_text(asked.goal)} to {asked.action}")
+    agent.goals.check_room(agent.owner)
+    sent = SentGoal(agent.owner, type.result.name, type.feedback.name)
+    goal = await agent.robot.send_goal(asked.action, asked.goal, sent.take_feedback)
+    sent.goal = goal
+    agent.goals.add(goal.id, sent)
+    return await _follow(agent, sent, goal, patience, cancel=True)
+
+
+async def _type_of(agent: Agent, action: str) -> ActionType:
+    rows = await agent.robot.actions()
+    name = action if action.startswith("/") else f"/{action}"
+    row = next((each for each in rows if each.name == name), None)
+    if row is None:
+        meant = did_you_mean(name, (each.name for each in rows))
+        raise NotFound(f"there is no action {name}{meant}")
+    found = await agent.robot.interface(row.type)
+    if not isinstance(found, ActionType):
+        raise NotFound(f"the type of {name}, {row.type}, is no action's")
+    return found
+
+
+async def _follow(agent: Agent, sent: SentGoal, goal: Goal, patience: float, *, cancel: bool) -> Answer:
+    """Wait for the end of a goal and report how far it has come. Whoever hears nothing more of it, as after a
+    cancelled request, has it end too."""
+    robot, began, told = agent.robot, agent.robot.monotonic(), 0
+    try:
+        while True:
+            left = patience - (robot.monotonic() - began)
+            try:
+                status, result = await goal.result(max(0.0, min(_REPORT_EVERY, left)))
+                break
+            except CallTimeout:
+                if left <= _REPORT_EVERY:
+                    return await _still_running(agent, sent, goal)
+                if sent.reports > told:
+                    told = sent.reports
+                    await agent.report_progress(robot.monotonic() - began, None, _brief(sent.feedback))
+    except anyio.get_cancelled_exc_class():
+        if cancel:
+            robot.cancel_goal(goal)
+        raise
+    except BaseException:
+        if goal.done:
+            agent.goals.forget(goal.id)
+        raise
+    agent.goals.forget(goal.id)
+    reason = f" ({goal.reason})" if goal.reason else ""
+    return (
+        f"the goal {status.name.lower()}{reason}; its result:",
+        *await agent.show(result, sent.result_type),
+    )
+
+
+def _brief(message: Message | None) -> str:
+    return "" if message is None else as_text(plain(message))[:500]
+
+
+async def _still_running(agent: Agent, sent: SentGoal, goal: Goal) -> Answer:
+    how = (
+        f"the goal is {goal.status.name.lower()}, and goes on. goal_id: {goal.id}. Use `check_goal` to wait"
+        " for its end, or `cancel_goal` to end it."
+    )
+    if sent.feedback is None:
+        return (how,)
+    return (how, "last feedback:", *await agent.show(sent.feedback, sent.feedback_type))
+
+
+SEND_GOAL: Final = Tool(
+    "send_goal",
+    "Send a goal",
+    "Sends a goal to an action, such as driving to a place, and waits for its end with reports of progress."
+    " Where it takes longer than `timeout` the goal goes on and its id is returned. A cancelled call cancels"
+    " the goal.",
+    SendGoalArguments,
+    _send_goal,
+    act="goals",
+)
+
+
+class CheckGoalArguments(Arguments):
+    """See the tool."""
+
+    goal_id: Annotated[Name, Field(description="as `send_goal` returned it")]
+    timeout: Annotated[Seconds, Field(description="seconds to wait for the end")] = 0.0
+
+
+async def _check_goal(agent: Agent, asked: CheckGoalArguments) -> Answer:
+    patience = agent.bounded_seconds(asked.timeout, "timeout")
+    sent, goal = _found(agent, asked.goal_id)
+    return await _follow(agent, sent, goal, patience, cancel=False)
+
+
+def _found(agent: Agent, id: str) -> tuple[SentGoal, Goal]:
+    sent = agent.goals.find(agent.owner, id)
+    if sent.goal is None:
+        raise ToolError(f"the goal {id} is being sent: ask again")
+    return sent, sent.goal
+
+
+CHECK_GOAL: Final = Tool(
+    "check_goal",
+    "Follow a goal",
+    "Tells how far a goal is that `send_goal` has left running, and waits for its end. A goal that has ended"
+    " tells its result once.",
+    CheckGoalArguments,
+    _check_goal,
+    act="goals",
+)
+
+
+class CancelGoalArguments(Arguments):
+    """See the tool."""
+
+    goal_id: Annotated[Name, Field(description="as `send_goal` returned it")]
+
+
+async def _cancel_goal(agent: Agent, asked: CancelGoalArguments) -> Answer:
+    sent, goal = _found(agent, asked.goal_id)
+    if not goal.done:
+        agent.robot.cancel_goal(goal)
+    try:
+        return await _follow(agent, sent, goal, _CANCEL_SECONDS, cancel=False)
+    except ToolError as error:
+        return (bounded(str(error), agent.settings.result_bytes),)
+
+
+CANCEL_GOAL: Final = Tool(
+    "cancel_goal",
+    "Cancel a goal",
+    "Asks that a goal end early which `send_goal` has left running, and tells how it ended. No person is"
+    " asked before.",
+    CancelGoalArguments,
+    _cancel_goal,
+    act="goals",
+)

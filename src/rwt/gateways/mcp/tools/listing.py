@@ -1,0 +1,155 @@
+"""Tools that tell what is there: topics, services, actions, parameters, types."""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Annotated, Final, Literal
+
+from pydantic import Field
+
+from rwt.gateways.mcp.content.answer import Answer, as_text, bounded
+from rwt.gateways.mcp.content.plain import plain
+from rwt.gateways.mcp.tools.tool import Arguments, Name, Tool
+from rwt_interfaces import field_types
+from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+
+if TYPE_CHECKING:
+    from rwt.gateways.mcp.agent import Agent
+    from rwt.gateways.mcp.robot import Named
+
+Kind = Literal["topics", "services", "actions", "parameters"]
+
+#: Lines of each kind; more are named by a narrower filter.
+_MOST_LINES: Final = 120
+
+#: What every node has beside what it is for.
+_PLUMBING: Final = (
+    "*/describe_parameters",
+    "*/get_parameter_types",
+    "*/get_parameters",
+    "*/get_type_description",
+    "*/list_parameters",
+    "*/set_parameters",
+    "*/set_parameters_atomically",
+    "*/get_loggers",
+    "*/set_logger_level",
+    "*/get_logger_levels",
+    "*/set_logger_levels",
+    "*/_action/*",
+    "/rosapi/*",
+)
+
+
+class ListRobotArguments(Arguments):
+    """See the tool."""
+
+    kinds: Annotated[
+        tuple[Kind, ...],
+        Field(min_length=1, max_length=4, description="what to list"),
+    ] = ("topics", "services", "actions")
+    filter: Annotated[
+        str,
+        Field(max_length=256, description="only names that fit, for example `/camera/*` or `*battery*`"),
+    ] = "*"
+    plumbing: Annotated[
+        bool, Field(description="whether to list the services too that every node has (parameters, loggers)")
+    ] = False
+
+
+async def _list_robot(agent: Agent, asked: ListRobotArguments) -> Answer:
+    robot = agent.robot
+    parts: list[str] = []
+    for kind in dict.fromkeys(asked.kinds):
+        if kind == "parameters":
+            names = [each for each in await robot.params.names() if _fits(each, asked)]
+            parts.append(_lines(kind, names))
+            continue
+        find = {"topics": robot.topics, "services": robot.services, "actions": robot.actions}[kind]
+        rows = [each for each in await find() if _fits(each.name, asked)]
+        parts.append(_lines(kind, map(_row, rows)))
+    return (bounded("\n\n".join(parts), agent.settings.result_bytes),)
+
+
+def _fits(name: str, asked: ListRobotArguments) -> bool:
+    if not fnmatch.fnmatchcase(name, asked.filter):
+        return False
+    return asked.plumbing or not any(fnmatch.fnmatchcase(name, glob) for glob in _PLUMBING)
+
+
+def _row(each: Named) -> str:
+    """One line: the name, the type, and who publishes and listens."""
+    if each.publishers is None:
+        return f"{each.name} [{each.type}]" if each.type else each.name
+    ends = f"{each.publishers} publishing, {each.subscribers} listening"
+    return f"{each.name} [{each.type or 'no type yet'}] ({ends})"
+
+
+def _lines(kind: str, rows: Iterable[str]) -> str:
+    found = list(rows)
+    shown = found[:_MOST_LINES]
+    more = [f"… and {len(found) - _MOST_LINES} more: use `filter`"] if len(found) > _MOST_LINES else []
+    return "\n".join([f"{kind} ({len(found)}):", *shown, *more])
+
+
+LIST_ROBOT: Final = Tool(
+    "list_robot",
+    "List what the robot has",
+    "Lists the robot's topics (streams of messages), services (calls with an answer), actions (long-running"
+    " goals) and parameters, with their types. Start here. Names are absolute, as /battery_state.",
+    ListRobotArguments,
+    _list_robot,
+)
+
+
+class DescribeTypeArguments(Arguments):
+    """See the tool."""
+
+    type: Annotated[Name, Field(description="as geometry_msgs/Twist, std_srvs/srv/SetBool")]
+
+
+async def _describe_type(agent: Agent, asked: DescribeTypeArguments) -> Answer:
+    found = await agent.robot.interface(asked.type)
+    return (bounded(describe(found), agent.settings.result_bytes),)
+
+
+def describe(interface: MessageType | ServiceType | ActionType) -> str:
+    """An interface for a model: its fields with those of nested messages, and an example to fill in."""
+    if isinstance(interface, MessageType):
+        return f"message {interface.name}\n{_message(interface)}"
+    if isinstance(interface, ServiceType):
+        return (
+            f"service {interface.name}\nrequest:\n{_message(interface.request)}\n"
+            f"response:\n{_message(interface.response)}"
+        )
+    return (
+        f"action {interface.name}\ngoal:\n{_message(interface.goal)}\nresult:\n{_message(interface.result)}\n"
+        f"feedback:\n{_message(interface.feedback)}"
+    )
+
+
+def _message(type: MessageType) -> str:
+    lines: list[str] = []
+    _fields(type, "  ", lines, (type.name,))
+    example = as_text(plain(type.struct()))
+    return "\n".join([*(lines or ["  (no fields)"]), f"  with defaults: {example}"])
+
+
+def _fields(type: MessageType, indent: str, lines: list[str], within: tuple[str, ...]) -> None:
+    constants = type.definition.constants
+    lines.extend(f"{indent}constant {constant.name} = {constant.value}" for constant in constants)
+    for slot in type.slots:
+        lines.append(f"{indent}{slot.name}: {slot.type}")
+        nested = slot.type.element if isinstance(slot.type, field_types.Array) else slot.type
+        if isinstance(nested, field_types.Message) and nested.type.name not in within:
+            _fields(nested.type, f"{indent}  ", lines, (*within, nested.type.name))
+
+
+DESCRIBE_TYPE: Final = Tool(
+    "describe_type",
+    "Describe a type",
+    "Describes a message, service or action type: every field with its type, constants, and an example with"
+    " default values. Use it before publishing, calling or sending a goal.",
+    DescribeTypeArguments,
+    _describe_type,
+)

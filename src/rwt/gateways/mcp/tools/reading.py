@@ -1,0 +1,281 @@
+"""Tools that read: messages, numbers over a time, conditions, parameters."""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+
+import anyio
+from pydantic import Field
+
+from rwt.gateways.mcp.content.answer import Answer, as_text, bounded
+from rwt.gateways.mcp.content.plain import field, numeric_fields, plain
+from rwt.gateways.mcp.errors import ToolError
+from rwt.gateways.mcp.tools.tool import Arguments, Name, Seconds, Tool
+
+if TYPE_CHECKING:
+    from rwt.gateways.mcp.agent import Agent
+    from rwt_participant.messages import Message
+
+FieldPath = Annotated[str, Field(min_length=1, max_length=256)]
+
+#: Messages of a time window that are looked at.
+_MOST_MESSAGES: Final = 10_000
+
+#: Fields whose numbers are watched.
+_MOST_FIELDS: Final = 20
+
+#: Values of one field that are listed.
+_SHOWN_VALUES: Final = 20
+
+
+class ReadTopicArguments(Arguments):
+    """See the tool."""
+
+    topic: Annotated[Name, Field(description="absolute name, as /odom")]
+    timeout: Annotated[Seconds, Field(description="seconds to wait for a message")] = 5.0
+    fields: Annotated[
+        tuple[FieldPath, ...],
+        Field(max_length=50, description="only these, as `pose.pose.position.x` or `ranges[0]`"),
+    ] = ()
+
+
+async def next_message(agent: Agent, topic: str, seconds: float) -> tuple[Message, str]:
+    """The next message of a topic, or the one that it keeps, and its type's name.
+
+    Raises:
+        ToolError: none came.
+        NotFound: there is no such topic.
+    """
+    type = (await agent.robot.type_of(topic)).name
+    patience = agent.bounded_seconds(seconds, "timeout")
+    found: list[Message] = []
+    came = anyio.Event()
+
+    def take(message: Message) -> None:
+        if not found:
+            found.append(message)
+            came.set()
+
+    async with agent.robot.subscribe(topic, take, type):
+        with agent.robot.within(patience):
+            await came.wait()
+    if not found:
+        raise ToolError(
+            f"no message came on {topic} within {patience:g} s: perhaps nobody publishes it now"
+            " (`list_robot` tells), or seldom: ask with a longer `timeout`"
+        )
+    return found[0], type
+
+
+async def _read_topic(agent: Agent, asked: ReadTopicArguments) -> Answer:
+    message, type = await next_message(agent, asked.topic, asked.timeout)
+    if not asked.fields:
+        return await agent.show(message, type)
+    values = {path: field(message, path) for path in asked.fields}
+    return await agent.in_thread(
+        lambda: (
+            bounded(
+                as_text({path: plain(value) for path, value in values.items()}), agent.settings.result_bytes
+            ),
+        )
+    )
+
+
+READ_TOPIC: Final = Tool(
+    "read_topic",
+    "Read a message",
+    "Reads the next message of a topic, or the last one where the topic keeps it. Camera images come as"
+    " pictures, laser scans and maps as drawings with a summary, everything else as JSON. Use `fields` to get"
+    " only some fields of a large message.",
+    ReadTopicArguments,
+    _read_topic,
+)
+
+
+class WatchNumbersArguments(Arguments):
+    """See the tool."""
+
+    topic: Annotated[Name, Field(description="absolute name")]
+    seconds: Annotated[Seconds, Field(description="how long to watch")] = 2.0
+    fields: Annotated[
+        tuple[FieldPath, ...],
+        Field(max_length=_MOST_FIELDS, description="fields that hold a number; by default all, up to 20"),
+    ] = ()
+
+
+async def _watch_numbers(agent: Agent, asked: WatchNumbersArguments) -> Answer:
+    type = (await agent.robot.type_of(asked.topic)).name
+    seconds = agent.bounded_seconds(asked.seconds, "seconds")
+    began = agent.robot.monotonic()
+    times: list[float] = []
+    values: dict[str, list[float]] = {path: [] for path in asked.fields}
+    wrong: list[ToolError] = []
+
+    def take(message: Message) -> None:
+        if len(times) >= _MOST_MESSAGES or wrong:
+            return
+        times.append(agent.robot.monotonic() - began)
+        try:
+            found = {path: _number(message, path) for path in asked.fields}
+        except ToolError as error:
+            wrong.append(error)  # A callback of the robot's: the tool itself raises it.
+            return
+        for path, value in (found or _all_numbers(message)).items():
+            values.setdefault(path, []).append(value)
+
+    async with agent.robot.subscribe(asked.topic, take, type):
+        await agent.robot.sleep(seconds)
+    if wrong:
+        raise wrong[0]
+    if not times:
+        raise ToolError(f"no message came on {asked.topic} within {seconds:g} s: watch longer")
+    if not values:
+        raise ToolError(f"{type} has no field with a single number: use `read_topic`")
+    about: dict[str, object] = {"messages": len(times), "seconds": seconds}
+    if len(times) > 1:
+        about["per_second"] = round((len(times) - 1) / max(times[-1] - times[0], 1e-9), 2)
+    about["fields"] = {path: _statistics(each) for path, each in values.items()}
+    return (bounded(as_text(about), agent.settings.result_bytes),)
+
+
+def _all_numbers(message: Message) -> dict[str, float]:
+    """The first of the fields that hold a number; the header's stamp is left out, which only counts."""
+    found = [each for each in numeric_fields(message).items() if not each[0].startswith("header.")]
+    return dict(found[:_MOST_FIELDS])
+
+
+def _number(message: Message, path: str) -> float:
+    value = field(message, path)
+    if not isinstance(value, bool | int | float):
+        raise ToolError(f"`{path}`: expected a number, and it holds {type(value).__name__}")
+    return float(value)
+
+
+def _statistics(values: list[float]) -> dict[str, object]:
+    finite = [each for each in values if math.isfinite(each)]
+    if not finite:
+        return {"finite": 0}
+    step = max(1, len(values) // _SHOWN_VALUES)
+    return {
+        "first": plain(values[0]),
+        "last": plain(values[-1]),
+        "min": min(finite),
+        "max": max(finite),
+        "mean": sum(finite) / len(finite),
+        "values": [plain(each) for each in values[::step][:_SHOWN_VALUES]],
+    }
+
+
+WATCH_NUMBERS: Final = Tool(
+    "watch_numbers",
+    "Watch numbers over a time",
+    "Watches numeric fields of a topic for some seconds: first, last, smallest, largest and mean value, a few"
+    " values in between, and how many messages came a second.",
+    WatchNumbersArguments,
+    _watch_numbers,
+)
+
+Comparison = Literal["==", "!=", "<", "<=", ">", ">=", "contains"]
+
+# The values are whatever a field holds; those that cannot be compared raise TypeError.
+_COMPARE: Final[Mapping[Comparison, Callable[[Any, Any], object]]] = MappingProxyType(
+    {
+        "==": operator.eq,
+        "!=": operator.ne,
+        "<": operator.lt,
+        "<=": operator.le,
+        ">": operator.gt,
+        ">=": operator.ge,
+        "contains": operator.contains,
+    }
+)
+
+
+class WaitForArguments(Arguments):
+    """See the tool."""
+
+    topic: Annotated[Name, Field(description="absolute name")]
+    field: Annotated[FieldPath, Field(description="as `percentage` or `pose.pose.position.x`")]
+    comparison: Annotated[Comparison, Field(description="how the field and the value are compared")]
+    value: Annotated[
+        float | bool | Annotated[str, Field(max_length=1000)],
+        Field(description="a number, true, false or a text"),
+    ]
+    timeout: Annotated[Seconds, Field(description="seconds to wait")] = 30.0
+
+
+async def _wait_for(agent: Agent, asked: WaitForArguments) -> Answer:
+    type = (await agent.robot.type_of(asked.topic)).name
+    patience = agent.bounded_seconds(asked.timeout, "timeout")
+    compare = _COMPARE[asked.comparison]
+    began = agent.robot.monotonic()
+    last: list[object] = []
+    outcome: list[float | ToolError] = []
+    ended = anyio.Event()
+
+    def take(message: Message) -> None:
+        if outcome:
+            return
+        try:
+            value = field(message, asked.field)
+            last[:] = [value]
+            holds = bool(compare(value, asked.value))
+        except ToolError as error:
+            outcome.append(error)
+        except TypeError:
+            outcome.append(
+                ToolError(
+                    f"`value`: {asked.value!r} cannot be compared by {asked.comparison} with"
+                    f" {as_text(plain(last[0]))[:200]}"
+                )
+            )
+        else:
+            if not holds:
+                return
+            outcome.append(agent.robot.monotonic() - began)
+        ended.set()
+
+    async with agent.robot.subscribe(asked.topic, take, type):
+        with agent.robot.within(patience):
+            await ended.wait()
+    seen = as_text(plain(last[0]))[:1000] if last else "nothing: no message came"
+    condition = f"{asked.field} {asked.comparison} {asked.value!r}"
+    if not outcome:
+        raise ToolError(f"{condition} did not become true within {patience:g} s; last seen: {seen}")
+    if isinstance(outcome[0], ToolError):
+        raise outcome[0]
+    return (f"{condition} is true after {outcome[0]:.2f} s; the value is {seen}",)
+
+
+WAIT_FOR: Final = Tool(
+    "wait_for",
+    "Wait for a condition",
+    "Waits until a field of a topic's messages fulfils a condition, for example until the battery's"
+    " `percentage` is below 0.2. Looks at every message, so that nothing short is missed.",
+    WaitForArguments,
+    _wait_for,
+)
+
+
+class GetParameterArguments(Arguments):
+    """See the tool."""
+
+    name: Annotated[Name, Field(description="`/node:parameter` on ROS 2, `/parameter` on ROS 1")]
+
+
+async def _get_parameter(agent: Agent, asked: GetParameterArguments) -> Answer:
+    value = await agent.robot.params.get(asked.name)
+    return (bounded(as_text(plain(value)), agent.settings.result_bytes),)
+
+
+GET_PARAMETER: Final = Tool(
+    "get_parameter",
+    "Read a parameter",
+    'Reads a parameter of a node. `list_robot` with `kinds` of ["parameters"] lists their names.',
+    GetParameterArguments,
+    _get_parameter,
+)

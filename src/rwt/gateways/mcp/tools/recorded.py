@@ -1,0 +1,94 @@
+"""Tools that look at recordings."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Final
+
+from pydantic import Field
+
+from rwt.gateways.mcp.content.answer import Answer, bounded
+from rwt.gateways.mcp.content.show import show
+from rwt.gateways.mcp.errors import ToolError
+from rwt.gateways.mcp.tools.tool import Arguments, Name, Tool
+
+if TYPE_CHECKING:
+    from rwt.gateways.mcp.agent import Agent
+    from rwt.gateways.mcp.recordings import Recordings
+
+
+def _recordings(agent: Agent) -> Recordings:
+    if agent.recordings is None:
+        raise ToolError("there are no recordings to look at here (mcp.recordings)")
+    return agent.recordings
+
+
+class DescribeRecordingArguments(Arguments):
+    """See the tool."""
+
+    recording: Annotated[
+        str, Field(max_length=256, description="name of a recording; empty lists which there are")
+    ] = ""
+
+
+async def _describe_recording(agent: Agent, asked: DescribeRecordingArguments) -> Answer:
+    recordings = _recordings(agent)
+
+    def text() -> Answer:
+        if not asked.recording:
+            names = recordings.names()
+            return ("\n".join([f"recordings ({len(names)}):", *names[:200]]),)
+        info = recordings.describe(asked.recording, agent.sees)
+        lines = [f"{info.name}: {info.seconds:.1f} s, from {info.start_ns} ns since the epoch; topics:"]
+        for topic in info.topics:
+            count = "" if topic.count is None else f" ({topic.count} messages)"
+            lines.append(f"{topic.name} [{topic.type}]{count}")
+        return (bounded("\n".join(lines), agent.settings.result_bytes),)
+
+    return await agent.in_thread(text)
+
+
+DESCRIBE_RECORDING: Final = Tool(
+    "describe_recording",
+    "Look at recordings",
+    "Lists the recordings that are here, or what one of them holds: how long it is, its topics and messages.",
+    DescribeRecordingArguments,
+    _describe_recording,
+    reads_recordings=True,
+)
+
+
+class ReadRecordingArguments(Arguments):
+    """See the tool."""
+
+    recording: Annotated[Name, Field(description="its name")]
+    topic: Annotated[Name, Field(description="absolute name")]
+    at: Annotated[
+        float,
+        Field(ge=0, le=1e9, allow_inf_nan=False, description="seconds after the recording's start"),
+    ] = 0.0
+
+
+async def _read_recording(agent: Agent, asked: ReadRecordingArguments) -> Answer:
+    recordings = _recordings(agent)
+    if not agent.sees(asked.topic):
+        raise ToolError(f"{asked.recording} has no topic {asked.topic}")
+    settings = agent.settings
+
+    def read() -> Answer:
+        message, type, seconds = recordings.message(asked.recording, asked.topic, asked.at)
+        return (
+            f"recorded at {seconds:.3f} s:",
+            *show(message, type, settings.result_bytes, settings.picture_pixels),
+        )
+
+    return await agent.in_thread(read)
+
+
+READ_RECORDING: Final = Tool(
+    "read_recording",
+    "Read a recorded message",
+    "Reads the first message of a topic from some time of a recording on, shown as `read_topic` shows it.",
+    ReadRecordingArguments,
+    _read_recording,
+    reads_recordings=True,
+)

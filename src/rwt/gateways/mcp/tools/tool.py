@@ -1,0 +1,92 @@
+"""One tool: its name, what it is told, and what it does."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Annotated, Any, Generic, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from rwt.gateways.mcp.errors import ToolError
+
+if TYPE_CHECKING:
+    from rwt.gateways.mcp.agent import Act, Agent
+    from rwt.gateways.mcp.content.answer import Answer
+
+
+class Arguments(BaseModel):
+    """What a tool is told. What it does not know is refused, and so no misspelt word is left out."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+Name = Annotated[str, Field(min_length=1, max_length=256)]
+Seconds = Annotated[float, Field(ge=0.0, le=3600.0, allow_inf_nan=False)]
+
+A = TypeVar("A", bound=Arguments)
+
+
+@dataclass(frozen=True)
+class Tool(Generic[A]):
+    """One tool.
+
+    Attributes:
+        name: as models call it.
+        title: for people.
+        description: for models: what it does and when to use it.
+        arguments: the model of what it is told.
+        run: does it.
+        act: the right that it needs, where it changes something at the robot; None for one that only looks.
+        reads_recordings: whether it is there only where recordings are.
+    """
+
+    name: str
+    title: str
+    description: str
+    arguments: type[A]
+    run: Callable[[Agent, A], Awaitable[Answer]]
+    act: Act | None = None
+    reads_recordings: bool = False
+
+    @cached_property
+    def schema(self) -> dict[str, Any]:
+        """The JSON Schema of its arguments."""
+        return _plain_schema(self.arguments.model_json_schema())
+
+    def is_offered_to(self, agent: Agent) -> bool:
+        """Whether an agent can make use of it at all."""
+        if self.reads_recordings and agent.recordings is None:
+            return False
+        return self.act is None or self.act in agent.acts
+
+    async def __call__(self, agent: Agent, arguments: Mapping[str, object]) -> Answer:
+        """Do it for an agent.
+
+        Raises:
+            ToolError: the arguments are wrong, or it cannot be done.
+            RobotError, AccessError: the robot does not do it, or the agent may not.
+        """
+        try:
+            checked = self.arguments.model_validate(arguments)
+        except ValidationError as error:
+            raise ToolError(self.complaint(error)) from None
+        return await self.run(agent, checked)
+
+    def complaint(self, error: ValidationError) -> str:
+        """What is wrong with arguments, for the agent."""
+        said = []
+        for each in error.errors(include_url=False, include_context=False)[:5]:
+            where = ".".join(map(str, each["loc"]))[:100] or "arguments"
+            said.append(f"`{where}`: {each['msg']}")
+        known = ", ".join(self.arguments.model_fields)
+        return f"{self.name}: {'; '.join(said)}. Its arguments are: {known}"
+
+
+def _plain_schema(schema: dict[str, Any]) -> dict[str, Any]:
+    """A schema without the titles that repeat the names of what they stand at."""
+    schema.pop("title", None)
+    for each in schema.get("properties", {}).values():
+        each.pop("title", None)
+    return schema

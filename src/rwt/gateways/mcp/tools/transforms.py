@@ -1,0 +1,80 @@
+"""Tools about frames: which there are, and where one is seen from another."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Annotated, Final
+
+from pydantic import Field
+
+from rwt.gateways.mcp.content.answer import Answer, as_text, bounded
+from rwt.gateways.mcp.tools.tool import Arguments, Name, Seconds, Tool
+from rwt_tf2.messages import write_transform
+
+if TYPE_CHECKING:
+    from rwt.gateways.mcp.agent import Agent
+
+
+class ListFramesArguments(Arguments):
+    """See the tool."""
+
+    seconds: Annotated[Seconds, Field(description="how long to listen for frames that move")] = 1.0
+
+
+async def _list_frames(agent: Agent, asked: ListFramesArguments) -> Answer:
+    seconds = agent.bounded_seconds(asked.seconds, "seconds")
+    transforms = agent.robot.tf
+    await transforms.start()
+    await agent.robot.sleep(seconds)
+    text = transforms.buffer.tree() or f"no transform came on /tf or /tf_static within {seconds:g} s"
+    return (bounded(text, agent.settings.result_bytes),)
+
+
+LIST_FRAMES: Final = Tool(
+    "list_frames",
+    "List the frames",
+    "Lists the coordinate frames of the robot as a tree, from /tf and /tf_static, with how often each"
+    " is told.",
+    ListFramesArguments,
+    _list_frames,
+)
+
+
+class TransformArguments(Arguments):
+    """See the tool."""
+
+    target: Annotated[Name, Field(description="frame in which the answer is, as map")]
+    source: Annotated[Name, Field(description="frame that is looked for, as base_link")]
+    point: Annotated[
+        tuple[float, float, float] | None,
+        Field(description="x, y, z in metres of a point in the source frame, to have it in the target frame"),
+    ] = None
+    timeout: Annotated[Seconds, Field(description="seconds to wait for the transforms")] = 5.0
+
+
+async def _look_up(agent: Agent, asked: TransformArguments) -> Answer:
+    timeout = agent.bounded_seconds(asked.timeout, "timeout")
+    found = await agent.robot.tf.lookup(asked.target, asked.source, timeout=timeout)
+    message = write_transform(found)["transform"]
+    angles = found.transform.rpy()
+    roll, pitch, yaw = (round(math.degrees(each), 3) for each in angles)
+    about: dict[str, object] = {
+        "target": asked.target,
+        "source": asked.source,
+        "stamp_ns": found.stamp_ns,
+        "transform": message,
+        "degrees": {"roll": roll, "pitch": pitch, "yaw": yaw},
+    }
+    if asked.point is not None:
+        about["point"] = [float(each) for each in found.transform.apply(asked.point)]
+    return (as_text(about),)
+
+
+LOOK_UP_TRANSFORM: Final = Tool(
+    "look_up_transform",
+    "Look up a transform",
+    "Tells where a frame is, seen from another, for example where base_link is in map: position in metres,"
+    " orientation as a quaternion and in degrees. It can take a point along.",
+    TransformArguments,
+    _look_up,
+)

@@ -1,0 +1,404 @@
+"""The ops about actions: goals, cancels, feedback and results, both ways, of one client."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Final, Never, Protocol
+
+from rwt.gateways.rosbridge.ops.offers import Offer, Offers
+from rwt.gateways.rosbridge.ops.payloads import (
+    IN_STEPS,
+    arguments_in_steps,
+    arguments_of,
+    failure_text,
+    object_or_empty,
+    payload_in_steps,
+    payload_of,
+)
+from rwt.gateways.rosbridge.ops.services import split_suffix
+from rwt_graph.api import GoalEvents
+from rwt_graph.errors import InvalidTransition
+from rwt_graph.names import resolve
+from rwt_interfaces.payload import Payload
+from rwt_participant.errors import CallFailed, ProviderNotFound
+from rwt_participant.goals import GoalStatus
+from rwt_protocol.errors import Refused
+from rwt_protocol.ops import (
+    ActionFeedback,
+    ActionResult,
+    AdvertiseAction,
+    CancelActionGoal,
+    Op,
+    SendActionGoal,
+    UnadvertiseAction,
+)
+from rwt_protocol.payloads import RawJson
+
+if TYPE_CHECKING:
+    from rwt.access.client_graph import ClientGraph
+    from rwt.gateways.rosbridge.reply import Replies
+    from rwt_graph.api import ClientGoal, ServerGoal
+    from rwt_interfaces.structs import ActionType
+    from rwt_protocol.dispatcher import Steps
+    from rwt_protocol.payloads import Encodable
+
+#: Where they stand in their ops.
+_FEEDBACK: Final = "action_feedback.values"
+_RESULT: Final = "action_result.values"
+
+_OUTCOMES: Final = frozenset({GoalStatus.SUCCEEDED, GoalStatus.CANCELED})
+
+#: Goals whose sender has disconnected are remembered for a later `cancel_action_goal`, up to this many.
+_MOST_ORPHANS: Final = 1000
+
+
+class OrphanedGoals:
+    """Running goals whose sender has disconnected, for a cancel that comes over its next connection."""
+
+    def __init__(self) -> None:
+        self._senders: dict[SentGoal, str] = {}
+
+    def add(self, goal: SentGoal, address: str) -> None:
+        """Remember a goal of a client at `address`; beyond a bound the oldest is forgotten."""
+        self._senders[goal] = address
+        while len(self._senders) > _MOST_ORPHANS:
+            del self._senders[next(iter(self._senders))]
+
+    def find(self, address: str, action: str, id_: str | int | None) -> SentGoal | None:
+        """The newest running goal of that id whose sender, at that address, has disconnected."""
+        for goal, sender in reversed(self._senders.items()):
+            if sender == address and goal.action == action and goal.id == id_:
+                return goal
+        return None
+
+    def discard(self, goal: SentGoal) -> None:
+        """Forget a goal that has ended."""
+        self._senders.pop(goal, None)
+
+
+class SentGoal:
+    """One goal of a client, until its result.
+
+    Attributes:
+        action: the action's absolute name.
+        id: as the client marked it.
+    """
+
+    __slots__ = ("_client", "_ended", "_fragment_size", "_goal", "_listening", "_name", "action", "id")
+
+    def __init__(self, client: Actions, op: SendActionGoal, args: Payload | None) -> None:
+        name, suffix = split_suffix(op.action)
+        self._client = client
+        # Not the op, whose arguments would be kept as long as the goal runs.
+        self._name = op.action
+        self._fragment_size = op.fragment_size
+        self._listening = True
+        self._ended = False
+        self.action = resolve(name)
+        self.id = suffix if op.id is None else op.id
+        events = GoalEvents(on_result=self._on_result, on_feedback=self._on_feedback if op.feedback else None)
+
+        def goal_of(type: ActionType) -> Payload:
+            client.graph.registry.action(op.action_type)
+            if args is not None and args.type is type.goal:
+                return args
+            return arguments_of(type.goal, op.args, "send_action_goal.args", client.now)
+
+        self._goal: ClientGoal = client.graph.send_goal(self.action, goal_of, events)
+
+    @property
+    def goal_id(self) -> str:
+        """The id that the graph gave it."""
+        return self._goal.id
+
+    @property
+    def ended(self) -> bool:
+        """Whether it has its result."""
+        return self._ended
+
+    def cancel(self) -> None:
+        """Ask the server to cancel; the outcome is the result (ACT-07, ACT-08)."""
+        self._goal.cancel()
+
+    def orphan(self) -> None:
+        """Report nothing more: the client has gone, and the goal runs on (ACT-19)."""
+        self._listening = False
+        self._goal.want_feedback(False)
+
+    def _on_feedback(self, feedback: Payload) -> None:
+        if self._listening:
+            self._client.replies.send(
+                ActionFeedback(action=self._name, values=feedback, id=self.id), self._fragment_size
+            )
+
+    def _on_result(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
+        self._ended = True
+        self._client.ended(self)
+        if not self._listening:
+            return
+        failed = isinstance(outcome, CallFailed)
+        self._client.replies.send(
+            ActionResult(
+                action=self._name,
+                values=str(outcome) if isinstance(outcome, CallFailed) else outcome,
+                status=int(status),
+                result=not failed,
+                id=self.id,
+            ),
+            None if failed else self._fragment_size,
+        )
+
+
+Accepted = tuple["ActionType", "ServerGoal"]
+
+
+class _Provided(Offer[Accepted]):
+    """One action that a client offers, and the goals it works on."""
+
+    __slots__ = ("_count", "_name", "_replies", "_type")
+
+    def __init__(self, op: AdvertiseAction, graph: ClientGraph, address: str, replies: Replies) -> None:
+        super().__init__(op.action, graph, address)
+        self._replies = replies
+        self._name = op.action
+        self._type = op.type  # As the client spells it: it compares.
+        self._count = 0
+
+    def take(self, type: ActionType, goal: ServerGoal) -> None:
+        """Accept every goal and send it to the client under an id of its own (ACT-12, ACT-13)."""
+        self._count += 1
+        id_ = f"action_goal:{self._name}:{self._count}"
+        self.pending[id_] = (type, goal)
+        goal.on_cancel = lambda: self._cancel(id_)
+        goal.on_end = lambda _: self._forget(id_)
+        goal.accept()
+        sent = self._replies.send(
+            SendActionGoal(
+                action=self._name,
+                action_type=self._type,
+                args=goal.goal,
+                feedback=True,
+                id=id_,
+            )
+        )
+        if not sent:
+            abort(type, goal, "the goal is too large for its server (limits.outgoing_message_bytes)")
+
+    def _cancel(self, id_: str) -> None:
+        self._replies.send(CancelActionGoal(action=self._name, id=id_))
+
+    def _forget(self, id_: str) -> None:
+        self.pending.pop(id_, None)
+
+
+def abort(type: ActionType, goal: ServerGoal, reason: str) -> None:
+    """End a goal as aborted, with a result of defaults."""
+    goal.finish(GoalStatus.ABORTED, Payload.from_json(type.result, b"{}"), reason)
+
+
+class Actions:
+    """The goals that one client sends, and the actions that it offers.
+
+    Attributes:
+        graph: the graph as the client may see it.
+        replies: how the client is answered.
+        now: ROS time in nanoseconds.
+
+    Args:
+        graph: see above.
+        replies: see above.
+        address: the client's.
+        offers: what all clients offer.
+        orphans: the goals of clients that have gone.
+    """
+
+    __slots__ = ("_address", "_offers", "_orphans", "_provided", "_sent", "graph", "now", "replies")
+
+    def __init__(
+        self,
+        graph: ClientGraph,
+        replies: Replies,
+        address: str,
+        offers: Offers[Accepted],
+        orphans: OrphanedGoals,
+    ) -> None:
+        self.graph = graph
+        self.replies = replies
+        self.now = graph.clock.time_ns
+        self._address = address
+        self._offers = offers
+        self._orphans = orphans
+        self._sent: set[SentGoal] = set()
+        self._provided: dict[str, _Provided] = {}
+
+    @property
+    def goals_running(self) -> int:
+        """Goals of this client that wait for their result."""
+        return len(self._sent)
+
+    def send_goal(self, op: SendActionGoal) -> Steps | None:
+        """Send a goal to an action of the graph (ACT-01 … ACT-05); a large one is checked in steps.
+
+        Its type must exist (ACT-04), and may be another than the server's: one action goes by several
+        packages' names, and whether the goal fits is told by its fields.
+        """
+        if op.args.size >= IN_STEPS:
+            return self._send_in_steps(op)
+        self._send_goal(op)
+        return None
+
+    def _send_in_steps(self, op: SendActionGoal) -> Steps:
+        action = self.graph.action(split_suffix(op.action)[0])
+        goal: Payload | None = None
+        if action is not None:
+            goal = yield from arguments_in_steps(action.type.goal, op.args, "send_action_goal.args", self.now)
+        self._send_goal(op, goal)
+
+    def _send_goal(self, op: SendActionGoal, args: Payload | None = None) -> None:
+        try:
+            goal = SentGoal(self, op, args)
+        except ProviderNotFound as missing:
+            raise Refused(str(missing)) from None
+        if not goal.ended:
+            self._sent.add(goal)
+
+    def ended(self, goal: SentGoal) -> None:
+        """A goal has its result."""
+        self._sent.discard(goal)
+        self._orphans.discard(goal)
+
+    def cancel(self, op: CancelActionGoal) -> None:
+        """Cancel a goal by the id it was sent with.
+
+        A client that has lost its connection may cancel from the next one: goals whose sender has
+        disconnected are found by the address they came from.
+        """
+        action = resolve(split_suffix(op.action)[0])
+        for goal in self._sent:
+            if goal.id == op.id and goal.action == action:
+                goal.cancel()
+                return
+        orphan = self._orphans.find(self._address, action, op.id)
+        if orphan is None:
+            raise Refused(
+                f"cancel_action_goal: no goal of {op.action} runs under id {op.id!r}", level="warning"
+            )
+        self.graph.cancel_goal(action, orphan.goal_id)
+
+    def advertise(self, op: AdvertiseAction) -> None:
+        """Offer an action on the client's behalf, in place of any other of that name (ACT-12, ACT-18)."""
+        provided = _Provided(op, self.graph, self._address, self.replies)
+        name = self.graph.advertise_action(op.action, op.type, provided.take)
+        self._forget(name)
+        self._provided[name] = provided
+        self._offers.add(provided)
+
+    def unadvertise(self, op: UnadvertiseAction) -> None:
+        """Withdraw an action of this client; its running goals are aborted (ACT-18)."""
+        if not self.graph.withdraw_action(op.action):
+            raise Refused(f"unadvertise_action: this client does not advertise {op.action}", level="warning")
+        self._forget(resolve(op.action))
+
+    def _forget(self, name: str) -> None:
+        provided = self._provided.pop(name, None)
+        if provided is not None:
+            self._offers.remove(provided)
+
+    def feedback(self, op: ActionFeedback) -> Steps | None:
+        """Pass on the feedback of a client that offers the action (ACT-14); a large one in steps."""
+        type, goal = self._goal(op.op, op.action, op.id)
+        values = object_or_empty(op.values)
+        if isinstance(values, RawJson) and values.size >= IN_STEPS:
+            return self._feedback_in_steps(op, type, values)
+        goal.feedback(payload_of(type.feedback, values, _FEEDBACK, self.now))
+        return None
+
+    def _feedback_in_steps(self, op: ActionFeedback, type: ActionType, values: RawJson) -> Steps:
+        feedback = yield from payload_in_steps(type.feedback, values, _FEEDBACK, self.now)
+        _, goal = self._goal(op.op, op.action, op.id)  # It may have ended meanwhile.
+        goal.feedback(feedback)
+
+    def result(self, op: ActionResult) -> Steps | None:
+        """End a goal with the result of the client that offers the action (ACT-15, ACT-16); a large one is
+        checked in steps."""
+        type, goal = self._goal(op.op, op.action, op.id)
+        if not op.result:
+            abort(type, goal, failure_text(op.values, "the action failed and gave no reason"))
+            return None
+        values = object_or_empty(op.values)
+        steps = self._end_in_steps(op, type, values)
+        if isinstance(values, RawJson) and values.size >= IN_STEPS:
+            return steps
+        for _ in steps:
+            pass
+        return None
+
+    def _end_in_steps(self, op: ActionResult, type: ActionType, values: Encodable) -> Steps:
+        try:
+            if isinstance(values, RawJson) and values.size >= IN_STEPS:
+                result = yield from payload_in_steps(type.result, values, _RESULT, self.now)
+            else:
+                result = payload_of(type.result, values, _RESULT, self.now)
+        except Refused as refused:
+            _, goal = self._goal(op.op, op.action, op.id)
+            abort(type, goal, f"the provider's result does not fit {type.name}: {refused.reason}")
+            raise
+        _, goal = self._goal(op.op, op.action, op.id)  # It may have ended meanwhile.
+        status = GoalStatus(op.status)
+        try:
+            goal.finish(status if status in _OUTCOMES else GoalStatus.ABORTED, result)
+        except InvalidTransition:
+            # "canceled" without a cancel request: the state machine has no such step.
+            goal.finish(GoalStatus.ABORTED, result)
+
+    def result_malformed(self, action: str, id: str | int | None, reason: str) -> None:
+        """Abort the goal that a result names which is not valid otherwise, so that its sender need not wait.
+
+        Raises:
+            Refused: it names none.
+        """
+        type, goal = self._goal("action_result", action, id)
+        abort(type, goal, f"the provider's result is malformed: {reason}")
+
+    def _goal(self, op: str, action: str, id: str | int | None) -> Accepted:
+        """A goal that this client works on; it may say so over another connection than that which advertises.
+
+        Raises:
+            Refused: there is none of that id.
+        """
+        name = resolve(action)
+        provided: Offer[Accepted] | None = self._provided.get(name)
+        found = provided.pending.get(id) if provided and isinstance(id, str) else None
+        if found is None and isinstance(id, str):
+            elsewhere = self._offers.asked(name, id, self.graph, self._address)
+            found = elsewhere.pending[id] if elsewhere else None
+        if found is not None:
+            return found
+        if provided is None:
+            raise Refused(f"{op}: this client does not advertise {action}")
+        raise Refused(f"{op}: no goal of {action} runs under id {id!r}", level="warning")
+
+    def close(self) -> Steps:
+        """Let the goals run on; they can still be cancelled from the same address (ACT-19)."""
+        for name in tuple(self._provided):
+            self._forget(name)
+            yield
+        for goal in tuple(self._sent):
+            goal.orphan()
+            self._orphans.add(goal, self._address)
+            yield
+
+
+class _HasActions(Protocol):
+    @property
+    def actions(self) -> Actions: ...
+
+
+HANDLERS: Final[Mapping[type[Op], Callable[[_HasActions, Never], Steps | None]]] = {
+    SendActionGoal: lambda client, op: client.actions.send_goal(op),
+    CancelActionGoal: lambda client, op: client.actions.cancel(op),
+    ActionFeedback: lambda client, op: client.actions.feedback(op),
+    ActionResult: lambda client, op: client.actions.result(op),
+    AdvertiseAction: lambda client, op: client.actions.advertise(op),
+    UnadvertiseAction: lambda client, op: client.actions.unadvertise(op),
+}

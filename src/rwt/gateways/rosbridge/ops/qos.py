@@ -1,0 +1,127 @@
+"""From a client's `qos` object to the graph's policies, and to how its samples wait for a slow connection."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from rwt.delivery.flow_rules import rules_as_published
+from rwt_interfaces.times import NANOSECONDS
+from rwt_participant.qos import LATCHED, SENSOR_DATA, Durability, History, QoS, Reliability
+from rwt_protocol.transport import AS_MANY_AS_FIT, FlowRules
+
+if TYPE_CHECKING:
+    from rwt_graph.api import EndpointInfo
+    from rwt_protocol import ops
+    from rwt_protocol.ops.topics import Qos
+
+_DEFAULT = QoS()
+
+
+def publisher_qos(op: ops.Advertise | ops.Publish) -> QoS | None:
+    """What a new publisher gets: `qos` over `latch` over the graph's default (ADV-07, ADV-11)."""
+    if op.qos is None:
+        return LATCHED if op.latch else None
+    request = op.qos
+    return QoS(
+        history=_DEFAULT.history if request.history is None else History(request.history),
+        depth=request.depth or _DEFAULT.depth,
+        reliability=_DEFAULT.reliability if request.reliability is None else Reliability(request.reliability),
+        durability=_DEFAULT.durability if request.durability is None else Durability(request.durability),
+        deadline=_seconds(request.deadline),
+        lifespan=_seconds(request.lifespan),
+    )
+
+
+def incompatible_policies(request: Qos, offered: QoS) -> str:
+    """The policies that a client asks for and a publisher does not offer, in words; empty if none (ADV-11).
+
+    A policy that is not named, or is named `best_available`, agrees with everything.
+    """
+    pairs: tuple[tuple[str, object, object], ...] = (
+        ("history", request.history, offered.history.value),
+        ("depth", request.depth or None, offered.depth),
+        ("reliability", request.reliability, offered.reliability.value),
+        ("durability", request.durability, offered.durability.value),
+        ("deadline", request.deadline, offered.deadline or "infinite"),
+        ("lifespan", request.lifespan, offered.lifespan or "infinite"),
+    )
+    found = [
+        f"{name} {has} where {wants or 'infinite'} is asked for"
+        for name, wants, has in pairs
+        if wants not in (None, "best_available") and (wants or "infinite") != has
+    ]
+    return ", ".join(found)
+
+
+@dataclass(frozen=True, slots=True)
+class QosRequest:
+    """What all subscriptions of one client on one topic ask for together.
+
+    Attributes:
+        rules: how samples wait while the connection is slow.
+        lifespan_ns: age in nanoseconds after which a sample is not sent; 0 for any age.
+        deadline: seconds within which a sample is expected; 0 for none.
+    """
+
+    rules: FlowRules = AS_MANY_AS_FIT
+    lifespan_ns: int = 0
+    deadline: float = 0.0
+
+
+def qos_request(subscriptions: Sequence[ops.Subscribe], publishers: Iterable[EndpointInfo]) -> QosRequest:
+    """One delivery for several subscriptions: none gets less than it asked for, except by `queue_length`,
+    of which the smallest counts (X06).
+
+    Args:
+        subscriptions: at least one.
+        publishers: those of the topic now; a client that says nothing takes what they offer (SUB-17).
+    """
+    each = [_rules(op) for op in subscriptions]
+    said = [rules for rules in each if rules is not None]
+    rules = _together(said) if len(said) == len(each) else rules_as_published(publishers)
+    lifespans = [_seconds(op.qos.lifespan if op.qos else None) or 0.0 for op in subscriptions]
+    deadlines = [_seconds(op.qos.deadline if op.qos else None) or 0.0 for op in subscriptions]
+    return QosRequest(
+        rules=rules,
+        lifespan_ns=0 if 0.0 in lifespans else round(max(lifespans) * NANOSECONDS),
+        deadline=min((seconds for seconds in deadlines if seconds), default=0.0),
+    )
+
+
+def history_depth(op: ops.Subscribe) -> int | None:
+    """How many kept samples a new subscription gets: None for all of them, 0 for none."""
+    if op.qos is None:
+        return None
+    if op.qos.durability == "volatile":
+        return 0
+    return None if op.qos.history == "keep_all" else op.qos.depth or None
+
+
+def _rules(op: ops.Subscribe) -> FlowRules | None:
+    """How the samples of one subscription wait; None if it does not say: `qos` over `queue_length`."""
+    request = op.qos
+    if request is not None:
+        if request.history == "keep_all":
+            return FlowRules(keep_all=request.reliability != "best_effort")
+        if request.depth:
+            return FlowRules(request.depth)
+        if request.reliability == "best_effort":
+            return FlowRules(op.queue_length or SENSOR_DATA.depth)
+    if op.queue_length:
+        return FlowRules(op.queue_length)
+    if request is not None and request.reliability == "reliable":
+        return AS_MANY_AS_FIT
+    return None
+
+
+def _together(rules: Sequence[FlowRules]) -> FlowRules:
+    depths = [each.depth for each in rules]
+    known = [depth for depth in depths if depth is not None]
+    return FlowRules(max(known) if len(known) == len(depths) else None, any(each.keep_all for each in rules))
+
+
+def _seconds(request: float | str | None) -> float | None:
+    """Seconds, or None where there is no limit: nothing, zero, "infinite" and "best_available"."""
+    return None if isinstance(request, str) else request or None

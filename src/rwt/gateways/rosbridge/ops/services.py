@@ -1,0 +1,275 @@
+"""call_service, service_response, advertise_service, unadvertise_service: the services of one client."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Final, Never, Protocol
+
+from rwt.gateways.rosbridge.ops.offers import Offer, Offers
+from rwt.gateways.rosbridge.ops.payloads import (
+    IN_STEPS,
+    arguments_in_steps,
+    arguments_of,
+    failure_text,
+    object_or_empty,
+    payload_in_steps,
+    payload_of,
+)
+from rwt_graph.names import resolve
+from rwt_participant.errors import CallFailed, ProviderNotFound
+from rwt_protocol.errors import Refused
+from rwt_protocol.ops import (
+    AdvertiseService,
+    CallService,
+    Op,
+    ServiceResponse,
+    UnadvertiseService,
+)
+from rwt_protocol.payloads import RawJson
+
+if TYPE_CHECKING:
+    from rwt.access.client_graph import ClientGraph
+    from rwt.gateways.rosbridge.reply import Replies
+    from rwt_graph.api import ServiceCall
+    from rwt_interfaces.payload import Payload
+    from rwt_interfaces.structs import ServiceType
+    from rwt_protocol.codecs.quick_calls import UsualCall, UsualResponse
+    from rwt_protocol.dispatcher import Steps
+    from rwt_protocol.payloads import Encodable
+
+
+def split_suffix(name: str) -> tuple[str, str | None]:
+    """Take the legacy ``#id`` off a service's or an action's name (SRV-09, ACT-11)."""
+    base, hash_, suffix = name.partition("#")
+    return (base, suffix) if hash_ else (name, None)
+
+
+#: Where an answer stands in its op.
+_ANSWER: Final = "service_response.values"
+
+Asked = tuple["ServiceType", "ServiceCall"]
+
+
+class _Provided(Offer[Asked]):
+    """One service that a client offers, and the calls that wait for its answers."""
+
+    __slots__ = ("_count", "_name", "_replies")
+
+    def __init__(self, name: str, graph: ClientGraph, address: str, replies: Replies) -> None:
+        super().__init__(name, graph, address)
+        self._replies = replies
+        self._name = name
+        self._count = 0
+
+    def ask(self, type: ServiceType, call: ServiceCall) -> None:
+        """Send one request to the client, under an id of its own (SVP-01, SVP-02)."""
+        self._count += 1
+        id_ = f"service_request:{self._name}:{self._count}"
+        self.pending[id_] = (type, call)
+        call.on_end = lambda: self._forget(id_)
+        reason = self._replies.request(self._name, call.request, id_)
+        if reason is not None:
+            call.fail(f"the provider cannot be asked: {reason}")
+
+    def _forget(self, id_: str) -> None:
+        self.pending.pop(id_, None)
+
+
+class Services:
+    """What one client calls and offers.
+
+    Args:
+        graph: the graph as the client may see it.
+        replies: how the client is answered.
+        address: the client's.
+        offers: what all clients offer.
+        timeout: seconds that a call may take whose caller says nothing; 0 waits without end (SRV-10).
+    """
+
+    __slots__ = ("_address", "_graph", "_now", "_offers", "_provided", "_replies", "_timeout")
+
+    def __init__(
+        self, graph: ClientGraph, replies: Replies, address: str, offers: Offers[Asked], timeout: float
+    ) -> None:
+        self._graph = graph
+        self._replies = replies
+        self._address = address
+        self._offers = offers
+        self._timeout = timeout
+        self._now = graph.clock.time_ns
+        self._provided: dict[str, _Provided] = {}
+
+    def call(self, op: CallService) -> Steps | None:
+        """Call a service of the graph and answer with the caller's own id (SRV-01 … SRV-14); large arguments
+        are checked in steps."""
+        seconds = self._timeout if op.timeout is None else op.timeout
+        if op.args.size >= IN_STEPS:
+            return self._call_in_steps(op, seconds)
+        self._call(op.service, op.id, op.args, seconds, op.fragment_size)
+        return None
+
+    def call_usual(self, asked: UsualCall) -> None:
+        """As :meth:`call`."""
+        self._call(asked.service, asked.id, RawJson(bytes(asked.args)), self._timeout, None)
+
+    def _call_in_steps(self, op: CallService, seconds: float) -> Steps:
+        service = self._graph.service(split_suffix(op.service)[0])
+        request: Payload | None = None
+        if service is not None:
+            request = yield from arguments_in_steps(
+                service.type.request, op.args, "call_service.args", self._now
+            )
+        self._call(op.service, op.id, op.args, seconds, op.fragment_size, request)
+
+    def _call(
+        self,
+        name: str,
+        id: str | int | None,
+        args: Encodable,
+        seconds: float,
+        fragment_size: int | None,
+        request: Payload | None = None,
+    ) -> None:
+        """Call a service; `request` is its arguments, where they have been checked already against the type
+        of the service."""
+        service, suffix = split_suffix(name)
+        mark = suffix if id is None else id
+        replies = self._replies
+
+        def on_reply(outcome: Payload | CallFailed) -> None:
+            """Answer the client: exactly one reply per call (SRV-14)."""
+            if isinstance(outcome, CallFailed):
+                replies.send(ServiceResponse(service=name, values=str(outcome), result=False, id=mark))
+            else:
+                replies.respond(name, outcome, mark, fragment_size)
+
+        def request_of(type: ServiceType) -> Payload:
+            if request is not None and request.type is type.request:
+                return request
+            return arguments_of(type.request, args, "call_service.args", self._now)
+
+        try:
+            self._graph.call_service(
+                service,
+                request_of,
+                on_reply,
+                seconds if seconds > 0 else None,
+            )
+        except ProviderNotFound as missing:
+            raise Refused(str(missing)) from None
+
+    def advertise(self, op: AdvertiseService) -> None:
+        """Offer a service on the client's behalf, in place of any other of that name (SVP-01, SVP-07)."""
+        provided = _Provided(op.service, self._graph, self._address, self._replies)
+        name = self._graph.advertise_service(op.service, op.type, provided.ask)
+        self._forget(name)
+        self._provided[name] = provided
+        self._offers.add(provided)
+
+    def unadvertise(self, op: UnadvertiseService) -> None:
+        """Withdraw a service of this client; its waiting calls fail (SVP-08 … SVP-10)."""
+        if not self._graph.withdraw_service(op.service):
+            raise Refused(
+                f"unadvertise_service: this client does not advertise {op.service}", level="warning"
+            )
+        self._forget(resolve(op.service))
+
+    def _forget(self, name: str) -> None:
+        provided = self._provided.pop(name, None)
+        if provided is not None:
+            self._offers.remove(provided)
+
+    def close(self) -> Steps:
+        """Forget what the client offered; it is withdrawn with the client's graph (DIS-04)."""
+        for name in tuple(self._provided):
+            self._forget(name)
+            yield
+
+    def answer(self, op: ServiceResponse) -> Steps | None:
+        """Hand a provider's answer to the caller; only the provider itself may give it (SVP-03 … SVP-08). A
+        large one is checked in steps.
+
+        It may give it over another connection than that which advertises: rosbridgecpp opens one for each.
+        """
+        if op.result and isinstance(op.values, RawJson) and op.values.size >= IN_STEPS:
+            return self._answer_in_steps(op, op.values)
+        type, call = self._asked(op.service, op.id)
+        if not op.result:
+            call.fail(failure_text(op.values, "the service failed and gave no reason"))
+            return None
+        self._reply(type, call, object_or_empty(op.values))
+        return None
+
+    def answer_usual(self, given: UsualResponse) -> None:
+        """As :meth:`answer`."""
+        type, call = self._asked(given.service, given.id)
+        self._reply(type, call, RawJson(bytes(given.values)))
+
+    def _reply(self, type: ServiceType, call: ServiceCall, values: Encodable) -> None:
+        try:
+            response = payload_of(type.response, values, _ANSWER, self._now)
+        except Refused as refused:
+            call.fail(f"the provider's answer does not fit {type.name}: {refused.reason}")
+            raise
+        call.reply(response)
+
+    def _answer_in_steps(self, op: ServiceResponse, values: RawJson) -> Steps:
+        # It waits on meanwhile, so that it ends with its provider or its time, whichever comes first.
+        type, _ = self._waiting(op.service, op.id)[0]
+        try:
+            response = yield from payload_in_steps(type.response, values, _ANSWER, self._now)
+        except Refused as refused:
+            _, call = self._asked(op.service, op.id)
+            call.fail(f"the provider's answer does not fit {type.name}: {refused.reason}")
+            raise
+        _, call = self._asked(op.service, op.id)
+        call.reply(response)
+
+    def answer_malformed(self, service: str, id: str | int | None, reason: str) -> None:
+        """End the call that a response names which is not valid otherwise, so that its caller need not wait.
+
+        Raises:
+            Refused: it names none.
+        """
+        _, call = self._asked(service, id)
+        call.fail(f"the provider's answer is malformed: {reason}")
+
+    def _asked(self, service: str, id: str | int | None) -> Asked:
+        """What waits for an answer under an id, and does not any more.
+
+        Raises:
+            Refused: nothing does.
+        """
+        asked, pending = self._waiting(service, id)
+        del pending[str(id)]
+        return asked
+
+    def _waiting(self, service: str, id: str | int | None) -> tuple[Asked, dict[str, Asked]]:
+        """What waits for an answer under an id, and what it is among.
+
+        Raises:
+            Refused: nothing does.
+        """
+        name = resolve(service)
+        provided: Offer[Asked] | None = self._provided.get(name)
+        if isinstance(id, str):
+            offer = provided if provided is not None and id in provided.pending else None
+            offer = offer or self._offers.asked(name, id, self._graph, self._address)
+            if offer is not None:
+                return offer.pending[id], offer.pending
+        if provided is None:
+            raise Refused(f"service_response: this client does not advertise {service}")
+        raise Refused(f"service_response: no call of {service} waits under id {id!r}", level="warning")
+
+
+class _HasServices(Protocol):
+    @property
+    def services(self) -> Services: ...
+
+
+HANDLERS: Final[Mapping[type[Op], Callable[[_HasServices, Never], Steps | None]]] = {
+    CallService: lambda client, op: client.services.call(op),
+    ServiceResponse: lambda client, op: client.services.answer(op),
+    AdvertiseService: lambda client, op: client.services.advertise(op),
+    UnadvertiseService: lambda client, op: client.services.unadvertise(op),
+}

@@ -1,0 +1,236 @@
+"""advertise, unadvertise, publish, subscribe, unsubscribe: the topics of one client."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Final, Never, Protocol
+
+from rwt.access.client_graph import UnknownTopicType
+from rwt.delivery.throttle import Room
+from rwt.gateways.rosbridge.ops.payloads import IN_STEPS, payload_in_steps, payload_of
+from rwt.gateways.rosbridge.ops.qos import incompatible_policies, publisher_qos
+from rwt.gateways.rosbridge.ops.subscriptions import ClientSubscription
+from rwt_graph.names import resolve
+from rwt_interfaces.payload import Payload
+from rwt_interfaces.validation.missing_fields import missing_fields
+from rwt_protocol.errors import Refused
+from rwt_protocol.ops import Advertise, Op, Publish, Status, Subscribe, Unadvertise, Unsubscribe
+from rwt_protocol.payloads import Decoded, Encodable, RawJson
+
+if TYPE_CHECKING:
+    from rwt.access.client_graph import ClientGraph, ClientPublisher
+    from rwt.delivery.fanout import Fanout
+    from rwt.delivery.shared_publishers import Lacks
+    from rwt.gateways.rosbridge.reply import Replies
+    from rwt_interfaces.structs import MessageType
+    from rwt_protocol.codecs import Encoding
+    from rwt_protocol.dispatcher import Steps
+
+
+#: Names under which one client may hear of one topic: `/a`, `a`, and what careless programs make of it.
+_MOST_SPELLINGS: Final = 4
+
+#: Names of topics, in any spelling, for which a client's publisher is remembered.
+_MOST_NAMES: Final = 4096
+
+
+class Topics:
+    """What one client publishes and subscribes to.
+
+    Args:
+        graph: the graph as the client may see it.
+        replies: how the client is answered.
+        encoding_of: the encoding of a `compression`.
+        queued: bytes that all throttled subscriptions together may keep in their queues.
+    """
+
+    __slots__ = (
+        "_encoding_of", "_exact", "_graph", "_now", "_publishers", "_replies", "_room", "_subscriptions",
+    )  # fmt: skip
+
+    def __init__(
+        self, graph: ClientGraph, replies: Replies, encoding_of: Callable[[str], Encoding], queued: int
+    ) -> None:
+        self._graph = graph
+        self._replies = replies
+        self._encoding_of = encoding_of
+        self._now = graph.clock.time_ns
+        self._room = Room(queued)
+        self._publishers: dict[str, ClientPublisher] = {}
+        # Those on which the last message could be passed on as it came, by the topic in UTF-8.
+        self._exact: dict[bytes, ClientPublisher] = {}
+        self._subscriptions: dict[str, ClientSubscription] = {}
+
+    def advertise(self, op: Advertise) -> None:
+        """Make the client a publisher (ADV-01 … ADV-07)."""
+        name = self._graph.advertise(op.topic, op.type, op.id, publisher_qos(op), _lacks(op))
+        self._forget_publisher(name)
+
+    def unadvertise(self, op: Unadvertise) -> None:
+        """Take back one advertisement, or all of this client's for the topic (UNA-01 … UNA-03)."""
+        name = resolve(op.topic)
+        if not self._graph.unadvertise(name, op.id):
+            raise Refused(f"unadvertise: this client does not advertise {name}", level="warning")
+        self._forget_publisher(name)
+
+    def publish(self, op: Publish) -> Steps | None:
+        """Check the message once and hand it to the graph (PUB-01 … PUB-09); a large one in steps."""
+        publisher = self._publishers.get(op.topic)
+        if publisher is None or op.qos is not None:
+            publisher = self._new_publisher(op)
+        raw = op.msg
+        if raw.size >= IN_STEPS:
+            return self._publish_in_steps(op, raw, publisher.type)
+        payload = payload_of(publisher.type, raw, "publish.msg", self._now)
+        self._publish(op, publisher, payload)
+        if payload.is_passthrough:
+            self._exact[op.topic.encode()] = publisher
+        return None
+
+    def publish_exact(self, topic: bytes, raw: bytes) -> bool:
+        """Hand on a small message that may be passed on as it came, on a topic where the one before could be.
+
+        Args:
+            topic: in UTF-8, as it is spelt.
+            raw: what may be the message in JSON.
+
+        Returns:
+            Whether that was done; if not, nothing was.
+        """
+        publisher = self._exact.get(topic)
+        if publisher is None:
+            return False
+        payload = Payload.from_exact_json(publisher.type, raw)
+        if payload is None:
+            del self._exact[topic]
+            return False
+        counts = publisher.counts
+        counts.received += 1
+        counts.received_bytes += len(raw)
+        publisher.publish(payload)
+        return True
+
+    def _publish_in_steps(self, op: Publish, raw: Encodable, type: MessageType) -> Steps:
+        if isinstance(raw, RawJson | Decoded):
+            payload = yield from payload_in_steps(type, raw, "publish.msg", self._now)
+        else:
+            yield  # To read it was a step.
+            payload = payload_of(type, raw, "publish.msg", self._now)
+            yield
+        # Meanwhile the client's role or the topic may have become another.
+        publisher = self._publishers.get(op.topic) or self._new_publisher(op)
+        if publisher.type is not type:
+            payload = payload_of(publisher.type, raw, "publish.msg", self._now)
+        self._publish(op, publisher, payload)
+        yield from self._graph.late_sends(publisher.topic)
+
+    def _publish(self, op: Publish, publisher: ClientPublisher, payload: Payload) -> None:
+        counts = publisher.counts
+        counts.received += 1
+        counts.received_bytes += op.msg.size
+        publisher.publish(payload)
+        if self._replies.session.wants_status("warning"):
+            self._warn_of_defaults(op, publisher.type)
+
+    def _new_publisher(self, op: Publish) -> ClientPublisher:
+        """The shared publisher for a topic that this client publishes on for the first time so spelt, or asks
+        policies of.
+        """
+        try:
+            publisher = self._graph.publisher(op.topic, op.type, op.id, publisher_qos(op), _lacks(op))
+        except UnknownTopicType as unknown:
+            raise Refused(f"publish: {unknown}: send `advertise` first, or `type` with the message") from None
+        if op.qos is not None:
+            self._forget_publisher(publisher.topic)  # It may have taken the place of another.
+        if len(self._publishers) >= _MOST_NAMES:
+            self.forget_publishers()
+        self._publishers[op.topic] = publisher
+        return publisher
+
+    def _warn_of_defaults(self, op: Publish, type: MessageType) -> None:
+        """Tell a client that wants to hear it which fields it has left to their defaults (PUB-04)."""
+        if isinstance(op.msg, RawJson) and op.msg.dense:
+            return  # It would not have been taken if anything of weight were missing.
+        missing = missing_fields(type, op.msg.plain())
+        if missing:
+            text = f"publish.msg: defaults were taken for what is missing: {', '.join(missing)}"
+            self._replies.send(Status(level="warning", msg=text, id=op.id))
+
+    def _forget_publisher(self, topic: str) -> None:
+        """Look the topic's publisher up again at the next publish."""
+        self._publishers = {name: held for name, held in self._publishers.items() if held.topic != topic}
+        self._exact = {name: held for name, held in self._exact.items() if held.topic != topic}
+
+    def forget_publishers(self) -> None:
+        """Ask again for the right to publish: the client's role is another one."""
+        self._publishers.clear()
+        self._exact.clear()
+
+    def end_refused(self) -> None:
+        """End the subscriptions that the client's role does not allow."""
+        for name, subscription in tuple(self._subscriptions.items()):
+            if not self._graph.may_subscribe(name):
+                subscription.close()
+                del self._subscriptions[name]
+
+    def subscribe(self, op: Subscribe) -> Steps | None:
+        """Let samples of a topic flow to the client (SUB-01 … SUB-14); to encode large kept ones takes
+        steps."""
+        encoding = self._encoding_of(op.compression)
+        subscription = self._subscriptions.get(op.topic)
+        is_new = subscription is None or not subscription.has(op.id)
+        try:
+            fanout = self._graph.subscribe(op.topic, op.type, is_new=is_new)
+        except UnknownTopicType as unknown:
+            raise Refused(f"subscribe: {unknown}: send `type` to wait for it") from None
+        if subscription is None:
+            self._check_spellings(fanout, op.topic)
+            subscription = self._subscriptions[op.topic] = ClientSubscription(
+                self._graph, self._replies, op.topic, fanout, self._room
+            )
+        subscription.put(op, encoding)
+        return fanout.late.steps() if fanout.late.is_busy else None
+
+    def _check_spellings(self, fanout: Fanout, name: str) -> None:
+        """Refuse one more spelling of a topic than a client needs: each is a stream of its own (PUB-09)."""
+        spellings = [held for held, known in self._subscriptions.items() if known.fanout is fanout]
+        if len(spellings) >= _MOST_SPELLINGS:
+            self._graph.unsubscribe(fanout)
+            raise Refused(
+                f"subscribe: {name}: this client hears of the topic under {len(spellings)} names already: "
+                f"{', '.join(sorted(spellings))}; use one of them"
+            )
+
+    def unsubscribe(self, op: Unsubscribe) -> None:
+        """End one subscription, or all of this client's for the topic (UNS-01 … UNS-04)."""
+        subscription = self._subscriptions.get(op.topic)
+        if subscription is None or not subscription.drop(op.id):
+            raise Refused(f"unsubscribe: this client has no such subscription of {op.topic}", level="warning")
+        if subscription.is_empty:
+            del self._subscriptions[op.topic]
+
+    def close(self) -> Steps:
+        """End the subscriptions; what is published ends with the client's graph (DIS-01)."""
+        while self._subscriptions:
+            self._subscriptions.popitem()[1].close()
+            yield
+
+
+def _lacks(op: Advertise | Publish) -> Lacks | None:
+    """Tells which of the policies that a client asks for a publisher lacks; None if it asks for none."""
+    return partial(incompatible_policies, op.qos) if op.qos else None
+
+
+class _HasTopics(Protocol):
+    @property
+    def topics(self) -> Topics: ...
+
+
+HANDLERS: Final[Mapping[type[Op], Callable[[_HasTopics, Never], Steps | None]]] = {
+    Advertise: lambda client, op: client.topics.advertise(op),
+    Unadvertise: lambda client, op: client.topics.unadvertise(op),
+    Publish: lambda client, op: client.topics.publish(op),
+    Subscribe: lambda client, op: client.topics.subscribe(op),
+    Unsubscribe: lambda client, op: client.topics.unsubscribe(op),
+}

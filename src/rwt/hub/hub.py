@@ -1,0 +1,662 @@
+"""The other end of dial-out: robots behind a NAT dial in, and clients reach each under its own path.
+
+Nothing is multiplexed. A robot keeps a few connections that wait (:mod:`rwt_transports.relay.protocol`); a
+client that comes gets one of them to itself, message by message and end to end, with the robot's own
+refusals and close codes. A side that reads slowly holds back the other, so the robot's own lanes and rules
+decide what is dropped, as if there were no hub.
+"""
+
+from __future__ import annotations
+
+import hmac
+import html
+import json
+import logging
+import time
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from ssl import SSLContext
+from typing import Final, Protocol
+
+import anyio
+
+from rwt.hub.waiting_bytes import OF_ADDRESS, WaitingBytes
+from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
+from rwt_transports.api import FlowControl
+from rwt_transports.background import background_tasks
+from rwt_transports.errors import Refused
+from rwt_transports.http import (
+    NO_PROXIES,
+    HttpRequest,
+    HttpResponse,
+    MetricFamily,
+    Proxies,
+    Routes,
+    page_policy,
+)
+from rwt_transports.limits import AddressCount, Limits
+from rwt_transports.listener import listen
+from rwt_transports.relay.pages import PageInbox
+from rwt_transports.relay.protocol import (
+    INSTANCE,
+    NAME_RULE,
+    REPLACED,
+    ROBOTS,
+    encode_assignment,
+    encode_request,
+    is_robot_name,
+    split_client_path,
+)
+from rwt_transports.websocket.close_codes import (
+    GOING_AWAY,
+    POLICY,
+    SERVICE_RESTART,
+    TRY_AGAIN_LATER,
+    may_travel,
+)
+
+logger = logging.getLogger("rwt.hub.hub")
+
+TICK_SECONDS = 0.5
+PASS_BYTES = 256 * 1024
+"""Passed on before asking whether the other side has taken it."""
+PATIENCE_SECONDS = 10.0
+"""How long a client waits for a connection of its robot."""
+GRACE_SECONDS = 3.0
+"""How long a robot without a connection still counts as here: it may be about to open the next one."""
+MOST_IDLE = 16
+"""Connections of one robot that may wait."""
+MOST_WAITING = 256
+"""Clients of one robot that may wait."""
+
+
+@dataclass(slots=True)
+class Robot:
+    """One robot that has dialled in.
+
+    Attributes:
+        name: what its path is.
+        instance: random id of the program, which distinguishes it from another of the same name.
+        address: where it dialled from.
+        idle: its connections that wait for a client.
+        waiting: clients that wait for a connection.
+        pairs: connections that serve a client.
+        alone_since: when it was first seen without any connection.
+    """
+
+    name: str
+    instance: str
+    address: str
+    idle: deque[_RobotEnd] = field(default_factory=deque)
+    waiting: deque[_Waiting] = field(default_factory=deque)
+    pairs: set[_RobotEnd] = field(default_factory=set)
+    alone_since: float | None = None
+
+    @property
+    def is_alone(self) -> bool:
+        """Whether it has no connection left."""
+        return not self.idle and not self.pairs
+
+
+class Hub:
+    """Every robot that has dialled in, and the clients of each.
+
+    Args:
+        tokens: bearer tokens of which a robot must show one, or ``NAME=TOKEN``; none lets every robot in.
+        grace: seconds for which a robot without a connection still counts as here.
+        addresses: counts the connections of each address; a robot's own, one for each of its clients, do not.
+        waiting_bytes: of messages that one side has sent and the other not taken, for the clients of one
+            address; see :class:`~rwt.hub.waiting_bytes.WaitingBytes`.
+    """
+
+    def __init__(
+        self,
+        tokens: Collection[str] = (),
+        grace: float = GRACE_SECONDS,
+        addresses: AddressCount | None = None,
+        waiting_bytes: int = OF_ADDRESS,
+    ) -> None:
+        self._grace = grace
+        self.waiting = WaitingBytes(waiting_bytes)
+        self.addresses = addresses or AddressCount()
+        self._robots: dict[str, Robot] = {}
+        self.counts = HubCounts()
+        self.take_tokens(tokens)
+
+    def take_tokens(self, tokens: Collection[str]) -> None:
+        """Ask these tokens of robots that dial in from now on; those that are here stay. ``NAME=TOKEN`` lets
+        in the robot of that name alone, which no other token then does."""
+        bound = [token.partition("=") for token in tokens]
+        self._tokens = tuple(
+            (name if equals else "", (token if equals else name).encode()) for name, equals, token in bound
+        )
+        self._names = {name for name, _ in self._tokens if name}
+
+    @property
+    def robots(self) -> tuple[Robot, ...]:
+        """The robots that have a connection or had one a moment ago, by name."""
+        return tuple(self._robots[name] for name in sorted(self._robots))
+
+    def accept(self, sink: Sink, info: PeerInfo) -> Endpoint:
+        """Take in a robot, or a client of one.
+
+        Raises:
+            Refused: there is no such robot (404), or a robot without the token (401), by a browser (403),
+                with an impossible name (400) or with too many connections (429).
+        """
+        path = info.path.partition("?")[0]
+        if path.startswith(ROBOTS):
+            return self._accept_robot(sink, info, path.removeprefix(ROBOTS))
+        return self._accept_client(sink, info)
+
+    def tick(self, now: float) -> None:
+        """Give up clients that have waited too long and robots that have gone; `now` is in seconds."""
+        for robot in self.robots:
+            if not robot.is_alone:
+                robot.alone_since = None
+            elif robot.alone_since is None:
+                robot.alone_since = now
+            elif now - robot.alone_since >= self._grace:
+                self._forget(robot)
+            for client in tuple(robot.waiting):
+                if client.since is None:
+                    client.since = now
+                elif now - client.since >= PATIENCE_SECONDS:
+                    robot.waiting.remove(client)
+                    client.hang_up(TRY_AGAIN_LATER, f"{robot.name} has no connection free; try again later")
+
+    async def watch(self) -> None:
+        """Check the time-outs about twice a second, until cancelled."""
+        while True:
+            self.tick(time.monotonic())
+            await anyio.sleep(TICK_SECONDS)
+
+    # -- robots --------------------------------------------------------------------------------------------
+
+    def _accept_robot(self, sink: Sink, info: PeerInfo, name: str) -> Endpoint:
+        self._check_robot(info, name)
+        instance = info.headers.get(INSTANCE, "")
+        robot = self._robots.get(name)
+        if robot is not None and robot.instance != instance:
+            self._replace(robot, info)
+            robot = None
+        if robot is None:
+            robot = self._robots[name] = Robot(name, instance, info.address)
+            logger.info("robot %s dialled in from %s", name, info.address or "?")
+        if len(robot.idle) >= MOST_IDLE:
+            raise Refused(429, f"{MOST_IDLE} connections of {name} wait already")
+        side = _RobotEnd(self, robot, sink, info.address)
+        self.addresses.leave(info.address)
+        robot.idle.append(side)
+        return side
+
+    def _check_robot(self, info: PeerInfo, name: str) -> None:
+        if "origin" in info.headers:
+            raise Refused(403, "robots dial in here, not web pages; a page connects to /NAME")
+        if self._tokens and not self._knows(info.headers.get("authorization", ""), name):
+            logger.warning("a robot that calls itself %.80r has no right token (%s)", name, info.address)
+            raise Refused(
+                401,
+                "this hub wants `Authorization: Bearer TOKEN` with its own token",
+                {"WWW-Authenticate": 'Bearer realm="rwt hub"'},
+            )
+        if not is_robot_name(name):
+            raise Refused(400, f"a robot cannot be called {name[:80]!r}; a name is {NAME_RULE}")
+
+    def _knows(self, authorization: str, name: str) -> bool:
+        scheme, _, token = authorization.partition(" ")
+        shown = token.strip().encode()
+        # All are compared, so that the time says nothing.
+        wanted = name if name in self._names else ""
+        right = [hmac.compare_digest(shown, known) and its == wanted for its, known in self._tokens]
+        return scheme.lower() == "bearer" and any(right)
+
+    def _replace(self, robot: Robot, info: PeerInfo) -> None:
+        """The newest program of a name has it: after a crash the old connections may linger for a minute."""
+        reason = f"another program dialled in as {robot.name}, from {info.address or '?'}"
+        logger.warning("%s; the one from %s is let go", reason, robot.address or "?")
+        del self._robots[robot.name]
+        for side in (*robot.idle, *robot.pairs):
+            side.hang_up(REPLACED, reason)
+        self._turn_away(robot, reason)
+
+    def left(self, side: _RobotEnd, *, for_good: bool) -> None:
+        """A connection of a robot has ended; `for_good`: the robot itself says that it is going away."""
+        robot = side.robot
+        self.addresses.enter(side.own_address)
+        robot.pairs.discard(side)
+        if side in robot.idle:
+            robot.idle.remove(side)
+        if for_good and robot.is_alone:
+            self._forget(robot)
+
+    def _forget(self, robot: Robot) -> None:
+        if self._robots.get(robot.name) is robot:
+            del self._robots[robot.name]
+            logger.info("robot %s is gone", robot.name)
+            self._turn_away(robot, f"the robot {robot.name} is gone")
+
+    def _turn_away(self, robot: Robot, reason: str) -> None:
+        while robot.waiting:
+            robot.waiting.popleft().hang_up(SERVICE_RESTART, reason)
+
+    # -- clients -------------------------------------------------------------------------------------------
+
+    def _accept_client(self, sink: Sink, info: PeerInfo) -> Endpoint:
+        name, path = split_client_path(info.path)
+        robot = self._robots.get(name)
+        if robot is None:
+            raise Refused(404, f"no robot called {name[:80]!r} is here; GET / lists those that are")
+        if len(robot.waiting) >= MOST_WAITING:
+            raise Refused(503, f"{MOST_WAITING} clients wait for {name} already")
+        client = _ClientEnd(self, robot, sink, info.address, encode_assignment(info, path))
+        robot.waiting.append(client)
+        self.counts.clients += 1
+        return client
+
+    def page(self, request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
+        """A page of a robot, over one of its connections."""
+        name, path = split_client_path(request.path)
+        robot = self._robots.get(name)
+        if robot is None:
+            text = f"no robot called {name[:80]!r} is here; GET / lists those that are\n"
+            return HttpResponse(text.encode(), 404)
+        prefix = f"{request.prefix}/{name}"
+        if request.path == f"/{name}":
+            # Without the slash its relative links would lead to other robots.
+            query = f"?{request.query}" if request.query else ""
+            return HttpResponse(status=308, headers={"Location": f"{prefix}/{query}"})
+        if len(robot.waiting) >= MOST_WAITING:
+            return HttpResponse(f"{MOST_WAITING} clients wait for {name} already\n".encode(), 503)
+        reader = _PageEnd(self, robot, request.address, encode_request(request, path, prefix))
+        robot.waiting.append(reader)
+        self.counts.pages += 1
+        self.match(robot)
+        return reader.inbox.response(reader.leave, head_only=request.method == "HEAD")
+
+    def match(self, robot: Robot) -> None:
+        """Give connections that wait to clients that wait."""
+        while robot.idle and robot.waiting:
+            client, side = robot.waiting.popleft(), robot.idle.popleft()
+            robot.pairs.add(side)
+            side.begin(client)
+
+
+class RelaySink(Protocol):
+    """What the hub asks of the connection that it writes to."""
+
+    def send(self, frame: Frame) -> None:
+        """Queue one message."""
+
+    def close(self, code: int = ..., reason: str = ...) -> None:
+        """Close after what is queued."""
+
+
+class _RelayEnd(ABC):
+    """One of the two connections that the hub joins.
+
+    Attributes:
+        address: of the client; of a robot's end that has none yet the robot's.
+    """
+
+    def __init__(self, hub: Hub, robot: Robot, sink: RelaySink, address: str) -> None:
+        self.address = address
+        self.hub = hub
+        self.robot = robot
+        self.sink = sink
+        self.flow_control: FlowControl | None = None
+        self.other: _RelayEnd | None = None
+        self._early: list[Frame] = []
+        self._passed = 0
+
+    def set_flow_control(self, flow_control: FlowControl) -> None:
+        """Keep the flow control of the connection, which is about to open."""
+        self.flow_control = flow_control
+        self.hub.match(self.robot)
+
+    def receive(self, data: bytes, binary: bool) -> None:
+        """Pass one message on."""
+        frame = Frame(data, binary=binary)
+        if self.other is None:
+            self.too_early(frame)
+        else:
+            self._pass_on(frame, self.other)
+
+    def too_early(self, frame: Frame) -> None:
+        """Keep a message that came before the other end was there."""
+        self._early.append(frame)
+        self.hub.waiting.take(self, frame.size)
+
+    def join(self, other: _RelayEnd) -> None:
+        """Pass messages on to `other` from now on."""
+        self.other = other
+        early, self._early = self._early, []
+        self.hub.waiting.give_back(self)
+        for frame in early:
+            self._pass_on(frame, other)
+
+    def _pass_on(self, frame: Frame, other: _RelayEnd) -> None:
+        other.sink.send(frame)
+        self._passed += frame.size
+        self.hub.counts.bytes += frame.size
+        if self._passed >= PASS_BYTES and self.flow_control is not None and other.flow_control is not None:
+            passed, self._passed = self._passed, 0
+            self.flow_control.pause()
+            other.flow_control.when_empty(self._taken)
+            self.hub.waiting.take(self, passed)
+
+    def _taken(self) -> None:
+        """The other side has taken all that waited for it."""
+        self.hub.waiting.give_back(self)
+        if self.flow_control is not None:
+            self.flow_control.resume()
+
+    def cut(self, reason: str) -> None:
+        """End both connections: too much waits."""
+        client = self.client
+        client.closed(POLICY, reason)
+        client.hang_up(POLICY, reason)
+
+    @property
+    def client(self) -> _RelayEnd:
+        """The client's end of the two."""
+        return self
+
+    def closed(self, code: int, reason: str) -> None:
+        """The connection has ended: end the other one, too."""
+        self.hub.waiting.give_back(self)
+        self._early.clear()
+        other, self.other = self.other, None
+        if other is not None:
+            self.hub.waiting.give_back(other)
+            other.other = None
+            other.end(code, reason)
+
+    def hang_up(self, code: int, reason: str) -> None:
+        """Close this end, whether it was held back or not."""
+        if self.flow_control is not None:
+            # The reply to the close must come through.
+            self.flow_control.resume()
+        self.sink.close(code, reason)
+
+    @abstractmethod
+    def end(self, code: int, reason: str) -> None:
+        """Close this end, since the other has gone."""
+
+
+class _RobotEnd(_RelayEnd):
+    """A connection that a robot has opened."""
+
+    def __init__(self, hub: Hub, robot: Robot, sink: Sink, address: str) -> None:
+        super().__init__(hub, robot, sink, address)
+        self.own_address = address
+        self._let_go = False
+
+    @property
+    def client(self) -> _RelayEnd:
+        """The client's end of the two."""
+        return self.other or self
+
+    def too_early(self, frame: Frame) -> None:
+        """Refuse a message of a robot that has no client yet."""
+        self.sink.close(POLICY, "a robot speaks after the assignment of a client")
+
+    def begin(self, client: _Waiting) -> None:
+        """Serve this client, to whose account messages of the robot for it go, too."""
+        self.address = client.address
+        self.sink.send(Frame(client.assignment))
+        self.join(client)
+        client.join(self)
+        if client.flow_control is not None:
+            client.flow_control.resume()
+
+    def closed(self, code: int, reason: str) -> None:
+        super().closed(code, reason)
+        self.hub.left(self, for_good=code == GOING_AWAY and not self._let_go)
+
+    def end(self, code: int, reason: str) -> None:
+        self._let_go = True
+        self.hang_up(code if may_travel(code) else GOING_AWAY, reason)
+
+
+class _ClientEnd(_RelayEnd):
+    """A connection of a client.
+
+    Attributes:
+        assignment: the first message to its robot.
+        since: when it was first seen waiting.
+    """
+
+    def __init__(self, hub: Hub, robot: Robot, sink: Sink, address: str, assignment: bytes) -> None:
+        super().__init__(hub, robot, sink, address)
+        self.assignment = assignment
+        self.since: float | None = None
+
+    def set_flow_control(self, flow_control: FlowControl) -> None:
+        flow_control.pause()
+        super().set_flow_control(flow_control)
+
+    def closed(self, code: int, reason: str) -> None:
+        super().closed(code, reason)
+        if self in self.robot.waiting:
+            self.robot.waiting.remove(self)
+
+    def end(self, code: int, reason: str) -> None:
+        if may_travel(code):
+            self.hang_up(code, reason)
+        else:
+            self.hang_up(SERVICE_RESTART, f"the robot {self.robot.name} is gone: {reason}")
+
+
+class _PageEnd(_RelayEnd):
+    """Who waits for a page, in the place of a client.
+
+    Attributes:
+        assignment: the first message to the robot.
+        since: when it was first seen waiting.
+        inbox: what comes of the page.
+    """
+
+    def __init__(self, hub: Hub, robot: Robot, address: str, assignment: bytes) -> None:
+        self.inbox = PageInbox()
+        super().__init__(hub, robot, self.inbox, address)
+        self.flow_control = self.inbox
+        self.assignment = assignment
+        self.since: float | None = None
+
+    def leave(self, code: int, reason: str) -> None:
+        """Nobody reads the page any more."""
+        self.closed(code, reason)
+        if self in self.robot.waiting:
+            self.robot.waiting.remove(self)
+
+    def end(self, code: int, reason: str) -> None:
+        self.inbox.close(code, reason)
+
+    def hang_up(self, code: int, reason: str) -> None:
+        self.inbox.drop()
+        super().hang_up(code, reason)
+
+
+_Waiting = _ClientEnd | _PageEnd
+
+
+@dataclass(slots=True)
+class HubCounts:
+    """What a hub has passed on since it began.
+
+    Attributes:
+        clients: clients that came.
+        pages: requests for pages of robots.
+        bytes: of messages and pages, both ways.
+    """
+
+    clients: int = 0
+    pages: int = 0
+    bytes: int = 0
+
+
+# -- opening a hub ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class OpenHub:
+    """A hub that is open.
+
+    Attributes:
+        url: where it listens, with the actual port.
+    """
+
+    url: str
+    _hub: Hub
+
+    @property
+    def robots(self) -> tuple[Robot, ...]:
+        """The robots that have dialled in, by name."""
+        return self._hub.robots
+
+    def take_tokens(self, tokens: Collection[str]) -> None:
+        """Ask these tokens of robots that dial in from now on; those that are here stay."""
+        self._hub.take_tokens(tokens)
+
+
+@asynccontextmanager
+async def open_hub(
+    url: str,
+    *,
+    tokens: Collection[str] = (),
+    limits: Limits | None = None,
+    tls: SSLContext | None = None,
+    hosts: Iterable[str] = (),
+    grace: float = GRACE_SECONDS,
+    proxies: Proxies = NO_PROXIES,
+    access_log: bool = False,
+    metrics_page: MetricsPage | None = None,
+    waiting_bytes: int = OF_ADDRESS,
+) -> AsyncIterator[OpenHub]:
+    """Let robots dial in at `url` within the block, and clients reach them; leaving it closes all with 1001.
+
+    Args:
+        url: ``ws://HOST:PORT`` or ``wss://HOST:PORT``; port 0 picks a free one.
+        tokens: bearer tokens of which a robot must show one, or ``NAME=TOKEN``; none lets every robot in.
+        limits: bounds of the listener and of each connection.
+        tls: certificate and key for ``wss``.
+        hosts: names by which the hub may be addressed; see :class:`~rwt_transports.http.Hosts`.
+        grace: seconds for which a robot without a connection still counts as here, and its clients wait.
+        proxies: whose word about their clients counts.
+        access_log: whether each HTTP request is logged, to ``rwt_transports.access``.
+        metrics_page: writes ``/metrics``; without it there is none.
+        waiting_bytes: see :class:`Hub`.
+
+    Raises:
+        BadUrl: the URL is not one to listen on.
+        ListenError: the address cannot be had.
+    """
+    addresses = AddressCount((limits or Limits()).connections_per_address)
+    hub = Hub(tokens, grace, addresses, waiting_bytes)
+    async with (
+        listen(
+            url,
+            hub.accept,
+            routes=hub_routes(hub, metrics_page),
+            hosts=hosts,
+            proxies=proxies,
+            access_log=access_log,
+            addresses=addresses,
+            limits=limits,
+            tls=tls,
+        ) as listener,
+        background_tasks() as tasks,
+    ):
+        tasks.start_soon(hub.watch)
+        yield OpenHub(listener.url, hub)
+
+
+# -- what a browser sees -----------------------------------------------------------------------------------
+
+_PAGE = """<!doctype html>
+<html lang="en">
+<meta charset="utf-8">
+<title>Robots</title>
+<style>body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 44rem; margin: 3rem auto; padding: 0 1rem }}
+code {{ background: #8882; padding: .1em .3em; border-radius: 3px }}
+td, th {{ padding: .1em 1em .1em 0; text-align: left }}</style>
+<h1>Robots that have dialled in</h1>
+<table><tr><th>robot<th>connect a rosbridge client to<th>clients{rows}</table>
+"""
+
+
+MetricsPage = Callable[[Iterable[MetricFamily]], bytes]
+"""Writes metrics as a scraper reads them."""
+
+METRICS_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"
+
+
+def hub_routes(hub: Hub, metrics_page: MetricsPage | None = None) -> Routes:
+    """``GET /`` (a page), ``/robots`` (the same as JSON), ``/healthz``, ``/metrics`` where something writes
+    them, and the pages of robots below ``/NAME/``."""
+    routes = Routes()
+    routes.get("/", lambda request: _index(hub, request))
+    routes.get("/robots", lambda request: _robots(hub))
+    routes.get("/healthz", lambda request: _health(hub))
+    if metrics_page is not None:
+        routes.get("/metrics", lambda request: _metrics(hub, metrics_page))
+    for method in ("GET", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"):
+        routes.add("/*", hub.page, method)
+    return routes
+
+
+def _metrics(hub: Hub, metrics_page: MetricsPage) -> HttpResponse:
+    robots, counts = hub.robots, hub.counts
+
+    def each(name: str, help: str, value: Callable[[Robot], int]) -> MetricFamily:
+        return MetricFamily(name, "gauge", help, [({"robot": robot.name}, value(robot)) for robot in robots])
+
+    def total(name: str, help: str, value: int) -> MetricFamily:
+        return MetricFamily(name, "counter", help, [({}, value)])
+
+    families = (
+        MetricFamily("rwt_hub_robots", "gauge", "Robots that have dialled in.", [({}, len(robots))]),
+        each("rwt_hub_idle_connections", "Connections of a robot that wait.", lambda it: len(it.idle)),
+        each("rwt_hub_used_connections", "Those that serve a client or a page.", lambda it: len(it.pairs)),
+        each("rwt_hub_waiting", "Clients and pages that wait for one.", lambda it: len(it.waiting)),
+        MetricFamily(
+            "rwt_hub_waiting_bytes",
+            "gauge",
+            "Bytes that one side has sent and the other has not taken.",
+            [({}, hub.waiting.total)],
+        ),
+        total("rwt_hub_clients_total", "Clients that came.", counts.clients),
+        total("rwt_hub_pages_total", "Requests for pages of robots.", counts.pages),
+        total("rwt_hub_passed_bytes_total", "Bytes passed on, both ways.", counts.bytes),
+    )
+    return HttpResponse(metrics_page(families), content_type=METRICS_TYPE)
+
+
+def _index(hub: Hub, request: HttpRequest) -> HttpResponse:
+    host = html.escape(request.headers.get("host", "HOST"))
+    rows = "".join(
+        f"<tr><td>{robot.name}<td><code>ws://{host}/{robot.name}</code><td>{len(robot.pairs)}"
+        for robot in hub.robots
+    )
+    page = _PAGE.format(rows=rows or "<tr><td>none")
+    return HttpResponse(page.encode(), content_type="text/html; charset=utf-8", headers=page_policy())
+
+
+def _robots(hub: Hub) -> HttpResponse:
+    listed = [
+        {"name": robot.name, "path": f"/{robot.name}", "clients": len(robot.pairs)} for robot in hub.robots
+    ]
+    return HttpResponse(json.dumps({"robots": listed}).encode(), content_type="application/json")
+
+
+def _health(hub: Hub) -> HttpResponse:
+    body = {
+        "status": "ok",
+        "robots": len(hub.robots),
+        "clients": sum(len(robot.pairs) for robot in hub.robots),
+    }
+    return HttpResponse(json.dumps(body).encode(), content_type="application/json")

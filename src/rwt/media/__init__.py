@@ -1,0 +1,1 @@
+"""Image, video and audio encoders, shared by nodes, WebRTC and MCP."""

@@ -1,0 +1,234 @@
+"""The pixels of messages as arrays of bytes: grey, red-green-blue, or with alpha. Imported by encoders only.
+
+Depths (`16UC1`, `32FC1`) are shown as greys from 0 to the largest of the picture, as web_video_server does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rwt.media.errors import ImageUnreadable
+from rwt.media.stream_request import COMPRESSED, MOST_PIXELS, StreamRequest
+from rwt_participant.errors import ImageFormat
+from rwt_participant.images import open_compressed, read_samples
+
+if TYPE_CHECKING:
+    from rwt.media.stream_request import StreamRequest
+    from rwt_interfaces.payload import Payload
+
+
+Bytes = NDArray[np.uint8]
+#: Samples as they come: rows x columns x values of a pixel, one or two bytes each, or floats.
+Samples = NDArray[np.generic]
+
+
+class RawImage(Protocol):
+    """`sensor_msgs/Image`."""
+
+    width: int
+    height: int
+    encoding: str
+    is_bigendian: int
+    step: int
+    data: bytes
+
+
+class CompressedImage(Protocol):
+    """`sensor_msgs/CompressedImage`."""
+
+    format: str
+    data: bytes
+
+
+def read_raw(message: RawImage) -> Bytes:
+    """The picture of a `sensor_msgs/Image`: rows x columns of grey, or x 3 or 4 values a pixel.
+
+    Raises:
+        ImageUnreadable: the encoding is not one of those of :data:`SHOWN`, or there are too few bytes.
+    """
+    show = SHOWN.get(message.encoding)
+    if show is None:
+        known = ", ".join(SHOWN)
+        raise ImageUnreadable(f'encoding "{message.encoding}" cannot be shown; known are {known}')
+    try:
+        samples = read_samples(message)
+    except ImageFormat as error:
+        raise ImageUnreadable(str(error)) from None
+    return show(samples)
+
+
+def read_compressed(message: CompressedImage) -> Bytes:
+    """The picture of a `sensor_msgs/CompressedImage`.
+
+    Raises:
+        ImageUnreadable: it is broken, too large, or of a kind that cannot be read.
+    """
+    try:
+        image = open_compressed(message, MOST_PIXELS**2)
+    except ImageFormat as error:
+        raise ImageUnreadable(str(error)) from None
+    if image.mode.startswith(("I", "F")):
+        return _scaled(np.asarray(image)[:, :, None])
+    shown = image if image.mode in ("L", "RGB", "RGBA") else image.convert("RGB")
+    return np.asarray(shown)
+
+
+def shaped(pixels: Bytes, request: StreamRequest) -> Bytes:
+    """The picture in the size that is asked for, and the right way up."""
+    if request.invert:
+        pixels = pixels[::-1, ::-1]
+    return resized(pixels, request.width or pixels.shape[1], request.height or pixels.shape[0])
+
+
+def resized(pixels: Bytes, width: int, height: int) -> Bytes:
+    """The picture in that size, contiguous."""
+    if pixels.shape[:2] == (height, width):
+        return np.ascontiguousarray(pixels)
+    from PIL import Image
+
+    image = Image.fromarray(np.ascontiguousarray(pixels))
+    return np.asarray(image.resize((width, height), Image.Resampling.BILINEAR))
+
+
+def without_alpha(pixels: Bytes) -> Bytes:
+    """The picture for codings that have no alpha."""
+    if pixels.ndim == 3 and pixels.shape[2] == 4:
+        return np.ascontiguousarray(pixels[:, :, :3])
+    return pixels
+
+
+# -- layouts -----------------------------------------------------------------------------------------------
+
+
+def _bytes_of(samples: Samples) -> Bytes:
+    """Values of one or two bytes as one byte each."""
+    if samples.dtype.itemsize == 1:
+        return samples.view(np.uint8)
+    return (samples.astype(np.uint16) >> 8).astype(np.uint8)
+
+
+def _as_it_is(samples: Samples) -> Bytes:
+    return _bytes_of(samples)
+
+
+def _blue_first(samples: Samples) -> Bytes:
+    order = [2, 1, 0, 3][: samples.shape[2]]
+    swapped: Bytes = _bytes_of(samples)[:, :, order]
+    return swapped
+
+
+def _grey(samples: Samples) -> Bytes:
+    return _bytes_of(samples)[:, :, 0]
+
+
+def _scaled(samples: Samples) -> Bytes:
+    """Depths: the largest is white, and what is not a number is black."""
+    values = np.nan_to_num(samples[:, :, 0].astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
+    largest = float(values.max(initial=0.0))
+    if largest <= 0:
+        return np.zeros(values.shape, np.uint8)
+    shown: Bytes = np.clip(values * np.float32(255 / largest) + np.float32(0.5), 0, 255).astype(np.uint8)
+    return shown
+
+
+def _yuv(luma: slice, u: int, v: int) -> Callable[[Samples], Bytes]:
+    """YUV 4:2:2 (BT.601, video range): four bytes are two pixels."""
+
+    def show(samples: Samples) -> Bytes:
+        rows, columns = samples.shape[:2]
+        if columns % 2:
+            raise ImageUnreadable(f"a picture in YUV 4:2:2 has an even width, got {columns}")
+        quads = samples.reshape(rows, columns // 2, 4)
+        y = (quads[:, :, luma].reshape(rows, columns).astype(np.float32) - 16) * np.float32(1.164)
+        cb = quads[:, :, u].astype(np.float32).repeat(2, axis=1) - 128
+        cr = quads[:, :, v].astype(np.float32).repeat(2, axis=1) - 128
+        planes = (
+            y + np.float32(1.596) * cr,
+            y - np.float32(0.392) * cb - np.float32(0.813) * cr,
+            y + np.float32(2.017) * cb,
+        )
+        return np.clip(np.stack(planes, axis=2) + np.float32(0.5), 0, 255).astype(np.uint8)
+
+    return show
+
+
+def _bayer(pattern: str) -> Callable[[Samples], Bytes]:
+    """A mosaic of one colour a pixel; what is missing is the mean of the nearest that have it."""
+
+    def show(samples: Samples) -> Bytes:
+        mosaic = _bytes_of(samples)[:, :, 0]
+        rows, columns = mosaic.shape
+        if rows < 2 or columns < 2:
+            raise ImageUnreadable(f"a Bayer picture has at least 2x2 pixels, got {columns}x{rows}")
+        picture = np.empty((rows, columns, 3), np.uint8)
+        for channel, colour in enumerate("rgb"):
+            plane = np.zeros((rows, columns), np.uint16)
+            for at, letter in enumerate(pattern):
+                if letter == colour:
+                    plane[at // 2 :: 2, at % 2 :: 2] = mosaic[at // 2 :: 2, at % 2 :: 2]
+            picture[:, :, channel] = _filled_green(plane) if colour == "g" else _filled(plane)
+        return picture
+
+    return show
+
+
+def _filled(plane: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Every fourth pixel is known: bilinear. Mirrored edges keep the pattern."""
+    padded = np.pad(plane, 1, mode="reflect")
+    across = padded[:, :-2] + 2 * padded[:, 1:-1] + padded[:, 2:]
+    filled: NDArray[np.uint16] = (across[:-2] + 2 * across[1:-1] + across[2:] + 2) // 4
+    return filled
+
+
+def _filled_green(plane: NDArray[np.uint16]) -> NDArray[np.uint16]:
+    """Every second pixel is known, as on a chessboard: the mean of four neighbours."""
+    padded = np.pad(plane, 1, mode="reflect")
+    around = padded[:-2, 1:-1] + padded[2:, 1:-1] + padded[1:-1, :-2] + padded[1:-1, 2:]
+    return (around + 4 * plane + 2) // 4
+
+
+_UYVY: Final = _yuv(slice(1, None, 2), 0, 2)
+_YUYV: Final = _yuv(slice(0, None, 2), 1, 3)
+
+SHOWN: Final[Mapping[str, Callable[[Samples], Bytes]]] = {
+    "rgb8": _as_it_is,
+    "bgr8": _blue_first,
+    "rgba8": _as_it_is,
+    "bgra8": _blue_first,
+    "rgb16": _as_it_is,
+    "bgr16": _blue_first,
+    "rgba16": _as_it_is,
+    "bgra16": _blue_first,
+    "mono8": _grey,
+    "mono16": _grey,
+    "8UC1": _grey,
+    "8UC3": _blue_first,
+    "8UC4": _blue_first,
+    "16UC1": _scaled,
+    "32FC1": _scaled,
+    "yuv422": _UYVY,
+    "uyvy": _UYVY,
+    "yuv422_yuy2": _YUYV,
+    "yuyv": _YUYV,
+    **{
+        f"bayer_{pattern}{bits}": _bayer(pattern)
+        for bits in (8, 16)
+        for pattern in ("rggb", "bggr", "gbrg", "grbg")
+    },
+}
+"""Every value of `encoding` that can be shown, and how its values become what is shown."""
+
+
+def read_picture(payload: Payload, request: StreamRequest) -> Bytes:
+    """The picture in its size.
+
+    Raises:
+        ImageUnreadable: it cannot be shown.
+    """
+    message: Any = payload.value()
+    compressed = payload.type.name == COMPRESSED
+    return shaped(read_compressed(message) if compressed else read_raw(message), request)

@@ -1,0 +1,289 @@
+"""Sound topics as Opus: one encoder for all who listen to a topic, and a short queue of packets for each.
+
+Sound is read and encoded in a worker thread. Without listeners nothing is subscribed to. What a topic brings
+faster than it can be heard is left out, and so is the oldest of what waits too long.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+import anyio
+import anyio.to_thread
+
+from rwt.media.broadcast import EncoderThreads
+from rwt.media.errors import RequestRefused
+from rwt.media.webrtc.audio import DATA, INFO, INFO_SUFFIX, AudioUnreadable, read_info
+from rwt.media.webrtc.opus_encoder import OpusEncoder, OpusPacket
+from rwt_graph import Node
+from rwt_graph.errors import InvalidGraphName
+from rwt_graph.names import resolve
+
+if TYPE_CHECKING:
+    from rwt.media.webrtc.audio import AudioFormat
+    from rwt_graph import Graph
+    from rwt_graph.api import Sample
+    from rwt_interfaces.payload import Payload
+    from rwt_transports.http import Reader, Work
+
+NAME: Final = "whep"
+PATIENCE: Final = 5.0
+"""Seconds to wait for an `AudioInfo`: the robot's own page sends one a second."""
+WAITING_BYTES: Final = 2 << 20
+WAITING_MESSAGES: Final = 64
+"""Of a topic, while those before are encoded; a message of the page is a twentieth of a second."""
+WAITING_PACKETS: Final = 25
+"""Of 20 ms, for one listener."""
+
+logger = logging.getLogger("rwt.media.webrtc")
+
+
+class Listener:
+    """A listener's queue of packets.
+
+    Attributes:
+        work: to which its share of the encoder's work is charged.
+        failure: why there is no more sound; None while there may be some.
+    """
+
+    def __init__(self, broadcast: AudioBroadcast, work: Work) -> None:
+        self._broadcast = broadcast
+        self.work = work
+        self.failure: AudioUnreadable | None = None
+        # The oldest gives way to the newest.
+        self._waiting: deque[OpusPacket] = deque(maxlen=WAITING_PACKETS)
+        self._woken = anyio.Event()
+        self._over = False
+
+    def put(self, packet: OpusPacket) -> None:
+        """Queue a packet."""
+        self._waiting.append(packet)
+        self._woken.set()
+
+    async def next(self) -> OpusPacket | None:
+        """The next packet, waiting for it; None when there will be no more."""
+        while not self._waiting:
+            if self._over:
+                return None
+            await self._woken.wait()
+            self._woken = anyio.Event()
+        return self._waiting.popleft()
+
+    def leave(self) -> None:
+        """Leave the broadcast."""
+        self._broadcast.leave(self)
+
+    def end(self, failure: AudioUnreadable | None = None) -> None:
+        """End the sound after the packets that are queued already."""
+        if not self._over:
+            self.failure = failure
+            self._over = True
+            self._woken.set()
+
+
+class AudioBroadcast:
+    """What all who listen to a topic share: the subscriptions and the encoder.
+
+    Args:
+        node: whose subscriptions they are.
+        topic: of `audio_common_msgs/AudioData`.
+        samples: how they are to be read, until another `AudioInfo` comes.
+        threads: the worker threads that all broadcasts share.
+        on_end: called once when the last listener has left, or when the sound cannot be decoded.
+
+    Attributes:
+        topic: as given.
+        listeners: everyone who listens.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        topic: str,
+        samples: AudioFormat,
+        threads: EncoderThreads,
+        on_end: Callable[[AudioBroadcast], None],
+    ) -> None:
+        self.topic = topic
+        self.listeners: list[Listener] = []
+        self._threads = threads
+        self._on_end = on_end
+        self._encoder = OpusEncoder(samples)
+        self._waiting: deque[tuple[float, Payload]] = deque()
+        self._waiting_bytes = 0
+        self._complaint = ""
+        self._woken = anyio.Event()
+        self._over = False
+        node.graph.spawn(self._run, f"sound of {topic}")
+        self._subscriptions = (
+            node.subscribe_samples(f"{topic}{INFO_SUFFIX}", self._take, INFO),
+            node.subscribe_samples(topic, self._take, DATA),
+        )
+
+    def join(self, work: Work) -> Listener:
+        """A new listener.
+
+        Args:
+            work: what its share of the encoder's work is charged to.
+        """
+        listener = Listener(self, work)
+        self.listeners.append(listener)
+        return listener
+
+    def leave(self, listener: Listener) -> None:
+        """The last listener who leaves ends it."""
+        if listener in self.listeners:
+            self.listeners.remove(listener)
+            listener.end()
+            if not self.listeners:
+                self.end()
+
+    def end(self, failure: AudioUnreadable | None = None) -> None:
+        """Stop, and let every listener go."""
+        if self._over:
+            return
+        self._over = True
+        for subscription in self._subscriptions:
+            subscription.close()
+        for listener in self.listeners:
+            listener.end(failure)
+        self._on_end(self)
+        self._woken.set()
+
+    def _take(self, sample: Sample) -> None:
+        """Take a message of either topic, in the order in which they come; the oldest make room."""
+        payload = sample.payload.detach()
+        self._waiting.append((time.monotonic(), payload))
+        self._waiting_bytes += payload.kept_size
+        while self._waiting_bytes > WAITING_BYTES or len(self._waiting) > WAITING_MESSAGES:
+            self._waiting_bytes -= self._waiting.popleft()[1].kept_size
+        self._woken.set()
+
+    async def _run(self) -> None:
+        while not self._over:
+            messages = tuple(self._waiting)
+            if not messages:
+                await self._woken.wait()
+                self._woken = anyio.Event()
+                continue
+            self._waiting.clear()
+            self._waiting_bytes = 0
+            encode = partial(self._encoder.encode, messages)
+            try:
+                packets = await self._threads.run(encode, tuple(each.work for each in self.listeners))
+            except AudioUnreadable as error:
+                self._complain(error)
+                self.end(error)
+            except Exception:
+                logger.exception("the sound of %s could not be encoded", self.topic)
+                self.end(AudioUnreadable("internal error"))
+            else:
+                if self._encoder.complaint is not None:
+                    self._complain(self._encoder.complaint)
+                for listener in self.listeners:
+                    for packet in packets:
+                        listener.put(packet)
+
+    def _complain(self, error: AudioUnreadable) -> None:
+        # Once: a microphone that goes on and on must not fill the log.
+        if self._complaint != str(error):
+            self._complaint = str(error)
+            logger.warning("%s: %s", self.topic, error)
+
+
+def topics_of(name: str) -> tuple[str, str]:
+    """What has to be subscribed to for the sound of a topic: the samples, and how they are to be read."""
+    return name, f"{name}{INFO_SUFFIX}"
+
+
+class AudioTopics:
+    """The sound topics of a graph, for those who may subscribe to them.
+
+    Args:
+        graph: whose topics are heard.
+    """
+
+    def __init__(self, graph: Graph) -> None:
+        self._node = Node(graph, NAME)
+        self._broadcasts: dict[str, AudioBroadcast] = {}
+        self._threads = EncoderThreads()
+
+    def close(self) -> None:
+        """Let every listener go and leave the graph."""
+        for broadcast in tuple(self._broadcasts.values()):
+            broadcast.end()
+        self._node.close()
+
+    async def find(self, topic: str, reader: Reader) -> tuple[str, AudioFormat]:
+        """The topic that is meant, and how its samples are to be read.
+
+        Raises:
+            RequestRefused: its reader may not hear it, there is none, or it cannot be decoded.
+        """
+        try:
+            name = resolve(topic)
+        except InvalidGraphName as error:
+            raise RequestRefused(400, str(error)) from error
+        for each in topics_of(name):
+            if not reader.may_subscribe(each):
+                raise RequestRefused(403, f"you may not subscribe to {each}")
+        found = self._node.graph.topic(name)
+        if found is None or found.type is None:
+            raise RequestRefused(404, f"there is no topic {name}; sound topics are: {self._known(reader)}")
+        if found.type.name != DATA:
+            raise RequestRefused(400, f"{name} is a {found.type.name}; sound is {DATA}")
+        info = await self._info(name)
+        try:
+            return name, await anyio.to_thread.run_sync(read_info, info)
+        except AudioUnreadable as error:
+            raise RequestRefused(422, f"{name}: {error}") from error
+
+    def _known(self, reader: Reader) -> str:
+        names = (
+            each.name
+            for each in self._node.graph.topics()
+            if each.type is not None and each.type.name == DATA and reader.may_subscribe(each.name)
+        )
+        return ", ".join(sorted(names)) or "none"
+
+    async def _info(self, name: str) -> Payload:
+        """The next `AudioInfo`, or the one that is kept for those who come later."""
+        topic = f"{name}{INFO_SUFFIX}"
+        told = self._node.graph.topic(topic)
+        if told is not None and told.type is not None and told.type.name != INFO:
+            raise RequestRefused(400, f"{topic} is a {told.type.name}, where {INFO} tells of the sound")
+        got: list[Payload] = []
+        came = anyio.Event()
+
+        def take(sample: Sample) -> None:
+            got.append(sample.payload.detach())
+            came.set()
+
+        subscription = self._node.subscribe_samples(topic, take, INFO)
+        try:
+            with anyio.move_on_after(PATIENCE):
+                await came.wait()
+        finally:
+            subscription.close()
+        if not got:
+            raise RequestRefused(
+                504, f"no {INFO} came on {topic} within {PATIENCE:g} s: nobody says how {name} is to be read"
+            )
+        return got[0]
+
+    def listen(self, name: str, samples: AudioFormat, work: Work) -> Listener:
+        """A listener of what :meth:`find` has found. Ends with its `leave`."""
+        broadcast = self._broadcasts.get(name)
+        if broadcast is None:
+            broadcast = AudioBroadcast(self._node, name, samples, self._threads, self._ended)
+            self._broadcasts[name] = broadcast
+        return broadcast.join(work)
+
+    def _ended(self, broadcast: AudioBroadcast) -> None:
+        if self._broadcasts.get(broadcast.topic) is broadcast:
+            del self._broadcasts[broadcast.topic]

@@ -1,0 +1,58 @@
+"""A bound for what waits to be decoded: aiortc has none, and a client can send faster than it is decoded."""
+
+from __future__ import annotations
+
+import logging
+from contextlib import suppress
+from queue import Empty, Queue
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from threading import Event
+
+    from aiortc import RTCRtpReceiver
+
+MOST_WAITING: Final = 32
+"""Pictures, or packets of sound, that wait for their decoder: what is about a second old is of no use. Each
+is at most what aiortc's jitter buffer holds."""
+
+logger = logging.getLogger("rwt.media.webrtc")
+
+# aiortc 1.16 puts what has arrived into the one, and asks for a whole picture once the other is set.
+_QUEUE: Final = "_RTCRtpReceiver__decoder_queue"
+_ERROR: Final = "_RTCRtpReceiver__decoder_error"
+
+
+class DecoderQueue(Queue[Any]):
+    """What waits for a decoder. When it is full all that waits is dropped, and a whole picture asked for:
+    the others build upon each other.
+
+    Args:
+        lost: is set when something was dropped.
+    """
+
+    def __init__(self, lost: Event) -> None:
+        super().__init__()
+        self._lost = lost
+
+    def put(self, item: Any, block: bool = True, timeout: float | None = None) -> None:
+        """Add something to be decoded, or None, which ends the decoder's thread."""
+        if item is not None and self.qsize() >= MOST_WAITING:
+            self._drop()
+        super().put(item, block, timeout)
+
+    def _drop(self) -> None:
+        self._lost.set()
+        with suppress(Empty):
+            while self.get_nowait() is not None:
+                pass
+            super().put(None)  # The decoder ends with it, and may not miss it.
+
+
+def bound_decoding(receiver: RTCRtpReceiver) -> None:
+    """Bound what waits in a receiver that has not begun."""
+    lost: Event | None = getattr(receiver, _ERROR, None)
+    if lost is None or not hasattr(receiver, _QUEUE):
+        logger.warning("this version of aiortc has another decoder: what waits for it is not bounded")
+        return
+    setattr(receiver, _QUEUE, DecoderQueue(lost))

@@ -1,0 +1,190 @@
+"""The microphone of a client as `audio_common_msgs/AudioData` on a topic, and its `AudioInfo` beside it.
+
+A message holds a twentieth of a second of 16-bit samples, as those of the robot's own page do. What comes
+faster than sound can is left out, and so is what waits for longer than half a second.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import anyio.to_thread
+from aiortc.mediastreams import MediaStreamError
+from av import AudioFrame, AudioResampler
+
+from rwt.access.errors import AccessError
+from rwt.media.webrtc.audio import CODING, DATA, INFO, INFO_SUFFIX, SAMPLE_BYTES, AudioBudget
+from rwt_interfaces.payload import Payload
+from rwt_transports.errors import log_exception
+
+if TYPE_CHECKING:
+    from aiortc import MediaStreamTrack
+
+    from rwt.access.client_graph import ClientGraph, ClientPublisher
+
+RATES: Final = (8_000, 12_000, 16_000, 24_000, 48_000)
+"""Samples a second that can be asked for: those of Opus (RFC 6716 section 2.1.3)."""
+RATE: Final = 48_000
+MESSAGES_PER_SECOND: Final = 20
+WAITING: Final = 24_000
+"""Sound that may wait to be published, in samples at 48 kHz: half a second."""
+LONGEST_SECONDS: Final = 0.12
+"""Of one packet of Opus (RFC 6716 section 2.1.4)."""
+
+logger = logging.getLogger("rwt.media.webrtc")
+
+
+@dataclass(frozen=True, slots=True)
+class MicrophoneRequest:
+    """How a client's sound is published.
+
+    Attributes:
+        topic: where.
+        rate: samples a second, one of RATES.
+        channels: 1 or 2.
+    """
+
+    topic: str
+    rate: int = RATE
+    channels: int = 1
+
+    @property
+    def info_topic(self) -> str:
+        """Where it is told how the samples are to be read."""
+        return f"{self.topic}{INFO_SUFFIX}"
+
+    def info(self) -> dict[str, object]:
+        """What is told there, an `AudioInfo`."""
+        return {
+            "channels": self.channels,
+            "sample_rate": self.rate,
+            "sample_format": "S16LE",
+            "bitrate": self.rate * self.channels * SAMPLE_BYTES * 8,
+            "coding_format": CODING,
+        }
+
+
+class Microphone:
+    """Publishes the sound of one track.
+
+    Args:
+        client: the graph as the client may act on it.
+        wanted: what was asked for.
+        end: called with the reason when there will be no more sound.
+        allowance: how much sound is taken.
+
+    Raises:
+        AccessError: the client may not publish on one of the two topics.
+        RobotError: one of them has another type.
+    """
+
+    def __init__(
+        self,
+        client: ClientGraph,
+        wanted: MicrophoneRequest,
+        end: Callable[[str], None],
+        allowance: AudioBudget | None = None,
+    ) -> None:
+        self._client = client
+        self._wanted = wanted
+        self._end = end
+        self._allowance = allowance or AudioBudget()
+        self._data: ClientPublisher
+        self._info: ClientPublisher
+        self.renew()
+        self._waiting: deque[AudioFrame] = deque()
+        self._waiting_samples = 0
+        self._woken = asyncio.Event()
+        self._until_info = 0
+        self._resampler = AudioResampler(
+            format="s16",
+            layout="mono" if wanted.channels == 1 else "stereo",
+            rate=wanted.rate,
+            frame_size=wanted.rate // MESSAGES_PER_SECOND,
+        )
+
+    @property
+    def topic(self) -> str:
+        """Where it publishes, absolute."""
+        return self._data.topic
+
+    def renew(self) -> None:
+        """Publish as the client's role allows from now on. Raises AccessError where it may not."""
+        self._data = self._client.publisher(self._wanted.topic, DATA)
+        self._info = self._client.publisher(self._wanted.info_topic, INFO)
+
+    async def take(self, track: MediaStreamTrack) -> None:
+        """Take all sound as it comes, until there is no more."""
+        try:
+            while True:
+                frame = await track.recv()
+                if isinstance(frame, AudioFrame):
+                    self.put(frame)
+        except MediaStreamError:
+            self._end("the microphone has ended")
+
+    def put(self, frame: AudioFrame) -> None:
+        """Let a piece of sound be published, or leave it out: what is too much, and the oldest that waits."""
+        seconds = frame.samples / frame.sample_rate
+        if seconds > LONGEST_SECONDS or not self._allowance.take(seconds):
+            return
+        self._waiting.append(frame)
+        self._waiting_samples += _length(frame)
+        while self._waiting_samples > WAITING:
+            self._waiting_samples -= _length(self._waiting.popleft())
+        self._woken.set()
+
+    async def publish(self) -> None:
+        """Publish what has been taken, until cancelled."""
+        while True:
+            await self._woken.wait()
+            self._woken.clear()
+            frames = tuple(self._waiting)
+            self._waiting.clear()
+            self._waiting_samples = 0
+            try:
+                pieces, seconds = await anyio.to_thread.run_sync(self._samples, frames)
+                self._client.work.add(seconds, "pictures")  # As all work on media is counted.
+                for piece in pieces:
+                    self._publish(piece)
+            except Exception:
+                log_exception("a microphone's sound could not be published on %s", self._wanted.topic)
+                self._end("internal error")
+                return
+
+    def _publish(self, piece: bytes) -> None:
+        if self._until_info == 0:
+            # Again and again, for those who come later.
+            self._until_info = MESSAGES_PER_SECOND
+            self._offer(self._info, self._wanted.info())
+        self._until_info -= 1
+        self._offer(self._data, {"data": piece})
+
+    def _offer(self, publisher: ClientPublisher, message: dict[str, object]) -> None:
+        """Publish a message, unless the gate refuses it."""
+        try:
+            publisher.publish(Payload.from_value(publisher.type, message))
+        except AccessError as refused:
+            logger.debug("sound for %s was refused: %s", self._wanted.topic, refused)
+
+    def _samples(self, frames: tuple[AudioFrame, ...]) -> tuple[list[bytes], float]:
+        """What can be published now, a message each, and the processor's seconds that it took."""
+        began = time.thread_time()
+        made: list[bytes] = []
+        for frame in frames:
+            # The clock of the sender says nothing here, and what was left out makes a gap in it.
+            frame.pts = None
+            pieces = self._resampler.resample(frame)
+            made.extend(piece.to_ndarray().astype("<i2", copy=False).tobytes() for piece in pieces)
+        return made, time.thread_time() - began
+
+
+def _length(frame: AudioFrame) -> int:
+    """How long a piece of sound is, in samples at 48 kHz."""
+    return int(frame.samples * RATE // frame.sample_rate)

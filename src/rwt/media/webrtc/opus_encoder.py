@@ -1,0 +1,109 @@
+"""From messages of sound to packets of Opus (RFC 6716, RFC 7587). Used by one thread at a time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from av import AudioFrame, AudioResampler, CodecContext
+
+from rwt.media.webrtc.audio import INFO, AudioBudget, AudioUnreadable, read_info
+
+if TYPE_CHECKING:
+    from rwt.media.webrtc.audio import AudioFormat
+    from rwt_interfaces.payload import Payload
+
+RATE: Final = 48_000
+"""Of RTP time stamps of Opus, whatever the sound has (RFC 7587 section 4.1)."""
+FRAME: Final = 960
+"""Samples of a packet: 20 ms."""
+BITS: Final = {1: 64_000, 2: 96_000}
+"""Bits a second, by channels: more than speech needs, since robots hear other things, too."""
+GAP_SECONDS: Final = 0.2
+"""A topic that is silent for longer goes on at the time of its next message."""
+
+
+@dataclass(frozen=True, slots=True)
+class OpusPacket:
+    """20 ms of sound.
+
+    Attributes:
+        data: as it goes into RTP.
+        at: of its first sample, in samples at 48 kHz.
+    """
+
+    data: bytes
+    at: int
+
+
+class OpusEncoder:
+    """Encodes one topic.
+
+    Args:
+        samples: how they are to be read, until another `AudioInfo` comes.
+        now: seconds on a clock that never goes back.
+
+    Attributes:
+        complaint: why the last message that could not be read could not; None while all could.
+    """
+
+    def __init__(self, samples: AudioFormat, now: Callable[[], float] = time.monotonic) -> None:
+        self.complaint: AudioUnreadable | None = None
+        self._format = samples
+        self._allowance = AudioBudget(now)
+        self._at = 0
+        self._heard = False
+        self._begin()
+
+    def _begin(self) -> None:
+        layout = self._format.layout
+        self._resampler = AudioResampler(format="s16", layout=layout, rate=RATE, frame_size=FRAME)
+        codec = CodecContext.create("libopus", "w")
+        codec.bit_rate = BITS[self._format.channels]
+        codec.format = "s16"
+        codec.layout = layout
+        codec.sample_rate = RATE
+        codec.options = {"application": "audio"}
+        self._codec = codec
+
+    def encode(self, messages: Sequence[tuple[float, Payload]]) -> list[OpusPacket]:
+        """The packets that are whole with these messages.
+
+        Args:
+            messages: `AudioData` and `AudioInfo` in their order, and when each came, in seconds.
+
+        Raises:
+            AudioUnreadable: an `AudioInfo` tells of what cannot be decoded, or nothing could be read yet.
+        """
+        packets: list[OpusPacket] = []
+        for came, payload in messages:
+            if payload.type.name == INFO:
+                told = read_info(payload)
+                if told != self._format:
+                    self._format = told
+                    self._begin()
+                continue
+            try:
+                frame = self._format.read(payload.value().data)  # type: ignore[attr-defined] # an AudioData
+            except AudioUnreadable as error:
+                self.complaint = error
+                if not self._heard:
+                    raise
+                continue
+            if frame is not None and self._allowance.take(frame.samples / frame.sample_rate):
+                self._heard = True
+                packets.extend(self._packets(came, frame))
+        return packets
+
+    def _packets(self, came: float, frame: AudioFrame) -> list[OpusPacket]:
+        moment = int(came * RATE)
+        if moment > self._at + GAP_SECONDS * RATE:
+            self._at = moment
+        made: list[OpusPacket] = []
+        for piece in self._resampler.resample(frame):
+            for packet in self._codec.encode(piece):
+                made.append(OpusPacket(bytes(packet), self._at))
+                self._at += FRAME
+        return made

@@ -1,0 +1,194 @@
+"""An image topic as a video track for one viewer, out of the encoders that all viewers share.
+
+aiortc sends pictures that are encoded already, but tells their track nothing of what the receiver asks for:
+key pictures (PLI, FIR) and less (REMB, receiver reports). So the sender's own methods are put in front of;
+`tests/rwt/media/webrtc` looks whether they are what they were.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction
+from time import monotonic
+from typing import TYPE_CHECKING, Any, Final, Never
+
+from aiortc import MediaStreamTrack
+from aiortc.mediastreams import MediaStreamError
+from aiortc.rtp import (
+    RTCP_PSFB_APP,
+    RTCP_RTPFB_NACK,
+    RtcpPsfbPacket,
+    RtcpRrPacket,
+    RtcpRtpfbPacket,
+    RtcpSrPacket,
+    unpack_remb_fci,
+)
+from av import Packet
+
+from rwt.media.errors import RequestRefused
+from rwt.media.stream_request import StreamRequest, Video
+from rwt.media.webrtc.bitrate_ladder import RUNGS, BitrateLadder
+
+if TYPE_CHECKING:
+    from aiortc import RTCRtpSender
+    from aiortc.rtp import AnyRtcpPacket
+
+    from rwt.media.broadcast import Viewer
+    from rwt.media.encoders.encoded import Encoded
+    from rwt.nodes.video import WebVideoServer
+    from rwt_transports.http import Work
+
+_MILLISECONDS: Final = Fraction(1, 1000)
+PACKET_BYTES: Final = 1000
+"""About what one packet carries of a picture."""
+RESENDABLE: Final = 128
+"""Packets that may be asked for again at once, as many as aiortc keeps."""
+COARSEST: Final = 63
+"""Largest quantizer of the lower rungs, which have to keep to their rate."""
+
+
+class TopicTrack(MediaStreamTrack):
+    """What one viewer sees of a topic.
+
+    Args:
+        server: whose encoders are shared.
+        request: what the viewer asked for, with the topic that it means.
+        work: to which the viewer's share of the encoders' work is charged.
+        on_end: called once when there will be no more pictures, with the reason.
+        now: seconds on a clock that never goes back.
+    """
+
+    kind = "video"
+
+    def __init__(
+        self,
+        server: WebVideoServer,
+        request: StreamRequest,
+        work: Work,
+        on_end: Callable[[str], None],
+        now: Callable[[], float] = monotonic,
+    ) -> None:
+        super().__init__()
+        self._server = server
+        self._requests = rung_requests(request)
+        self._work = work
+        self._on_end = on_end
+        self._now = now
+        rates = [_bitrate(each) for each in self._requests]
+        self._chooser = BitrateLadder(rates)
+        self._rung = 0
+        self._viewer: Viewer | None = None
+        self._resendable = 0
+
+    @property
+    def rung(self) -> int:
+        """Which of the bit rates is sent, 0 the best."""
+        return self._rung
+
+    def follow(self, sender: RTCRtpSender) -> None:
+        """Heed what the receiver asks `sender` for, which sends this track."""
+        handle = sender._handle_rtcp_packet
+
+        async def heed(packet: AnyRtcpPacket) -> None:
+            self._heed(packet, sender._ssrc)
+            await handle(packet)
+
+        sender._handle_rtcp_packet = heed  # type: ignore[method-assign] # aiortc tells a track nothing
+        sender._send_keyframe = self._ask_for_key  # type: ignore[method-assign] # as above
+
+    def _ask_for_key(self) -> None:
+        self._chooser.asked_for_key(self._now())
+        if self._viewer is not None:
+            self._viewer.ask_for_key()
+
+    def _heed(self, packet: AnyRtcpPacket, ssrc: int) -> None:
+        now = self._now()
+        if isinstance(packet, RtcpRrPacket | RtcpSrPacket):
+            for report in packet.reports:
+                if report.ssrc == ssrc:
+                    self._chooser.lost(report.fraction_lost / 256, now)
+        elif isinstance(packet, RtcpPsfbPacket) and packet.fmt == RTCP_PSFB_APP:
+            try:
+                bits, ssrcs = unpack_remb_fci(packet.fci)
+            except ValueError:
+                return  # Another message of the application layer.
+            if ssrc in ssrcs:
+                self._chooser.estimated(bits, now)
+        elif isinstance(packet, RtcpRtpfbPacket) and packet.fmt == RTCP_RTPFB_NACK:
+            # What is sent again is not more than what was sent, however much is said to be lost.
+            packet.lost = packet.lost[: self._resendable]
+            self._resendable -= len(packet.lost)
+
+    async def recv(self) -> Packet[Any]:
+        """The next picture, encoded; raises MediaStreamError when there will be none."""
+        while True:
+            viewer = self._join()
+            encoded = await viewer.next()
+            if encoded is not None and viewer is self._viewer:
+                self._chooser.sent(len(encoded.data), self._now())
+                packets = len(encoded.data) // PACKET_BYTES + 1
+                self._resendable = min(self._resendable + packets, RESENDABLE)
+                viewer.count_sent(encoded)
+                return _packet(encoded)
+            if encoded is None:
+                self._end(str(viewer.failure or "the topic's pictures have ended"))
+
+    def _join(self) -> Viewer:
+        """The viewer of the rung that is wanted."""
+        if self.readyState != "live":
+            raise MediaStreamError
+        wanted, viewer = self._chooser.rung, self._viewer
+        if viewer is not None and wanted == self._rung:
+            return viewer
+        try:
+            joined = self._server.watch(self._requests[wanted], self._work)
+        except RequestRefused as refused:
+            if viewer is None:
+                self._end(str(refused))
+            # There is no room for another encoder: what there is goes on.
+            self._chooser.rung = self._rung
+            return viewer
+        if viewer is not None:
+            viewer.leave()
+        self._viewer, self._rung = joined, wanted
+        return joined
+
+    def _end(self, reason: str) -> Never:
+        self.stop()
+        self._on_end(reason)
+        raise MediaStreamError
+
+    def stop(self) -> None:
+        """Watch no more."""
+        super().stop()
+        viewer, self._viewer = self._viewer, None
+        if viewer is not None:
+            viewer.leave()
+
+
+def rung_requests(request: StreamRequest) -> tuple[StreamRequest, ...]:
+    """What is asked of the encoders for each rung: equal for all viewers who asked for the same."""
+    video = request.coding
+    assert isinstance(video, Video)
+    best = _bitrate(request)
+    lower = (
+        replace(request, coding=replace(video, bitrate=int(best * part), qmax=COARSEST)) for part in RUNGS[1:]
+    )
+    return (request, *lower)
+
+
+def _bitrate(request: StreamRequest) -> int:
+    assert isinstance(request.coding, Video) and request.coding.bitrate is not None
+    return request.coding.bitrate
+
+
+def _packet(encoded: Encoded) -> Packet[Any]:
+    data = encoded.data
+    if encoded.key and encoded.track is not None and encoded.track.codec == "h264":
+        # A receiver may begin here, and knows nothing yet: the parameter sets go first (RFC 6184).
+        data = encoded.track.parameters + data
+    packet = Packet(data)
+    packet.pts = encoded.at_ms
+    packet.time_base = _MILLISECONDS
+    return packet

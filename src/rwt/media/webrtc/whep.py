@@ -1,0 +1,169 @@
+"""WHEP (draft-ietf-wish-whep): ``POST /whep?topic=…`` with an offer, and the topic comes as a video track;
+with ``audio=…``, beside it or instead of it, a topic of sound comes as Opus.
+
+The parameters of pictures are those of ``/stream``; `type` is `vp8` or `h264`, by default what the offer has,
+VP8 first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Final, Never
+from urllib.parse import parse_qsl, urlencode
+
+from aiortc import RTCRtpCodecCapability, RTCRtpSender
+
+from rwt.media.errors import RequestRefused
+from rwt.media.stream_request import Video, read_request
+from rwt.media.webrtc.audio_topics import topics_of
+from rwt.media.webrtc.audio_track import AudioTrack
+from rwt.media.webrtc.opus import only_opus, require_opus
+from rwt.media.webrtc.video_track import TopicTrack
+from rwt_transports.errors import Refused
+from rwt_transports.http import Audience, HttpResponse, Route
+from rwt_transports.webrtc.sdp import BadDescription, read_description
+from rwt_transports.webrtc.signalling import SDP, answering, opened, resource_routes
+
+if TYPE_CHECKING:
+    from rwt.media.stream_request import StreamRequest
+    from rwt.media.webrtc.audio import AudioFormat
+    from rwt.media.webrtc.audio_topics import AudioTopics
+    from rwt.nodes.video import WebVideoServer
+    from rwt_protocol.transport import PeerInfo, Sink
+    from rwt_transports.http import HttpRequest, Reader
+    from rwt_transports.webrtc.peer import Peer
+    from rwt_transports.webrtc.sdp import Description
+    from rwt_transports.webrtc.signalling import Peers
+
+PATH: Final = "/whep"
+BITRATE: Final = 1_500_000
+"""Bits a second where none are asked for."""
+KEY_EVERY: Final = 300
+"""Pictures from one key picture to the next where none is asked for: receivers ask when they need one."""
+CODECS: Final = {"vp8": "video/VP8", "h264": "video/H264"}
+
+
+def watch_routes(
+    peers: Peers, video: WebVideoServer | None, sound: AudioTopics | None
+) -> tuple[Route[Reader], ...]:
+    """The routes by which topics are watched and heard over WebRTC.
+
+    Args:
+        peers: that are accepted.
+        video: what encodes pictures; None where there is none.
+        sound: what encodes sound; None where there is none.
+    """
+    source = Sources(peers, video, sound)
+
+    def page(request: HttpRequest, reader: Reader) -> Awaitable[HttpResponse]:
+        return answering(request, SDP, partial(source.offered, reader))
+
+    return (Route(PATH, page, Audience.ADMITTED, "POST"), *resource_routes(peers, PATH))
+
+
+@dataclass(frozen=True, slots=True)
+class Sources:
+    """Where pictures and sound come from; as for :func:`watch_routes`."""
+
+    peers: Peers
+    video: WebVideoServer | None
+    sound: AudioTopics | None
+
+    async def offered(self, reader: Reader, request: HttpRequest) -> HttpResponse:
+        """Answer an offer."""
+        description = read_description(request.body, self.peers.terms.candidates)
+        given = dict(parse_qsl(request.query, keep_blank_values=True))
+        audio = given.pop("audio", "")
+        wants_video = not audio or "topic" in given
+        _check_sections(description, wants_video, bool(audio))
+        try:
+            stream = await self._find_video(given, description, reader) if wants_video else None
+            heard = await self._find_sound(audio, reader) if audio else None
+        except RequestRefused as refused:
+            raise Refused(refused.status, str(refused)) from refused
+        topics: tuple[str, ...] = () if heard is None else topics_of(heard[0])
+        if stream is not None:
+            topics = (stream.topic, *topics)
+
+        async def answer(peer: Peer) -> str:
+            peer.when_ended(reader.while_allowed(topics, peer.fail))
+            if stream is not None:
+                self._show(peer, stream, reader)
+            if heard is not None:
+                self._play(peer, heard, reader)
+            await peer.take_description(description, "offer")
+            return await peer.describe()
+
+        return opened(PATH, request, *await self.peers.open(_refuse, request.address, answer))
+
+    async def _find_video(
+        self, given: dict[str, str], description: Description, reader: Reader
+    ) -> StreamRequest:
+        if self.video is None:
+            raise RequestRefused(404, "no pictures are served here: `nodes` of the settings has no video")
+        stream = await self.video.find(read_query(urlencode(given), description), reader)
+        self.video.check_room(stream)
+        return stream
+
+    async def _find_sound(self, topic: str, reader: Reader) -> tuple[str, AudioFormat]:
+        if self.sound is None:
+            raise RequestRefused(404, "no sound is served here")
+        return await self.sound.find(topic, reader)
+
+    def _show(self, peer: Peer, stream: StreamRequest, reader: Reader) -> None:
+        assert self.video is not None  # It has found the topic.
+        track = TopicTrack(self.video, stream, reader.work, peer.fail)
+        sender = peer.connection.addTrack(track)
+        track.follow(sender)
+        (transceiver,) = peer.connection.getTransceivers()
+        transceiver.setCodecPreferences(_codecs(stream.type))
+
+    def _play(self, peer: Peer, heard: tuple[str, AudioFormat], reader: Reader) -> None:
+        assert self.sound is not None  # It has found the topic.
+        track = AudioTrack(self.sound.listen(*heard, reader.work), peer.fail)
+        # Also of a peer that never finds its path, whose sender never asks the track for anything.
+        peer.when_ended(track.stop)
+        peer.connection.addTrack(track)
+        only_opus(peer.connection.getTransceivers()[-1])
+
+
+def _check_sections(description: Description, wants_video: bool, wants_audio: bool) -> None:
+    offered = sorted(description.media)
+    wanted = [kind for kind, each in (("audio", wants_audio), ("video", wants_video)) if each]
+    if offered not in (["audio"], ["video"], ["audio", "video"]) or not set(wanted) <= set(offered):
+        raise BadDescription(
+            f"sections {', '.join(description.media) or 'none'} are offered, where one of"
+            f" {' and one of '.join(wanted)} is wanted"
+        )
+    if wants_audio:
+        require_opus(description)
+
+
+def _refuse(sink: Sink, info: PeerInfo) -> Never:
+    raise Refused(403, "data channels are offered at /webrtc")
+
+
+def read_query(query: str, description: Description) -> StreamRequest:
+    """What a query asks for, with what the offer can take where it does not say.
+
+    Raises:
+        RequestRefused: 400, and the text says what is expected.
+    """
+    given = dict(parse_qsl(query, keep_blank_values=True))
+    type_ = given.setdefault("type", "vp8" if "VP8/90000" in description.text else "h264")
+    if type_ not in CODECS:
+        raise RequestRefused(400, f"`type` must be one of {', '.join(CODECS)} here, got {type_!r:.100}")
+    given.setdefault("bitrate", str(BITRATE))
+    given.setdefault("gop", str(KEY_EVERY))
+    request = read_request(urlencode(given))
+    assert isinstance(request.coding, Video)
+    return request
+
+
+def _codecs(type_: str) -> list[RTCRtpCodecCapability]:
+    """What aiortc may choose from: one codec, and its retransmission."""
+    wanted = (CODECS[type_].lower(), "video/rtx")
+    known = RTCRtpSender.getCapabilities("video").codecs
+    return [codec for codec in known if codec.mimeType.lower() in wanted]

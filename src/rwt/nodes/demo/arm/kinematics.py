@@ -1,0 +1,77 @@
+"""A small arm with six joints: how it is built, and how it moves along trajectories."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from rwt.nodes.demo.arm.trajectory import Trajectory
+
+
+@dataclass(frozen=True, slots=True)
+class ArmJoint:
+    """A joint and the link that it turns, which is drawn as a cylinder along z.
+
+    Attributes:
+        name: of the joint.
+        link: what it turns; the joint is at its origin.
+        height: of the joint on the link before it, along that one's z, metres.
+        axis: what it turns about.
+        length: of the link, metres.
+        radius: of the link, metres.
+        limit: how far it turns either way, radians.
+        speed: how fast it turns at most, radians a second.
+        rest: its angle at the start and after a reset, radians.
+    """
+
+    name: str
+    link: str
+    height: float
+    axis: Literal["y", "z"]
+    length: float
+    radius: float
+    limit: float
+    speed: float
+    rest: float
+
+
+ARM: Final = (
+    ArmJoint("shoulder_pan_joint", "shoulder_link", 0.05, "z", 0.04, 0.035, 3.1, 2.0, 0.0),
+    ArmJoint("shoulder_lift_joint", "upper_arm_link", 0.04, "y", 0.18, 0.025, 2.2, 2.0, -0.7),
+    ArmJoint("elbow_joint", "forearm_link", 0.18, "y", 0.15, 0.02, 2.6, 2.0, 2.2),
+    ArmJoint("wrist_1_joint", "wrist_1_link", 0.15, "z", 0.03, 0.018, 3.1, 3.0, 0.0),
+    ArmJoint("wrist_2_joint", "wrist_2_link", 0.03, "y", 0.04, 0.018, 2.2, 3.0, 0.6),
+    ArmJoint("wrist_3_joint", "wrist_3_link", 0.04, "z", 0.02, 0.016, 3.1, 3.0, 0.0),
+)
+"""From the base to the hand. Turning about y is away from the robot's front for negative angles."""
+
+REST: Final = tuple(joint.rest for joint in ARM)
+
+
+class Arm:
+    """Where the joints are.
+
+    Attributes:
+        positions: radians, in the order of :data:`ARM`.
+        velocities: radians a second.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Move every joint to its rest angle at once."""
+        self.positions: tuple[float, ...] = REST
+        self.stop()
+
+    def stop(self) -> None:
+        """Set every joint's velocity to zero."""
+        self.velocities: tuple[float, ...] = (0.0,) * len(ARM)
+
+    def go(self, trajectory: Trajectory, seconds: float) -> None:
+        """Take the angles of a trajectory after so many seconds, within the joints' limits."""
+        positions, self.velocities = trajectory.at(seconds)
+        # A spline may swing further than its waypoints.
+        self.positions = tuple(
+            max(-joint.limit, min(joint.limit, angle)) for joint, angle in zip(ARM, positions, strict=True)
+        )

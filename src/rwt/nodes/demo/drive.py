@@ -1,0 +1,134 @@
+"""A differential drive: two driven wheels, what they are asked for, and where that takes the robot."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from rwt.nodes.demo.world.map import World
+
+#: Longest way between two collision checks, metres; far less than any wall is thick.
+_CHECK_EVERY = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Chassis:
+    """The robot's body.
+
+    Attributes:
+        radius: of the round body, metres.
+        wheel_radius: metres.
+        track: distance between the two wheels, metres.
+    """
+
+    radius: float = 0.2
+    wheel_radius: float = 0.05
+    track: float = 0.3
+
+
+@dataclass(slots=True)
+class Limits:
+    """What the motors can do; m/s, rad/s, m/s², rad/s²."""
+
+    speed: float = 0.8
+    turn_rate: float = 2.0
+    acceleration: float = 2.0
+    turn_acceleration: float = 8.0
+
+
+@dataclass(frozen=True, slots=True)
+class Velocity:
+    """Forwards in m/s and counterclockwise in rad/s."""
+
+    linear: float = 0.0
+    angular: float = 0.0
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether it stands still."""
+        return self.linear == 0.0 and self.angular == 0.0
+
+
+STANDSTILL = Velocity()
+
+
+class DifferentialDrive:
+    """The robot's motion: pose, velocity and wheel angles, step by step.
+
+    Attributes:
+        limits: may be changed at any time.
+        pose: in the map frame.
+        velocity: what the robot does now.
+        left_angle: how far the left wheel has turned since the start, radians.
+        right_angle: how far the right wheel has turned since the start, radians.
+        enabled: whether the motors have power.
+        bumped: whether the last step ended at something solid.
+    """
+
+    def __init__(self, world: World, chassis: Chassis, limits: Limits) -> None:
+        self.limits = limits
+        self._world = world
+        self._chassis = chassis
+        self.enabled = True
+        self.reset()
+
+    def reset(self) -> None:
+        """Stand at the start of the world with the wheels at zero. The motors stay as they are."""
+        self.pose = self._world.start
+        self.velocity = STANDSTILL
+        self.left_angle = 0.0
+        self.right_angle = 0.0
+        self.bumped = False
+
+    def stop(self) -> None:
+        """Stand still at once, as brakes do."""
+        self.velocity = STANDSTILL
+
+    def step(self, wanted: Velocity, seconds: float) -> None:
+        """Follow `wanted` within the limits for `seconds`; something solid in the way stops the robot."""
+        limits = self.limits
+        if not self.enabled:
+            wanted = STANDSTILL
+        linear = _approach(
+            self.velocity.linear, _clamp(wanted.linear, limits.speed), limits.acceleration * seconds
+        )
+        angular = _approach(
+            self.velocity.angular,
+            _clamp(wanted.angular, limits.turn_rate),
+            limits.turn_acceleration * seconds,
+        )
+        self.bumped = False
+        if linear or angular:
+            self._move(linear, angular, seconds)
+        else:
+            self.velocity = STANDSTILL
+
+    def _move(self, linear: float, angular: float, seconds: float) -> None:
+        checks = max(1, math.ceil(abs(linear) * seconds / _CHECK_EVERY))
+        slice_ = seconds / checks
+        for _ in range(checks):
+            there = self.pose.moved(linear, angular, slice_)
+            if linear and self._world.clearance(there.x, there.y) < self._chassis.radius:
+                # A round body can always turn where it stands, so only the way forwards is lost.
+                self.bumped = True
+                linear = 0.0
+                there = self.pose.moved(0.0, angular, slice_)
+            self._turn_wheels(linear, angular, slice_)
+            self.pose = there
+        self.velocity = Velocity(linear, angular)
+
+    def _turn_wheels(self, linear: float, angular: float, seconds: float) -> None:
+        apart = angular * self._chassis.track / 2
+        self.left_angle += (linear - apart) / self._chassis.wheel_radius * seconds
+        self.right_angle += (linear + apart) / self._chassis.wheel_radius * seconds
+
+
+def _clamp(value: float, limit: float) -> float:
+    return max(-limit, min(limit, value))
+
+
+def _approach(value: float, target: float, change: float) -> float:
+    # The slack is for sums of steps that miss the target by a rounding.
+    if abs(target - value) <= change + 1e-9:
+        return target
+    return value + math.copysign(change, target - value)

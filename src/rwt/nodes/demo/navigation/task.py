@@ -1,0 +1,270 @@
+"""The actions `/navigate_to_pose` and, on ROS 1, `/move_base`: plan a path, follow it, plan again.
+
+The driving is done in :meth:`Navigation.steer`, once a control step, so that it needs no coroutine; that
+of the action only waits until its navigation task has ended.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, Protocol
+
+import anyio
+
+from rwt.nodes.demo import messages
+from rwt.nodes.demo.drive import STANDSTILL, DifferentialDrive, Velocity
+from rwt.nodes.demo.frames import MAP, ODOM, frame
+from rwt.nodes.demo.model.urdf import BASE
+from rwt.nodes.demo.navigation.path_follower import PathFollower
+from rwt.nodes.demo.navigation.planner import NoPath, Planner
+from rwt.nodes.demo.world.pose import ORIGIN, Pose
+from rwt_graph import Node
+from rwt_participant.errors import GoalAborted, GoalCanceled
+from rwt_participant.goals import GoalStatus, ReceivedGoal
+
+ACTION = "nav2_msgs/NavigateToPose"
+#: Seconds between two feedbacks.
+_FEEDBACK_EVERY = 0.2
+#: Seconds of standing still on the way after which the task is given up.
+_PATIENCE = 5.0
+#: Metres off the path, after driving by hand, at which a new one is planned.
+_REPLAN_AT = 0.4
+
+
+class _Header(Protocol):
+    frame_id: str
+
+
+class _PoseStamped(Protocol):
+    header: _Header
+    pose: messages.PoseLike
+
+
+class NavigateRequest(Protocol):
+    """The goal of `nav2_msgs/NavigateToPose`."""
+
+    pose: _PoseStamped
+
+
+class MoveBaseRequest(Protocol):
+    """The goal of `move_base_msgs/MoveBase`."""
+
+    target_pose: _PoseStamped
+
+
+@dataclass(frozen=True, slots=True)
+class _Interface:
+    """How one action spells a navigation task.
+
+    Attributes:
+        target: where a goal leads.
+        pose_field: the field of the feedback that holds where the robot is.
+        has_progress: whether feedback and result have more than that.
+    """
+
+    target: Callable[[Any], _PoseStamped]
+    pose_field: str
+    has_progress: bool
+
+
+def _nav2_target(request: NavigateRequest) -> _PoseStamped:
+    return request.pose
+
+
+def _move_base_target(request: MoveBaseRequest) -> _PoseStamped:
+    return request.target_pose
+
+
+_NAV2 = _Interface(_nav2_target, "current_pose", has_progress=True)
+_MOVE_BASE = _Interface(_move_base_target, "base_position", has_progress=False)
+
+
+@dataclass(slots=True)
+class _NavigationTask:
+    """One goal under way: its path and its progress."""
+
+    goal: ReceivedGoal
+    interface: _Interface
+    follower: PathFollower
+    started: float
+    ended: anyio.Event = field(default_factory=anyio.Event)
+    status: GoalStatus = GoalStatus.EXECUTING
+    reason: str = ""
+    still_since: float | None = None
+    last_feedback: float = -math.inf
+
+    def end(self, status: GoalStatus, reason: str = "") -> None:
+        if not self.ended.is_set():
+            self.status, self.reason = status, reason
+            self.ended.set()
+
+
+class Navigation:
+    """Serves the action and, while a goal is active, says how to drive."""
+
+    def __init__(self, node: Node, drive: DifferentialDrive, planner: Planner, odom_origin: Pose) -> None:
+        self._node = node
+        self._drive = drive
+        self._planner = planner
+        self._odom_origin = odom_origin
+        self._task: _NavigationTask | None = None
+        self._plans = node.advertise("plan", "nav_msgs/Path")
+        self._offer("navigate_to_pose", ACTION, _NAV2)
+        if node.distro.move_base_type is not None:
+            self._offer("move_base", node.distro.move_base_type, _MOVE_BASE)
+
+    def _offer(self, name: str, type: str, interface: _Interface) -> None:
+        execute = partial(self._execute, interface)
+        self._node.advertise_action(name, type, execute, accept=partial(self._accept, interface))
+
+    @property
+    def active(self) -> bool:
+        """Whether a goal is being driven to."""
+        return self._task is not None
+
+    def steer(self, overridden: bool) -> Velocity:
+        """The velocity to drive with now; `overridden`, while driving by hand, only pauses the task."""
+        task = self._task
+        if task is None:
+            return STANDSTILL
+        if task.goal.cancel_requested:
+            if overridden or self._drive.velocity.is_zero:
+                self._finish(GoalStatus.CANCELED)
+            return STANDSTILL
+        if not self._drive.enabled:
+            self._finish(GoalStatus.ABORTED, "the motors are disabled; call /enable_motors")
+            return STANDSTILL
+        self._give_feedback(task)
+        if overridden:
+            task.still_since = None
+            return STANDSTILL
+        return self._follow(task)
+
+    def abort(self, reason: str) -> None:
+        """Give up the active goal, if there is one."""
+        self._finish(GoalStatus.ABORTED, reason)
+
+    def _follow(self, task: _NavigationTask) -> Velocity:
+        pose = self._drive.pose
+        if task.follower.arrived(pose) and self._drive.velocity.is_zero:
+            self._finish(GoalStatus.SUCCEEDED)
+            return STANDSTILL
+        if self._is_stuck(task):
+            self._finish(GoalStatus.ABORTED, "the robot is stuck")
+            return STANDSTILL
+        if task.follower.off_track(pose) > _REPLAN_AT:
+            try:
+                task.follower = self._plan(task.follower.goal)
+            except NoPath as error:
+                self._finish(GoalStatus.ABORTED, str(error))
+                return STANDSTILL
+        return task.follower.steer(pose)
+
+    def _finish(self, status: GoalStatus, reason: str = "") -> None:
+        if self._task is not None:
+            self._task.end(status, reason)
+            self._task = None
+
+    def _is_stuck(self, task: _NavigationTask) -> bool:
+        now = self._node.clock.monotonic()
+        if self._drive.bumped or self._drive.velocity.is_zero:
+            if task.still_since is None:
+                task.still_since = now
+            return now - task.still_since > _PATIENCE
+        task.still_since = None
+        return False
+
+    def _accept(self, interface: _Interface, request: object) -> bool | str:
+        """True, or the reason to reject the goal."""
+        asked = interface.target(request)
+        target = messages.read_pose(asked.pose)
+        if not all(math.isfinite(value) for value in (target.x, target.y, target.heading)):
+            return "the goal's pose has a value that is not a finite number"
+        given, known = asked.header.frame_id, self._frames()
+        if _bare(given) not in known:
+            _, *others, last = known
+            return f'the goal is in frame "{given}"; use {", ".join(others)} or {last}'
+        return True
+
+    def _frames(self) -> dict[str, Pose]:
+        """The origin in the map of each frame a goal may be in; a goal without one is in the map."""
+        return {
+            "": ORIGIN,
+            frame(self._node, MAP): ORIGIN,
+            frame(self._node, ODOM): self._odom_origin,
+            frame(self._node, BASE): self._drive.pose,
+        }
+
+    async def _execute(self, interface: _Interface, goal: ReceivedGoal) -> messages.Message:
+        self.abort("a newer goal took its place")
+        asked = interface.target(goal.request)
+        origin = self._frames()[_bare(asked.header.frame_id)]
+        try:
+            follower = self._plan(origin.after(messages.read_pose(asked.pose)))
+        except NoPath as error:
+            raise GoalAborted(self._result(interface, str(error)), str(error)) from error
+        task = self._task = _NavigationTask(goal, interface, follower, self._node.clock.monotonic())
+        try:
+            await task.ended.wait()
+        finally:
+            # Whatever ends the wait, a robot without a goal must not drive on.
+            if self._task is task:
+                self._task = None
+        if task.status is GoalStatus.CANCELED:
+            raise GoalCanceled(self._result(interface, "canceled"))
+        if task.status is GoalStatus.ABORTED:
+            raise GoalAborted(self._result(interface, task.reason), task.reason)
+        return self._result(interface, "")
+
+    def _plan(self, target: Pose) -> PathFollower:
+        here = self._drive.pose
+        corners = self._planner.plan((here.x, here.y), (target.x, target.y))
+        self._publish_plan(corners, target)
+        return PathFollower(corners, target, self._drive.limits)
+
+    def _publish_plan(self, corners: list[tuple[float, float]], target: Pose) -> None:
+        header = messages.header(self._node.clock.time_ns(), frame(self._node, MAP))
+        poses = [{"header": header, "pose": messages.pose(Pose(x, y, target.heading))} for x, y in corners]
+        self._plans.publish({"header": header, "poses": poses})
+
+    def _give_feedback(self, task: _NavigationTask) -> None:
+        now = self._node.clock.monotonic()
+        # A step may come a hair early by rounding; half a step of slack keeps the rate.
+        if now - task.last_feedback < _FEEDBACK_EVERY - 0.025:
+            return
+        task.last_feedback = now
+        stamp = self._node.clock.time_ns()
+        feedback: messages.Message = {
+            task.interface.pose_field: {
+                "header": messages.header(stamp, frame(self._node, MAP)),
+                "pose": messages.pose(self._drive.pose),
+            },
+        }
+        progress = self._progress(task, now) if task.interface.has_progress else {}
+        task.goal.publish_feedback({**feedback, **progress})
+
+    def _progress(self, task: _NavigationTask, now: float) -> messages.Message:
+        remaining = task.follower.remaining(self._drive.pose)
+        speed = max(abs(self._drive.velocity.linear), self._drive.limits.speed / 2)
+        return {
+            "navigation_time": messages.time(round((now - task.started) * 1e9)),
+            "estimated_time_remaining": messages.time(round(remaining / speed * 1e9)),
+            "number_of_recoveries": 0,
+            "distance_remaining": remaining,
+        }
+
+    def _result(self, interface: _Interface, error: str) -> messages.Message:
+        """The result with what this distribution's definition has of it; `/move_base` has none."""
+        if not interface.has_progress:
+            return {}
+        fields = self._node.registry.action(ACTION).result.struct.__struct_fields__
+        outcome = {"error_code": 1 if error else 0, "error_msg": error}
+        return {name: value for name, value in outcome.items() if name in fields}
+
+
+def _bare(frame: str) -> str:
+    """A frame's name without the slash that old ROS 1 programs put before it."""
+    return frame.removeprefix("/")

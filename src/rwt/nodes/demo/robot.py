@@ -1,0 +1,313 @@
+"""The demo robot: every part of it, joined on one node."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from rwt.nodes.demo import messages
+from rwt.nodes.demo.arm.controller import ArmController
+from rwt.nodes.demo.arm.kinematics import Arm
+from rwt.nodes.demo.battery import Battery
+from rwt.nodes.demo.diagnostics import Diagnostics
+from rwt.nodes.demo.drive import STANDSTILL, Chassis, DifferentialDrive, Limits, Velocity
+from rwt.nodes.demo.frames import MAP, frame
+from rwt.nodes.demo.messages import Message
+from rwt.nodes.demo.model.meshes import Meshes
+from rwt.nodes.demo.model.urdf import camera_mount, urdf, visuals
+from rwt.nodes.demo.navigation.goal_marker import GoalMarker
+from rwt.nodes.demo.navigation.planner import Planner
+from rwt.nodes.demo.navigation.task import Navigation
+from rwt.nodes.demo.parameters import declare_tunables
+from rwt.nodes.demo.sensors import BatteryPublisher, ScanPublisher
+from rwt.nodes.demo.state import StatePublisher
+from rwt.nodes.demo.teleop import Teleop
+from rwt.nodes.demo.world.cameras import CameraPublisher
+from rwt.nodes.demo.world.lens import DEFAULT_LENS, Lens
+from rwt.nodes.demo.world.lidar import Lidar
+from rwt.nodes.demo.world.map import World, draw_map, house
+from rwt.nodes.depth_cloud import CloudDecimator, DepthCloudEncoder
+from rwt_graph import Graph, Node
+from rwt_participant.errors import GoalCanceled, ServiceFailed
+from rwt_participant.goals import ReceivedGoal
+from rwt_participant.messages import ParameterValue
+from rwt_tf2 import quaternion_from_yaw
+
+#: Seconds from one control step to the next.
+CONTROL_PERIOD = 0.05
+#: Seconds from one battery state, diagnosis and hello to the next.
+REPORT_PERIOD = 1.0
+#: The longest time that one step makes up for when the program was held up, seconds.
+_LONGEST_STEP = 0.2
+
+
+#: What `ROS3D.DepthCloud` calls `f` is so many times the focal length by the crop, both in pixels.
+_CROP_OF_FOCAL = 500.0
+#: The `f` of the stock page, for an OpenNI camera.
+_OPENNI_F = 525.0
+
+
+class _Addends(Protocol):
+    a: int
+    b: int
+
+
+class _Switch(Protocol):
+    data: bool
+
+
+class DemoRobot:
+    """A differential-drive robot in a walled world, simulated.
+
+    It drives by `/cmd_vel`, `/navigate_to_pose` and, on ROS 1, `/move_base`, moves its arm by
+    `/arm_controller/follow_joint_trajectory` and `/arm_controller/joint_trajectory`, publishes `/odom`,
+    `/robot_pose`, `/tf`, `/tf_static`, `/joint_states`, `/scan`, `/camera/…`, `/map`, `/plan`,
+    `/battery_state`, `/diagnostics`, `/robot_description`, `/chatter`, and serves `/add_two_ints`, `/reset`,
+    `/enable_motors` and `/fibonacci`. An interactive marker under `/goal_marker` sends it where it is
+    dropped. Its parameters are in :data:`rwt.nodes.demo.parameters.TUNABLES`; `openni_depth_cloud` makes its
+    depth stream what the stock pages of ros3djs expect of an OpenNI camera. Two nodes beside it make
+    `/depthcloud_encoded` and `/camera/depth/points/decimated` of what its camera sees.
+
+    Args:
+        graph: where it lives; all its timing is the graph's clock.
+        world: what it drives in; by default a house of 10 m by 8 m.
+        seed: of the laser's noise, so that two runs measure the same.
+        namespace: of its names, for several robots in one graph; they share `/tf` and `/tf_static`, where the
+            frames of one in `/anna` are `anna/odom` and so on.
+        lens: of the cameras.
+
+    Attributes:
+        http: the meshes that its description names, for :func:`rwt.serve`.
+    """
+
+    def __init__(
+        self,
+        graph: Graph,
+        world: World | None = None,
+        seed: int = 1,
+        *,
+        namespace: str = "/",
+        lens: Lens = DEFAULT_LENS,
+    ) -> None:
+        self._world = world or house()
+        self._node = Node(graph, "demo_robot", namespace)
+        chassis = Chassis()
+        self._drive = DifferentialDrive(self._world, chassis, Limits())
+        self._lidar = Lidar(self._world, seed=seed)
+        self._battery = Battery()
+        self._teleop = Teleop(self._node)
+        self._navigation = Navigation(
+            self._node, self._drive, Planner(self._world, chassis.radius), self._world.start
+        )
+        self._goal_marker = GoalMarker(self._node, self._world.start)
+        self._arm = Arm()
+        self._arm_controller = ArmController(self._node, self._arm)
+        self._state = StatePublisher(self._node, self._drive, self._arm, chassis, self._world.start)
+        self._scans = ScanPublisher(self._node, self._drive, self._lidar)
+        self._lens = lens
+        self._cameras = CameraPublisher(self._node, self._drive, self._world, camera_mount(chassis), lens)
+        self._fibonacci = Fibonacci(self._node)
+        self._battery_states = BatteryPublisher(self._node, self._battery)
+        self._serve()
+        self._declare_parameters()
+        self._publish_map()
+        self._describe(urdf(chassis))
+        self.http = Meshes(visuals(chassis)).http
+        self._chatter = self._node.advertise("chatter", "std_msgs/String")
+        self._said = 0
+        self._stepped = self._node.clock.monotonic()
+        self._start()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        for node in (self._depth_cloud, self._thin_cloud, self._node):
+            node.close()
+
+    def _start(self) -> None:
+        """Start every timer at one moment: what is due together then wakes the program once."""
+        self._node.create_timer(CONTROL_PERIOD, self._step)
+        self._scans.start()
+        self._node.create_timer(REPORT_PERIOD, self._report)
+        Diagnostics(self._node, self._drive, self._battery, self._navigation, REPORT_PERIOD)
+        graph, namespace = self._node.graph, self._node.namespace
+        # The square in the middle of the picture; two tiles of 3 m reach through a room.
+        self._depth_cloud = DepthCloudEncoder(
+            graph,
+            namespace=namespace,
+            crop_size=self._whole_crop,
+            target_resolution=256,
+            max_depth_per_tile=3.0,
+        )
+        self._node.parameters.declare(
+            "openni_depth_cloud",
+            False,
+            description="Make the depth stream that pages for OpenNI cameras expect, and their frame.",
+            on_change=self._use_openni,
+        )
+        self._thin_cloud = CloudDecimator(
+            graph, "camera/depth/points", namespace=namespace, stride=2, voxel=0.05
+        )
+
+    @property
+    def _whole_crop(self) -> int:
+        return min(self._lens.width, self._lens.height)
+
+    def _use_openni(self, value: ParameterValue) -> None:
+        """Take the depth stream's crop, size and depth from what pages for OpenNI cameras assume, or back."""
+        if value:
+            crop = round(self._lens.focal * _CROP_OF_FOCAL / _OPENNI_F)
+            self._depth_cloud.configure(min(crop, self._whole_crop), 512, 1.0)
+        else:
+            self._depth_cloud.configure(self._whole_crop, 256, 3.0)
+        self._state.publish_fixed(openni=bool(value))
+
+    def _report(self) -> None:
+        self._battery_states.publish()
+        self._said += 1
+        self._chatter.publish({"data": f"hello world {self._said}"})
+
+    def _step(self) -> None:
+        """One control step: choose the velocity, move the robot, publish its state."""
+        now = self._node.clock.monotonic()
+        seconds = min(now - self._stepped, _LONGEST_STEP)
+        self._stepped = now
+        self._drive.step(self._wanted(), seconds)
+        self._battery.drain(self._drive.velocity, seconds)
+        if self._battery.level == 0.0:
+            # A demo that ran overnight must still drive in the morning.
+            self._battery.swap()
+            self._node.log.warning("the battery was empty and has been swapped for a full one")
+        self._arm_controller.step()
+        self._state.publish()
+        self._cameras.follow_subscribers()
+
+    def _wanted(self) -> Velocity:
+        """The velocity to drive with: teleoperation goes before navigation, unless its command is zero."""
+        by_hand = self._teleop.velocity or STANDSTILL
+        planned = self._navigation.steer(overridden=not by_hand.is_zero)
+        return planned if by_hand.is_zero else by_hand
+
+    def _serve(self) -> None:
+        self._node.advertise_service("add_two_ints", self._node.distro.add_two_ints_type, _add_two_ints)
+        self._node.advertise_service("reset", "std_srvs/Empty", self._reset)
+        self._node.advertise_service("enable_motors", "std_srvs/SetBool", self._enable_motors)
+
+    def _reset(self, request: object) -> messages.Message:
+        """Return to the start with a full battery and the arm at rest; the motors stay as they are."""
+        self._navigation.abort("the robot was reset")
+        self._arm_controller.abort("the robot was reset")
+        self._arm.reset()
+        self._teleop.forget()
+        self._drive.reset()
+        self._battery.swap()
+        self._node.log.info("reset: back at the start, battery full")
+        return {}
+
+    def _enable_motors(self, request: _Switch) -> messages.Message:
+        self._drive.enabled = request.data
+        if not request.data:
+            self._drive.stop()
+        return {"success": True, "message": f"motors {'enabled' if request.data else 'disabled'}"}
+
+    def _declare_parameters(self) -> None:
+        limits, lidar = self._drive.limits, self._lidar
+        declare_tunables(
+            self._node,
+            {
+                "max_speed": lambda value: setattr(limits, "speed", value),
+                "max_turn_rate": lambda value: setattr(limits, "turn_rate", value),
+                "max_acceleration": lambda value: setattr(limits, "acceleration", value),
+                "max_turn_acceleration": lambda value: setattr(limits, "turn_acceleration", value),
+                "command_timeout": lambda value: setattr(self._teleop, "timeout", value),
+                "scan_rate": self._scans.set_rate,
+                "camera_rate": self._cameras.set_rate,
+                "scan_noise": lambda value: setattr(lidar, "noise", value),
+                "fibonacci_rate": lambda value: setattr(self._fibonacci, "rate", value),
+            },
+        )
+
+    def _publish_map(self) -> None:
+        grid = draw_map(self._world)
+        stamp = self._node.clock.time_ns()
+        self._node.advertise("map", "nav_msgs/OccupancyGrid", latch=True).publish(
+            {
+                "header": messages.header(stamp, frame(self._node, MAP)),
+                "info": {
+                    "map_load_time": messages.time(stamp),
+                    "resolution": grid.resolution,
+                    "width": grid.columns,
+                    "height": grid.rows,
+                    "origin": {
+                        "position": messages.vector(grid.left, grid.bottom),
+                        "orientation": quaternion_from_yaw(0.0),
+                    },
+                },
+                "data": grid.cells,
+            }
+        )
+
+    def _describe(self, description: str) -> None:
+        """The URDF where programs look for it: a latched topic and a parameter, on ROS 1 a global one."""
+        node = self._node
+        node.advertise("robot_description", "std_msgs/String", latch=True).publish({"data": description})
+        graph = node.graph
+        if node.distro.parameters_belong_to_nodes:
+            node.parameters.declare(
+                "robot_description", description, description="The robot as URDF.", read_only=True
+            )
+        else:
+            graph.run_on_graph(lambda: graph.parameters.set(node.resolve("robot_description"), description))
+
+
+def _add_two_ints(request: _Addends) -> messages.Message:
+    total = request.a + request.b
+    if not -(2**63) <= total < 2**63:
+        msg = f"{request.a} + {request.b} does not fit an int64"
+        raise ServiceFailed(msg)
+    return {"sum": total}
+
+
+#: As many numbers, from 0 on, fit the message's int32.
+_MOST_NUMBERS = 47
+
+#: How many numbers more than the order says a tutorial finds: programs written for either count on it.
+_SURPLUS = {"actionlib_tutorials/Fibonacci": 2, "example_interfaces/Fibonacci": 1}
+
+
+class FibonacciRequest(Protocol):
+    """The goal, which every package's Fibonacci action has."""
+
+    order: int
+
+
+class Fibonacci:
+    """The action `/fibonacci` of ROS's tutorials: one number after another, slowly enough to cancel.
+
+    Attributes:
+        rate: numbers in a second.
+    """
+
+    rate = 2.0
+
+    def __init__(self, node: Node) -> None:
+        name = node.distro.fibonacci_type
+        self._node = node
+        self._surplus = _SURPLUS[name]
+        node.advertise_action("fibonacci", name, self._execute, accept=self._accept)
+
+    def _accept(self, request: FibonacciRequest) -> bool | str:
+        highest = _MOST_NUMBERS - self._surplus
+        if 0 <= request.order <= highest:
+            return True
+        return f"order must be 0 to {highest}, where int32 ends, got {request.order}"
+
+    async def _execute(self, goal: ReceivedGoal) -> Message:
+        request: FibonacciRequest = goal.request
+        count = request.order + self._surplus
+        sequence = [0, 1][:count]
+        while len(sequence) < count:
+            await self._node.clock.sleep(1 / self.rate)
+            if goal.cancel_requested:
+                raise GoalCanceled({"sequence": sequence})
+            sequence = [*sequence, sequence[-1] + sequence[-2]]
+            goal.publish_feedback({"sequence": sequence})
+        return {"sequence": sequence}

@@ -1,0 +1,144 @@
+"""The robot's state: odometry, transforms and joint states."""
+
+from __future__ import annotations
+
+from rwt.nodes.demo import messages
+from rwt.nodes.demo.arm.kinematics import ARM, Arm
+from rwt.nodes.demo.drive import Chassis, DifferentialDrive
+from rwt.nodes.demo.frames import MAP, ODOM, frame
+from rwt.nodes.demo.model.urdf import (
+    BASE,
+    LEFT_JOINT,
+    OPENNI_OPTICAL,
+    OPTICAL,
+    RIGHT_JOINT,
+    arm_mounts,
+    fixed_mounts,
+    wheel_mounts,
+)
+from rwt.nodes.demo.world.pose import Pose
+from rwt_graph import Node
+from rwt_tf2 import quaternion_from_euler
+
+#: Diagonals of the odometry's covariances: sure of everything but drifting in x, y and yaw.
+_POSE_COVARIANCE = [0.001 if i in (0, 7, 35) else 1e-6 if i % 7 == 0 else 0.0 for i in range(36)]
+
+_ARM_JOINTS = tuple(joint.name for joint in ARM)
+
+
+class StatePublisher:
+    """Publishes `/odom`, `/tf`, `/tf_static`, `/joint_states`, and `/robot_pose` for pages with a map."""
+
+    def __init__(
+        self, node: Node, drive: DifferentialDrive, arm: Arm, chassis: Chassis, odom_origin: Pose
+    ) -> None:
+        self._node = node
+        self._drive = drive
+        self._arm = arm
+        self._origin = odom_origin
+        self._map, self._odom_frame, self._base = (frame(node, name) for name in (MAP, ODOM, BASE))
+        self._wheels = [(frame(node, mount.link), mount) for mount in wheel_mounts(chassis)]
+        self._arm_links = tuple(
+            (
+                frame(node, mount.parent),
+                frame(node, mount.link),
+                messages.vector(mount.x, mount.y, mount.z),
+                messages.turns_about(joint.axis),
+            )
+            for joint, mount in zip(ARM, arm_mounts(), strict=True)
+        )
+        self._chassis = chassis
+        self._odom = node.advertise("odom", "nav_msgs/Odometry")
+        self._pose = node.advertise("robot_pose", "geometry_msgs/Pose")
+        self._tf = node.advertise("/tf", "tf2_msgs/TFMessage")
+        self._joints = node.advertise("joint_states", "sensor_msgs/JointState")
+        self._fixed = node.advertise("/tf_static", "tf2_msgs/TFMessage", latch=True)
+        self.publish_fixed()
+
+    def publish_fixed(self, *, openni: bool = False) -> None:
+        """Publish the transforms that do not change, with OpenNI's name of the camera's frame if asked."""
+        transforms = self._fixed_transforms(self._chassis)
+        if openni:
+            stamp, parent, link = (
+                self._node.clock.time_ns(),
+                frame(self._node, OPTICAL),
+                frame(self._node, OPENNI_OPTICAL),
+            )
+            same = messages.transform(stamp, parent, link, messages.vector(), quaternion_from_euler(0, 0, 0))
+            transforms.append(same)
+        self._fixed.publish({"transforms": transforms})
+
+    def publish(self) -> None:
+        """Publish the present state on every topic that has subscribers."""
+        stamp = self._node.clock.time_ns()
+        if self._pose.subscriber_count:
+            self._pose.publish(messages.pose(self._drive.pose))
+        if self._odom.subscriber_count:
+            self._odom.publish(self._odometry(stamp))
+        if self._tf.subscriber_count:
+            self._tf.publish({"transforms": self._transforms(stamp)})
+        if self._joints.subscriber_count:
+            self._joints.publish(self._joint_state(stamp))
+
+    def _odometry(self, stamp: int) -> messages.Message:
+        return {
+            "header": messages.header(stamp, self._odom_frame),
+            "child_frame_id": self._base,
+            "pose": {
+                "pose": messages.pose(self._drive.pose.seen_from(self._origin)),
+                "covariance": _POSE_COVARIANCE,
+            },
+            "twist": {"twist": messages.twist(self._drive.velocity), "covariance": _POSE_COVARIANCE},
+        }
+
+    def _transforms(self, stamp: int) -> list[messages.Message]:
+        """Where odometry began, where the robot is since then, and how its wheels and its arm stand."""
+        body = self._drive.pose.seen_from(self._origin)
+        angles = (self._drive.left_angle, self._drive.right_angle)
+        return [
+            messages.planar_transform(stamp, self._map, self._odom_frame, self._origin),
+            messages.planar_transform(stamp, self._odom_frame, self._base, body),
+            *(
+                messages.transform(
+                    stamp,
+                    self._base,
+                    link,
+                    messages.vector(mount.x, mount.y, mount.z),
+                    messages.turn_about_y(angle),
+                )
+                for (link, mount), angle in zip(self._wheels, angles, strict=True)
+            ),
+            *(
+                messages.transform(stamp, parent, link, place, turn(angle))
+                for (parent, link, place, turn), angle in zip(
+                    self._arm_links, self._arm.positions, strict=True
+                )
+            ),
+        ]
+
+    def _joint_state(self, stamp: int) -> messages.Message:
+        velocity, chassis = self._drive.velocity, self._chassis
+        apart = velocity.angular * chassis.track / 2
+        return {
+            "header": messages.header(stamp, ""),
+            "name": [LEFT_JOINT, RIGHT_JOINT, *_ARM_JOINTS],
+            "position": [self._drive.left_angle, self._drive.right_angle, *self._arm.positions],
+            "velocity": [
+                (velocity.linear - apart) / chassis.wheel_radius,
+                (velocity.linear + apart) / chassis.wheel_radius,
+                *self._arm.velocities,
+            ],
+        }
+
+    def _fixed_transforms(self, chassis: Chassis) -> list[messages.Message]:
+        stamp = self._node.clock.time_ns()
+        return [
+            messages.transform(
+                stamp,
+                frame(self._node, mount.parent),
+                frame(self._node, mount.link),
+                messages.vector(mount.x, mount.y, mount.z),
+                quaternion_from_euler(*mount.rpy),
+            )
+            for mount in fixed_mounts(chassis)
+        ]

@@ -1,0 +1,165 @@
+"""The floor plan: what is solid, how far the nearest solid thing is, and the map of it.
+
+Solid things are boxes with sides along the axes and round pillars. Collisions and the laser use these
+shapes exactly; only the map is made of cells.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rwt.nodes.demo.world.pose import ORIGIN, Pose
+
+#: The values of `nav_msgs/OccupancyGrid` that are used here.
+FREE = 0
+OCCUPIED = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """A wall or a piece of furniture, sides along the axes; metres in the map frame."""
+
+    left: float
+    bottom: float
+    right: float
+    top: float
+
+    def distance(self, x: float, y: float) -> float:
+        """Metres from a point to the box; 0 inside."""
+        dx = self.left - x if x < self.left else x - self.right if x > self.right else 0.0
+        dy = self.bottom - y if y < self.bottom else y - self.top if y > self.top else 0.0
+        return math.hypot(dx, dy)
+
+
+@dataclass(frozen=True, slots=True)
+class Pillar:
+    """A round obstacle; metres in the map frame."""
+
+    x: float
+    y: float
+    radius: float
+
+    def distance(self, x: float, y: float) -> float:
+        """Metres from a point to the pillar; 0 inside."""
+        return max(0.0, math.hypot(x - self.x, y - self.y) - self.radius)
+
+
+@dataclass(frozen=True, slots=True)
+class World:
+    """A closed floor with obstacles.
+
+    Attributes:
+        floor: the whole rectangle; nothing is outside.
+        boxes: walls and furniture, the outer walls among them.
+        pillars: round obstacles.
+        start: where the robot begins, in the map frame.
+    """
+
+    floor: Box
+    boxes: tuple[Box, ...]
+    pillars: tuple[Pillar, ...] = ()
+    start: Pose = ORIGIN
+
+    def clearance(self, x: float, y: float) -> float:
+        """Metres from a point to the nearest solid thing; 0 inside one and outside the floor."""
+        floor = self.floor
+        nearest = min(x - floor.left, floor.right - x, y - floor.bottom, floor.top - y)
+        for box in self.boxes:
+            nearest = min(nearest, box.distance(x, y))
+        for pillar in self.pillars:
+            nearest = min(nearest, pillar.distance(x, y))
+        return max(0.0, nearest)
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """A map of equal square cells.
+
+    Attributes:
+        resolution: side of a cell, metres.
+        columns: cells along x.
+        rows: cells along y.
+        left: x of the corner of the first cell, metres.
+        bottom: y of the corner of the first cell, metres.
+        cells: :data:`FREE` or :data:`OCCUPIED`, row by row, the lowest y first.
+    """
+
+    resolution: float
+    columns: int
+    rows: int
+    left: float
+    bottom: float
+    cells: Sequence[int]
+
+    def at(self, x: float, y: float) -> int:
+        """The value of the cell that a point is in; :data:`OCCUPIED` outside the map."""
+        column = math.floor((x - self.left) / self.resolution)
+        row = math.floor((y - self.bottom) / self.resolution)
+        if 0 <= column < self.columns and 0 <= row < self.rows:
+            return self.cells[row * self.columns + column]
+        return OCCUPIED
+
+
+def draw_map(world: World, resolution: float = 0.05) -> Grid:
+    """The world as an occupancy grid; a cell is occupied when its centre is in something solid."""
+    floor = world.floor
+    columns = math.ceil((floor.right - floor.left) / resolution - 1e-9)
+    rows = math.ceil((floor.top - floor.bottom) / resolution - 1e-9)
+    cells = [FREE] * (columns * rows)
+    for shape in (*world.boxes, *(_around(pillar) for pillar in world.pillars)):
+        # Only the cells around each shape are tested: 160 times 200 cells times 20 shapes would be seconds.
+        first = max(0, math.floor((shape.left - floor.left) / resolution))
+        last = min(columns, math.ceil((shape.right - floor.left) / resolution))
+        for row in range(
+            max(0, math.floor((shape.bottom - floor.bottom) / resolution)),
+            min(rows, math.ceil((shape.top - floor.bottom) / resolution)),
+        ):
+            y = floor.bottom + (row + 0.5) * resolution
+            for column in range(first, last):
+                if world.clearance(floor.left + (column + 0.5) * resolution, y) == 0.0:
+                    cells[row * columns + column] = OCCUPIED
+    return Grid(resolution, columns, rows, floor.left, floor.bottom, tuple(cells))
+
+
+def _around(pillar: Pillar) -> Box:
+    r = pillar.radius
+    return Box(pillar.x - r, pillar.y - r, pillar.x + r, pillar.y + r)
+
+
+def walled(floor: Box, thickness: float = 0.1) -> tuple[Box, ...]:
+    """The four outer walls that close a floor, inside its rectangle."""
+    left, bottom, right, top = floor.left, floor.bottom, floor.right, floor.top
+    return (
+        Box(left, bottom, right, bottom + thickness),
+        Box(left, top - thickness, right, top),
+        Box(left, bottom, left + thickness, top),
+        Box(right - thickness, bottom, right, top),
+    )
+
+
+def house() -> World:
+    """The demo's world: 10 m by 8 m, two rooms in the west, a hall with pillars and a store in the east."""
+    floor = Box(-5.0, -4.0, 5.0, 4.0)
+    inner_walls = (
+        # Between the western rooms and the hall, with a door to each room.
+        Box(-1.1, -4.0, -1.0, -3.0),
+        Box(-1.1, -2.0, -1.0, 1.5),
+        Box(-1.1, 2.5, -1.0, 4.0),
+        # Between the western rooms, with a door.
+        Box(-5.0, -0.1, -3.6, 0.0),
+        Box(-2.6, -0.1, -1.1, 0.0),
+        # The store in the north-east, with a door to the hall.
+        Box(1.8, 1.2, 2.2, 1.3),
+        Box(3.2, 1.2, 5.0, 1.3),
+        Box(1.8, 1.3, 1.9, 4.0),
+    )
+    furniture = (
+        Box(-4.4, 1.6, -3.4, 2.4),  # table
+        Box(-4.9, -3.9, -4.5, -2.6),  # shelf
+        Box(1.6, -3.9, 2.8, -3.5),  # bench
+        Box(4.1, 2.9, 4.9, 3.9),  # crate
+    )
+    pillars = (Pillar(0.6, -0.6, 0.15), Pillar(2.6, -0.6, 0.15), Pillar(3.9, -2.3, 0.3))
+    return World(floor, walled(floor) + inner_walls + furniture, pillars, Pose(-3.4, -2.5, 0.0))

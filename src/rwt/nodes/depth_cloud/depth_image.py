@@ -1,0 +1,204 @@
+"""Depth and colour as one picture, and back: the depth-cloud encoder of Toris et al. 2015, section IV-C.
+
+The picture is 2N x 2N pixels::
+
+    near depth │ far depth
+    ───────────┼──────────
+    validity   │ colour
+
+Depths are counted in tiles of `depth_per_tile` metres: what lies within the first is in the near tile, the
+rest, up to the second, in the far one. A tile spreads its part over 0 … 765, the sum of red, green and blue,
+which is all that a reader looks at. `ROS3D.DepthCloud` adds them in its vertex shader, takes the far tile
+where the near one is above 0.99, and leaves out what is white in the validity mask.
+
+Other encoders fill blue, then green, then red. That is a rainbow along each slope, and videos have half the
+resolution for colour. Here the three share the sum as evenly as it goes: the tile is grey, a reader reads the
+same, and after the same codec depths are about half as wrong, in fewer bytes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rwt.nodes.depth_cloud.errors import ImageShape
+
+Bytes = NDArray[np.uint8]
+Depths = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+Steps = NDArray[np.int16]
+
+LEVELS: Final = 765
+"""Steps of one tile: three channels of 255."""
+
+NEAR_IS_FULL: Final = 0.99
+"""Above this share of the near tile a reader takes the far one, on top of this (`ROS3D.DepthCloud`)."""
+
+_NEAR_STEPS: Final = int(NEAR_IS_FULL * LEVELS)
+"""The most steps that a reader takes from the near tile."""
+
+_FAR_LIFT: Final = _NEAR_STEPS + 1 - NEAR_IS_FULL * LEVELS
+"""The far tile's first step stands for 0.99, which is no whole step: this much lies between the two."""
+
+_FARTHEST: Final = _NEAR_STEPS + 1 + LEVELS
+
+
+_WHITE_BLACK: Final = np.array([[255] * 3, [0] * 3], np.uint8)
+"""The mask's pixels, of what is unknown and of what is known."""
+
+
+@dataclass(frozen=True, slots=True)
+class DepthImage:
+    """What a picture holds.
+
+    Attributes:
+        depths: N x N, metres along the optical axis; filled in where not `valid`.
+        valid: where a depth was measured.
+        colours: N x N x 3, red, green and blue.
+    """
+
+    depths: Depths
+    valid: Mask
+    colours: Bytes
+
+
+def encode_picture(depths: Depths, colours: Bytes, depth_per_tile: float = 1.0) -> Bytes:
+    """The picture of one pair.
+
+    Depths are written so that they are read again within half a step, a step being `depth_per_tile` / 765:
+    the far tile begins where a reader begins to look at it.
+
+    Args:
+        depths: N x N, metres; 0, NaN and infinity are unknown, and so is what lies beyond both tiles.
+        colours: N x N x 3, red, green and blue.
+        depth_per_tile: metres that one tile spans; the two together reach to 1.99 times that.
+
+    Returns:
+        2N x 2N x 3, red, green and blue.
+
+    Raises:
+        ImageShape: the arrays are not square, or do not agree.
+    """
+    size = depths.shape[0]
+    if depths.shape != (size, size) or colours.shape != (size, size, 3):
+        raise ImageShape(
+            f"expected depths of N x N and colours of N x N x 3, got {depths.shape} and {colours.shape}"
+        )
+    steps, known = _steps(depths, depth_per_tile)
+    filled = fill_unknown(steps, known)
+    near, far = _tables()
+    picture = np.empty((2 * size, 2 * size, 3), np.uint8)
+    picture[:size, :size] = near.take(filled, axis=0)
+    picture[:size, size:] = far.take(filled, axis=0)
+    picture[size:, :size] = _WHITE_BLACK.take(known, axis=0)
+    picture[size:, size:] = colours
+    return picture
+
+
+def decode_picture(picture: Bytes, depth_per_tile: float = 1.0) -> DepthImage:
+    """What is in a picture, by the arithmetic of `ROS3D.DepthCloud` without its filters against noise.
+
+    Args:
+        picture: 2N x 2N x 3, red, green and blue, after whatever it went through.
+        depth_per_tile: metres that one tile spans, as it was encoded.
+
+    Raises:
+        ImageShape: it is not such a picture.
+    """
+    rows = picture.shape[0]
+    if picture.shape != (rows, rows, 3) or rows % 2:
+        raise ImageShape(f"expected a picture of 2N x 2N x 3, got {picture.shape}")
+    size = rows // 2
+    near = _gather(picture[:size, :size])
+    far = _gather(picture[:size, size:])
+    share = np.where(near > NEAR_IS_FULL, np.float32(NEAR_IS_FULL) + far, near)
+    mask = _gather(picture[size:, :size])
+    depths = (share * np.float32(depth_per_tile)).astype(np.float32)
+    return DepthImage(depths, mask <= 0.5, np.ascontiguousarray(picture[size:, size:]))
+
+
+def _steps(depths: Depths, depth_per_tile: float) -> tuple[Steps, Mask]:
+    """The number of each depth in :func:`_tables`, and which are known."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        shares = depths * np.float32(LEVELS / depth_per_tile)
+        known = (shares > 0) & (shares <= _FARTHEST - _FAR_LIFT)
+    shares[~known] = 0
+    shares[shares > _NEAR_STEPS + 0.5] += np.float32(_FAR_LIFT)
+    return np.rint(shares).astype(np.int16), known
+
+
+@cache
+def _tables() -> tuple[Bytes, Bytes]:
+    """The pixels of the near and of the far tile for each number of steps."""
+    steps = np.arange(_FARTHEST + 1)
+    return _grey(np.minimum(steps, LEVELS)), _grey(np.maximum(steps - _NEAR_STEPS - 1, 0))
+
+
+def _grey(sums: NDArray[np.int64]) -> Bytes:
+    """Red, green and blue of these sums.
+
+    Of the two that are left over, red takes one, green and blue take two: as bright as the sum wants it.
+    """
+    third, rest = np.divmod(sums, 3)
+    return np.stack([third + (rest == 1), third + (rest == 2), third + (rest == 2)], axis=-1).astype(np.uint8)
+
+
+def _gather(tile: Bytes) -> Depths:
+    """The share of a tile, 0 … 1: the mean of the channels."""
+    total = tile[:, :, 0].astype(np.uint16)
+    total += tile[:, :, 1]
+    total += tile[:, :, 2]
+    return total.astype(np.float32) / np.float32(LEVELS)
+
+
+def fill_unknown(steps: Steps, known: Mask) -> Steps:
+    """Depths without holes, so that a video codec has no edges to spend bits on.
+
+    Along each row what is unknown lies on the line between its known neighbours; at the ends the nearest is
+    held. Rows without any known depth are copies of the nearest row above that has one, or of the first that
+    has. What is known stays as it is.
+
+    Args:
+        steps: rows x columns of depths in any unit; what is not `known` is not looked at.
+        known: the same shape.
+
+    Returns:
+        A new array, or `steps` itself where everything is known; zeros where nothing is.
+    """
+    rows: Mask = np.any(known, axis=1)
+    if not rows.any():
+        return np.zeros_like(steps)
+    if known.all():
+        return steps
+    filled = steps.copy()
+    _along_rows(filled, known)
+    return filled if rows.all() else filled[_nearest(rows)]
+
+
+def _along_rows(steps: Steps, known: Mask) -> None:
+    """Fill the rows in place; one without any known depth becomes whatever it becomes."""
+    width = steps.shape[1]
+    columns = np.arange(width, dtype=np.int16)
+    # From each pixel to the last known one at or before it, and to the next one at or after it.
+    before = np.maximum.accumulate(np.where(known, columns, np.int16(-1)), axis=1)
+    mirrored = np.where(known[:, ::-1], columns, np.int16(-1))
+    after = width - 1 - np.maximum.accumulate(mirrored, axis=1)[:, ::-1]
+    row, column = np.nonzero(~known)
+    first, last = before[row, column].astype(np.int32), after[row, column].astype(np.int32)
+    left = steps[row, np.maximum(first, 0)].astype(np.float32)
+    right = steps[row, np.minimum(last, width - 1)].astype(np.float32)
+    left = np.where(first < 0, right, left)
+    right = np.where(last >= width, left, right)
+    share = (column - first) / (last - first)
+    steps[row, column] = np.rint(left + (right - left) * share)
+
+
+def _nearest(rows: Mask) -> NDArray[np.intp]:
+    """For each row the last one above with something in it, or the first one of all."""
+    numbers = np.arange(len(rows))
+    above = np.maximum.accumulate(np.where(rows, numbers, -1))
+    return np.where(above < 0, int(np.argmax(rows)), above)

@@ -1,0 +1,161 @@
+"""The depth-cloud encoder: two image topics become one, which `ROS3D.DepthCloud` takes as a video."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
+
+from rwt.nodes.depth_cloud.latest_only import Closable, LatestOnly
+from rwt.nodes.number_parameters import Number
+from rwt_graph import Graph, Node, Sample
+from rwt_interfaces.times import NANOSECONDS
+from rwt_participant.qos import SENSOR_DATA
+from rwt_tf2 import stamp_ns
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from rwt_interfaces.payload import Payload
+
+_IMAGE: Final = "sensor_msgs/Image"
+
+CROP_SIZE: Final = Number(
+    "crop_size", 2, 4096, "", "Edge of the square taken out of both images, pixels.", whole=True
+)
+TARGET_RESOLUTION: Final = Number(
+    "target_resolution", 2, 2048, "", "Edge of a tile, pixels; the picture is twice as large.", whole=True
+)
+MAX_DEPTH_PER_TILE: Final = Number(
+    "max_depth_per_tile", 0.01, 1000.0, "m", "Depth that one of the two depth tiles spans."
+)
+
+
+class DepthCloudEncoder:
+    """Publishes depth and colour as one picture, while it has subscribers.
+
+    A depth image goes with the latest colour image if their times are `slop` seconds apart at most. Both lie
+    on the same pixels (registered), and the middle of both is taken. The layout of the picture is in
+    :mod:`rwt.nodes.depth_cloud.depth_image`.
+
+    Node, topic and parameters have the names of ROS 1's `depthcloud_encoder`; `crop_size`,
+    `target_resolution` and `max_depth_per_tile` are ROS parameters and can be changed while it works.
+
+    Args:
+        graph: where the topics are.
+        depth: topic of `sensor_msgs/Image`, 16UC1 (millimetres) or 32FC1 (metres).
+        colour: topic of `sensor_msgs/Image`.
+        topic: of the result, `sensor_msgs/Image` of rgb8.
+        name: of the node.
+        namespace: of the node, which names without a slash at their beginning are relative to.
+        crop_size: edge of the square that is taken out of both, pixels; black where it reaches beyond.
+        target_resolution: edge of a tile, pixels; the picture is twice as large.
+        max_depth_per_tile: metres that one of the two depth tiles spans.
+        slop: seconds.
+
+    Raises:
+        ParameterRejected: a number that the parameter of this name does not take.
+    """
+
+    def __init__(
+        self,
+        graph: Graph,
+        depth: str = "camera/depth/image_raw",
+        colour: str = "camera/image_raw",
+        *,
+        topic: str = "depthcloud_encoded",
+        name: str = "depthcloud_encoder",
+        namespace: str = "/",
+        crop_size: int = 512,
+        target_resolution: int = 512,
+        max_depth_per_tile: float = 1.0,
+        slop: float = 0.05,
+    ) -> None:
+        self._node = Node(graph, name, namespace)
+        self._topics = (depth, colour)
+        CROP_SIZE.declare(self._node, crop_size, self._set_crop)
+        TARGET_RESOLUTION.declare(self._node, target_resolution, self._set_size)
+        MAX_DEPTH_PER_TILE.declare(self._node, max_depth_per_tile, self._set_depth_per_tile)
+        self._slop_ns = round(slop * NANOSECONDS)
+        self._latest: dict[str, tuple[int, Payload]] = {}
+        pictures = self._node.advertise(topic, _IMAGE, qos=SENSOR_DATA)
+        self._work: LatestOnly[tuple[Payload, Payload]] = LatestOnly(
+            self._node, pictures, self._encode, self._listen
+        )
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._node.close()
+
+    def configure(self, crop_size: int, target_resolution: int, max_depth_per_tile: float) -> None:
+        """Set all three parameters; see :class:`DepthCloudEncoder`.
+
+        Raises:
+            ParameterRejected: one is out of range.
+        """
+        for number, value in (
+            (CROP_SIZE, crop_size),
+            (TARGET_RESOLUTION, target_resolution),
+            (MAX_DEPTH_PER_TILE, max_depth_per_tile),
+        ):
+            self._node.parameters.set(number.name, value)
+
+    def _set_crop(self, pixels: float) -> None:
+        self._crop = int(pixels)
+
+    def _set_size(self, pixels: float) -> None:
+        self._size = int(pixels)
+
+    def _set_depth_per_tile(self, metres: float) -> None:
+        self._depth_per_tile = metres
+
+    def _listen(self) -> tuple[Closable, ...]:
+        self._latest.clear()
+        return tuple(
+            self._node.subscribe_samples(
+                topic, type=_IMAGE, qos=SENSOR_DATA, on_sample=partial(self._take, topic)
+            )
+            for topic in self._topics
+        )
+
+    def _take(self, topic: str, sample: Sample) -> None:
+        """Encode the two latest images if their times match; each is used once."""
+        message: Any = sample.payload.value()
+        self._latest[topic] = stamp_ns(message.header.stamp), sample.payload.detach()
+        if len(self._latest) < len(self._topics):
+            return
+        (depth_at, depth), (colour_at, colour) = (self._latest[topic] for topic in self._topics)
+        if abs(depth_at - colour_at) <= self._slop_ns:
+            self._latest.clear()
+            self._work.offer((depth, colour))
+
+    def _encode(self, pair: tuple[Payload, Payload]) -> Mapping[str, object]:
+        """One picture. Runs in a worker thread; numpy is loaded with the first subscriber."""
+        from rwt.nodes.depth_cloud.depth_image import encode_picture
+        from rwt.nodes.depth_cloud.depths import read_depths, square
+
+        depth: Any = pair[0].value()
+        crop, size = self._crop, self._size  # They may be changed meanwhile.
+        depths = square(read_depths(depth), crop, size)
+        colours = square(_colours(pair[1].value()), crop, size)
+        picture = encode_picture(depths, colours, self._depth_per_tile)
+        edge = 2 * size
+        return {
+            "header": depth.header,
+            "height": edge,
+            "width": edge,
+            "encoding": "rgb8",
+            "is_bigendian": 0,
+            "step": 3 * edge,
+            "data": picture.tobytes(),
+        }
+
+
+def _colours(message: Any) -> NDArray[Any]:
+    """A picture's red, green and blue."""
+    import numpy as np
+
+    from rwt.media.encoders.pixels import read_raw
+
+    shown = read_raw(message)
+    return np.repeat(shown[:, :, None], 3, axis=2) if shown.ndim == 2 else shown[:, :, :3]

@@ -1,0 +1,95 @@
+"""A worker thread that processes the latest input only, while the result has subscribers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Final, Generic, Protocol, TypeVar
+
+import anyio.to_thread
+
+from rwt.media.errors import ImageUnreadable
+from rwt.nodes.depth_cloud.errors import DepthCloudError
+from rwt_graph import Node, TopicPublisher
+
+T = TypeVar("T")
+
+LOOK_EVERY: Final = 0.2
+"""Seconds within which a first listener is noticed, and that the last one has left."""
+
+_COMPLAIN_EVERY: Final = 10.0
+
+
+class Closable(Protocol):
+    """Something that can be closed."""
+
+    def close(self) -> None:
+        """Close it."""
+
+
+class LatestOnly(Generic[T]):
+    """Turns inputs into messages in a worker thread, one at a time, and keeps the latest meanwhile.
+
+    Args:
+        node: that publishes.
+        topic: of the results.
+        work: makes the result; runs in a worker thread. What it cannot read it refuses by raising.
+        listen: subscribes to the inputs, which it gives to :meth:`offer`; what it returns is closed
+            when the topic has no subscribers.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        topic: TopicPublisher,
+        work: Callable[[T], Mapping[str, object]],
+        listen: Callable[[], tuple[Closable, ...]],
+    ) -> None:
+        self._node = node
+        self._topic = topic
+        self._work = work
+        self._listen = listen
+        self._inputs: tuple[Closable, ...] = ()
+        self._next: T | None = None
+        self._busy = False
+        self._complained = float("-inf")
+        node.create_timer(LOOK_EVERY, self._look)
+
+    def offer(self, item: T) -> None:
+        """Process `item` next, in place of one that waits."""
+        self._next = item
+        if not self._busy:
+            self._busy = True
+            self._node.graph.spawn(self._run, f"work for {self._topic.name}")
+
+    async def _run(self) -> None:
+        try:
+            while (item := self._next) is not None:
+                self._next = None
+                await self._publish(item)
+        finally:
+            self._busy = False
+
+    async def _publish(self, item: T) -> None:
+        try:
+            message = await anyio.to_thread.run_sync(partial(self._work, item))
+        except (DepthCloudError, ImageUnreadable) as error:
+            self._complain(str(error))
+            return
+        self._topic.publish(message)
+
+    def _complain(self, text: str) -> None:
+        now = self._node.clock.monotonic()
+        if now - self._complained >= _COMPLAIN_EVERY:
+            self._complained = now
+            line = f"nothing on {self._topic.name}: {text}"
+            self._node.log.warning(line)
+
+    def _look(self) -> None:
+        wanted = self._topic.subscriber_count > 0
+        if wanted and not self._inputs:
+            self._inputs = self._listen()
+        elif not wanted and self._inputs:
+            for each in self._inputs:
+                each.close()
+            self._inputs = ()

@@ -1,0 +1,152 @@
+"""`sensor_msgs/PointCloud2` as records, and fewer of them. Points keep every field that they came with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rwt.nodes.depth_cloud.errors import CloudUnreadable
+
+Records = NDArray[np.void]
+
+_DATATYPES: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+"""numpy's types for the constants of `sensor_msgs/PointField`, without byte order."""
+
+_LONGEST_POINT: Final = 1 << 20
+"""Bytes; numpy's records end at 2 GB."""
+
+_AXES: Final = ("x", "y", "z")
+_REACH: Final = 1 << 20
+"""Voxels from the origin along each axis, at most: three such numbers fit one integer of 64 bits."""
+
+
+class Field(Protocol):
+    """`sensor_msgs/PointField`."""
+
+    name: str
+    offset: int
+    datatype: int
+    count: int
+
+
+class Cloud(Protocol):
+    """`sensor_msgs/PointCloud2`."""
+
+    header: object
+    height: int
+    width: int
+    fields: Sequence[Field]
+    is_bigendian: bool
+    point_step: int
+    row_step: int
+    data: bytes
+    is_dense: bool
+
+
+def read_points(cloud: Cloud) -> Records:
+    """The points as records with the cloud's fields, rows x columns; a view of the message's bytes.
+
+    Raises:
+        CloudUnreadable: the fields do not fit the step or have no names of their own, or there are too few
+            bytes.
+    """
+    step, columns, rows = cloud.point_step, cloud.width, cloud.height
+    record = _record(cloud)
+    row_step = cloud.row_step or step * columns
+    needed = row_step * (rows - 1) + step * columns if rows and columns else 0
+    if row_step < step * columns or len(cloud.data) < needed:
+        raise CloudUnreadable(
+            f"{len(cloud.data)} bytes are no cloud of {columns}x{rows} points of {step} bytes, "
+            f"{cloud.row_step} a row"
+        )
+    if not needed:
+        return np.empty((min(rows, 1), 0), record)
+    return np.ndarray((rows, columns), record, cloud.data, strides=(row_step, step))
+
+
+def _record(cloud: Cloud) -> np.dtype[np.void]:
+    """The type of one point."""
+    order, step = ">" if cloud.is_bigendian else "<", cloud.point_step
+    if not 0 < step <= _LONGEST_POINT:
+        raise CloudUnreadable(f"points of {step} bytes; 1 to {_LONGEST_POINT} can be read")
+    formats: dict[str, str] = {}
+    for field in cloud.fields:
+        kind, count = _DATATYPES.get(field.datatype), max(1, field.count)
+        if kind is None:
+            raise CloudUnreadable(f"field {field.name}: datatype {field.datatype} is none of 1 to 8")
+        end = field.offset + np.dtype(kind).itemsize * count
+        if end > step:
+            raise CloudUnreadable(f"field {field.name} ends at byte {end} of points of {step} bytes")
+        if not field.name or field.name in formats:
+            raise CloudUnreadable(f'a field is called "{field.name}": names are not empty, and occur once')
+        formats[field.name] = order + kind if count == 1 else f"({count},){order}{kind}"
+    offsets = [field.offset for field in cloud.fields]
+    return np.dtype(
+        {"names": list(formats), "formats": list(formats.values()), "offsets": offsets, "itemsize": step}
+    )
+
+
+def every(points: Records, stride: int) -> Records:
+    """Every `stride`-th point; of an organised cloud every `stride`-th row and column."""
+    return points[::stride, ::stride] if points.shape[0] > 1 else points[:, ::stride]
+
+
+def one_per_voxel(points: Records, size: float) -> Records:
+    """The first point of each cube of `size`; points without a place (NaN, infinity) are left out, and so are
+    those more than a million cubes away.
+
+    Args:
+        points: with fields x, y and z, metres.
+        size: edge of a cube, metres.
+
+    Returns:
+        The points that stay, in their order, as one row.
+
+    Raises:
+        CloudUnreadable: a field is missing, or an array.
+    """
+    for axis in _AXES:
+        if axis not in (points.dtype.names or ()) or points.dtype[axis].shape:
+            raise CloudUnreadable(f"the points have no field {axis} of one number")
+    flat = _as_bytes(points).reshape(-1)
+    fields = flat.view(points.dtype)
+    places = np.stack([fields[axis].astype(np.float64) for axis in _AXES])
+    with np.errstate(over="ignore", invalid="ignore"):
+        cells = np.floor(places / size)
+        inside = (np.abs(cells) < _REACH).all(axis=0)  # False of NaN and infinity, too
+    numbers = cells[:, inside].astype(np.int64) + _REACH
+    keys = (numbers[0] << 42) | (numbers[1] << 21) | numbers[2]
+    _, first = np.unique(keys, return_index=True)
+    kept = np.flatnonzero(inside)[np.sort(first)]
+    return flat[kept].reshape(1, -1).view(points.dtype)
+
+
+def _as_bytes(points: Records) -> Records:
+    """The same points as bytes: numpy copies these whole, and of records it may leave out what is between."""
+    return points.view(np.dtype((np.void, points.dtype.itemsize)))
+
+
+def cloud_of(points: Records, like: Cloud, *, is_dense: bool | None = None) -> Mapping[str, object]:
+    """A message of these points, with the header, fields and byte order of another.
+
+    Args:
+        points: rows x columns, of the other's fields.
+        like: the other.
+        is_dense: whether all points have a place; None for what the other says.
+    """
+    rows, columns = points.shape
+    step = like.point_step
+    return {
+        "header": like.header,
+        "height": rows,
+        "width": columns,
+        "fields": list(like.fields),
+        "is_bigendian": like.is_bigendian,
+        "point_step": step,
+        "row_step": step * columns,
+        "data": _as_bytes(points).tobytes(),
+        "is_dense": like.is_dense if is_dense is None else is_dense,
+    }

@@ -1,0 +1,269 @@
+"""A server of interactive markers: their poses, and callbacks for what people do to them."""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+from collections.abc import Awaitable
+from dataclasses import dataclass
+
+import msgspec
+
+from rwt.nodes.interactive_markers.feedback import BadFeedback, Event, Feedback, read_feedback
+from rwt.nodes.interactive_markers.menu import Menu, OnFeedback
+from rwt.nodes.interactive_markers.topics import MarkerTopics
+from rwt_graph import Node
+from rwt_interfaces.payload import Payload
+from rwt_participant.errors import RobotError
+from rwt_participant.messages import Message, MessageLike
+
+logger = logging.getLogger(__name__)
+
+#: Seconds for which a marker belongs to the viewer that has last dragged it.
+_GRIP = 1.0
+
+
+class NoSuchMarker(RobotError, LookupError):
+    """The server has no marker of that name."""
+
+
+@dataclass(slots=True)
+class _Entry:
+    """One marker, as it will be once changes are applied."""
+
+    marker: Message
+    on_feedback: OnFeedback | None
+    menu: Menu | None
+    client: str = ""
+    held_until: float = -math.inf
+    is_new: bool = True
+    has_moved: bool = False
+
+    def redraw_menu(self) -> None:
+        """Take over what has changed in the menu since it was last drawn."""
+        if self.menu is None:
+            return
+        # `convert` gives the very class that the marker's field has, so that the two can be compared.
+        entries = msgspec.convert(
+            list(self.menu.messages()), type=_type_of_field(self.marker, "menu_entries")
+        )
+        if entries != self.marker.menu_entries:
+            self.marker = msgspec.structs.replace(self.marker, menu_entries=entries)
+            self.is_new = True
+
+    def pose_message(self) -> Message:
+        """`visualization_msgs/InteractiveMarkerPose`."""
+        marker = self.marker
+        return {"header": marker.header, "pose": marker.pose, "name": marker.name}
+
+
+class InteractiveMarkerServer:
+    """Shows markers under one namespace and reports what people do to them.
+
+    Changes show when :meth:`apply_changes` is called, all at once; those that a callback makes do when it
+    returns. Every method may be called from any thread once the graph runs.
+
+    Args:
+        node: whose topics they are; closing it ends the server too.
+        namespace: what the topics are under, `/goal_marker`: a viewer's "topic".
+
+    Raises:
+        InvalidGraphName: `namespace` is not a name that ROS allows.
+    """
+
+    def __init__(self, node: Node, namespace: str) -> None:
+        self._node = node
+        self._type = node.registry.message("visualization_msgs/InteractiveMarker")
+        self._pose = node.registry.message("geometry_msgs/Pose")
+        # Callbacks may call back, and other threads may change markers while feedback arrives.
+        self._lock = threading.RLock()
+        self._entries: dict[str, _Entry] = {}
+        self._shown: dict[str, Message] = {}
+        self._sequence = 0
+        self._topics = MarkerTopics(node, namespace, self._snapshot, self._on_feedback)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The markers that there are, applied or not, in the order of their insertion."""
+        with self._lock:
+            return tuple(self._entries)
+
+    def insert(
+        self, marker: MessageLike, on_feedback: OnFeedback | None = None, *, menu: Menu | None = None
+    ) -> None:
+        """Add a marker, or replace the one of that name.
+
+        Args:
+            marker: a `visualization_msgs/InteractiveMarker`, as :func:`interactive_marker` makes one. A
+                header without a stamp keeps the marker fixed to its frame.
+            on_feedback: called with every event but the choice of menu entries that have a callback.
+            menu: shown in place of the message's own `menu_entries`.
+
+        Raises:
+            InvalidMessage: `marker` does not fit its type, or has no name.
+        """
+        made: Message = Payload.from_value(self._type, marker, now=_no_time).value()
+        if not made.name:
+            raise ValueError("an interactive marker needs a name")
+        with self._lock:
+            self._entries[made.name] = _Entry(made, on_feedback, menu)
+
+    def set_pose(self, name: str, pose: MessageLike, frame: str | None = None) -> None:
+        """Move a marker.
+
+        Args:
+            pose: `geometry_msgs/Pose`.
+            frame: what it is relative to; None for the frame that the marker has.
+
+        Raises:
+            NoSuchMarker: there is none of that name.
+            InvalidMessage: `pose` does not fit its type.
+        """
+        place = Payload.from_value(self._pose, pose, now=_no_time).value()
+        with self._lock:
+            self._move(self._entry(name), place, frame)
+
+    def marker(self, name: str) -> Message:
+        """The marker as it is now, with changes that were not applied yet.
+
+        Raises:
+            NoSuchMarker: there is none of that name.
+        """
+        with self._lock:
+            return self._entry(name).marker
+
+    def erase(self, name: str) -> None:
+        """Take a marker away.
+
+        Raises:
+            NoSuchMarker: there is none of that name.
+        """
+        with self._lock:
+            self._entry(name)
+            del self._entries[name]
+
+    def clear(self) -> None:
+        """Take all markers away."""
+        with self._lock:
+            self._entries.clear()
+
+    def apply_changes(self) -> None:
+        """Show everything that was changed since the last time, menus included; nothing is sent if nothing
+        was."""
+        with self._lock:
+            for entry in self._entries.values():
+                entry.redraw_menu()
+            new = [entry for entry in self._entries.values() if entry.is_new]
+            moved = [entry for entry in self._entries.values() if entry.has_moved and not entry.is_new]
+            erased = [name for name in self._shown if name not in self._entries]
+            if not (new or moved or erased):
+                return
+            self._shown = {name: entry.marker for name, entry in self._entries.items()}
+            self._sequence += 1
+            for entry in (*new, *moved):
+                entry.is_new = entry.has_moved = False
+            self._topics.publish(
+                self._sequence,
+                [entry.marker for entry in new],
+                [entry.pose_message() for entry in moved],
+                erased,
+            )
+
+    def close(self) -> None:
+        """Take all markers away, in the viewers too, and the topics with them."""
+        self.clear()
+        self.apply_changes()
+        self._topics.close()
+
+    def __enter__(self) -> InteractiveMarkerServer:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def _entry(self, name: str) -> _Entry:
+        try:
+            return self._entries[name]
+        except KeyError:
+            known = ", ".join(self._entries) or "none"
+            raise NoSuchMarker(f"there is no interactive marker {name!r}; there is {known}") from None
+
+    def _snapshot(self) -> tuple[int, list[Message]]:
+        with self._lock:
+            return self._sequence, list(self._shown.values())
+
+    # -- what people do ------------------------------------------------------------------------------------
+
+    def _on_feedback(self, message: Message) -> None:
+        try:
+            feedback = read_feedback(message)
+        except BadFeedback as error:
+            logger.warning("feedback for %.100r was ignored: %s", message.marker_name, error)
+            return
+        with self._lock:
+            entry = self._entries.get(feedback.marker)
+            if entry is None or not self._take(entry, feedback):
+                return
+        self._tell(entry, feedback)
+        self.apply_changes()
+
+    def _take(self, entry: _Entry, feedback: Feedback) -> bool:
+        """Whether the event counts; a pose is taken over with it."""
+        now = self._node.clock.monotonic()
+        if feedback.client != entry.client and now < entry.held_until:
+            # Two people who drag one marker would tear it apart.
+            logger.debug("%s is held by another client than %s", feedback.marker, feedback.client)
+            return False
+        frame = entry.marker.header.frame_id
+        if feedback.event is Event.POSE_UPDATE and feedback.frame not in ("", frame):
+            logger.warning(
+                "feedback for %.100r was ignored: its pose is in %.100r, the marker in %s",
+                feedback.marker,
+                feedback.frame,
+                frame,
+            )
+            return False
+        entry.client, entry.held_until = feedback.client, now + _GRIP
+        if feedback.event is Event.POSE_UPDATE and feedback.pose != entry.marker.pose:
+            self._move(entry, feedback.pose, None)
+        return True
+
+    @staticmethod
+    def _move(entry: _Entry, pose: Message, frame: str | None) -> None:
+        header = entry.marker.header
+        if frame is not None:
+            header = msgspec.structs.replace(header, frame_id=frame)
+        entry.marker = msgspec.structs.replace(entry.marker, pose=pose, header=header)
+        entry.has_moved = True
+
+    def _tell(self, entry: _Entry, feedback: Feedback) -> None:
+        callback = entry.on_feedback
+        if feedback.event is Event.MENU_SELECT and entry.menu is not None:
+            chosen = entry.menu.entry(feedback.menu_entry)
+            callback = (chosen.on_select if chosen else None) or callback
+        if callback is None:
+            return
+        try:
+            returned = callback(feedback)
+        except Exception:
+            logger.exception("a callback of interactive marker %s failed", feedback.marker)
+            return
+        if returned is not None:
+            self._node.graph.spawn(lambda: self._finish(returned, feedback), f"feedback of {feedback.marker}")
+
+    async def _finish(self, running: Awaitable[None], feedback: Feedback) -> None:
+        try:
+            await running
+        except Exception:
+            logger.exception("a callback of interactive marker %s failed", feedback.marker)
+        self.apply_changes()
+
+
+def _no_time() -> int:
+    """The stamp of a header that has none: zero says that the marker moves with its frame."""
+    return 0
+
+
+def _type_of_field(message: Message, name: str) -> object:
+    return next(field.type for field in msgspec.structs.fields(message) if field.name == name)

@@ -1,0 +1,290 @@
+"""Publishes service calls and the progress of goals, as ROS 2's service introspection and actions do.
+
+Events of a service `/add` of type `pkg/srv/X` are on `/add/_service_event` (`pkg/srv/X_Event`): each request
+as it is received and each response as it is sent. ROS 2 has no failed calls, so of one that fails only the
+request is published. Those of an action `/go` are on `/go/_action/feedback` and `/go/_action/status`, and in
+the events of `/go/_action/send_goal` and `/go/_action/get_result`.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from rwt_graph.api import ActionInfo, CallObserver, GoalEvents, OnReply, ServiceInfo
+from rwt_interfaces import Payload
+from rwt_participant.errors import RobotError
+from rwt_participant.goals import GoalStatus
+from rwt_participant.qos import DEFAULT_QOS, LATCHED, QoS
+
+if TYPE_CHECKING:
+    from rwt_graph.api import Graph, Publisher
+    from rwt_participant.errors import CallFailed
+    from rwt_participant.timers import Timer
+
+logger = logging.getLogger(__name__)
+
+REQUEST_RECEIVED: Final = 1
+RESPONSE_SENT: Final = 2
+
+_LOOK_SECONDS: Final = 1.0
+_NOBODY: Final = bytes(16)
+
+
+class NotObservable(Exception):
+    """The graph's calls cannot be published: it speaks ROS 1, or its backend does not see them."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Open:
+    """One call or goal under way: the client and sequence number of its events."""
+
+    service: str
+    type: str
+    number: int
+
+
+class Introspection(CallObserver):
+    """Publishes the calls and goals of a graph until it is closed.
+
+    Args:
+        graph: of ROS 2.
+        takes: of which services and actions, by name; by default of all but rosapi's.
+        on_topic: called when a topic was added, before the first message is published on it.
+        name: the node's absolute name.
+
+    Raises:
+        NotObservable: see there.
+    """
+
+    def __init__(
+        self,
+        graph: Graph,
+        takes: Callable[[str], bool] = lambda name: not name.startswith("/rosapi/"),
+        on_topic: Callable[[], None] = lambda: None,
+        name: str = "/introspection",
+    ) -> None:
+        if not graph.distro.introspects_calls:
+            raise NotObservable("ROS 1 has no service introspection; its actions are topics already")
+        self._graph = graph
+        self._takes = takes
+        self._on_topic = on_topic
+        self._publishers: dict[str, tuple[str, Publisher]] = {}  # by topic, with the type's name
+        self._needed: set[str] = set()
+        self._refused: set[str] = set()
+        self._statuses: dict[str, dict[str, tuple[GoalStatus, int]]] = {}
+        self._calls = 0
+        self._participant = graph.participant(name)
+        self._timer: Timer | None = None
+        if not graph.observe_calls(self):
+            self._participant.close()
+            raise NotObservable("the calls in this graph are seen by their own nodes only")
+        self._look()
+
+    def _look(self) -> None:
+        """Add the topics of services and actions that are new, so that they can be subscribed to.
+
+        Those of what is gone are withdrawn: clients may offer services under ever new names.
+        """
+        self._needed.clear()
+        for service in self._graph.services():
+            if self._takes(service.name) and "/_action/" not in service.name:
+                self._events_of(service.name, service.type.name)
+        for action in self._graph.actions():
+            if self._takes(action.name):
+                self._topics_of(action)
+        for topic in self._publishers.keys() - self._needed:
+            self._publishers.pop(topic)[1].close()
+        self._refused &= self._needed
+        self._timer = self._graph.clock.call_later(_LOOK_SECONDS, self._look)
+
+    def _topics_of(self, action: ActionInfo) -> None:
+        for part, kind in (("send_goal", "SendGoal"), ("get_result", "GetResult")):
+            self._events_of(f"{action.name}/_action/{part}", f"{action.type.name}_{kind}")
+        if not self._is_carried(action):
+            self._feedback_of(action)
+            self._status_of(action)
+
+    def _is_carried(self, action: ActionInfo) -> bool:
+        """Whether the action's server has the topics of ROS 2 itself, as it has over a network."""
+        return self._graph.service(f"{action.name}/_action/send_goal") is not None
+
+    def _events_of(self, service: str, type_name: str) -> Publisher | None:
+        return self._publisher(f"{service}/_service_event", f"{type_name}_Event")
+
+    def _feedback_of(self, action: ActionInfo) -> Publisher | None:
+        return self._publisher(f"{action.name}/_action/feedback", f"{action.type.name}_FeedbackMessage")
+
+    def _status_of(self, action: ActionInfo) -> Publisher | None:
+        return self._publisher(f"{action.name}/_action/status", "action_msgs/GoalStatusArray", LATCHED)
+
+    def _publisher(self, topic: str, type_name: str, qos: QoS = DEFAULT_QOS) -> Publisher | None:
+        """The publisher of a topic; None where the topic has another type already."""
+        self._needed.add(topic)
+        known, publisher = self._publishers.get(topic, ("", None))
+        if publisher is not None and known == type_name:
+            return publisher
+        if publisher is not None:  # The service is offered again, with another type.
+            del self._publishers[topic]
+            publisher.close()
+        try:
+            message = self._graph.registry.message(type_name)
+            publisher = self._participant.advertise(topic, message, qos)
+        except RobotError as error:
+            if topic not in self._refused:
+                self._refused.add(topic)
+                logger.warning("nothing is published on %s: %s", topic, error)
+            return None
+        self._publishers[topic] = (type_name, publisher)
+        self._on_topic()
+        return publisher
+
+    # -- services ------------------------------------------------------------------------------------------
+
+    def on_call(self, service: ServiceInfo, request: Payload, on_reply: OnReply) -> OnReply:
+        """Publish a call, and later its response."""
+        if not self._takes(service.name) or "/_action/" in service.name:
+            return on_reply
+        call = self._begin(service.name, service.type.name)
+        self._tell(call, REQUEST_RECEIVED, request.value())
+
+        def answered(answer: Payload | CallFailed) -> None:
+            if isinstance(answer, Payload):
+                self._tell(call, RESPONSE_SENT, answer.value())
+            on_reply(answer)
+
+        return answered
+
+    def _begin(self, service: str, type_name: str) -> _Open:
+        self._calls += 1
+        return _Open(service, type_name, self._calls)
+
+    def _tell(self, call: _Open, event: int, content: object) -> None:
+        publisher = self._events_of(call.service, call.type)
+        if publisher is None:
+            return
+        info = {
+            "event_type": event,
+            "stamp": self._graph.distro.time(self._graph.clock.time_ns()),
+            "client_gid": _NOBODY,
+            "sequence_number": call.number,
+        }
+        part = "request" if event == REQUEST_RECEIVED else "response"
+        publisher.publish(Payload.from_value(publisher.type, {"info": info, part: [content]}))
+
+    # -- actions -------------------------------------------------------------------------------------------
+
+    def on_goal(self, action: ActionInfo, goal_id: str, goal: Payload, events: GoalEvents) -> GoalEvents:
+        """Publish a goal, and later its progress."""
+        if not self._takes(action.name):
+            return events
+        watched = _WatchedGoal(self, action, goal_id, events)
+        watched.sent(goal)
+        return GoalEvents(watched.ended, watched.fed_back, watched.accepted)
+
+    def publish_status(self, action: ActionInfo, goal_id: str, status: GoalStatus) -> None:
+        """Publish the status of an action's goals that have not ended, and of this one."""
+        if self._is_carried(action):
+            return
+        goals = self._statuses.setdefault(action.name, {})
+        accepted_at = goals.get(goal_id, (status, self._graph.clock.time_ns()))[1]
+        goals[goal_id] = (status, accepted_at)
+        listed = [
+            {"goal_info": {"goal_id": uuid(each), "stamp": self._graph.distro.time(at)}, "status": int(state)}
+            for each, (state, at) in goals.items()
+        ]
+        if status.is_terminal:
+            del goals[goal_id]
+        if not goals:
+            del self._statuses[action.name]
+        publisher = self._status_of(action)
+        if publisher is not None:
+            publisher.publish(Payload.from_value(publisher.type, {"status_list": listed}))
+
+    def publish_feedback(self, action: ActionInfo, goal_id: str, feedback: Payload) -> None:
+        """Publish a goal's feedback."""
+        if self._is_carried(action):
+            return
+        publisher = self._feedback_of(action)
+        content = {"goal_id": uuid(goal_id), "feedback": feedback.value()}
+        if publisher is not None:
+            publisher.publish(Payload.from_value(publisher.type, content))
+
+    def begin_step(self, action: ActionInfo, part: str, kind: str, request: dict[str, object]) -> _Open:
+        """Publish the request of one step of a goal."""
+        step = self._begin(f"{action.name}/_action/{part}", f"{action.type.name}_{kind}")
+        self._tell(step, REQUEST_RECEIVED, request)
+        return step
+
+    def end_step(self, step: _Open, response: dict[str, object]) -> None:
+        """Publish the response of one step of a goal."""
+        self._tell(step, RESPONSE_SENT, response)
+
+    def now(self) -> dict[str, int]:
+        """The graph's time, as messages have it."""
+        return self._graph.distro.time(self._graph.clock.time_ns())
+
+    def close(self) -> None:
+        """Publish nothing more. May be called twice."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+            self._graph.observe_calls(None)
+            self._participant.close()
+
+
+class _WatchedGoal:
+    """Publishes the events of one goal, and passes them on to its client."""
+
+    def __init__(
+        self, introspection: Introspection, action: ActionInfo, goal_id: str, events: GoalEvents
+    ) -> None:
+        self._introspection = introspection
+        self._action = action
+        self._id = goal_id
+        self._events = events
+        self._sending: _Open | None = None
+        self._result: _Open | None = None
+
+    def sent(self, goal: Payload) -> None:
+        """The goal is sent."""
+        request: dict[str, object] = {"goal_id": uuid(self._id), "goal": goal.value()}
+        self._sending = self._introspection.begin_step(self._action, "send_goal", "SendGoal", request)
+
+    def accepted(self) -> None:
+        """The goal is accepted; ROS 2's clients ask for the result then."""
+        self._answer(accepted=True)
+        self._introspection.publish_status(self._action, self._id, GoalStatus.EXECUTING)
+        asked: dict[str, object] = {"goal_id": uuid(self._id)}
+        self._result = self._introspection.begin_step(self._action, "get_result", "GetResult", asked)
+        if self._events.on_accepted is not None:
+            self._events.on_accepted()
+
+    def fed_back(self, feedback: Payload) -> None:
+        """The goal's server has sent feedback."""
+        self._introspection.publish_feedback(self._action, self._id, feedback)
+        if self._events.on_feedback is not None:
+            self._events.on_feedback(feedback)
+
+    def ended(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
+        """The goal has ended, with a result or without."""
+        if self._result is None:
+            self._answer(accepted=False)
+        else:
+            self._introspection.publish_status(self._action, self._id, status)
+            if isinstance(outcome, Payload):
+                response: dict[str, object] = {"status": int(status), "result": outcome.value()}
+                self._introspection.end_step(self._result, response)
+        self._events.on_result(status, outcome)
+
+    def _answer(self, *, accepted: bool) -> None:
+        sending, self._sending = self._sending, None
+        if sending is not None:
+            self._introspection.end_step(sending, {"accepted": accepted, "stamp": self._introspection.now()})
+
+
+def uuid(goal_id: str) -> dict[str, bytes]:
+    """A goal's id as `unique_identifier_msgs/UUID` has it."""
+    return {"uuid": bytes.fromhex(goal_id)}

@@ -1,0 +1,66 @@
+"""Numeric ROS parameters with limits, which can be changed at any time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import isfinite
+
+from rwt_graph import Node
+from rwt_participant.errors import ParameterRejected
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """One numeric parameter with its limits.
+
+    Attributes:
+        name: of the parameter.
+        least: the lowest value that it takes; None takes any above 0.
+        most: the highest.
+        unit: of the value; empty for a count.
+        description: what it changes.
+        whole: whether it has no fraction.
+    """
+
+    name: str
+    least: float | None
+    most: float
+    unit: str
+    description: str
+    whole: bool = False
+
+    def check(self, value: object) -> float:
+        """The value.
+
+        Raises:
+            ParameterRejected: it is no number, out of range, or has a fraction where there may be none.
+        """
+        if isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value):
+            enough = value > 0 if self.least is None else value >= self.least
+            if enough and value <= self.most and not (self.whole and value != int(value)):
+                return value if self.whole else float(value)
+        kind = "a whole number" if self.whole else "a number"
+        least = "above 0 and at most" if self.least is None else f"from {self.least:g} to"
+        limits = f"{least} {self.most:g} {self.unit}".rstrip()
+        raise ParameterRejected(f"{self.name} must be {kind} {limits}, got {value!r:.100}")
+
+    def declare(self, node: Node, default: float, apply: Callable[[float], None]) -> None:
+        """Declare it on `node` and apply its value now and whenever it changes.
+
+        Raises:
+            ParameterRejected: `default` is none of its values.
+        """
+
+        def on_change(value: object) -> None:
+            apply(self.check(value))
+
+        value = self.check(default)
+        apply(value)
+        unit = f" [{self.unit}]" if self.unit else ""
+        node.parameters.declare(
+            self.name,
+            int(value) if self.whole else float(value),
+            description=f"{self.description}{unit}",
+            on_change=on_change,
+        )

@@ -1,0 +1,74 @@
+"""The clock of a graph that plays a recording, and the topic `/clock` for programs that follow it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from rwt_graph.clock import SimulatedClock, SteadyClock
+from rwt_interfaces import Payload
+
+if TYPE_CHECKING:
+    from rwt_graph.api import Graph, Participant
+    from rwt_graph.clock import Playback
+    from rwt_participant.timers import Timer
+
+
+class PlaybackClock(SteadyClock):
+    """ROS time is that of a recording; steady time and timers are real.
+
+    Give it to the graph, and the graph to a :class:`~rwt.nodes.playback.player.Player`, which tells it the
+    time: messages are published with the very stamps that they were recorded with, and clients that
+    ask for the time get the recording's.
+
+    Args:
+        start_ns: the time before a player plays, nanoseconds since the epoch.
+    """
+
+    is_real = False
+
+    def __init__(self, start_ns: int = 0) -> None:
+        super().__init__()
+        self.playback: Playback | None = None
+        self._position: Callable[[], int] = lambda: start_ns
+        self._held: int | None = None
+
+    def follow(self, playback: Playback, position: Callable[[], int]) -> None:
+        """Take ROS time from `position` from now on, which is that of `playback`."""
+        self.playback = playback
+        self._position = position
+
+    def hold(self, time_ns: int | None) -> None:
+        """Stand at a time while a message is published; None lets it go on."""
+        self._held = time_ns
+
+    def time_ns(self) -> int:
+        """The recording's time, nanoseconds since the epoch."""
+        held = self._held
+        return self._position() if held is None else held
+
+
+CLOCK = "/clock"
+
+
+class ClockTopic:
+    """Publishes `rosgraph_msgs/Clock` at a rate in real time; a graph with simulated time does it itself."""
+
+    def __init__(self, graph: Graph, participant: Participant, hertz: float) -> None:
+        self._clock = graph.clock
+        self._period = 1.0 / hertz
+        self._distro = graph.distro
+        self._timer: Timer | None = None
+        if not isinstance(graph.clock, SimulatedClock):
+            self._publisher = participant.advertise(CLOCK, graph.registry.message("rosgraph_msgs/Clock"))
+            self._timer = self._clock.call_later(0.0, self._tick)
+
+    def _tick(self) -> None:
+        value = {"clock": self._distro.time(self._clock.time_ns())}
+        self._publisher.publish(Payload.from_value(self._publisher.type, value))
+        self._timer = self._clock.call_later(self._period, self._tick)
+
+    def close(self) -> None:
+        """Publish no more."""
+        if self._timer is not None:
+            self._timer.cancel()

@@ -1,0 +1,401 @@
+"""Plays a recording into a graph: the robot of a recording, at any speed, paused, looped or stepped."""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
+
+import anyio
+
+from rwt.nodes.playback.clock import ClockTopic, PlaybackClock
+from rwt.nodes.playback.publications import Publications, add_recorded_types
+from rwt.nodes.playback.read_ahead import ReadAhead
+from rwt.nodes.playback.recorded_services import RecordedServices
+from rwt.nodes.playback.services import PlayerServices
+from rwt.nodes.recording.errors import RecordingUnreadable
+from rwt.nodes.recording.selection import EVERYTHING, TopicSelection
+from rwt_graph.clock import END_OF_TIME_NS
+from rwt_interfaces.times import NANOSECONDS
+
+if TYPE_CHECKING:
+    from rwt.nodes.recording.recording import RecordedMessage, Recording
+    from rwt_graph.api import Graph
+    from rwt_participant.timers import Timer
+
+
+logger = logging.getLogger(__name__)
+
+NODE: Final = "/rosbag2_player"
+
+SLOWEST: Final = 0.001
+FASTEST: Final = 1000.0
+"""The rates at which a recording can be played."""
+
+_BATCH: Final = 200
+"""Messages that are published in one turn of the event loop when many are due."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlayOptions:
+    """How a recording is played.
+
+    Attributes:
+        rate: recorded seconds in a second.
+        start, end: seconds from the recording's beginning; `end` None is its end.
+        loop: whether it begins again at its end; one that is over at once does not.
+        paused: whether it waits to be resumed.
+        selection: which topics.
+        remap: names to publish under, by recorded name.
+        clock_hz: how often `/clock` is published; 0 for never.
+        answer_services: whether recorded service calls are answered again.
+    """
+
+    rate: float = 1.0
+    start: float = 0.0
+    end: float | None = None
+    loop: bool = False
+    paused: bool = False
+    selection: TopicSelection = EVERYTHING
+    remap: Mapping[str, str] = field(default_factory=dict)
+    clock_hz: float = 0.0
+    answer_services: bool = True
+
+
+class Player:
+    """Publishes a recording's messages in the order and at the distances in which they were logged.
+
+    It is driven by the graph's clock: with a :class:`PlaybackClock` messages have the stamps that they were
+    recorded with; with a :class:`~rwt_graph.clock.SimulatedClock` each `advance` plays that much of the
+    recording, and no event loop is needed. Everything here belongs to the graph's own thread.
+
+    Args:
+        graph: any backend; its registry is taught the recording's types.
+        recording: an open one; it is read from another thread, and stays open until `close`.
+
+    Attributes:
+        played: messages that were published so far.
+        publications: the topics.
+        finished: set when the end was reached, and nothing loops; not set again by a seek.
+
+    Raises:
+        ValueError: `rate`, `start` or `end` are not possible.
+    """
+
+    def __init__(self, graph: Graph, recording: Recording, options: PlayOptions | None = None) -> None:
+        self._graph = graph
+        self._clock = graph.clock
+        self._recording = recording
+        self._options = options = options or PlayOptions()
+        self._rate = checked_rate(options.rate)
+        self._begin, self._end = _bounds(recording, options)
+        self.played = 0
+        self.finished = anyio.Event()
+        add_recorded_types(graph.registry, recording)
+        self._participant = graph.participant(NODE)
+        self.publications = Publications(
+            self._participant, graph.registry, recording, options.selection, options.remap
+        )
+        self._ahead: ReadAhead | None = None
+        self._failure = ""
+        self._next: RecordedMessage | None = None
+        self._timer: Timer | None = None
+        self._paused = True
+        self._rounds = 0  # how often the end was reached
+        self._seeks = 0
+        self._place(self._begin)
+        if isinstance(self._clock, PlaybackClock):
+            self._clock.follow(self, self._ros_time)
+        self._closables: list[Callable[[], None]] = [PlayerServices(graph, self, NODE).close]
+        if options.answer_services:
+            services = RecordedServices(graph, recording, options.selection, NODE)
+            self._closables.append(services.close)
+        if options.clock_hz > 0:
+            self._closables.append(ClockTopic(graph, self._participant, options.clock_hz).close)
+        self._keep_earlier(self._begin)
+        self._read_from(self._begin)
+        if not options.paused:
+            self.resume()
+
+    @property
+    def losses(self) -> tuple[str, ...]:
+        """What of the recording could not be played so far, in words; empty while all of it could."""
+        damaged, unreadable = self._recording.damaged, self.publications.unreadable
+        found = [f"{name}: {why}" for name, why in self.publications.skipped.items()]
+        if self._recording.end_ns >= END_OF_TIME_NS:
+            found.append("what is said to be after the 19th of January 2038, where ROS time ends")
+        if damaged:
+            found.append(f"{damaged} damaged places of the recording")
+        if unreadable:
+            found.append(f"{unreadable} messages that do not fit their types")
+        failure = self._failure if self._ahead is None else self._ahead.failure
+        if failure:
+            found.append(f"the rest of the recording: {failure}")
+        return tuple(found)
+
+    # -- time ----------------------------------------------------------------------------------------------
+
+    @property
+    def position_ns(self) -> int:
+        """The recording's time that is played now, nanoseconds since the epoch."""
+        if self._paused:
+            return self._anchor_ns
+        gone = round((self._clock.monotonic() - self._anchor_at) * self._rate * NANOSECONDS)
+        position = self._anchor_ns + gone
+        # A message that is late is published late; time does not overtake it.
+        return position if self._next is None else min(position, self._next.log_time)
+
+    def _ros_time(self) -> int:
+        return min(self.position_ns, self._end)
+
+    @property
+    def start_ns(self) -> int:
+        """Where playing begins."""
+        return self._begin
+
+    @property
+    def end_ns(self) -> int:
+        """Where playing ends."""
+        return self._end
+
+    @property
+    def paused(self) -> bool:
+        """Whether time stands still."""
+        return self._paused
+
+    @property
+    def rate(self) -> float:
+        """Recorded seconds in a second."""
+        return self._rate
+
+    @property
+    def seeks(self) -> int:
+        """How often it has jumped to another time, to the beginning of a further round too."""
+        return self._seeks
+
+    @property
+    def node(self) -> str:
+        """The node as which it publishes, and whose services control it."""
+        return NODE
+
+    def _place(self, position_ns: int) -> None:
+        """Set the position to `position_ns`."""
+        self._anchor_ns = position_ns
+        self._anchor_at = self._clock.monotonic()
+
+    # -- control -------------------------------------------------------------------------------------------
+
+    def resume(self) -> None:
+        """Go on."""
+        if self._paused:
+            self._place(self._anchor_ns)
+            self._paused = False
+            self._arm()
+
+    def pause(self) -> None:
+        """Stand still."""
+        if not self._paused:
+            self._place(self.position_ns)
+            self._paused = True
+            self._disarm()
+
+    def toggle_paused(self) -> None:
+        """Pause or resume."""
+        if self._paused:
+            self.resume()
+        else:
+            self.pause()
+
+    def set_rate(self, rate: float) -> None:
+        """Play faster or slower from now on.
+
+        Raises:
+            ValueError: not a number from 0.001 to 1000.
+        """
+        checked = checked_rate(rate)
+        self._place(self.position_ns)
+        self._rate = checked
+        self._arm()
+
+    def play_next(self) -> bool:
+        """Publish the next message while paused, and stand at its time; False while playing or at the end."""
+        if not self._paused or self._next is None:
+            return False
+        self._place(self._next.log_time)
+        if not self._publish_next():
+            self._end_reached()
+        return True
+
+    def burst(self, count: int) -> int:
+        """:meth:`play_next` up to `count` times, 0 for as often as possible; gives how often.
+
+        It ends where the recording does, also where that loops.
+        """
+        return sum(1 for _ in self.steps(count))
+
+    def steps(self, count: int) -> Iterator[None]:
+        """:meth:`burst`, one message for each turn of the iterator."""
+        rounds, done = self._rounds, 0
+        while (not count or done < count) and self._rounds == rounds and self.play_next():
+            done += 1
+            yield
+
+    def seek(self, time_ns: int) -> bool:
+        """Go on at a time of the recording; False if it is outside of what is played.
+
+        Topics whose messages are kept for late joiners get what was kept then.
+        """
+        if not self._begin <= time_ns <= self._end:
+            return False
+        self._jump(time_ns)
+        return True
+
+    def _jump(self, time_ns: int) -> None:
+        self._seeks += 1
+        self._next = None
+        self._place(time_ns)
+        self._keep_earlier(time_ns)
+        self._read_from(time_ns)
+        self._arm()
+
+    def close(self) -> None:
+        """Stop and leave the graph; the recording is the caller's to close. May be called twice."""
+        self._paused = True
+        self._next = None
+        self._disarm()
+        if self._ahead is not None:
+            self._ahead.close()
+            self._failure = self._ahead.failure
+            self._ahead = None
+        while self._closables:
+            self._closables.pop()()
+        self._participant.close()
+
+    def __enter__(self) -> Player:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    # -- playing -------------------------------------------------------------------------------------------
+
+    def _arm(self) -> None:
+        """Wait for the next message, or for the end."""
+        self._disarm()
+        if not self._paused:
+            due = self._end if self._next is None else self._next.log_time
+            gone = (due - self._anchor_ns) / NANOSECONDS / self._rate
+            delay = max(0.0, self._anchor_at + gone - self._clock.monotonic())
+            self._timer = self._clock.call_later(delay, self._play_due)
+
+    def _disarm(self) -> None:
+        timer, self._timer = self._timer, None
+        if timer is not None:
+            timer.cancel()
+
+    def _play_due(self) -> None:
+        """Publish what is due; not all at once if it is much, so that others get their turn."""
+        for _ in range(_BATCH):
+            if self._paused:
+                return  # By a subscriber.
+            if self._next is None:
+                break
+            if not self._is_due(self._next.log_time):
+                break
+            self._publish_next()
+        if self._next is None and self._is_due(self._end):
+            self._end_reached()
+        else:
+            self._arm()
+
+    def _is_due(self, log_time: int) -> bool:
+        gone = (self._clock.monotonic() - self._anchor_at) * self._rate * NANOSECONDS
+        return log_time <= self._anchor_ns + round(gone)
+
+    def _publish_next(self) -> bool:
+        """Publish the next message; gives whether there is another."""
+        message = self._next
+        assert message is not None and self._ahead is not None  # Looked at by who calls this.
+        self._next = self._ahead.next()
+        self._publish(message)
+        return self._has_next()
+
+    def _has_next(self) -> bool:
+        return self._next is not None
+
+    def _publish(self, message: RecordedMessage) -> None:
+        clock = self._clock
+        if isinstance(clock, PlaybackClock):
+            clock.hold(message.publish_time)
+            try:
+                self.played += self.publications.publish(message)
+            finally:
+                clock.hold(None)
+        else:
+            self.played += self.publications.publish(message)
+
+    def _end_reached(self) -> None:
+        self._rounds += 1
+        if self._options.loop and self._begin < self._end:
+            self._jump(self._begin)
+            return
+        self._place(self._end)
+        self._paused = True
+        self._disarm()
+        self.finished.set()
+
+    def _read_from(self, time_ns: int) -> None:
+        if self._ahead is not None:
+            self._ahead.close()
+        messages = self._recording.messages(self.publications.topics, time_ns, self._end + 1)
+        self._ahead = ReadAhead(messages)
+        self._next = self._ahead.next()
+
+    def _keep_earlier(self, time_ns: int) -> None:
+        """Publish again what late joiners would have got at a time: the newest of what is kept."""
+        kept = self.publications.kept()
+        if not kept or time_ns <= self._recording.start_ns:
+            return
+        newest: dict[str, deque[RecordedMessage]] = {
+            topic: deque(maxlen=depth) for topic, depth in kept.items()
+        }
+        try:
+            for message in self._recording.messages(kept, self._recording.start_ns, time_ns):
+                newest[message.topic].append(message)
+        except RecordingUnreadable as error:
+            logger.warning("not all that was kept before could be read: %s", error)
+        earlier = [message for messages in newest.values() for message in messages]
+        for message in sorted(earlier, key=lambda message: message.log_time):
+            self._publish(message)
+
+
+def _bounds(recording: Recording, options: PlayOptions) -> tuple[int, int]:
+    """From when to when is played."""
+    if recording.start_ns >= END_OF_TIME_NS:
+        raise ValueError("the recording begins after the 19th of January 2038, where ROS time ends")
+    # The index of a damaged file may say that it ends before it begins.
+    last = max(recording.start_ns, min(recording.end_ns, END_OF_TIME_NS - 1))
+    length = (last - recording.start_ns) / NANOSECONDS
+    if not 0 <= options.start <= length:
+        raise ValueError(
+            f"the recording is {length:.3f} s long: it cannot be played from {options.start} s on"
+        )
+    begin = recording.start_ns + round(options.start * NANOSECONDS)
+    if options.end is None:
+        return begin, last
+    if not options.end >= options.start:  # also what is no number
+        raise ValueError(f"playing cannot end at {options.end} s, before it begins at {options.start} s")
+    return begin, last if options.end >= length else recording.start_ns + round(options.end * NANOSECONDS)
+
+
+def checked_rate(rate: float) -> float:
+    """A rate that can be played.
+
+    Raises:
+        ValueError: it is out of range.
+    """
+    if not SLOWEST <= rate <= FASTEST:
+        raise ValueError(f"a recording is played at a rate from {SLOWEST} to {FASTEST:g}, not {rate}")
+    return rate

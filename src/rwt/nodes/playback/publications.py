@@ -1,0 +1,176 @@
+"""The topics of a recording in a graph: types, publishers, and messages from recorded bytes."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+from rwt.nodes.recording.recorded_qos import combined
+from rwt.nodes.recording.selection import TopicSelection
+from rwt_graph.names import resolve
+from rwt_interfaces import InterfaceError, InvalidMessage, Payload
+from rwt_interfaces.definitions.parser import parse_message
+from rwt_interfaces.names import two_part
+from rwt_participant.errors import RobotError
+
+if TYPE_CHECKING:
+    from rwt.nodes.recording.recording import MessageEncoding, RecordedMessage, RecordedTopic, Recording
+    from rwt_graph.api import Participant, Publisher
+    from rwt_interfaces.registry import Registry
+    from rwt_interfaces.structs import MessageType
+
+
+logger = logging.getLogger(__name__)
+
+_READERS: Mapping[str, Callable[[MessageType, bytes], Payload]] = {
+    "cdr": Payload.from_cdr,
+    "ros1": Payload.from_ros1,
+    "json": partial(Payload.from_json, is_trusted=True),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Publication:
+    publisher: Publisher
+    type: MessageType
+    read: Callable[[MessageType, bytes], Payload]
+
+
+class Publications:
+    """Publishes what was recorded.
+
+    Args:
+        participant: whose publishers these are.
+        registry: which knows the recording's types.
+        recording: whose topics are advertised, at once.
+        selection: which of them.
+        remap: names to publish under, by recorded name.
+
+    Attributes:
+        skipped: why topics are not played, by name.
+        unreadable: messages that could not be read.
+    """
+
+    def __init__(
+        self,
+        participant: Participant,
+        registry: Registry,
+        recording: Recording,
+        selection: TopicSelection,
+        remap: Mapping[str, str],
+    ) -> None:
+        self.skipped: dict[str, str] = {}
+        self.unreadable = 0
+        self._participant = participant
+        self._registry = registry
+        self._remap = {resolve(old): resolve(new) for old, new in remap.items()}
+        self._by_topic: dict[tuple[str, str], _Publication] = {}
+        for topic in recording.topics:
+            if selection.takes(topic.name):
+                self._advertise(topic)
+        for name, why in self.skipped.items():
+            logger.warning("%s is not played: %s", name, why)
+
+    @property
+    def topics(self) -> frozenset[str]:
+        """The recorded names of what is played."""
+        return frozenset(name for name, _ in self._by_topic)
+
+    def kept(self) -> dict[str, int]:
+        """The recorded names of topics whose messages are kept for late joiners, and how many are kept."""
+        return {
+            name: each.publisher.qos.depth
+            for (name, _), each in self._by_topic.items()
+            if each.publisher.qos.durability.value == "transient_local"
+        }
+
+    def _advertise(self, topic: RecordedTopic) -> None:
+        read = _READERS.get(topic.encoding)
+        if read is None:
+            self.skipped[topic.name] = "its messages are in an encoding that is not known here"
+            return
+        if any(name == topic.name for name, _ in self._by_topic):
+            self.skipped[topic.name] = f"as {topic.type}: it was recorded with another type, too"
+            return
+        try:
+            message = self._registry.message(topic.type)
+        except InterfaceError as error:
+            self.skipped[topic.name] = str(error)
+            return
+        name = self._remap.get(topic.name, topic.name)
+        try:
+            publisher = self._participant.advertise(name, message, combined(topic.offered_qos))
+        except RobotError as error:  # one bad name or type must not keep the others from being played
+            self.skipped[topic.name] = str(error)
+            return
+        self._by_topic[topic.name, topic.type] = _Publication(publisher, message, read)
+
+    def publish(self, message: RecordedMessage) -> bool:
+        """Publish one message; False if it is of a topic that is not played, or cannot be read."""
+        publication = self._by_topic.get((message.topic, message.type))
+        if publication is None:
+            return False
+        try:
+            payload = publication.read(publication.type, message.data)
+        except InvalidMessage as error:
+            self.unreadable += 1
+            logger.warning("a message on %s is left out: %s", message.topic, error)
+            return False
+        publication.publisher.publish(payload)
+        return True
+
+
+def read_payload(encoding: MessageEncoding, message: MessageType, data: bytes) -> Payload:
+    """A recorded message; raises InvalidMessage if it does not fit."""
+    return _READERS[encoding](message, data)
+
+
+logger = logging.getLogger(__name__)
+
+_SEPARATOR: Final = "=" * 80
+_EVENT: Final = "_Event"
+
+
+def add_recorded_types(registry: Registry, recording: Recording) -> None:
+    """Add the types of a recording to a registry; those of the recording win.
+
+    Types handed out before do not change. A definition that cannot be read is logged and left out.
+    """
+    for topic in recording.topics:
+        if topic.definition:
+            try:
+                _add_types(registry, topic.type, topic.definition)
+            except InterfaceError as error:
+                logger.warning("the definition of %s in the recording is not used: %s", topic.type, error)
+
+
+def _add_types(registry: Registry, name: str, text: str) -> None:
+    root, *nested = text.replace("\r\n", "\n").split(f"{_SEPARATOR}\n")
+    texts = {two_part(name): root.rstrip("\n")}
+    for section in nested:
+        head, _, body = section.partition("\n")
+        texts[two_part(head.removeprefix("MSG:").strip())] = body.rstrip("\n")
+    if name.endswith(_EVENT) and "/srv/" in name:
+        _add_service(registry, two_part(name).removesuffix(_EVENT), texts)
+    for each, definition in texts.items():
+        if not _known(registry, each, definition):
+            registry.add_text(definition, each)
+
+
+def _add_service(registry: Registry, name: str, texts: dict[str, str]) -> None:
+    """Put a service together from the event message that service introspection publishes."""
+    request, response = texts.get(f"{name}_Request"), texts.get(f"{name}_Response")
+    if request is None or response is None:
+        return
+    if _known(registry, f"{name}_Request", request) and _known(registry, f"{name}_Response", response):
+        return
+    registry.add_text(f"{request}\n---\n{response}", name, "srv")
+
+
+def _known(registry: Registry, name: str, text: str) -> bool:
+    """Whether a registry has a message of that name with those fields and constants."""
+    known = registry.known_definition(name)
+    return known is not None and known == parse_message(text, name, distro=registry.distro)

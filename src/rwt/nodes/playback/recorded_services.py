@@ -1,0 +1,125 @@
+"""Answers service calls as they were answered when the recording was made.
+
+What was asked and answered is in the topics of ROS 2's service introspection, `/NAME/_service_event`. A
+request equal to a recorded one gets the recorded response; one that was asked several times gets its
+responses in order, and then the last again. Any other request fails, saying so.
+"""
+
+from __future__ import annotations
+
+import logging
+from typing import TYPE_CHECKING, Final, Protocol, cast
+
+from rwt.nodes.playback.publications import read_payload
+from rwt.nodes.recording.selection import ACTION_PARTS, SERVICE_EVENTS, TopicSelection
+from rwt_interfaces import InterfaceError, InvalidMessage, Payload
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rwt.nodes.recording.recording import RecordedMessage, RecordedTopic, Recording
+    from rwt_graph.api import Graph, ServiceCall
+    from rwt_interfaces.structs import MessageType, ServiceType
+
+logger = logging.getLogger(__name__)
+
+_EVENT: Final = "_Event"
+_REQUESTS: Final = (0, 1)
+"""`event_type` of REQUEST_SENT and REQUEST_RECEIVED; the two others are responses."""
+
+
+class _CallInfo(Protocol):
+    """`service_msgs/ServiceEventInfo`, as far as it is needed here."""
+
+    event_type: int
+    client_gid: Sequence[int]
+    sequence_number: int
+
+
+class _ServiceEvent(Protocol):
+    """The message of any service's introspection."""
+
+    info: _CallInfo
+    request: Sequence[object]
+    response: Sequence[object]
+
+
+class RecordedServices:
+    """Offers every service whose calls were recorded with their contents, and that no node offers yet."""
+
+    def __init__(self, graph: Graph, recording: Recording, selection: TopicSelection, node: str) -> None:
+        self._graph = graph
+        self._recording = recording
+        self._participant = graph.participant(node)
+        for topic in recording.topics:
+            is_call = topic.name.endswith(SERVICE_EVENTS) and ACTION_PARTS not in topic.name
+            if is_call and selection.takes(topic.name):
+                self._offer(topic)
+
+    def _offer(self, topic: RecordedTopic) -> None:
+        name = topic.name.removesuffix(SERVICE_EVENTS)
+        registry = self._graph.registry
+        try:
+            event = registry.message(topic.type)
+            service = registry.service(topic.type.removesuffix(_EVENT))
+        except InterfaceError as error:
+            logger.warning("calls of %s are not answered: %s", name, error)
+            return
+        answers = _RecordedCalls(name, service)
+        for message in self._recording.messages([topic.name]):
+            answers.learn(topic, event, message)
+        if answers.known and self._graph.service(name) is None:
+            self._participant.advertise_service(name, service, answers.answer)
+
+    def close(self) -> None:
+        """Withdraw the services."""
+        self._participant.close()
+
+
+class _RecordedCalls:
+    """The recorded responses of one service, by the CDR of the request."""
+
+    def __init__(self, name: str, service: ServiceType) -> None:
+        self._name = name
+        self._service = service
+        self._open: dict[tuple[bytes, int], bytes] = {}
+        self._responses: dict[bytes, list[Payload]] = {}
+        self._asked: dict[bytes, int] = {}
+
+    @property
+    def known(self) -> int:
+        """How many different requests have an answer."""
+        return len(self._responses)
+
+    def learn(self, topic: RecordedTopic, event: MessageType, message: RecordedMessage) -> None:
+        """Take in one event."""
+        try:
+            recorded = cast("_ServiceEvent", read_payload(topic.encoding, event, message.data).value())
+            call = (bytes(recorded.info.client_gid), recorded.info.sequence_number)
+            if recorded.info.event_type in _REQUESTS:
+                for request in recorded.request:
+                    self._open[call] = Payload.from_value(self._service.request, request).cdr()
+                return
+            for response in recorded.response:
+                # Client and server may both have published a call: the second event finds nothing open.
+                asked = self._open.pop(call, None)
+                if asked is not None:
+                    payload = Payload.from_value(self._service.response, response)
+                    self._responses.setdefault(asked, []).append(payload)
+        except InvalidMessage as error:
+            logger.warning("a recorded call of %s is left out: %s", self._name, error)
+
+    def answer(self, call: ServiceCall) -> None:
+        """Answer a call."""
+        try:
+            request = call.request.cdr()
+        except InvalidMessage as error:
+            call.fail(str(error))
+            return
+        responses = self._responses.get(request)
+        if responses is None:
+            call.fail(f"the recording has no call of {self._name} with this request")
+            return
+        turn = self._asked.get(request, 0)
+        self._asked[request] = turn + 1
+        call.reply(responses[min(turn, len(responses) - 1)])

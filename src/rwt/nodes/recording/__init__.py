@@ -1,0 +1,45 @@
+"""Recordings of robots: MCAP files written and read, and bags of ROS 1 and ROS 2 read.
+
+Importing this loads no optional library; they are loaded by what needs them.
+"""
+
+from rwt.nodes.recording.channels import ENCODINGS, ChannelForm, Encoding, channel_form
+from rwt.nodes.recording.errors import (
+    ExtraMissing,
+    RecordingError,
+    RecordingNotWritten,
+    RecordingUnreadable,
+)
+from rwt.nodes.recording.opening import open_recording
+from rwt.nodes.recording.recorder import Recorder, RecordingOptions
+from rwt.nodes.recording.recorder_node import RecorderFolderError, RecorderLimits, RecorderNode
+from rwt.nodes.recording.recording import RecordedMessage, RecordedTopic, Recording
+from rwt.nodes.recording.selection import EVERYTHING, TopicSelection
+from rwt.nodes.recording.writer import COMPRESSIONS, Compression, RecordedChannel, RecordingWriter, Split
+
+__all__ = [
+    "Recorder",
+    "RecorderNode",
+    "RecorderLimits",
+    "RecorderFolderError",
+    "RecordingOptions",
+    "RecordingWriter",
+    "RecordedChannel",
+    "ChannelForm",
+    "channel_form",
+    "TopicSelection",
+    "EVERYTHING",
+    "Split",
+    "Encoding",
+    "ENCODINGS",
+    "Compression",
+    "COMPRESSIONS",
+    "Recording",
+    "RecordedTopic",
+    "RecordedMessage",
+    "open_recording",
+    "RecordingError",
+    "RecordingUnreadable",
+    "RecordingNotWritten",
+    "ExtraMissing",
+]

@@ -1,0 +1,127 @@
+"""Reads bags: `.bag` files of ROS 1 and folders of rosbag2, with sqlite3 or MCAP inside.
+
+Imported only where a bag is read: it needs rosbags, of the extra ``mcap``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from rosbags.interfaces import ConnectionExtRosbag1, MessageDefinitionFormat, QosDurability, QosReliability
+from rosbags.interfaces import QosHistory as BagHistory
+from rosbags.rosbag1 import Reader as Reader1
+from rosbags.rosbag2 import Reader as Reader2
+
+from rwt.nodes.recording.errors import RecordingUnreadable
+from rwt.nodes.recording.recording import RecordedMessage, RecordedTopic, Recording, merged_topics
+from rwt_interfaces.distro import JAZZY, NOETIC
+from rwt_participant.qos import LATCHED, MOST_DEPTH, Durability, History, QoS, Reliability
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection, Qos
+
+#: Both kinds of bags have 64 bits for a time.
+_END_OF_TIMES_NS: Final = 2**64
+
+
+class BagRecording(Recording):
+    """One bag.
+
+    Raises:
+        RecordingUnreadable: it is not a bag, or was not ended properly.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.paths = (path,)
+        self._is_ros1 = path.suffix == ".bag" and not path.is_dir()
+        self.distro = NOETIC if self._is_ros1 else JAZZY
+        try:
+            with self._opened() as reader:
+                self._describe(reader)
+        except Exception as error:
+            # A damaged bag fails in as many ways as the library has places that read it.
+            hint = "" if self._is_ros1 else "; a folder of rosbag2 has a file metadata.yaml"
+            raise RecordingUnreadable(
+                f"{path} is not a bag that can be read: {_first_line(error)}{hint}"
+            ) from None
+
+    def _opened(self) -> Reader1 | Reader2:
+        """A new reader for each reading: sqlite3 must be used by the thread that opened it."""
+        return Reader1(self.paths[0]) if self._is_ros1 else Reader2(self.paths[0])
+
+    def _describe(self, reader: Reader1 | Reader2) -> None:
+        self.topics = merged_topics([self._topic(connection) for connection in reader.connections])
+        filled = reader.message_count > 0
+        self.start_ns = reader.start_time if filled else 0
+        # The library's end is the moment after the last message.
+        self.end_ns = reader.end_time - 1 if filled else 0
+        for time in (self.start_ns, self.end_ns):
+            if not isinstance(time, int) or not 0 <= time < _END_OF_TIMES_NS:
+                raise ValueError(
+                    f"it says that it begins or ends at {time!s:.40}: expected nanoseconds since 1970"
+                )
+
+    def _topic(self, connection: Connection) -> RecordedTopic:
+        definition = connection.msgdef
+        text = definition.data if definition.format is MessageDefinitionFormat.MSG else ""
+        return RecordedTopic(
+            connection.topic,
+            connection.msgtype,
+            "ros1" if self._is_ros1 else "cdr",
+            text,
+            connection.msgcount,
+            _offered_qos(connection),
+        )
+
+    def messages(
+        self, topics: Collection[str] | None = None, start_ns: int = 0, end_ns: int | None = None
+    ) -> Iterator[RecordedMessage]:
+        """The messages of `topics` from `start_ns` to before `end_ns`, by log time, which is the only one.
+
+        Raises:
+            RecordingUnreadable: what comes next is damaged.
+        """
+        try:
+            yield from self._messages(topics, start_ns, end_ns)
+        except Exception as error:
+            # As above; what was read until then is whole.
+            raise RecordingUnreadable(f"{self.paths[0]} is damaged: {_first_line(error)}") from None
+
+    def _messages(
+        self, topics: Collection[str] | None, start_ns: int, end_ns: int | None
+    ) -> Iterator[RecordedMessage]:
+        with self._opened() as reader:
+            chosen = [each for each in reader.connections if topics is None or each.topic in topics]
+            if not chosen:
+                return
+            for connection, stamp, data in reader.messages(chosen, start_ns, end_ns):
+                yield RecordedMessage(connection.topic, connection.msgtype, stamp, stamp, bytes(data))
+
+    def close(self) -> None:
+        """Nothing is open between readings."""
+
+
+def _first_line(error: Exception) -> str:
+    """What an error of the library says, in one line; its kind where that is nothing."""
+    text = str(error).strip() or type(error).__name__
+    return text.splitlines()[0][:300]
+
+
+def _offered_qos(connection: Connection) -> tuple[QoS, ...]:
+    extension = connection.ext
+    if isinstance(extension, ConnectionExtRosbag1):
+        return (LATCHED,) if extension.latching else ()
+    return tuple(_qos(profile) for profile in extension.offered_qos_profiles)
+
+
+def _qos(profile: Qos) -> QoS:
+    kept = profile.durability is QosDurability.TRANSIENT_LOCAL
+    lossy = profile.reliability is QosReliability.BEST_EFFORT
+    return QoS(
+        history=History.KEEP_ALL if profile.history is BagHistory.KEEP_ALL else History.KEEP_LAST,
+        depth=min(max(0, profile.depth), MOST_DEPTH),
+        reliability=Reliability.BEST_EFFORT if lossy else Reliability.RELIABLE,
+        durability=Durability.TRANSIENT_LOCAL if kept else Durability.VOLATILE,
+    )

@@ -1,0 +1,205 @@
+"""How a topic becomes a channel of an MCAP file: schema, encoding, and what is noted beside it."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Literal
+
+import msgspec
+
+from rwt_interfaces.field_types import Array, Bool, FieldType, Float, Int, Octets, String, Time
+from rwt_interfaces.times import NANOSECONDS
+from rwt_participant.qos import Durability, History, QoS, Reliability
+
+if TYPE_CHECKING:
+    from rwt_interfaces.structs import MessageType
+
+
+Encoding = Literal["ros", "json"]
+"""How messages are written: as ROS serialises them (CDR, or ROS 1's own form on ROS 1), or as JSON."""
+
+ENCODINGS: Final[tuple[Encoding, ...]] = ("ros", "json")
+
+DEFINITION: Final = "ros_definition"
+"""Key of a channel's metadata: the definition of its type, from which it can be played, where that is not the
+schema."""
+
+TYPE: Final = "ros_type"
+"""Key of a channel's metadata: the name of its type, where that is not the schema's."""
+
+_HISTORIES: Final = {History.KEEP_LAST: 1, History.KEEP_ALL: 2}
+_RELIABILITIES: Final = {Reliability.RELIABLE: 1, Reliability.BEST_EFFORT: 2, Reliability.BEST_AVAILABLE: 4}
+_DURABILITIES: Final = {
+    Durability.TRANSIENT_LOCAL: 1, Durability.VOLATILE: 2, Durability.BEST_AVAILABLE: 4,
+}  # fmt: skip
+"""The numbers of rmw, which every version of rosbag2 reads."""
+
+_SCHEMAS: Final = {"cdr": "ros2msg", "ros1": "ros1msg"}
+"""The schema encoding of each serialisation."""
+
+_INFINITE: Final = (9223372036, 854775807)
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelForm:
+    """What an MCAP file says of one topic.
+
+    Attributes:
+        topic: absolute name.
+        schema_name: the type's name, as its distribution spells it.
+        schema_encoding: ``ros2msg``, ``ros1msg`` or ``jsonschema``.
+        schema: its text.
+        message_encoding: ``cdr``, ``ros1`` or ``json``.
+        metadata: quality of service and more, by key.
+    """
+
+    topic: str
+    schema_name: str
+    schema_encoding: str
+    schema: bytes
+    message_encoding: str
+    metadata: dict[str, str]
+
+
+def channel_form(
+    topic: str, message: MessageType, encoding: Encoding, offered_qos: tuple[QoS, ...] = ()
+) -> ChannelForm:
+    """The channel of one topic.
+
+    Args:
+        offered_qos: what its publishers offer, where that is known.
+    """
+    registry = message.registry
+    distro = registry.distro
+    text = registry.full_text(message)
+    metadata = {"offered_qos_profiles": qos_text(offered_qos)} if distro.has_qos else _latching(offered_qos)
+    if distro.type_hash == "rihs01":
+        metadata["topic_type_hash"] = message.rihs01
+    else:
+        metadata["md5sum"] = message.md5
+    name = registry.type_name(message)
+    if encoding == "json":
+        metadata[DEFINITION] = text
+        return ChannelForm(topic, name, "jsonschema", json_schema(message), "json", metadata)
+    schema = _SCHEMAS[distro.serialisation]
+    shown, shown_text = _readable(name, text)
+    if shown_text != text or shown != name:
+        del metadata["topic_type_hash"]  # It is that of the other name.
+        metadata |= {TYPE: name, DEFINITION: text}
+    return ChannelForm(topic, shown, schema, shown_text.encode(), distro.serialisation, metadata)
+
+
+_MADE_BY_RULE: Final = re.compile(r"(?<![\w/])(\w+)/(?:msg/|srv/|action/)?([A-Za-z0-9]+_\w+)(?!\w)")
+
+
+def _readable(name: str, text: str) -> tuple[str, str]:
+    """A schema's name and text with no underscores in names of types.
+
+    ROS 2 makes such names by rule, for the parts of services and actions and their events
+    (`pkg/srv/X_Event`, which holds `pkg/X_Request`). Readers that are in use (mcap-ros2-support 0.6, rosbags
+    0.11) take them for mistakes, and read nothing of a file that has one.
+    """
+    heads = [line.removeprefix("MSG: ") for line in text.splitlines() if line.startswith("MSG: ")]
+    made = [found for each in (name, *heads) if (found := _MADE_BY_RULE.fullmatch(each))]
+    plain = {(found[1], found[2]): found[2].replace("_", "") for found in made}
+    if not plain:
+        return name, text
+
+    def replaced(found: re.Match[str]) -> str:
+        short = plain.get((found[1], found[2]))
+        return f"{found[1]}/{short}" if short else found[0]
+
+    package, _, short = _MADE_BY_RULE.sub(replaced, name).partition("/")
+    return f"{package}/msg/{short.rpartition('/')[2]}", _MADE_BY_RULE.sub(replaced, text)
+
+
+def _latching(offered_qos: tuple[QoS, ...]) -> dict[str, str]:
+    """What ROS 1 says instead of quality of service."""
+    latched = any(qos.durability is Durability.TRANSIENT_LOCAL for qos in offered_qos)
+    return {"latching": "1"} if latched else {}
+
+
+def qos_text(offered_qos: tuple[QoS, ...]) -> str:
+    """`offered_qos_profiles` as rosbag2 writes it: a YAML list of profiles."""
+    return "".join(_profile(qos) for qos in offered_qos)
+
+
+def _profile(qos: QoS) -> str:
+    entries = {
+        "history": _HISTORIES[qos.history],
+        "depth": qos.depth,
+        "reliability": _RELIABILITIES[qos.reliability],
+        "durability": _DURABILITIES[qos.durability],
+        "deadline": _duration(qos.deadline),
+        "lifespan": _duration(qos.lifespan),
+        "liveliness": 1,
+        "liveliness_lease_duration": _duration(None),
+        "avoid_ros_namespace_conventions": "false",
+    }
+    lines = [f"{key}: {value}" for key, value in entries.items()]
+    return "- " + "\n  ".join(lines) + "\n"
+
+
+def _duration(seconds: float | None) -> str:
+    whole, rest = divmod(round(seconds * NANOSECONDS), NANOSECONDS) if seconds else _INFINITE
+    return f"\n    sec: {whole}\n    nsec: {rest}"
+
+
+#: What is noted of a topic whose messages are kept for late joiners, where nothing more is known.
+KEPT: Final = QoS(depth=1, durability=Durability.TRANSIENT_LOCAL)
+
+#: The same of `/tf_static`, on which every publisher's last message counts.
+KEPT_TRANSFORMS: Final = QoS(depth=100, durability=Durability.TRANSIENT_LOCAL)
+
+
+Schema = dict[str, object]
+
+
+def json_schema(message: MessageType) -> bytes:
+    """The JSON Schema of one message type as rosbridge writes it in JSON, as text.
+
+    The root is an object and nested messages stand where they are used, without ``$ref``: what reads
+    recordings (Foxglove, Lichtblick) wants it so.
+    """
+    return msgspec.json.encode(_message(message))
+
+
+def _message(message: MessageType) -> Schema:
+    if message.time is not None:
+        return _time(message.time)
+    return {
+        "title": message.name,
+        "type": "object",
+        "properties": {slot.name: _schema(slot.type) for slot in message.slots},
+    }
+
+
+def _schema(field_type: FieldType) -> Schema:
+    if isinstance(field_type, Octets):
+        return {"type": "string", "contentEncoding": "base64"}
+    if isinstance(field_type, Array):
+        found: Schema = {"type": "array", "items": _schema(field_type.element)}
+        if field_type.length is not None:
+            found |= {"minItems": field_type.length, "maxItems": field_type.length}
+        elif field_type.bound is not None:
+            found["maxItems"] = field_type.bound
+        return found
+    if isinstance(field_type, Bool):
+        return {"type": "boolean"}
+    if isinstance(field_type, Int):
+        return {"type": "integer", "minimum": field_type.low, "maximum": field_type.high}
+    if isinstance(field_type, Float):
+        return {"type": "number"}
+    if isinstance(field_type, String):
+        return {"type": "string"}
+    return _time(field_type) if isinstance(field_type, Time) else _message(field_type.type)
+
+
+def _time(field_type: Time) -> Schema:
+    seconds, nanoseconds = field_type.keys
+    return {
+        "title": str(field_type),
+        "type": "object",
+        "properties": {seconds: {"type": "integer"}, nanoseconds: {"type": "integer"}},
+    }

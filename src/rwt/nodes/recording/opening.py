@@ -1,0 +1,84 @@
+"""Opens recordings of any format, several as one; the libraries of a format are loaded by its first file."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from heapq import merge
+from pathlib import Path
+
+from rwt.nodes.recording.errors import RecordingUnreadable, require
+from rwt.nodes.recording.recording import CHUNK_BYTES, RecordedMessage, Recording, merged_topics
+
+
+def open_recording(paths: Sequence[Path], chunk_bytes: int = CHUNK_BYTES) -> Recording:
+    """Open a recording: MCAP files, ROS 1 bags, or folders of rosbag2; several are played together.
+
+    Args:
+        paths: of the files and folders.
+        chunk_bytes: what a chunk of an MCAP file may have unpacked; one that says more is left out.
+
+    Raises:
+        RecordingUnreadable: one is not a recording, or they speak different versions of ROS.
+        ExtraMissing: the extra ``mcap`` is not installed.
+    """
+    opened: list[Recording] = []
+    try:
+        opened.extend(_open(path, chunk_bytes) for path in paths)
+        if not opened:
+            raise RecordingUnreadable("no recording was named")
+        return opened[0] if len(opened) == 1 else _Together(opened)
+    except BaseException:
+        for recording in opened:
+            recording.close()
+        raise
+
+
+def _open(path: Path, chunk_bytes: int) -> Recording:
+    if not path.exists():
+        raise RecordingUnreadable(f"{path}: there is no such file")
+    if path.is_dir() and not (path / "metadata.yaml").exists():
+        raise RecordingUnreadable(f"{path} is no recording: a folder of rosbag2 has a file metadata.yaml")
+    if path.is_dir() or path.suffix == ".bag":
+        require("rosbags")
+        from rwt.nodes.recording.bags import BagRecording
+
+        return BagRecording(path)
+    if path.suffix == ".db3":
+        raise RecordingUnreadable(f"{path} is a part of a rosbag2 recording: name its folder instead")
+    require("mcap")
+    from rwt.nodes.recording.mcap_files import McapRecording
+
+    return McapRecording(path, chunk_bytes)
+
+
+class _Together(Recording):
+    """Several recordings as one."""
+
+    def __init__(self, parts: list[Recording]) -> None:
+        if len({part.distro.serialisation for part in parts}) > 1:
+            raise RecordingUnreadable("recordings of ROS 1 and of ROS 2 cannot be played together")
+        self._parts = parts
+        self.distro = parts[0].distro
+        self.paths = tuple(path for part in parts for path in part.paths)
+        self.complete = all(part.complete for part in parts)
+        filled = [part for part in parts if part.end_ns]
+        self.start_ns = min((part.start_ns for part in filled), default=0)
+        self.end_ns = max((part.end_ns for part in filled), default=0)
+        self.topics = merged_topics([topic for part in parts for topic in part.topics])
+
+    @property
+    def damaged(self) -> int:
+        """Places of all parts that could not be read."""
+        return sum(part.damaged for part in self._parts)
+
+    def messages(
+        self, topics: Collection[str] | None = None, start_ns: int = 0, end_ns: int | None = None
+    ) -> Iterator[RecordedMessage]:
+        """The messages of all parts."""
+        parts = (part.messages(topics, start_ns, end_ns) for part in self._parts)
+        return merge(*parts, key=lambda message: message.log_time)
+
+    def close(self) -> None:
+        """Close every part."""
+        for part in self._parts:
+            part.close()

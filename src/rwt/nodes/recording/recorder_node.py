@@ -1,0 +1,225 @@
+"""A node that records when it is told to, by services: into one folder, and never more than it may."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import anyio.to_thread
+
+from rwt.nodes.recording.errors import RecordingError, RecordingNotWritten, require
+from rwt.nodes.recording.recorder import Recorder, RecordingOptions
+from rwt.nodes.recording.selection import TopicSelection
+from rwt_graph.nodes.node import Node
+
+if TYPE_CHECKING:
+    from rwt.nodes.recording.writer import RecordingWriter
+    from rwt_graph.api import Graph
+    from rwt_participant.timers import Timer
+
+logger = logging.getLogger(__name__)
+
+STATE_SECONDS: Final = 1.0
+"""How often the state is told while something is recorded."""
+_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+_MOST_TOPICS: Final = 200
+_MOST_NAME: Final = 256
+_MOST_FILES_A_SECOND: Final = 100
+
+
+class RecorderFolderError(ValueError):
+    """A folder that recordings cannot be put into; the text says which and why."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderLimits:
+    """What recordings that are asked for may take, in bytes.
+
+    Attributes:
+        recording: content of one, before compression.
+        folder: all files of the folder; a recording ends where they would be more.
+    """
+
+    recording: int
+    folder: int
+
+
+class RecorderNode:
+    """Records the topics of a graph between a call of ``/recorder/start`` and one of ``/recorder/stop``, or
+    until the recording is as large as it may be. How things stand is told on ``/recorder/state``, latched.
+
+    The services are those of ``rwt_recorder_msgs``. There is one recording at a time; whoever starts it may
+    leave, and it goes on.
+
+    Args:
+        graph: what is recorded.
+        folder: where files are put, named after the request and the time.
+        limits: see there.
+
+    Raises:
+        RecorderFolderError: the folder is none.
+        ExtraMissing: the extra ``mcap`` is not installed.
+    """
+
+    def __init__(self, graph: Graph, folder: Path, limits: RecorderLimits) -> None:
+        require("mcap")
+        if not folder.is_dir():
+            raise RecorderFolderError(f"{folder}: no folder for recordings")
+        self._graph = graph
+        self._folder = folder
+        self._limits = limits
+        self._recorder: Recorder | None = None
+        self._is_changing = False
+        self._ending: list[RecordingWriter] = []
+        self._timer: Timer | None = None
+        self._state: dict[str, object] = {"largest_bytes": min(limits.recording, limits.folder)}
+        self._node = Node(graph, "recorder")
+        self._publisher = self._node.advertise(
+            "/recorder/state", "rwt_recorder_msgs/RecorderState", latch=True
+        )
+        self._node.advertise_service("/recorder/start", "rwt_recorder_msgs/StartRecording", self._on_start)
+        self._node.advertise_service("/recorder/stop", "rwt_recorder_msgs/StopRecording", self._on_stop)
+        self._tell()
+
+    # Services
+
+    async def _on_start(self, request: Any) -> dict[str, object]:
+        return await self._alone(lambda: self._start(request.name, tuple(request.topics)))
+
+    async def _on_stop(self, request: Any) -> dict[str, object]:
+        return await self._alone(self._stop)
+
+    async def _alone(self, act: Callable[[], Awaitable[dict[str, object]]]) -> dict[str, object]:
+        """Do what changes the recording, or say why not; one such thing at a time."""
+        if self._is_changing:
+            return _refusal("another recording is just being started or ended; ask again")
+        self._is_changing = True
+        try:
+            done = await act()
+        except RecordingError as error:
+            # What it says is for the robot's log; where the files lie is nothing for clients.
+            logger.error("%s", error)
+            return _refusal(str(error).replace(f"{self._folder}/", ""))
+        finally:
+            self._is_changing = False
+            self._tell()
+        return done
+
+    async def _start(self, name: str, topics: tuple[str, ...]) -> dict[str, object]:
+        if self._recorder is not None:
+            return _refusal(f"{self._state['file']} is being recorded already")
+        if name and _NAME.fullmatch(name) is None:
+            return _refusal(
+                "name: expected up to 64 of the characters A-Z a-z 0-9 . _ -, no dot at its start"
+            )
+        if len(topics) > _MOST_TOPICS or any(not each or len(each) > _MOST_NAME for each in topics):
+            return _refusal(f"topics: expected at most {_MOST_TOPICS} names or patterns")
+        used = await anyio.to_thread.run_sync(_bytes_in, self._folder)
+        room = min(self._limits.recording, self._limits.folder - used)
+        if room <= 0:
+            return _refusal(
+                f"the recordings here have {used} bytes of {self._limits.folder}: remove some of them"
+            )
+        selection = TopicSelection(topics) if topics else TopicSelection()
+        path = self._free_path(name or "recording")
+        self._recorder = Recorder(self._graph, path, selection, RecordingOptions(largest_bytes=room))
+        self._state = {
+            "recording": True,
+            "file": path.name,
+            "since": self._graph.distro.time(self._graph.clock.time_ns()),
+            "largest_bytes": room,
+        }
+        self._tick()
+        return {"success": True, "message": "", "file": path.name}
+
+    async def _stop(self) -> dict[str, object]:
+        if self._recorder is None:
+            return _refusal("nothing is being recorded")
+        await self._end("")
+        return {"success": True, "message": "", "file": self._state["file"]}
+
+    # The recording
+
+    def _free_path(self, name: str) -> Path:
+        at = datetime.fromtimestamp(self._graph.clock.time_ns() / 1e9, UTC)
+        stem = f"{name}_{at:%Y%m%d-%H%M%S}"
+        for number in range(1, _MOST_FILES_A_SECOND):
+            path = self._folder / f"{stem}{'' if number == 1 else f'_{number}'}.mcap"
+            if not path.exists():
+                return path
+        raise RecordingNotWritten(f"{stem}.mcap is there already; give another name")
+
+    def _tick(self) -> None:
+        """Tell how far it is, and end what is full or cannot be written."""
+        recorder = self._recorder
+        if recorder is None:
+            return
+        self._timer = self._graph.clock.call_later(STATE_SECONDS, self._tick)
+        if recorder.is_full and not self._is_changing:
+            self._close_now(f"it has ended: it has come to {self._state['largest_bytes']} bytes")
+        elif recorder.writer.failure is not None and not self._is_changing:
+            self._close_now(str(recorder.writer.failure).replace(f"{self._folder}/", ""))
+        self._tell()
+
+    async def _end(self, problem: str) -> None:
+        recorder = self._forget(problem)
+        if recorder is not None:
+            try:
+                await anyio.to_thread.run_sync(recorder.writer.close)
+            finally:
+                self._note(recorder)
+
+    def _close_now(self, problem: str) -> None:
+        """End without anybody who waits for it: what waits is written by the writer's own thread."""
+        recorder = self._forget(problem)
+        if recorder is not None:
+            recorder.writer.finish_soon()
+            self._ending = [each for each in self._ending if each.is_writing] + [recorder.writer]
+
+    def _forget(self, problem: str) -> Recorder | None:
+        recorder, self._recorder = self._recorder, None
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if recorder is not None:
+            recorder.stop()
+            self._note(recorder)
+            self._state |= {"recording": False, "problem": problem}
+        return recorder
+
+    def _note(self, recorder: Recorder) -> None:
+        writer = recorder.writer
+        self._state |= {
+            "messages": writer.messages,
+            "bytes": writer.content_bytes,
+            "dropped": writer.dropped,
+        }
+
+    def _tell(self) -> None:
+        if self._recorder is not None:
+            self._note(self._recorder)
+        self._publisher.publish(self._state)
+
+    def close(self) -> None:
+        """End what is being recorded, and leave the graph."""
+        recorder = self._forget("")
+        for writer in [*self._ending, *([] if recorder is None else [recorder.writer])]:
+            try:
+                writer.close()
+            except RecordingError as error:
+                logger.error("%s", error)
+        self._node.close()
+
+
+def _refusal(text: str) -> dict[str, object]:
+    return {"success": False, "message": text, "file": ""}
+
+
+def _bytes_in(folder: Path) -> int:
+    """The bytes of the files right in a folder."""
+    return sum(each.stat().st_size for each in folder.iterdir() if each.is_file())

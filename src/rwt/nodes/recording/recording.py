@@ -1,0 +1,121 @@
+"""What can be played: a recording's topics and messages, whatever file they are in."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal, Self
+
+from msgspec import Struct
+
+from rwt_interfaces.distro import Distro
+from rwt_participant.qos import QoS
+
+CHUNK_BYTES: Final = 128 * 1024 * 1024
+"""What a chunk of an MCAP file may have unpacked, unless another bound is given. Writers make them of some
+megabytes, or as large as one message."""
+
+MessageEncoding = Literal["cdr", "ros1", "json", ""]
+"""How a topic's messages are written; empty for an encoding that cannot be read."""
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedTopic:
+    """One topic of a recording.
+
+    Attributes:
+        name: absolute name.
+        type: the type's name as it was recorded.
+        encoding: how its messages are written.
+        definition: the type's definition with those it contains (API-06); empty where it was not recorded.
+        count: messages; None where the file does not say.
+        offered_qos: what its publishers offered_qos, where that is known.
+    """
+
+    name: str
+    type: str
+    encoding: MessageEncoding
+    definition: str = ""
+    count: int | None = None
+    offered_qos: tuple[QoS, ...] = ()
+
+
+class RecordedMessage(Struct, frozen=True, gc=False):
+    """One message of a recording.
+
+    Attributes:
+        topic: of its topic.
+        type: the type's name as it was recorded.
+        log_time: when it was recorded, nanoseconds since the epoch.
+        publish_time: when it was published, likewise.
+        data: as the topic's encoding has it.
+    """
+
+    topic: str
+    type: str
+    log_time: int
+    publish_time: int
+    data: bytes
+
+
+class Recording(ABC):
+    """An open recording. Any number of readings may be under way at once, each in one thread.
+
+    Attributes:
+        paths: its files.
+        distro: of its messages.
+        topics: sorted by name; a topic of two types is there twice.
+        start_ns, end_ns: log times of the first and the last message; both 0 when there is none.
+        complete: whether the file was ended properly. One that was not is read as far as it goes.
+    """
+
+    paths: tuple[Path, ...]
+    distro: Distro
+    topics: tuple[RecordedTopic, ...]
+    start_ns: int
+    end_ns: int
+    complete: bool = True
+
+    @property
+    def damaged(self) -> int:
+        """Places that could not be read and were left out, as far as the recording was read."""
+        return 0
+
+    @abstractmethod
+    def messages(
+        self, topics: Collection[str] | None = None, start_ns: int = 0, end_ns: int | None = None
+    ) -> Iterator[RecordedMessage]:
+        """The messages of `topics` (None: of all) from `start_ns` to before `end_ns`, by log time.
+
+        Those of one log time come in the order of the file.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """Close the files."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+
+def merged_topics(topics: list[RecordedTopic]) -> tuple[RecordedTopic, ...]:
+    """Topics sorted by name, those of the same name and type as one with their messages added up."""
+    found: dict[tuple[str, str], RecordedTopic] = {}
+    for topic in topics:
+        known = found.get((topic.name, topic.type))
+        if known is None:
+            found[topic.name, topic.type] = topic
+            continue
+        count = None if known.count is None or topic.count is None else known.count + topic.count
+        offered_qos = known.offered_qos + tuple(
+            qos for qos in topic.offered_qos if qos not in known.offered_qos
+        )
+        found[topic.name, topic.type] = RecordedTopic(
+            known.name, known.type, known.encoding, known.definition, count, offered_qos
+        )
+    return tuple(sorted(found.values(), key=lambda topic: (topic.name, topic.type)))

@@ -1,0 +1,229 @@
+"""Services about the running graph: topics, services, actions, nodes, time."""
+
+from __future__ import annotations
+
+import socket
+from typing import TYPE_CHECKING, Any, Final
+
+from rwt.nodes.rosapi.service import Answer, Service
+from rwt_graph.disclosure import NOTHING, AsksAbout, Lists, ListsProviders
+from rwt_graph.errors import InvalidGraphName
+from rwt_graph.names import resolve
+from rwt_interfaces.errors import InterfaceError
+from rwt_interfaces.names import two_part
+from rwt_participant.errors import ServiceFailed
+
+if TYPE_CHECKING:
+    from rwt_graph.api import TopicInfo
+    from rwt_graph.nodes.node import Node
+    from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+
+#: What an actionlib server's topics end in; all five together make an action of ROS 1 (API-12).
+_ACTIONLIB = ("cancel", "feedback", "goal", "result", "status")
+
+
+def topics(node: Node, _: Any) -> Answer:
+    """Every topic and its type (API-02)."""
+    topics = [topic for topic in node.graph.topics() if not _is_hidden(topic.name)]
+    return {
+        "topics": [topic.name for topic in topics],
+        "types": [_type_name(node, topic.type) for topic in topics],
+    }
+
+
+def topics_for_type(node: Node, request: Any) -> Answer:
+    """The topics of one type, in either spelling of its name."""
+    wanted = _two_part(request.type)
+    return {
+        "topics": [topic.name for topic in node.graph.topics() if topic.type and topic.type.name == wanted]
+    }
+
+
+def topics_and_raw_types(node: Node, _: Any) -> Answer:
+    """Every topic with its type and the full text of the definition (API-06)."""
+    topics = [topic for topic in node.graph.topics() if topic.type is not None and not _is_hidden(topic.name)]
+    return {
+        "topics": [topic.name for topic in topics],
+        "types": [_type_name(node, topic.type) for topic in topics],
+        "typedefs_full_text": [node.graph.registry.full_text(topic.type) for topic in topics if topic.type],
+    }
+
+
+def topic_type(node: Node, request: Any) -> Answer:
+    """The type of a topic; empty if there is no such topic."""
+    topic = _topic(node, request.topic)
+    return {"type": _type_name(node, topic.type) if topic else ""}
+
+
+def publishers(node: Node, request: Any) -> Answer:
+    """The nodes that publish on a topic."""
+    topic = _topic(node, request.topic)
+    return {"publishers": sorted({end.node for end in topic.publishers}) if topic else []}
+
+
+def subscribers(node: Node, request: Any) -> Answer:
+    """The nodes that subscribe to a topic."""
+    topic = _topic(node, request.topic)
+    return {"subscribers": sorted({end.node for end in topic.subscribers}) if topic else []}
+
+
+def services(node: Node, _: Any) -> Answer:
+    """Every service."""
+    return {"services": [service.name for service in node.graph.services() if not _is_hidden(service.name)]}
+
+
+def services_for_type(node: Node, request: Any) -> Answer:
+    """The services of one type."""
+    wanted = _two_part(request.type)
+    return {"services": [service.name for service in node.graph.services() if service.type.name == wanted]}
+
+
+def service_type(node: Node, request: Any) -> Answer:
+    """The type of a service; empty if there is no such service."""
+    service = node.graph.service(_absolute(request.service))
+    return {"type": _type_name(node, service.type) if service else ""}
+
+
+def service_providers(node: Node, request: Any) -> Answer:
+    """The nodes that offer services of a type, which the request has in its field `service`."""
+    wanted = _two_part(request.service)
+    found = {service.node for service in node.graph.services() if service.type.name == wanted}
+    return {"providers": sorted(found)}
+
+
+def service_node(node: Node, request: Any) -> Answer:
+    """The node that offers a service; empty if there is none."""
+    service = node.graph.service(_absolute(request.service))
+    return {"node": service.node if service else ""}
+
+
+def service_host(node: Node, request: Any) -> Answer:
+    """The host on which a service runs; empty if there is no such service."""
+    service = node.graph.service(_absolute(request.service))
+    return {"host": socket.gethostname() if service else ""}
+
+
+def nodes(node: Node, _: Any) -> Answer:
+    """Every node, each name once."""
+    return {"nodes": sorted({each.name for each in node.graph.nodes()})}
+
+
+def node_details(node: Node, request: Any) -> Answer:
+    """What a node takes part in; of an unknown node ROS 1 says nothing, and ROS 2 fails (API-14)."""
+    name = _absolute(request.node)
+    found = [each for each in node.graph.nodes() if each.name == name]
+    if not found and node.graph.distro.rosapi_fails_for_unknown_nodes:
+        raise ServiceFailed(f"node {name} does not exist")
+    return {
+        "subscribing": sorted({topic for each in found for topic in each.subscribing}),
+        "publishing": sorted({topic for each in found for topic in each.publishing}),
+        "services": sorted({service for each in found for service in each.services}),
+    }
+
+
+def action_servers(node: Node, _: Any) -> Answer:
+    """Every action, and every set of topics that is one in ROS 1 (API-12)."""
+    topics = {topic.name for topic in node.graph.topics()}
+    prefixes = {name.removesuffix("/goal") for name in topics if name.endswith("/goal")}
+    over_topics = {prefix for prefix in prefixes if all(f"{prefix}/{end}" in topics for end in _ACTIONLIB)}
+    return {"action_servers": sorted(over_topics | {action.name for action in node.graph.actions()})}
+
+
+def action_type(node: Node, request: Any) -> Answer:
+    """The type of an action; empty if there is no such action."""
+    name = _absolute(request.action)
+    action = node.graph.action(name)
+    if action is not None:
+        return {"type": _type_name(node, action.type)}
+    goal = node.graph.topic(f"{name}/goal")
+    suffix = "ActionGoal"
+    known = goal is not None and goal.type is not None and goal.type.name.endswith(suffix)
+    return {"type": goal.type.name.removesuffix(suffix) if goal and goal.type and known else ""}
+
+
+def get_time(node: Node, _: Any) -> Answer:
+    """ROS time now (API-11)."""
+    return {"time": node.graph.distro.time(node.graph.clock.time_ns())}
+
+
+def get_ros_version(node: Node, _: Any) -> Answer:
+    """The version of ROS and the distribution whose names are spoken here."""
+    return {"version": node.graph.distro.ros_version, "distro": node.graph.distro.name}
+
+
+def _topic(node: Node, name: str) -> TopicInfo | None:
+    return node.graph.topic(_absolute(name))
+
+
+def _type_name(node: Node, type: MessageType | ServiceType | ActionType | None) -> str:
+    return "" if type is None else node.graph.registry.type_name(type)
+
+
+def _is_hidden(name: str) -> bool:
+    """Whether ROS 2 leaves the name out of lists: a part of it begins with an underscore (API-02)."""
+    return "/_" in name
+
+
+def _absolute(name: str) -> str:
+    """The absolute name, or what was given if it cannot be one, which then names nothing."""
+    try:
+        return resolve(name)
+    except InvalidGraphName:
+        return name
+
+
+def _two_part(name: str) -> str:
+    """The two-part type name, or what was given if it cannot be one, which then names nothing."""
+    try:
+        return two_part(name)
+    except InterfaceError:
+        return name
+
+
+# The nodes of a topic or a service are visible to whom it is visible: their names in answers need no rule.
+SERVICES: Final = (
+    Service("topics", "Topics", topics, (Lists("topic", ("topics", "types")),), is_listing=True),
+    Service("topics_for_type", "TopicsForType", topics_for_type, (Lists("topic", ("topics",)),)),
+    Service(
+        "topics_and_raw_types",
+        "TopicsAndRawTypes",
+        topics_and_raw_types,
+        (Lists("topic", ("topics", "types", "typedefs_full_text")),),
+        is_listing=True,
+    ),
+    Service("topic_type", "TopicType", topic_type, (AsksAbout("topic", "topic"),)),
+    Service("publishers", "Publishers", publishers, (AsksAbout("topic", "topic"),)),
+    Service("subscribers", "Subscribers", subscribers, (AsksAbout("topic", "topic"),)),
+    Service("services", "Services", services, (Lists("service", ("services",)),), is_listing=True),
+    Service("services_for_type", "ServicesForType", services_for_type, (Lists("service", ("services",)),)),
+    Service("service_type", "ServiceType", service_type, (AsksAbout("service", "service"),)),
+    Service(
+        "service_providers", "ServiceProviders", service_providers, (ListsProviders("service", "providers"),)
+    ),
+    Service("service_node", "ServiceNode", service_node, (AsksAbout("service", "service"),)),
+    Service("service_host", "ServiceHost", service_host, (AsksAbout("service", "service"),)),
+    Service("nodes", "Nodes", nodes, (Lists("node", ("nodes",)),), is_listing=True),
+    Service(
+        "node_details",
+        "NodeDetails",
+        node_details,
+        (
+            AsksAbout("node", "node"),
+            Lists("topic", ("subscribing",)),
+            Lists("topic", ("publishing",)),
+            Lists("service", ("services",)),
+        ),
+    ),
+    Service(
+        "action_servers",
+        "GetActionServers",
+        action_servers,
+        (Lists("action", ("action_servers",)),),
+        is_listing=True,
+    ),
+    Service("action_type", "ActionType", action_type, (AsksAbout("action", "action"),)),
+    Service("get_time", "GetTime", get_time, NOTHING),
+)
+
+# On ROS 1 its absence is the answer: that is how clients tell the two apart.
+VERSION: Final = Service("get_ros_version", "GetROSVersion", get_ros_version, NOTHING)

@@ -1,0 +1,50 @@
+"""The node `/rosapi`, and what each of its services reveals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
+
+from rwt.nodes.rosapi import graph_services, parameter_services, type_services
+from rwt_graph.nodes.node import Node
+from rwt_interfaces.distro import DISTROS
+
+if TYPE_CHECKING:
+    from rwt_graph.api import Graph
+    from rwt_graph.disclosure import Disclosure
+
+_SERVICES: Final = (*graph_services.SERVICES, *type_services.SERVICES, *parameter_services.SERVICES)
+
+DISCLOSURES: Final[Mapping[str, Disclosure]] = MappingProxyType(
+    {
+        f"{package}/{service.type}": service.reveals
+        for package in sorted({distro.rosapi_package for distro in DISTROS.values()})
+        for service in (*_SERVICES, graph_services.VERSION)
+    }
+)
+"""What every service of rosapi reveals, by the two-part name of its type in each distribution."""
+
+
+class Rosapi:
+    """Serves rosapi for one graph, from construction until `close`."""
+
+    def __init__(self, graph: Graph) -> None:
+        self._node = Node(graph, "rosapi")
+        distro = graph.distro
+        for service in (*_SERVICES, *((graph_services.VERSION,) if distro.rosapi_has_version else ())):
+            self._node.advertise_service(
+                f"/rosapi/{service.name}",
+                f"{distro.rosapi_package}/{service.type}",
+                service.serve(self._node),
+            )
+
+    def close(self) -> None:
+        """Withdraw the services."""
+        self._node.close()
+
+    def __enter__(self) -> Rosapi:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()

@@ -1,0 +1,170 @@
+"""Services about parameters, with their values as JSON text in both directions (API-07).
+
+Names are `/node:name` on ROS 2 and `/name` on ROS 1 (API-08). On ROS 2 a failure is in the response, as
+`successful` and `reason`; ROS 1's types lack these fields, so there it fails the call.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import TYPE_CHECKING, Any, Final
+
+import msgspec
+
+from rwt.nodes.rosapi.service import Answer, Service
+from rwt_graph.disclosure import AsksAbout, Lists, Reads, Writes
+from rwt_participant.errors import NotFound, RobotError, ServiceFailed
+
+if TYPE_CHECKING:
+    from rwt_graph.nodes.node import Node
+    from rwt_participant.messages import ParameterValue
+
+_DESCRIPTION = "robot_description"
+
+MOST_VALUES: Final = 32_768
+"""Values in the text of one parameter: what is made of a text takes many times its bytes."""
+
+MOST_DEFAULT: Final = 1 << 20
+"""Characters of what to answer where a parameter is not set."""
+
+_LONG_TEXT: Final = 4 << 20
+"""Characters beyond which what is in strings is counted as values are: to tell them apart takes long."""
+
+_STRING: Final = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"')
+
+
+async def get_param_names(node: Node, _: Any) -> Answer:
+    """The names of all parameters."""
+    return {"names": sorted(await node.params.names())}
+
+
+async def get_param(node: Node, request: Any) -> Answer:
+    """One value; if there is none, the request's default, and without that null (API-07)."""
+    default = request.default_value if node.distro.rosapi_reports_failures else request.default
+    if len(default) > MOST_DEFAULT:
+        raise ServiceFailed(
+            f"get_param: the default has {len(default)} characters, and {MOST_DEFAULT} are the most:"
+            " ask without one"
+        )
+    try:
+        value = await node.params.read(await _full_name(node, request.name), _as_text)
+    except RobotError as error:
+        if default or not node.distro.rosapi_reports_failures:
+            return {"value": _as_json(default), **_done(node)}
+        return {"value": "null", "successful": False, "reason": str(error)}
+    return {"value": value, **_done(node)}
+
+
+def _as_text(value: ParameterValue) -> str:
+    return json.dumps(value, default=list)  # Octets are numbers.
+
+
+def _as_json(default: str) -> str:
+    """A default as JSON text, as values are: it stays if it is that already, and is a string otherwise."""
+    if not default:
+        return "null"
+    try:
+        msgspec.json.decode(default, type=msgspec.Raw)  # Read, and nothing made of it.
+    except (msgspec.DecodeError, RecursionError):
+        return json.dumps(default)
+    return default
+
+
+def _is_bounded(text: str) -> bool:
+    """Whether JSON holds no more values than a parameter may have."""
+    if _values(text) <= MOST_VALUES:
+        return True
+    if len(text) > _LONG_TEXT:
+        return False
+    return _values(_STRING.sub("", text, MOST_VALUES)) <= MOST_VALUES
+
+
+def _values(text: str) -> int:
+    """How many values are in JSON at most: what is in its strings is counted too."""
+    return 1 + text.count(",") + text.count("[") + text.count("{")
+
+
+async def _full_name(node: Node, name: str) -> str:
+    """Where the robot's description is on ROS 2: what viewers ask for has the name that it had on ROS 1.
+
+    Nothing is guessed where several nodes of that namespace have one, or none has.
+    """
+    above, _, last = name.rpartition("/")
+    in_nodes = node.distro.parameters_belong_to_nodes
+    if not in_nodes or last != _DESCRIPTION or await node.params.has(name):
+        return name
+    found = [
+        known
+        for known in await node.params.names()
+        if known.startswith(f"{above}/") and known.endswith(f":{_DESCRIPTION}")
+    ]
+    return found[0] if len(found) == 1 else name
+
+
+async def set_param(node: Node, request: Any) -> Answer:
+    """Set one value from JSON text."""
+    if not _is_bounded(request.value):
+        return _failed(
+            node,
+            f"set_param: the value of {request.name[:80]} has more than {MOST_VALUES} values in it:"
+            " set several parameters, or publish it as a message",
+        )
+    try:
+        value = json.loads(request.value)
+    except (ValueError, RecursionError):
+        return _failed(node, f"set_param: value of {request.name} is not JSON: {request.value[:80]!r}")
+    try:
+        await node.params.set(request.name, value)
+    except RobotError as error:
+        return _failed(node, str(error))
+    return _done(node)
+
+
+async def has_param(node: Node, request: Any) -> Answer:
+    """Whether a parameter is there."""
+    try:
+        return {"exists": await node.params.has(request.name)}
+    except RobotError:
+        return {"exists": False}
+
+
+async def delete_param(node: Node, request: Any) -> Answer:
+    """Remove one parameter."""
+    try:
+        await node.params.delete(request.name)
+    except NotFound as error:
+        # ROS 1's rosapi asks whether it is there first, and has nothing to say where it is not.
+        return {} if not node.distro.rosapi_reports_failures else _failed(node, str(error))
+    except RobotError as error:
+        return _failed(node, str(error))
+    return _done(node)
+
+
+async def search_param(node: Node, request: Any) -> Answer:
+    """The full name of the first parameter whose last part is the one asked for; empty if none is."""
+    wanted = request.name.strip("/")
+    for name in sorted(await node.params.names()):
+        if wanted in (name.rpartition(":")[2], name.strip("/"), name.rpartition("/")[2]):
+            return {"global_name": name}
+    return {"global_name": ""}
+
+
+def _done(node: Node) -> Answer:
+    return {"successful": True, "reason": ""} if node.distro.rosapi_reports_failures else {}
+
+
+def _failed(node: Node, reason: str) -> Answer:
+    if node.distro.rosapi_reports_failures:
+        return {"successful": False, "reason": reason}
+    raise ServiceFailed(reason)
+
+
+SERVICES: Final = (
+    Service("get_param_names", "GetParamNames", get_param_names, (Lists("parameter", ("names",)),)),
+    Service("get_param", "GetParam", get_param, (Reads("name"),)),
+    Service("set_param", "SetParam", set_param, (Writes("name"),)),
+    Service("has_param", "HasParam", has_param, (AsksAbout("parameter", "name"),)),
+    Service("delete_param", "DeleteParam", delete_param, (Writes("name"),)),
+    Service("search_param", "SearchParam", search_param, (Lists("parameter", ("global_name",)),)),
+)

@@ -1,0 +1,77 @@
+"""A row of the tables of services in this folder."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable, Coroutine
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from rwt_interfaces.payload import Payload
+from rwt_participant.future import run_until_it_waits
+
+if TYPE_CHECKING:
+    from rwt_graph.disclosure import Disclosure
+    from rwt_graph.nodes.node import Node
+    from rwt_participant.messages import ServiceHandler
+
+Answer = dict[str, object]
+"""The fields of a response."""
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """One service.
+
+    Attributes:
+        name: below ``/rosapi/``.
+        type: of the distribution's package of rosapi, without the package.
+        handler: makes the answer of the node to a request.
+        is_listing: whether the answer depends on nothing but what the graph lists, so that one serves all
+            clients until that changes.
+        reveals: what a client learns and changes by it. There is no default: a service that reveals nothing
+            of the robot says so, with :data:`rwt_graph.disclosure.NOTHING`.
+    """
+
+    name: str
+    type: str
+    handler: Callable[[Node, Any], Answer | Awaitable[Answer]]
+    reveals: Disclosure
+    is_listing: bool = False
+
+    def serve(self, node: Node) -> ServiceHandler:
+        """The service's handler, for a node that offers it."""
+        if self.is_listing:
+            return Listing(node, self)
+        return partial(_at_once, self.handler, node)
+
+
+def _at_once(
+    handler: Callable[[Node, Any], Answer | Awaitable[Answer]], node: Node, request: Any
+) -> Answer | Awaitable[Answer]:
+    """The answer now if nothing has to be waited for: tasks would do, in one turn of the event loop, all that
+    many clients ask for at a time."""
+    answer = handler(node, request)
+    return run_until_it_waits(answer) if isinstance(answer, Coroutine) else answer
+
+
+class Listing:
+    """The answer of a service that lists the graph, made once for each change of it."""
+
+    __slots__ = ("_answer", "_node", "_service", "_version")
+
+    def __init__(self, node: Node, service: Service) -> None:
+        self._node = node
+        self._service = service
+        self._version = -1
+        self._answer: Payload
+
+    def __call__(self, request: Any) -> Payload:
+        """The answer, the same object until the graph changes."""
+        graph = self._node.graph
+        version = graph.version
+        if version != self._version:
+            type = graph.registry.service(f"{graph.distro.rosapi_package}/{self._service.type}")
+            self._answer = Payload.from_value(type.response, self._service.handler(self._node, request))
+            self._version = version
+        return self._answer

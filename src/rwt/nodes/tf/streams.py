@@ -1,0 +1,185 @@
+"""The transforms sent to one client: as the feedback of a goal, or on a topic of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from time import thread_time
+from typing import Final
+
+from rwt.nodes.tf.transform_filters import TransformFilter
+from rwt_graph import Node, Timer, TopicPublisher
+from rwt_participant.goals import ReceivedGoal
+from rwt_participant.qos import Durability, QoS
+from rwt_tf2 import Buffer, StampedTransform, Transform, write_transform
+
+FEEDBACK_TIMEOUT: Final = 10.0
+"""Seconds that a goal goes on without a client that takes its feedback: a page may come back."""
+
+DIGITS: Final = 6
+"""Decimals that are sent: a micrometre, a microradian. All of a float's would double the size in JSON."""
+
+
+def to_message(transforms: Iterable[StampedTransform]) -> dict[str, object]:
+    """The fields of the feedback and of `TFArray`."""
+    return {"transforms": [write_transform(_rounded(each)) for each in transforms]}
+
+
+def _rounded(stamped: StampedTransform) -> StampedTransform:
+    (x, y, z), (qx, qy, qz, qw) = stamped.transform.translation, stamped.transform.rotation
+    return StampedTransform(
+        stamped.parent,
+        stamped.child,
+        stamped.stamp_ns,
+        Transform(
+            (round(x, DIGITS), round(y, DIGITS), round(z, DIGITS)),
+            (round(qx, DIGITS), round(qy, DIGITS), round(qz, DIGITS), round(qw, DIGITS)),
+        ),
+    )
+
+
+class GoalStream:
+    """Feedback of one goal.
+
+    Attributes:
+        reason: why it was stopped; empty while it runs.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        buffer: Buffer,
+        filter_: TransformFilter,
+        budget: CpuBudget,
+        goal: ReceivedGoal,
+        end: Callable[[], None],
+    ) -> None:
+        self.reason = ""
+        self._budget = budget
+        self._clock = node.clock
+        self._buffer = buffer
+        self._filter = filter_
+        self._goal = goal
+        self._end = end
+        self._taken_at = self._clock.monotonic()
+
+    def tick(self) -> None:
+        """Send what is due, if anything (TFR-06)."""
+        now = self._clock.monotonic()
+        if not self._goal.feedback_wanted:
+            self._filter.forget()
+            if now - self._taken_at >= FEEDBACK_TIMEOUT:
+                self.stop(f"no client took the feedback for {FEEDBACK_TIMEOUT:g} s")
+            return
+        self._taken_at = now
+        self._budget.turn(self._send)
+
+    def _send(self) -> None:
+        due = self._filter.due(self._buffer, self._clock.time_ns())
+        if due:
+            self._goal.publish_feedback(to_message(due))
+
+    def stop(self, reason: str) -> None:
+        """End the goal as aborted."""
+        self.reason = reason
+        self._end()
+
+
+class TopicStream:
+    """A topic of one call of the service (TFR-09).
+
+    It ends after `timeout` seconds without a subscriber. Nothing is sent before the first
+    subscriber comes, and each that comes gets everything.
+    """
+
+    QOS: Final = QoS(depth=10, durability=Durability.TRANSIENT_LOCAL)
+
+    def __init__(
+        self,
+        node: Node,
+        buffer: Buffer,
+        filter_: TransformFilter,
+        budget: CpuBudget,
+        publisher: TopicPublisher,
+        timeout: float,
+        ended: Callable[[], object],
+    ) -> None:
+        self._node = node
+        self._buffer = buffer
+        self._filter = filter_
+        self._budget = budget
+        self._publisher = publisher
+        self._timeout = timeout
+        self._ended = ended
+        self._timer: Timer | None = None
+        self._subscribers = 0
+        self._subscribed_at = node.clock.monotonic()
+
+    def start(self, period: float) -> None:
+        """Begin to publish every `period` seconds."""
+        self._timer = self._node.create_timer(period, self._tick)
+
+    def _tick(self) -> None:
+        now = self._node.clock.monotonic()
+        subscribers = self._publisher.subscriber_count
+        if subscribers > self._subscribers:
+            self._filter.forget()
+        self._subscribers = subscribers
+        if subscribers:
+            self._subscribed_at = now
+            self._budget.turn(self._publish)
+        elif now - self._subscribed_at >= self._timeout:
+            self.stop("")
+
+    def _publish(self) -> None:
+        due = self._filter.due(self._buffer, self._node.clock.time_ns())
+        if due:
+            self._publisher.publish(to_message(due))
+
+    def stop(self, reason: str) -> None:
+        """Withdraw the topic. The reason is for goals, which have a client to send it to."""
+        if self._timer is None:
+            return
+        self._timer.cancel()
+        self._timer = None
+        self._publisher.close()
+        self._ended()
+
+
+SHARE: Final = 0.25
+"""Of the event loop's time, for all streams together: a client may ask for a thousand frames a hundred times
+a second, and other clients must be served, too."""
+
+_NEWEST: Final = 0.2
+"""How much the last turn counts in what a turn usually takes: one that was held up must not slow a stream."""
+
+
+class CpuBudget:
+    """The processor time of one stream: it rests after each turn to stay within its part of :data:`SHARE`.
+
+    Args:
+        monotonic: seconds of the robot's clock.
+        streams: how many there are.
+        worked: seconds of processor time that this thread has taken.
+    """
+
+    def __init__(
+        self,
+        monotonic: Callable[[], float],
+        streams: Callable[[], int],
+        worked: Callable[[], float] = thread_time,
+    ) -> None:
+        self._monotonic = monotonic
+        self._streams = streams
+        self._worked = worked
+        self._usual = 0.0
+        self._rests_until = float("-inf")
+
+    def turn(self, work: Callable[[], None]) -> None:
+        """Do `work`, unless the stream rests."""
+        now = self._monotonic()
+        if now < self._rests_until:
+            return
+        began = self._worked()
+        work()
+        self._usual += _NEWEST * (self._worked() - began - self._usual)
+        self._rests_until = now + self._usual * self._streams() / SHARE

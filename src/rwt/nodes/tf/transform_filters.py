@@ -1,0 +1,194 @@
+"""Filters of transforms: those that have moved since they were sent last."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping
+from typing import Final, Protocol
+
+from rwt.nodes.tf.request import Request
+from rwt_tf2 import IDENTITY, Buffer, LookupFailed, StampedTransform, Transform, UnknownFrame
+from rwt_tf2.quaternion import dot
+
+GRACE: Final = 2.0
+"""Seconds that a frame may be missing before it is logged: the first transforms take a moment."""
+
+
+class TransformFilter(Protocol):
+    """The transforms that one client has been sent, and which are due again."""
+
+    def due(self, buffer: Buffer, now_ns: int) -> list[StampedTransform]:
+        """The transforms to send now; they count as sent."""
+
+    def forget(self) -> None:
+        """Forget what was sent: every transform is due."""
+
+
+class MissingFrames:
+    """Logs once that a frame cannot be looked up, until that works again (TFR-06)."""
+
+    def __init__(self, say: Callable[[str], None], monotonic: Callable[[], float]) -> None:
+        self._say = say
+        self._monotonic = monotonic
+        self._since: dict[str, float] = {}
+        self._said: set[str] = set()
+
+    def miss(self, frame: str, why: LookupFailed) -> None:
+        """A frame could not be looked up."""
+        since = self._since.setdefault(frame, self._monotonic())
+        if frame not in self._said and self._monotonic() - since >= GRACE:
+            self._said.add(frame)
+            self._say(str(why))
+
+    def found(self, frame: str) -> None:
+        """A frame was looked up."""
+        if self._since.pop(frame, None) is not None:
+            self._said.discard(frame)
+
+
+def make_filter(request: Request, missing: MissingFrames) -> TransformFilter:
+    """The filter that a request asks for."""
+    return TargetFrameFilter(request, missing) if request.target else TreeFilter(request, missing)
+
+
+class TargetFrameFilter:
+    """Each source frame as seen from the target (TFR-02), sent again when it has moved (TFR-04).
+
+    A frame that cannot be looked up is left out, also the first time: the original then sends a transform of
+    zeros (TFR-07).
+    """
+
+    def __init__(self, request: Request, missing: MissingFrames) -> None:
+        self._request = request
+        self._missing = missing
+        self._sent: dict[str, Transform] = {}
+
+    def due(self, buffer: Buffer, now_ns: int) -> list[StampedTransform]:
+        """The transforms that moved, stamped with the time of sending."""
+        target = self._request.target
+        found = []
+        for source in self._request.sources or self._others(buffer):
+            try:
+                transform = buffer.lookup_transform(target, source).transform
+            except LookupFailed as error:
+                self._missing.miss(source, error)
+                continue
+            self._missing.found(source)
+            last = self._sent.get(source)
+            if last is None or self._moved(last, transform):
+                self._sent[source] = transform
+                found.append(StampedTransform(target, source, now_ns, transform))
+        return found
+
+    def forget(self) -> None:
+        """Forget what was sent: every transform is due."""
+        self._sent.clear()
+
+    def _others(self, buffer: Buffer) -> list[str]:
+        return [frame for frame in buffer.frames() if frame != self._request.target]
+
+    def _moved(self, last: Transform, now: Transform) -> bool:
+        request = self._request
+        return (
+            request.linear == 0
+            or request.angular == 0
+            or last.distance_to(now) > request.linear
+            or half_angle(last, now) > request.angular
+        )
+
+
+def half_angle(a: Transform, b: Transform) -> float:
+    """The angle that thresholds are measured in: acos of the dot product, which is half the rotation's.
+
+    It goes to π where the quaternion's sign has flipped (TFR-05); clients' thresholds were chosen with it.
+    """
+    return math.acos(max(-1.0, min(1.0, dot(a.rotation, b.rotation))))
+
+
+class TreeFilter:
+    """Each frame in its own parent, sent again only when it makes a difference to where frames are.
+
+    A robot that drives moves one transform of its tree, and every frame as seen from the map. What the client
+    holds stays within the thresholds for each frame as seen from the root: where that is exceeded, all
+    transforms from there up to the root that have changed at all are sent. Angles are the rotation's own.
+    """
+
+    def __init__(self, request: Request, missing: MissingFrames) -> None:
+        self._request = request
+        self._missing = missing
+        self._sent: dict[str, StampedTransform] = {}
+
+    def due(self, buffer: Buffer, now_ns: int) -> list[StampedTransform]:
+        """The transforms to send, parents first, stamped with their own times."""
+        edges = self._edges(buffer)
+        true = _poses(edges)
+        due = {frame for frame, edge in edges.items() if self._is_new(edge)}
+        while more := self._needed(edges, true, due):
+            due |= more
+        found = [edge for frame, edge in edges.items() if frame in due]
+        self._sent.update((edge.child, edge) for edge in found)
+        return found
+
+    def forget(self) -> None:
+        """Forget what was sent: every transform is due."""
+        self._sent.clear()
+
+    def _edges(self, buffer: Buffer) -> dict[str, StampedTransform]:
+        """The latest transforms of the frames asked for and of all above them, parents first."""
+        edges: dict[str, StampedTransform] = {}
+        for source in self._request.sources or buffer.frames():
+            way: list[StampedTransform] = []
+            try:
+                edge = buffer.latest(source)
+            except UnknownFrame as error:
+                self._missing.miss(source, error)
+                continue
+            self._missing.found(source)
+            while edge is not None and edge.child not in edges:
+                way.append(edge)
+                edge = buffer.latest(edge.parent)
+            edges.update((each.child, each) for each in reversed(way))
+        return edges
+
+    def _needed(
+        self, edges: Mapping[str, StampedTransform], true: Mapping[str, Transform], due: set[str]
+    ) -> set[str]:
+        """What has to be sent besides `due` for frames that would be wrong; empty when none is.
+
+        Correcting one frame moves others that were checked before, so callers repeat until nothing is needed.
+        """
+        more: set[str] = set()
+        held: dict[str, Transform] = {}
+        for frame, edge in edges.items():
+            known = edge if frame in due or frame in more else self._sent[frame]
+            held[frame] = held.get(edge.parent, IDENTITY) @ known.transform
+            if self._apart(held[frame], true[frame]):
+                for each in _ancestry(edges, frame):
+                    held[each] = true[each]
+                    if each not in due and self._has_changed(edges[each]):
+                        more.add(each)
+        return more
+
+    def _is_new(self, edge: StampedTransform) -> bool:
+        sent = self._sent.get(edge.child)
+        return sent is None or sent.parent != edge.parent
+
+    def _has_changed(self, edge: StampedTransform) -> bool:
+        return self._is_new(edge) or self._sent[edge.child].transform != edge.transform
+
+    def _apart(self, a: Transform, b: Transform) -> bool:
+        return a.distance_to(b) > self._request.linear or a.angle_to(b) > self._request.angular
+
+
+def _poses(edges: Mapping[str, StampedTransform]) -> dict[str, Transform]:
+    """Each frame's pose in its root; `edges` has parents first."""
+    poses: dict[str, Transform] = {}
+    for frame, edge in edges.items():
+        poses[frame] = poses.get(edge.parent, IDENTITY) @ edge.transform
+    return poses
+
+
+def _ancestry(edges: Mapping[str, StampedTransform], frame: str) -> Iterable[str]:
+    while frame in edges:
+        yield frame
+        frame = edges[frame].parent

@@ -1,0 +1,146 @@
+"""The bodies of HTTP responses: multipart streams of pictures, videos, and the HTML that shows them."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncGenerator, Callable, Iterable, Sequence
+from html import escape
+from typing import Final
+from urllib.parse import parse_qsl, urlencode
+
+from rwt.media.broadcast import Viewer
+from rwt.media.encoders.encoded import Encoded, Track
+from rwt.media.encoders.mp4 import Mp4
+from rwt.media.encoders.webm import Webm
+from rwt.media.stream_metrics import Counts
+
+BOUNDARY: Final = "boundarydonotcross"
+MULTIPART: Final = f"multipart/x-mixed-replace;boundary={BOUNDARY}"
+
+Join = Callable[[], Viewer]
+
+
+async def multipart(join: Join, counts: Counts) -> AsyncGenerator[bytes, None]:
+    """Pictures as parts (RFC 2046 section 5.1).
+
+    The boundary after a part goes out with it, not with the next: browsers show a part when they see its end.
+    """
+    viewer = join()
+    try:
+        yield f"--{BOUNDARY}\r\n".encode()
+        while (picture := await viewer.next()) is not None:
+            part = _part(picture)
+            counts.sent += 1
+            counts.sent_bytes += len(part)
+            yield part
+    finally:
+        viewer.leave()
+
+
+def _part(picture: Encoded) -> bytes:
+    head = (
+        f"Content-type: {picture.media_type}\r\n"
+        f"X-Timestamp: {timestamp(picture)}\r\n"
+        f"Content-Length: {len(picture.data)}\r\n\r\n"
+    )
+    return b"".join((head.encode(), picture.data, f"\r\n--{BOUNDARY}\r\n".encode()))
+
+
+def timestamp(picture: Encoded) -> str:
+    """The message's time in seconds, with six decimals, as web_video_server writes it."""
+    seconds, rest = divmod(picture.stamp_ns // 1000, 1_000_000)
+    return f"{seconds}.{rest:06d}"
+
+
+async def video_stream(join: Join, counts: Counts) -> AsyncGenerator[bytes, None]:
+    """A video that begins with the viewer's first picture, at its time 0."""
+    viewer = join()
+    try:
+        container: Webm | Mp4 | None = None
+        began = 0
+        while (picture := await viewer.next()) is not None:
+            opening = b""
+            if container is None:
+                assert picture.track is not None  # Videos are made of nothing else.
+                container, began = _container(picture.track), picture.at_ms
+                opening = container.header()
+            part = opening + container.picture(picture.data, picture.at_ms - began, key=picture.key)
+            counts.sent += 1
+            counts.sent_bytes += len(part)
+            yield part
+    finally:
+        viewer.leave()
+
+
+def _container(track: Track) -> Webm | Mp4:
+    if track.codec == "h264":
+        return Mp4(track.width, track.height, track.parameters)
+    return Webm(track.codec, track.width, track.height)
+
+
+_VIEWER = """<!doctype html>
+<html lang="en">
+<meta charset="utf-8">
+<title>{topic}</title>
+<style>body {{ font: 16px/1.5 system-ui, sans-serif; margin: 1rem }} img, video {{ max-width: 100% }}</style>
+<h1>{topic}</h1>
+{element}
+"""
+
+_VIDEO = """<video src="{source}" autoplay muted playsinline></video>
+<script>{script}</script>"""
+
+VIDEO_SCRIPT = """
+// autoplay alone waits until the player believes that it could play to the end: of a live video that is late.
+// A browser gathers some seconds before it begins, and would stay behind: play faster until caught up.
+const video = document.querySelector("video");
+video.oncanplay = () => video.play();
+video.onprogress = video.ontimeupdate = () => {
+  const parts = video.buffered;
+  const behind = parts.length ? parts.end(parts.length - 1) - video.currentTime : 0;
+  video.playbackRate = behind > 1 ? 2 : behind > 0.4 ? 1.2 : 1;
+};
+"""
+"""The script of the page that shows a video."""
+
+
+def viewer_page(topic: str, query: str, *, video: bool) -> bytes:
+    """The page of `/stream_viewer`: it shows `/stream` with the same query."""
+    source = escape(f"stream?{query}")
+    element = (
+        _VIDEO.format(source=source, script=VIDEO_SCRIPT)
+        if video
+        else f'<img src="{source}" alt="{escape(topic)}">'
+    )
+    return _VIEWER.format(topic=escape(topic), element=element).encode()
+
+
+def topic_list(topics: Iterable[str], infos: Sequence[str], query: str) -> str:
+    """The image topics with their links, those of one camera together, as HTML.
+
+    Args:
+        topics: image topics, sorted.
+        infos: topics of camera infos.
+        query: of the page that this is shown on: its token goes with the links.
+    """
+    bases = [info.removesuffix("camera_info") for info in infos if info.endswith("/camera_info")]
+    cameras: dict[str, list[str]] = {}
+    for topic in topics:
+        # The longest: /camera/depth/ has its own info, and is below /camera/.
+        base = max((base for base in bases if topic.startswith(base)), key=len, default="")
+        cameras.setdefault(base, []).append(topic)
+    items = "".join(_camera(base, its, query) for base, its in sorted(cameras.items()))
+    return f"<h2>Image topics</h2><ul>{items or '<li>none'}</ul>"
+
+
+def _camera(base: str, topics: list[str], query: str) -> str:
+    links = "".join(_links(topic, topic.removeprefix(base), query) for topic in topics)
+    return f"<li>{escape(base)}<ul>{links}</ul>" if base else links
+
+
+def _links(topic: str, shown: str, query: str) -> str:
+    token = [pair for pair in parse_qsl(query) if pair[0] == "token"]
+    asked = escape(urlencode([("topic", topic), *token], safe="/"))
+    return (
+        f'<li><a href="stream_viewer?{asked}">{escape(shown)}</a>'
+        f' (<a href="stream?{asked}">Stream</a>) (<a href="snapshot?{asked}">Snapshot</a>)'
+    )

@@ -1,0 +1,320 @@
+"""The node that serves pictures and video: its pages, and the encoders that viewers share."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Awaitable, Callable, Iterator, Mapping
+from functools import partial
+from types import MappingProxyType
+from typing import Final
+
+import anyio
+
+from rwt.media.broadcast import Broadcast, EncoderThreads, Viewer
+from rwt.media.encoders.encoded import Encoded, Encoder
+from rwt.media.encoders.mp4 import TYPE as MP4
+from rwt.media.encoders.webm import TYPE as WEBM
+from rwt.media.errors import ImageUnreadable, RequestRefused
+from rwt.media.stream_metrics import StreamMetrics
+from rwt.media.stream_request import COMPRESSED, RAW, StreamRequest, Video, read_request
+from rwt.nodes.video.responses import (
+    MULTIPART,
+    VIDEO_SCRIPT,
+    multipart,
+    timestamp,
+    topic_list,
+    video_stream,
+    viewer_page,
+)
+from rwt.nodes.video.topics import INFO, VisibleTopics
+from rwt_graph import Graph, Node
+from rwt_transports.errors import Refused
+from rwt_transports.http import (
+    Audience,
+    HttpExtension,
+    HttpRequest,
+    HttpResponse,
+    MetricFamily,
+    Reader,
+    Route,
+    Work,
+    page_policy,
+)
+
+NAME: Final = "web_video_server"
+#: Seconds to wait for a topic that is not there yet, and for a snapshot's picture.
+PATIENCE: Final = 5.0
+_LOOK_EVERY: Final = 0.1
+
+#: As web_video_server has them: a picture of a moment ago must not come from a cache.
+_NO_CACHE: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "Cache-Control": "no-cache, no-store, must-revalidate, pre-check=0, post-check=0, max-age=0",
+        "Pragma": "no-cache",
+    }
+)
+
+_Page = Callable[[HttpRequest, StreamRequest, VisibleTopics], Awaitable[HttpResponse]]
+"""A page that shows the topic of a request, which its reader may see."""
+
+
+class WebVideoServer:
+    """Serves the pictures of image topics over HTTP, with the paths and parameters of web_video_server.
+
+    Args:
+        graph: whose topics are shown.
+        most_viewers: viewers at a time; further ones are refused with status 503.
+        most_encoders: different streams at a time, likewise.
+        most_pixels: of one picture of each different video together, those of VP9 twice; an encoder keeps
+            up to fifty bytes for each.
+        now: seconds that never go back, by which a viewer is found to have stalled; real time.
+
+    Attributes:
+        http: its pages, its list of image topics and its metrics, for :func:`rwt.serve`.
+    """
+
+    def __init__(
+        self,
+        graph: Graph,
+        most_viewers: int = 100,
+        most_encoders: int = 16,
+        most_pixels: int = 1_500_000,
+        now: Callable[[], float] = anyio.current_time,
+    ) -> None:
+        self._node = Node(graph, NAME)
+        self._now = now
+        self._most_viewers = most_viewers
+        self._most_encoders = most_encoders
+        self._most_pixels = most_pixels
+        self._broadcasts: dict[StreamRequest, Broadcast] = {}
+        self._stream_metrics = StreamMetrics()
+        self._threads = EncoderThreads()
+        pages = (("/stream", self._stream), ("/stream_viewer", self._viewer), ("/snapshot", self._snapshot))
+        self.http: Final = HttpExtension(
+            tuple(Route(path, partial(self._answer, page), Audience.ADMITTED) for path, page in pages),
+            self._section,
+            self._metrics,
+        )
+
+    def close(self) -> None:
+        """Let every viewer go and leave the graph."""
+        for broadcast in tuple(self._broadcasts.values()):
+            broadcast.end()
+        self._node.close()
+
+    async def find(self, stream: StreamRequest, reader: Reader) -> StreamRequest:
+        """The request with the topic that it means, which its reader may see.
+
+        Raises:
+            RequestRefused: there is no such topic, or it may not be shown.
+        """
+        topics = VisibleTopics(self._node.graph, reader)
+        topics.require(stream.topic)
+        return await self._resolved(stream, topics)
+
+    def watch(self, stream: StreamRequest, work: Work) -> Viewer:
+        """A viewer of what :meth:`find` has found; equal requests share an encoder. Ends with its `leave`.
+
+        Raises:
+            RequestRefused: there is no room.
+        """
+        self.check_room(stream)
+        return self._join(stream, work)
+
+    def _section(self, request: HttpRequest, reader: Reader) -> str:
+        """The list of image topics, for the index page of the server, as HTML."""
+        topics = VisibleTopics(self._node.graph, reader)
+        return topic_list(topics.of_types(RAW, COMPRESSED), topics.of_types(INFO), request.query)
+
+    def _metrics(self) -> Iterator[MetricFamily]:
+        """What is counted, for `/metrics`."""
+        return self._stream_metrics.families(
+            (request.topic, request.type, len(broadcast.viewers))
+            for request, broadcast in self._broadcasts.items()
+        )
+
+    # -- pages ---------------------------------------------------------------------------------------------
+
+    async def _answer(self, page: _Page, request: HttpRequest, reader: Reader) -> HttpResponse:
+        """A page about a topic, for a reader who may see it."""
+        try:
+            stream = read_request(request.query)
+            topics = VisibleTopics(self._node.graph, reader)
+            topics.require(stream.topic)
+            return await page(request, stream, topics)
+        except RequestRefused as refused:
+            return HttpResponse(f"{refused}\n".encode(), refused.status, headers=_NO_CACHE)
+
+    async def _stream(
+        self, request: HttpRequest, stream: StreamRequest, topics: VisibleTopics
+    ) -> HttpResponse:
+        stream = await self._resolved(stream, topics)
+        self.check_room(stream)
+        counts = self._stream_metrics.of(stream.topic, stream.type)
+        join = partial(self._join_while_allowed, stream, topics.reader)
+        if not isinstance(stream.coding, Video):
+            return HttpResponse(multipart(join, counts), content_type=MULTIPART, headers=_NO_CACHE)
+        media_type = MP4 if stream.type == "h264" else WEBM
+        return HttpResponse(video_stream(join, counts), content_type=media_type, headers=_NO_CACHE)
+
+    async def _viewer(
+        self, request: HttpRequest, stream: StreamRequest, topics: VisibleTopics
+    ) -> HttpResponse:
+        _check_codec(stream)
+        video = isinstance(stream.coding, Video)
+        page = viewer_page(stream.topic, request.query, video=video)
+        headers = {**_NO_CACHE, **page_policy(VIDEO_SCRIPT if video else "")}
+        return HttpResponse(page, content_type="text/html; charset=utf-8", headers=headers)
+
+    async def _snapshot(
+        self, request: HttpRequest, stream: StreamRequest, topics: VisibleTopics
+    ) -> HttpResponse:
+        if isinstance(stream.coding, Video):
+            raise RequestRefused(400, f"a snapshot is a picture: `type` mjpeg or png, not {stream.type}")
+        stream = await self._resolved(stream, topics)
+        self.check_room(stream)
+        picture = await self._one_picture(stream, topics.reader.work)
+        headers = {**_NO_CACHE, "X-Timestamp": timestamp(picture)}
+        counts = self._stream_metrics.of(stream.topic, stream.type)
+        counts.sent += 1
+        counts.sent_bytes += len(picture.data)
+        return HttpResponse(picture.data, content_type=picture.media_type, headers=headers)
+
+    async def _one_picture(self, stream: StreamRequest, work: Work) -> Encoded:
+        viewer, picture = self._join(stream, work), None
+        try:
+            with anyio.move_on_after(PATIENCE):
+                picture = await viewer.next()
+        finally:
+            viewer.leave()
+        if picture is not None:
+            return picture
+        if viewer.failure is not None:
+            raise RequestRefused(422, f"{stream.topic}: {viewer.failure}")
+        raise RequestRefused(504, f"no picture came on {stream.topic} within {PATIENCE:g} s")
+
+    # -- sharing -------------------------------------------------------------------------------------------
+
+    async def _resolved(self, stream: StreamRequest, topics: VisibleTopics) -> StreamRequest:
+        """The request with the topic that it means, waiting a little for one that is not there yet.
+
+        Raises:
+            RequestRefused: there is none, or it may not be shown.
+        """
+        _check_codec(stream)
+        until = anyio.current_time() + PATIENCE
+        while (resolved := topics.resolve(stream)) is None:
+            if anyio.current_time() >= until:
+                raise topics.not_found(stream.topic)
+            await anyio.sleep(_LOOK_EVERY)
+        return resolved
+
+    def check_room(self, stream: StreamRequest) -> None:
+        """Whether one more may look at `stream`.
+
+        Raises:
+            RequestRefused: not now.
+        """
+        viewers = [viewer for broadcast in self._broadcasts.values() for viewer in broadcast.viewers]
+        if len(viewers) >= self._most_viewers:
+            # Whose connection takes nothing makes place for who wants to look.
+            stalled = [viewer for viewer in viewers if viewer.has_stalled]
+            for viewer in stalled:
+                viewer.leave()
+            if not stalled:
+                raise RequestRefused(
+                    503, f"{len(viewers)} viewers are looking already (limits.video_viewers)"
+                )
+        if stream not in self._broadcasts and isinstance(stream.coding, Video):
+            try:
+                self._check_pixels(stream, _counted(stream, (stream.width or 0) * (stream.height or 0)))
+            except ImageUnreadable as error:
+                raise RequestRefused(503, str(error)) from None
+        if stream not in self._broadcasts and len(self._broadcasts) >= self._most_encoders:
+            many = len(self._broadcasts)
+            raise RequestRefused(503, f"{many} different streams are running already (limits.video_encoders)")
+
+    def _check_pixels(self, stream: StreamRequest, pixels: int) -> None:
+        """Whether there is room for a video beside the others.
+
+        Raises:
+            ImageUnreadable: there is not.
+        """
+        others = (each for each in tuple(self._broadcasts.values()) if each.request != stream)
+        taken = sum(broadcast.pixels for broadcast in others)
+        if taken + pixels > self._most_pixels:
+            raise ImageUnreadable(
+                f"a video of {pixels} pixels a picture beside others of {taken} would make more than"
+                f" {self._most_pixels} (limits.video_pixels); `width` and `height` make it smaller"
+            )
+
+    def _reserve(self, stream: StreamRequest, pixels: int) -> None:
+        """Count the pixels of a video that begins. Runs in the encoder's thread.
+
+        Raises:
+            ImageUnreadable: they are too many.
+        """
+        broadcast = self._broadcasts.get(stream)
+        if broadcast is None:
+            return
+        # Counted before it is checked: of two threads at the same time one at least sees the other's.
+        broadcast.pixels = _counted(stream, pixels)
+        try:
+            self._check_pixels(stream, broadcast.pixels)
+        except ImageUnreadable:
+            broadcast.pixels = 0
+            raise
+
+    def _join(self, stream: StreamRequest, work: Work) -> Viewer:
+        """A viewer of what is asked for; the first one starts the encoder."""
+        broadcast = self._broadcasts.get(stream)
+        if broadcast is None:
+            counts = self._stream_metrics.of(stream.topic, stream.type)
+            broadcast = Broadcast(
+                self._node,
+                stream,
+                partial(_make_encoder, stream, partial(self._reserve, stream)),
+                self._threads,
+                counts,
+                self._ended,
+                self._now,
+            )
+            self._broadcasts[stream] = broadcast
+        return broadcast.join(work)
+
+    def _join_while_allowed(self, stream: StreamRequest, reader: Reader) -> Viewer:
+        """A viewer that ends when its reader may not see the topic any more."""
+        viewer = self._join(stream, reader.work)
+        try:
+            viewer.when_ended = reader.while_allowed((stream.topic,), viewer.cut)
+        except Refused as refused:
+            viewer.cut(refused.reason)
+        return viewer
+
+    def _ended(self, broadcast: Broadcast) -> None:
+        if self._broadcasts.get(broadcast.request) is broadcast:
+            del self._broadcasts[broadcast.request]
+
+
+def _counted(stream: StreamRequest, pixels: int) -> int:
+    """The pixels as which those of a video count: an encoder of VP9 keeps twice as much for each."""
+    return 2 * pixels if stream.type == "vp9" else pixels
+
+
+def _check_codec(stream: StreamRequest) -> None:
+    if isinstance(stream.coding, Video) and importlib.util.find_spec("av") is None:
+        raise RequestRefused(
+            501,
+            f"{stream.type} needs PyAV on the server: pip install av; mjpeg and png need nothing",
+        )
+
+
+def _make_encoder(stream: StreamRequest, reserve: Callable[[int], None]) -> Encoder:
+    """Make the encoder of a request. Runs in a worker thread, because it loads the libraries."""
+    if isinstance(stream.coding, Video):
+        from rwt.media.encoders.video import VideoEncoder
+
+        return VideoEncoder(stream, stream.coding, reserve)
+    from rwt.media.encoders.image import ImageEncoder
+
+    return ImageEncoder(stream, stream.coding)

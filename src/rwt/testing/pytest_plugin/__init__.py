@@ -1,0 +1,153 @@
+"""The pytest plugin: options, a marker and fixtures for robots in tests.
+
+pytest imports this module at the start of every run, so what the fixtures need is imported when the first
+test asks for one.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Generator, Iterator
+from contextlib import ExitStack
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from rwt.testing import ObservedGraph, ScriptedRobot
+    from rwt.testing.pytest_plugin.environment import Environment, RobotServer
+    from rwt.testing.virtual_time import VirtualTime
+    from rwt_rclpy.middleware.link import VirtualDomain
+
+_SECTION = "rosbridge transcript"
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add `--rwt-distro` and the ini values."""
+    group = parser.getgroup("rwt", "robots for tests (robot-web-tools)")
+    group.addoption(
+        "--rwt-distro",
+        choices=("jazzy", "noetic", "both"),
+        help="ROS distribution of robots in tests, or both, one after the other (default jazzy)",
+    )
+    parser.addini("rwt_distro", "the same as --rwt-distro", default="")
+    parser.addini("rwt_interfaces", "folders of .msg, .srv and .action files", type="paths", default=[])
+    parser.addini(
+        "rwt_settings",
+        "settings of rwt_server, KEY=VALUE on each line, for example limits.connections=2",
+        type="linelist",
+        default=[],
+    )
+    parser.addini(
+        "rwt_transcript_lines", "lines of the transcript in the report of a failing test", default="100"
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Make the marker known."""
+    config.addinivalue_line(
+        "markers",
+        "rwt(distro=None, demo=False, interfaces=(), settings={}): how the robot of this test is: its ROS"
+        " distribution (or both), whether the demo robot takes part, folders of interfaces, server settings",
+    )
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Run a test once for each distribution that it wants, where it wants several."""
+    if "rwt_distro" not in metafunc.fixturenames:
+        return
+    from rwt.testing.pytest_plugin.options import distros_of
+
+    try:
+        distros = distros_of(metafunc.config, list(metafunc.definition.iter_markers("rwt")))
+    except pytest.UsageError as error:
+        # Said without the way through pytest that led here.
+        raise pytest.Collector.CollectError(str(error)) from None
+    if len(distros) > 1:
+        metafunc.parametrize("rwt_distro", distros, indirect=True)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Add what went over the wire to the report of a failing test."""
+    report = yield
+    # Imported by the first test that needs it, or never.
+    environments = sys.modules.get("rwt.testing.pytest_plugin.environment")
+    if environments is not None and report.failed:
+        from rwt.testing.pytest_plugin.options import transcript_lines
+
+        for text in environments.transcripts(transcript_lines(item.config)):
+            report.sections.append((_SECTION, text))
+    return report
+
+
+@pytest.fixture
+def rwt_distro(request: pytest.FixtureRequest) -> str:
+    """The ROS distribution of this test's robot: "jazzy" or "noetic"."""
+    chosen = getattr(request, "param", None)
+    if chosen is not None:
+        return str(chosen)
+    from rwt.testing.pytest_plugin.options import distros_of
+
+    return distros_of(request.config, list(request.node.iter_markers("rwt")))[0]
+
+
+@pytest.fixture
+def _rwt_environment(request: pytest.FixtureRequest, rwt_distro: str) -> Iterator[Environment]:
+    from rwt.testing.pytest_plugin.environment import open_environment
+    from rwt.testing.pytest_plugin.options import options_of
+
+    with ExitStack() as stack:
+        try:
+            environment = stack.enter_context(open_environment(options_of(request, rwt_distro)))
+        except pytest.UsageError as error:
+            pytest.fail(str(error), pytrace=False)
+        yield environment
+
+
+@pytest.fixture
+def rwt_graph(_rwt_environment: Environment) -> ObservedGraph:
+    """A robot graph that runs in a thread of its own; nodes in it may be used from the test's thread."""
+    return _rwt_environment.graph
+
+
+@pytest.fixture
+def rwt_clock(_rwt_environment: Environment) -> VirtualTime:
+    """Virtual time: with this, the robot's clock stands still until `rwt_clock.advance(seconds)`."""
+    return _rwt_environment.virtual_time
+
+
+@pytest.fixture
+def rwt_robot(_rwt_environment: Environment) -> ScriptedRobot:
+    """A robot whose behaviour the test writes down, and which says what it received."""
+    return _rwt_environment.robot
+
+
+@pytest.fixture
+def rwt_server(_rwt_environment: Environment) -> RobotServer:
+    """A rosbridge server in front of the robot, on a free port: `rwt_server.url`."""
+    return _rwt_environment.server
+
+
+@pytest.fixture
+def rclpy_graph() -> Iterator[VirtualDomain]:
+    """`import rclpy` works in the test, on a graph of its own in virtual time: a timer of ten minutes is due
+    at once, and always in the same order. `rclpy.init()` was called.
+
+    Where ROS is installed the test is skipped, since its own rclpy would run.
+    """
+    import rwt_rclpy
+    from rwt_rclpy import client_library
+    from rwt_rclpy.execution.signals import SignalHandlerOptions
+    from rwt_rclpy.middleware.link import VirtualDomain
+
+    if rwt_rclpy.install() == "ros":
+        pytest.skip("ROS is installed, and its own rclpy would run")
+    with VirtualDomain() as domain:
+        client_library.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            yield domain
+        finally:
+            client_library.try_shutdown()

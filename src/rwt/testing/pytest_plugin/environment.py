@@ -1,0 +1,188 @@
+"""The environment of one test: a graph in a thread of its own, a robot, a server, and the wire between."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from functools import cached_property
+
+import anyio
+import pytest
+from anyio.from_thread import BlockingPortal, start_blocking_portal
+
+from rwt.access.settings import SettingsError
+from rwt.server import Server
+from rwt.settings.models import Settings
+from rwt.settings.sources import Given, from_text, load_settings
+from rwt.testing import Faults, ObservedGraph, ObservedWire, ScriptedRobot, Transcript
+from rwt.testing.expectations import PATIENCE, refuse_on_an_event_loop
+from rwt.testing.pytest_plugin.options import Options
+from rwt.testing.virtual_time import VirtualTime
+from rwt_graph.clock import SimulatedClock
+
+#: Where virtual time begins, in nanoseconds since the epoch: not 0, which ROS takes for "no time yet".
+EPOCH_NS = 1_700_000_000_000_000_000
+
+#: The environments of this moment: that of the test, and those of fixtures that live longer.
+_OPEN: list[Environment] = []
+
+_ANY_PORT = "ws://127.0.0.1:0"
+_LOOK = 0.005
+
+
+class RobotServer:
+    """A rosbridge server on a free port of this machine.
+
+    Attributes:
+        url: ``ws://127.0.0.1:PORT``.
+        host: ``127.0.0.1``.
+        port: the number.
+    """
+
+    def __init__(self, url: str, wire: ObservedWire) -> None:
+        self.url = url
+        self.host, _, port = url.removeprefix("ws://").partition(":")
+        self.port = int(port)
+        self._wire = wire
+
+    @property
+    def faults(self) -> Faults:
+        """The faults of the wire; see :class:`rwt.testing.Faults`."""
+        return self._wire.faults
+
+    @property
+    def transcript(self) -> Transcript:
+        """What went over the wire so far."""
+        return self._wire.transcript
+
+    @property
+    def client_count(self) -> int:
+        """How many clients are connected now."""
+        return self._wire.client_count
+
+    def wait_for_clients(self, count: int = 1, within: float = PATIENCE) -> None:
+        """Block until exactly `count` clients are connected.
+
+        Args:
+            within: seconds of real time.
+
+        Raises:
+            AssertionError: it did not become so.
+            BlockingWait: called from a coroutine.
+        """
+        __tracebackhide__ = True
+        refuse_on_an_event_loop("use `await rwt_server.until_clients(...)`")
+        deadline = time.monotonic() + within
+        while self.client_count != count:
+            self._check(count, within, deadline)
+            time.sleep(_LOOK)
+
+    async def until_clients(self, count: int = 1, within: float = PATIENCE) -> None:
+        """As :meth:`wait_for_clients`, for coroutines."""
+        __tracebackhide__ = True
+        deadline = time.monotonic() + within
+        while self.client_count != count:
+            self._check(count, within, deadline)
+            await anyio.sleep(_LOOK)
+
+    def _check(self, count: int, within: float, deadline: float) -> None:
+        __tracebackhide__ = True
+        if time.monotonic() >= deadline:
+            raise AssertionError(
+                f"{self.client_count} clients are connected after {within:g} s, where {count} should be"
+            )
+
+
+class Environment:
+    """What the fixtures of one test share; the robot is made when it is first asked for.
+
+    Attributes:
+        graph: the robot graph; it runs.
+        wire: what observes the server.
+        server: the server, listening.
+    """
+
+    def __init__(
+        self, url: str, wire: ObservedWire, graph: ObservedGraph, portal: BlockingPortal, stack: ExitStack
+    ) -> None:
+        self.graph = graph
+        self.wire = wire
+        self.server = RobotServer(url, wire)
+        self._portal = portal
+        self._stack = stack
+
+    @property
+    def virtual_time(self) -> VirtualTime:
+        """The clock, which the test moves."""
+        clock = self.graph.clock
+        if not isinstance(clock, SimulatedClock):
+            raise pytest.UsageError(
+                "rwt_clock must be an argument of the test or of a fixture that it names, so that the robot"
+                " is made with it; request.getfixturevalue comes too late"
+            )
+        return VirtualTime(clock, self._portal)
+
+    @cached_property
+    def robot(self) -> ScriptedRobot:
+        """The scripted robot, named `robot`."""
+        robot = ScriptedRobot(self.graph)
+        self._stack.callback(robot.close)
+        return robot
+
+
+@contextmanager
+def open_environment(options: Options) -> Iterator[Environment]:
+    """Run a graph and a server in a thread until the block is left; then the thread has ended.
+
+    For fixtures of your own that live longer than one test.
+
+    Raises:
+        UsageError: a setting or an interface file cannot be used.
+    """
+    settings = _settings(options)
+    clock = SimulatedClock(EPOCH_NS) if options.virtual else None
+    with ExitStack() as stack:
+        portal = stack.enter_context(start_blocking_portal("asyncio", name="rwt robot"))
+        try:
+            server = Server(
+                _ANY_PORT,
+                settings=settings,
+                graph=ObservedGraph,
+                clock=clock,
+                middleware=lambda accept: wire.middleware(accept),
+            )
+            graph = server.graph
+            assert isinstance(graph, ObservedGraph), "the class that the server was given"
+            wire = ObservedWire(graph, bson=settings.bson_only_mode)
+            stack.enter_context(portal.wrap_async_context_manager(server))
+        except SettingsError as error:
+            raise pytest.UsageError(f"rwt_settings: {error}") from None
+        environment = Environment(server.urls[0], wire, graph, portal, stack)
+        _OPEN.append(environment)
+        try:
+            yield environment
+        finally:
+            _OPEN.remove(environment)
+
+
+def transcripts(most: int) -> list[str]:
+    """The last `most` lines of each transcript of this moment, for the report of a failing test."""
+    texts = [environment.wire.transcript.text(most) for environment in _OPEN] if most else []
+    return [text for text in texts if text]
+
+
+def _settings(options: Options) -> Settings:
+    """The server's settings: those of the ini file are texts, those of markers values."""
+    given = []
+    marked = {"demo": options.demo, "interfaces": options.interfaces, "distro": options.distro}
+    try:
+        for key, value in options.settings.items():
+            if isinstance(value, str):
+                given.append(from_text(key, value, "pytest"))
+            else:
+                given.append(Given(tuple(key.split(".")), value, "pytest"))
+        given += [Given((key,), value, "pytest") for key, value in marked.items() if value]
+        return load_settings(command_line=tuple(given)).settings
+    except SettingsError as error:
+        raise pytest.UsageError(f"rwt_settings: {error}") from None

@@ -1,0 +1,193 @@
+"""From a script in TOML to a scripted robot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rwt.testing.errors import ScriptError
+from rwt.testing.script.errors import dotted, read_recorded
+from rwt.testing.script.file import Recorded
+from rwt.testing.scripted.robot import ScriptedRobot
+from rwt_participant.errors import RobotError
+
+if TYPE_CHECKING:
+    from rwt.testing.observed_graph import ObservedGraph
+    from rwt.testing.script.file import (
+        ActionScript,
+        AnswerScript,
+        FaultScript,
+        Script,
+        ServiceScript,
+        TopicScript,
+    )
+    from rwt.testing.scripted.service import Case, ScriptedService
+    from rwt.testing.scripted.topic import ScriptedTopic
+    from rwt.testing.wire.faults import Fault, Faults
+
+
+class SteppedTopic:
+    """A topic whose messages are published one by one, at each call of :meth:`step`.
+
+    Attributes:
+        name: absolute name.
+        messages: all of them.
+        done: how many were published.
+    """
+
+    def __init__(self, topic: ScriptedTopic, messages: tuple[Any, ...]) -> None:
+        self.name = topic.name
+        self.messages = messages
+        self.done = 0
+        self._topic = topic
+
+    def step(self) -> bool:
+        """Publish the next; whether there was one."""
+        if self.done >= len(self.messages):
+            return False
+        self.done += 1
+        self._topic.publish(self.messages[self.done - 1])
+        return True
+
+
+class TomlRobot:
+    """A robot that does what a script says.
+
+    Args:
+        graph: where it lives.
+        script: what it does.
+        file: where that was read, for what is beside it and for error texts.
+
+    Attributes:
+        node: the robot.
+
+    Raises:
+        ScriptError: a type is unknown, a name is not allowed, or a message does not fit.
+    """
+
+    def __init__(self, graph: ObservedGraph, script: Script, file: Path) -> None:
+        self._file = file
+        self._stepped: list[SteppedTopic] = []
+        with self._saying("name"):
+            self.node = ScriptedRobot(graph, script.name)
+        try:
+            self._do(script)
+        except ScriptError:
+            self.node.close()
+            raise
+
+    def _do(self, script: Script) -> None:
+        for name, value in script.parameters.items():
+            with self._saying("parameters", name):
+                self.node.has_parameter(name, _as_lists(value))
+        for name, service in script.services.items():
+            self._service(name, service)
+        for name, action in script.actions.items():
+            with self._saying("actions", name):
+                self._action(name, action)
+        for name, topic in script.topics.items():
+            self._topic(name, topic)
+
+    @property
+    def stepped(self) -> tuple[SteppedTopic, ...]:
+        """The topics that are published step by step."""
+        return tuple(self._stepped)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self.node.close()
+
+    @contextmanager
+    def _saying(self, *key: str | int) -> Iterator[None]:
+        """Let an error name the file and the key."""
+        try:
+            yield
+        except (ScriptError, RobotError) as error:
+            raise ScriptError(f"{self._file}: `{dotted(key)}`: {error}") from None
+
+    def _topic(self, name: str, script: TopicScript) -> None:
+        with self._saying("topics", name):
+            topic = self.node.publishes(name, script.type, latch=script.latched is not None)
+        recorded = script.recorded
+        if script.file is not None:
+            recorded = read_recorded(self._file.parent / script.file)
+        for index, message in enumerate(script.messages):
+            with self._saying("topics", name, "messages", index):
+                topic.check((_as_lists(message),))
+        with self._saying("topics", name):
+            if script.latched is not None:
+                topic.publish(_as_lists(script.latched))
+            elif script.rate is not None:
+                messages = [_as_lists(message) for message in script.messages]
+                topic.repeat(messages, script.rate, again=script.repeat is not False)
+            elif script.messages:
+                self._stepped.append(SteppedTopic(topic, tuple(map(_as_lists, script.messages))))
+            elif recorded:
+                topic.play(_timed(recorded), repeat=script.repeat is True)
+
+    def _service(self, name: str, script: ServiceScript) -> None:
+        with self._saying("services", name):
+            service = self.node.on_service(name, script.type)
+            _answer(service, script)
+        # The first case that matches answers, and of a scripted service the one said last does.
+        for index, case in reversed(tuple(enumerate(script.when))):
+            with self._saying("services", name, "when", index):
+                _answer(service.when(_as_lists(case.request)), case)
+
+    def _action(self, name: str, script: ActionScript) -> None:
+        action = self.node.on_action(name, script.type)
+        action.feedback(*map(_as_lists, script.feedback), every=script.every)
+        if script.ignores_cancel:
+            action.ignores_cancel()
+        if script.rejects is not None:
+            action.rejects(script.rejects)
+        elif script.aborts is not None:
+            action.aborts(_as_lists(script.aborts), after=script.after)
+        elif script.never_ends:
+            action.never_ends()
+        else:
+            action.succeeds(_as_lists(script.succeeds), after=script.after)
+
+
+def _answer(service: ScriptedService | Case, script: AnswerScript) -> None:
+    if script.returns is not None:
+        several = script.returns if isinstance(script.returns, tuple) else (script.returns,)
+        service.returns(*map(_as_lists, several), after=script.after)
+    elif script.fails is not None:
+        service.raises(script.fails, after=script.after)
+    elif script.never_answers:
+        service.never_answers()
+
+
+def _timed(recorded: tuple[Recorded, ...]) -> list[tuple[float, Any]]:
+    return [(each.at, _as_lists(each.msg)) for each in recorded]
+
+
+def _as_lists(value: Any) -> Any:
+    """ROS's arrays are lists, where the models have tuples."""
+    if isinstance(value, Mapping):
+        return {key: _as_lists(inner) for key, inner in value.items()}
+    return [_as_lists(inner) for inner in value] if isinstance(value, tuple | list) else value
+
+
+def inject(faults: Faults, scripts: tuple[FaultScript, ...]) -> list[Fault]:
+    """Let the faults of a script happen."""
+    return [_inject(faults, script) for script in scripts]
+
+
+def _inject(faults: Faults, script: FaultScript) -> Fault:
+    op, to, count, every = script.op, script.to, script.count, script.every
+    if script.drop is not None:
+        return faults.drop(script.drop, op=op, to=to, count=count, every=every)
+    if script.delay is not None:
+        seconds = script.seconds or 0.0
+        return faults.delay(seconds, script.delay, op=op, to=to, count=count, every=every)
+    if script.duplicate is not None:
+        return faults.duplicate(
+            script.duplicate, copies=script.copies, op=op, to=to, count=count, every=every
+        )
+    if script.refuse is not None:
+        return faults.refuse(script.refuse, count=count)
+    return faults.slow_reader(script.slow_reader or 1.0)

@@ -1,0 +1,128 @@
+"""A scripted service: its responses, and what it received."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import anyio
+
+from rwt.testing.errors import ScriptError
+from rwt.testing.journal import Kind, Received
+from rwt.testing.matching import Matching, mismatch
+from rwt_graph.nodes.service_handlers import Answer
+from rwt_participant.errors import ServiceFailed
+from rwt_participant.messages import Message, MessageLike, ServiceHandler, to_payload
+
+if TYPE_CHECKING:
+    from rwt.testing.journal import Journal
+    from rwt_graph.clock import Clock
+    from rwt_interfaces.structs import ServiceType
+
+
+class Case:
+    """The responses of a service to some requests. Each method gives the service again.
+
+    Raises:
+        ScriptError: the requests have no such field.
+    """
+
+    def __init__(self, service: ScriptedService, request: Matching) -> None:
+        if request is not None and not callable(request):
+            mismatch(service.type.request.struct(), request)  # raises for a field that does not exist
+        self._service = service
+        self._request = request
+
+    def returns(self, *responses: MessageLike | None, after: float = 0.0) -> ScriptedService:
+        """Answer with these, one call after the other; the last is for all further calls.
+
+        Args:
+            after: seconds of the robot's clock that each answer takes.
+
+        Raises:
+            ScriptError: one does not fit the service's response.
+        """
+        for response in responses:
+            self._service.check(response)
+        left = list(responses or (None,))
+
+        def answer(request: Message) -> Answer:
+            response = left.pop(0) if len(left) > 1 else left[0]
+            return response if after <= 0 else self._service.later(after, lambda: response)
+
+        return self.calls(answer)
+
+    def raises(self, reason: str, after: float = 0.0) -> ScriptedService:
+        """Fail, and say why."""
+
+        def fail() -> MessageLike | None:
+            raise ServiceFailed(reason)
+
+        return self.calls(lambda request: fail() if after <= 0 else self._service.later(after, fail))
+
+    def calls(self, function: ServiceHandler) -> ScriptedService:
+        """Answer with what a plain or coroutine function makes of the request."""
+        handlers = self._service.handlers
+        if self._request is None:
+            handlers[:] = [*(each for each in handlers if each[0] is not None), (None, function)]
+        else:
+            handlers.insert(0, (self._request, function))
+        return self._service
+
+    def never_answers(self) -> ScriptedService:
+        """Leave every caller waiting, until its own timeout or the end of the graph."""
+        return self.calls(lambda request: anyio.sleep_forever())
+
+
+class ScriptedService(Case):
+    """One service of a scripted robot. What is said last counts; each method gives the service again.
+
+    Attributes:
+        name: absolute name.
+        type: its interface.
+        handlers: what answers which requests: the first that matches, the case said last before the others,
+            and what answers all requests after the cases.
+    """
+
+    def __init__(self, name: str, interface: ServiceType, clock: Clock, journal: Journal) -> None:
+        self.name = name
+        self.type = interface
+        self.handlers: list[tuple[Matching, ServiceHandler]] = []
+        self._clock = clock
+        self._journal = journal
+        super().__init__(self, None)
+
+    @property
+    def requests(self) -> list[Message]:
+        """The requests that came so far, oldest first."""
+        return [entry.message for entry in self._journal.of(Kind.CALL, self.name)]
+
+    def when(self, request: Matching) -> Case:
+        """The answer to requests with these fields only, for example ``.when({"a": 1}).returns({"sum": 1})``.
+
+        Raises:
+            ScriptError: the request has no such field.
+        """
+        return Case(self, request)
+
+    def handle(self, request: Message) -> Answer:
+        """Note one request and answer it. Called on the graph's thread."""
+        payload = to_payload(self.type.request, request, self._clock.time_ns)
+        self._journal.add(Received(Kind.CALL, self.name, payload, "", self._clock.time_ns()))
+        for wanted, handler in self.handlers:
+            if not mismatch(request, wanted):
+                return handler(request)
+        known = "none of its cases matches this request" if self.handlers else "nothing was scripted for it"
+        raise ServiceFailed(f"{self.name} has no answer: {known}")
+
+    async def later(self, after: float, answer: Callable[[], MessageLike | None]) -> MessageLike | None:
+        """Answer `after` seconds of the robot's clock."""
+        await self._clock.sleep(after)
+        return answer()
+
+    def check(self, response: MessageLike | None) -> None:
+        """Raise :exc:`ScriptError` if a response does not fit the service's type."""
+        try:
+            to_payload(self.type.response, {} if response is None else response, self._clock.time_ns)
+        except ValueError as error:
+            raise ScriptError(f"{self.name} ({self.type.name}) cannot answer so: {error}") from None

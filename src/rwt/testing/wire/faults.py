@@ -1,0 +1,243 @@
+"""Faults between a server and its clients, made on purpose."""
+
+from __future__ import annotations
+
+import fnmatch
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Literal, Self, TypeAlias, TypedDict, Unpack
+
+from rwt.testing.errors import ScriptError
+
+#: Whom messages go to.
+To: TypeAlias = Literal["client", "server", "both"]
+
+#: What a message is: its op, and the topic, service or action it is about (empty when it has none).
+Subject: TypeAlias = tuple[str, str]
+
+
+class Scope(TypedDict, total=False):
+    """Which messages a fault applies to; see :meth:`Faults.drop`."""
+
+    op: str
+    to: To
+    count: int | None
+    every: int
+
+
+class FaultKind(StrEnum):
+    """The kinds of faults."""
+
+    DROP = "drop"
+    DELAY = "delay"
+    DUPLICATE = "duplicate"
+    REFUSE = "refuse"
+    SLOW_READER = "slow_reader"
+
+
+@dataclass(frozen=True, slots=True)
+class FaultAction:
+    """What the faults do to one message.
+
+    Attributes:
+        copies: how often it goes on; 0 is never.
+        delay: seconds of the robot's clock until it does.
+        remark: for the transcript.
+    """
+
+    copies: int = 1
+    delay: float = 0.0
+    remark: str = ""
+
+
+PASS = FaultAction()
+
+
+class Fault:
+    """One fault in force, until :meth:`remove` or the end of the block ``with faults.drop(...):``.
+
+    Attributes:
+        what: its kind.
+        amount: seconds of a delay, copies of a duplicate, messages a second of a slow reader, HTTP status of
+            a refusal.
+        hits: messages or connections that it has touched so far.
+    """
+
+    def __init__(
+        self,
+        faults: Faults,
+        what: FaultKind,
+        amount: float = 0.0,
+        *,
+        name: str = "*",
+        op: str = "*",
+        to: To = "both",
+        count: int | None = None,
+        every: int = 1,
+    ) -> None:
+        if to not in ("client", "server", "both"):
+            raise ScriptError(f'a fault is `to` "client", "server" or "both", not {to!r}')
+        if every < 1 or (count is not None and count < 0):
+            raise ScriptError("a fault's `every` must be at least 1, and its `count` at least 0")
+        self.what = what
+        self.amount = amount
+        self.hits = 0
+        self._faults = faults
+        self._name = name if name.startswith(("/", "*")) else f"/{name}"
+        self._op = op
+        self._to = to
+        self._left = count
+        self._every = every
+        self._seen = 0
+
+    def matches(self, to: Literal["client", "server"], subjects: Sequence[Subject]) -> bool:
+        """Whether the fault applies to a message now; each match counts."""
+        if self._to not in ("both", to) or not any(map(self._is_about, subjects)):
+            return False
+        self._seen += 1
+        return self._seen % self._every == 0 and self.hit()
+
+    def hit(self) -> bool:
+        """Count one more match, unless `count` is used up."""
+        if self._left is not None:
+            if self._left == 0:
+                return False
+            self._left -= 1
+        self.hits += 1
+        return True
+
+    def _is_about(self, subject: Subject) -> bool:
+        op, name = subject
+        absolute = name if name.startswith("/") or not name else f"/{name}"
+        return fnmatch.fnmatchcase(op, self._op) and fnmatch.fnmatchcase(absolute, self._name)
+
+    def remove(self) -> None:
+        """End the fault. Messages that are delayed already still come late."""
+        self._faults.remove(self)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.remove()
+
+
+class Faults:
+    """The faults of one server; all methods may be called from any thread.
+
+    A message is touched when the topic, service or action that it is about matches the glob `name`, and its
+    op the glob `op`; `*` also matches `/`. Of several faults a drop wins, delays add up, and copies multiply.
+
+    Args:
+        hang_up: ends every connection with a code and a reason, and says how many there were.
+    """
+
+    def __init__(self, hang_up: Callable[[int, str], int]) -> None:
+        self._lock = threading.Lock()
+        self._faults: tuple[Fault, ...] = ()
+        self._hang_up = hang_up
+
+    def drop(self, name: str = "*", **scope: Unpack[Scope]) -> Fault:
+        """Lose messages.
+
+        Args:
+            name: glob of the topic, service or action.
+            op: glob of the op, for example ``publish`` or ``service_*``.
+            to: only those to the client, or to the server.
+            count: how many at most; None is all.
+            every: only each so-manieth.
+
+        Raises:
+            ScriptError: an argument cannot be used.
+        """
+        return self._add(Fault(self, FaultKind.DROP, name=name, **scope))
+
+    def delay(self, seconds: float, name: str = "*", **scope: Unpack[Scope]) -> Fault:
+        """Let messages come late, by seconds of the robot's clock; other arguments as of :meth:`drop`."""
+        if seconds < 0:
+            raise ScriptError(f"a delay must not be negative, as {seconds} s is")
+        return self._add(Fault(self, FaultKind.DELAY, seconds, name=name, **scope))
+
+    def duplicate(self, name: str = "*", *, copies: int = 2, **scope: Unpack[Scope]) -> Fault:
+        """Let messages come `copies` times; other arguments as of :meth:`drop`."""
+        if copies < 2:
+            raise ScriptError(f"a duplicate has at least 2 copies, not {copies}")
+        return self._add(Fault(self, FaultKind.DUPLICATE, copies, name=name, **scope))
+
+    def refuse(self, status: int = 503, *, count: int | None = None) -> Fault:
+        """Let no new client in; the answer to a WebSocket's handshake is `status`.
+
+        Args:
+            count: how many are refused; None is all.
+
+        Raises:
+            ScriptError: not an HTTP status of an error.
+        """
+        if not 400 <= status <= 599:
+            raise ScriptError(f"a refusal needs an HTTP status from 400 to 599, not {status}")
+        return self._add(Fault(self, FaultKind.REFUSE, status, count=count))
+
+    def slow_reader(self, messages_per_second: float) -> Fault:
+        """Let each client read no faster than this, by the robot's clock.
+
+        What waits meanwhile follows the rules of a slow client: replies wait in order, and of a topic the
+        newest messages of its queue length; older ones are dropped.
+        """
+        if messages_per_second <= 0:
+            raise ScriptError(f"a slow reader reads more than 0 messages a second, not {messages_per_second}")
+        return self._add(Fault(self, FaultKind.SLOW_READER, messages_per_second))
+
+    def disconnect(self, code: int = 1011, reason: str = "a fault of the test") -> int:
+        """Hang up on every client with a code of RFC 6455 section 7.4; gives how many there were."""
+        return self._hang_up(code, reason)
+
+    def clear(self) -> None:
+        """Remove every fault."""
+        with self._lock:
+            self._faults = ()
+
+    def remove(self, fault: Fault) -> None:
+        """Remove one; one that is removed already is no error."""
+        with self._lock:
+            self._faults = tuple(each for each in self._faults if each is not fault)
+
+    def _add(self, fault: Fault) -> Fault:
+        with self._lock:
+            self._faults = (*self._faults, fault)
+        return fault
+
+    # What the wire asks, on the graph's thread
+
+    def __bool__(self) -> bool:
+        return bool(self._faults)
+
+    def action_for(self, to: Literal["client", "server"], subjects: Sequence[Subject]) -> FaultAction:
+        """The action for a message now; :data:`PASS` where no fault applies."""
+        copies, delay, remarks = 1, 0.0, []
+        for fault in self._faults:
+            if fault.what in (FaultKind.REFUSE, FaultKind.SLOW_READER) or not fault.matches(to, subjects):
+                continue
+            if fault.what is FaultKind.DROP:
+                return FaultAction(0, 0.0, "(dropped by a fault)")
+            if fault.what is FaultKind.DELAY:
+                delay += fault.amount
+                remarks.append(f"delayed by {fault.amount:g} s")
+            else:
+                copies *= int(fault.amount)
+                remarks.append(f"{int(fault.amount)} times")
+        return FaultAction(copies, delay, f"({', '.join(remarks)})") if remarks else PASS
+
+    def refusal(self) -> int | None:
+        """The HTTP status with which a connection is refused now; None lets it in."""
+        for fault in self._faults:
+            if fault.what is FaultKind.REFUSE and fault.hit():
+                return int(fault.amount)
+        return None
+
+    @property
+    def read_rate(self) -> float | None:
+        """Messages a second that a client reads now; None as fast as it can."""
+        rates = [fault.amount for fault in self._faults if fault.what is FaultKind.SLOW_READER]
+        return min(rates, default=None)

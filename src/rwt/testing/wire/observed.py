@@ -1,0 +1,285 @@
+"""Between a transport and the bridge: writes down what passes, and does what the faults say.
+
+It wraps the three faces of :mod:`rwt_protocol.transport` (`Accept`, `Sink` and `Endpoint`), so that the
+server above and the transport below are the real ones.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING
+
+from rwt.access.settings import SettingsError
+from rwt.testing.wire.faults import PASS, FaultAction, Faults, Subject
+from rwt.testing.wire.slow_reader import SlowReader
+from rwt.testing.wire.transcript import Transcript, shown_bytes, shown_frame
+from rwt_protocol.codecs import bson_codec
+from rwt_protocol.errors import EncodingUnavailable
+from rwt_protocol.ops import Direction, Op
+from rwt_protocol.session import Refusal, Session
+from rwt_protocol.transport import AS_MANY_AS_FIT, Burst, DropReason, FlowRules
+from rwt_transports.api import OversizeAware
+from rwt_transports.errors import Refused
+
+if TYPE_CHECKING:
+    from rwt_graph.api import Graph
+    from rwt_protocol.codecs import Codec
+    from rwt_protocol.transport import Accept, Endpoint, Flow, Frame, PeerInfo, Sink, Traffic
+
+
+class ObservedWire:
+    """Records and disturbs every connection of a server, as its `middleware`.
+
+    Args:
+        graph: the robot; faults follow its clock, and act on its thread.
+        bson: whether the server speaks nothing but BSON.
+
+    Attributes:
+        faults: what goes wrong.
+        transcript: what was said.
+
+    Raises:
+        SettingsError: BSON needs a package that is not installed.
+    """
+
+    def __init__(self, graph: Graph, *, bson: bool = False) -> None:
+        self.faults = Faults(self._hang_up)
+        self.transcript = Transcript(graph.clock.monotonic)
+        self._graph = graph
+        self.clock = graph.clock
+        self._codec = _bson() if bson else None
+        self._open: dict[int, Sink] = {}
+        self._count = 0
+
+    @property
+    def client_count(self) -> int:
+        """How many clients are connected."""
+        return len(self._open)
+
+    def middleware(self, accept: Accept) -> Accept:
+        """The accept function of a listener, observed."""
+
+        def accept_observed(sink: Sink, info: PeerInfo) -> Endpoint:
+            return self._accept(accept, sink, info)
+
+        return accept_observed
+
+    def _accept(self, accept: Accept, sink: Sink, info: PeerInfo) -> Endpoint:
+        status = self.faults.refusal()
+        if status is not None:
+            self.transcript.note(0, f"from {info.address} was refused by a fault: {status}")
+            raise Refused(status, "refused by a fault of the test")
+        number = self._count = self._count + 1
+        observed = _ObservedSink(self, sink, number)
+        try:
+            endpoint = accept(observed, info)
+        except Refused as refused:
+            self.transcript.note(number, f"was refused: {refused.status} {refused}")
+            raise
+        self._open[number] = sink
+        self.transcript.note(number, f"came from {info.address or '?'} over {info.transport}")
+        observed.endpoint = _ObservedEndpoint(self, endpoint, observed, number)
+        return observed.endpoint
+
+    def session(self, direction: Direction) -> Session:
+        """A session that only reads what passes."""
+        return Session(direction=direction, codec=self._codec)
+
+    def left(self, number: int, code: int, reason: str) -> None:
+        """Note that a client has disconnected."""
+        self._open.pop(number, None)
+        self.transcript.note(number, f"left: {code} {reason}".rstrip())
+
+    def _hang_up(self, code: int, reason: str) -> int:
+        sinks = tuple(self._open.values())
+
+        def close() -> None:
+            for sink in sinks:
+                sink.close(code, reason)
+
+        self._graph.run_on_graph(close)
+        return len(sinks)
+
+
+def _bson() -> Codec:
+    try:
+        return bson_codec()
+    except EncodingUnavailable as missing:
+        raise SettingsError(f"`bson_only_mode`: {missing.reason}") from None
+
+
+def _subjects(items: Sequence[Op | Refusal]) -> list[Subject]:
+    """What the messages of one frame are about."""
+    subjects = []
+    for item in items:
+        if isinstance(item, Refusal):
+            subjects.append((item.op, item.name))
+            continue
+        names = (getattr(item, member, None) for member in ("topic", "service", "action"))
+        subjects.append((item.op, next((name for name in names if name), "")))
+    return subjects
+
+
+class _ObservedEndpoint:
+    """The bridge's face of a connection, as the transport sees it."""
+
+    def __init__(self, wire: ObservedWire, inner: Endpoint, sink: _ObservedSink, number: int) -> None:
+        self._wire = wire
+        self.inner = inner
+        self._sink = sink
+        self._number = number
+        self._session = wire.session(Direction.TO_SERVER)
+        self._over = False
+
+    def receive(self, data: bytes, binary: bool) -> None:
+        wire = self._wire
+        # A fragment is about nothing until its last piece, so it is read even when nothing is wrong now.
+        subjects = _subjects(self._session.decode(data, binary, time.monotonic()))
+        action = wire.faults.action_for("server", subjects) if wire.faults else PASS
+        wire.transcript.message(self._number, "→", shown_bytes(data, binary), action.remark)
+        if action is PASS:
+            self.inner.receive(data, binary)
+            return
+        kept = bytes(data)
+        for _ in range(action.copies):
+            if action.delay <= 0:
+                self.inner.receive(kept, binary)
+            else:
+                wire.clock.call_later(action.delay, partial(self._receive_late, kept, binary))
+
+    def _receive_late(self, data: bytes, binary: bool) -> None:
+        if not self._over:
+            self.inner.receive(data, binary)
+
+    def oversized(self, size: int, limit: int, head: bytes) -> None:
+        self._wire.transcript.message(self._number, "→", f"<{size} bytes: too large, skipped>")
+        if isinstance(self.inner, OversizeAware):
+            self.inner.oversized(size, limit, head)
+
+    def closed(self, code: int, reason: str) -> None:
+        self._over = True
+        self._sink.over = True
+        self._wire.left(self._number, code, reason)
+        self.inner.closed(code, reason)
+
+
+class _ObservedSink:
+    """The transport's face of a connection, as the bridge sees it."""
+
+    def __init__(self, wire: ObservedWire, inner: Sink, number: int) -> None:
+        self.wire = wire
+        self.inner = inner
+        self.number = number
+        self.over = False
+        self.endpoint: _ObservedEndpoint | None = None
+        self.slow_reader = SlowReader(wire.clock, lambda: wire.faults.read_rate)
+        self._session = wire.session(Direction.TO_CLIENT)
+
+    def send(self, frame: Frame) -> None:
+        subjects = _subjects(self._session.decode(frame.data, frame.binary, time.monotonic()))
+        self.pass_on(frame, subjects, None, lambda: self.inner.send(frame))
+
+    def flow(
+        self,
+        topic: str,
+        rules: FlowRules = AS_MANY_AS_FIT,
+        *,
+        on_drop: Callable[[DropReason], None] | None = None,
+        time_ns: Callable[[], int] = time.time_ns,
+    ) -> Flow:
+        def dropped(reason: DropReason) -> None:
+            self.wire.transcript.note(self.number, f"✗ a message on {topic} was dropped: {reason}")
+            if on_drop is not None:
+                on_drop(reason)
+
+        inner = self.inner.flow(topic, rules, on_drop=dropped, time_ns=time_ns)
+        return _ObservedFlow(self, inner, topic, rules, dropped)
+
+    def pass_on(
+        self, frame: Frame, subjects: list[Subject], flow: _ObservedFlow | None, send: Callable[[], None]
+    ) -> None:
+        """Note one outgoing message in the transcript, and apply the faults to it."""
+        if self.over:
+            return
+        action = self.wire.faults.action_for("client", subjects) if self.wire.faults else PASS
+        self.wire.transcript.message(self.number, "←", shown_frame(frame), action.remark)
+        if action is PASS:
+            self._now(flow, send)
+        else:
+            self._act(action, flow, send)
+
+    def _act(self, action: FaultAction, flow: _ObservedFlow | None, send: Callable[[], None]) -> None:
+        for _ in range(action.copies):
+            if action.delay <= 0:
+                self._now(flow, send)
+            else:
+                self.wire.clock.call_later(action.delay, partial(self._now, flow, send))
+
+    def _now(self, flow: _ObservedFlow | None, send: Callable[[], None]) -> None:
+        if self.over:
+            return
+        if self.slow_reader.idle and self.wire.faults.read_rate is None:
+            send()
+        elif flow is None:
+            self.slow_reader.put(send)
+        else:
+            self.slow_reader.put(send, flow, flow.rules.depth, flow.on_drop)
+
+    def close(self, code: int = 1000, reason: str = "") -> None:
+        self.slow_reader.flush()
+        self.inner.close(code, reason)
+
+    def hand_over(self, endpoint: Endpoint) -> None:
+        if self.over:
+            self.inner.hand_over(endpoint)
+        elif self.endpoint is not None:
+            self.endpoint.inner = endpoint
+
+    @property
+    def received(self) -> int:
+        return self.inner.received
+
+    @property
+    def backlog(self) -> int:
+        return self.inner.backlog
+
+    @property
+    def traffic(self) -> Traffic:
+        return self.inner.traffic
+
+
+class _ObservedFlow:
+    """One topic's way to one client."""
+
+    def __init__(
+        self,
+        sink: _ObservedSink,
+        inner: Flow,
+        topic: str,
+        rules: FlowRules,
+        on_drop: Callable[[DropReason], None],
+    ) -> None:
+        self.rules = rules
+        self.on_drop = on_drop
+        self._sink = sink
+        self._inner = inner
+        self._subjects = [("publish", topic)]
+
+    def send(self, frame: Frame) -> None:
+        self._sink.pass_on(frame, self._subjects, self, lambda: self._inner.send(frame))
+
+    def join(self, burst: Burst) -> bool:
+        return False
+
+    def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
+        send = partial(self._inner.send_message, pieces, expires_ns)
+        self._sink.pass_on(pieces[0], self._subjects, self, send)
+
+    def configure(self, rules: FlowRules) -> None:
+        self.rules = rules
+        self._inner.configure(rules)
+
+    def close(self) -> None:
+        self._inner.close()

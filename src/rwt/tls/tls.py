@@ -1,0 +1,80 @@
+"""TLS: the certificate of encrypted listeners, from files or of our own making, and the authority of hubs."""
+
+from __future__ import annotations
+
+import ssl
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rwt.access.settings import SettingsError
+
+if TYPE_CHECKING:
+    from rwt.access.settings import TlsSettings
+
+
+def server_tls(settings: TlsSettings) -> ssl.SSLContext | None:
+    """What encrypts listeners (TLS 1.2 or later); None where no certificate is configured (CFG-02).
+
+    Raises:
+        SettingsError: a file cannot be read, or is not what it should be.
+    """
+    if (files := _files(settings)) is None:
+        return None
+    context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+    context.minimum_version = ssl.TLSVersion.TLSv1_2
+    try:
+        # A password is given so that a key which needs one fails here, instead of asking at a terminal.
+        context.load_cert_chain(*files, password="")
+    except (ssl.SSLError, ValueError) as error:
+        raise SettingsError(
+            f"tls: {files[0]} and {files[1]}: expected a certificate and the key that"
+            " belongs to it, both in PEM, the key without a password"
+        ) from error
+    return context
+
+
+def _files(settings: TlsSettings) -> tuple[Path, Path] | None:
+    """The files of the certificate and its key, which are the same where the server has made them."""
+    if settings.auto:
+        from rwt.tls.own_certificate import own_certificate  # Few servers make one.
+
+        made = own_certificate(settings)
+        return made.server, made.server
+    if settings.certfile is None or settings.keyfile is None:
+        return None
+    for key, path in (("certfile", settings.certfile), ("keyfile", settings.keyfile)):
+        _check_readable(f"tls.{key}", path)
+    return settings.certfile, settings.keyfile
+
+
+def renew_server_tls(context: ssl.SSLContext, settings: TlsSettings) -> None:
+    """Show another certificate to those who connect from now on; open connections keep theirs.
+
+    Raises:
+        SettingsError: as :func:`server_tls`; then the old one is shown.
+    """
+    if server_tls(settings) is not None and (files := _files(settings)) is not None:
+        context.load_cert_chain(*files, password="")
+
+
+def client_tls(cafile: Path | None) -> ssl.SSLContext | None:
+    """What checks the certificate of a hub against the authority in a PEM file (`dial.cafile`); None for the
+    system's authorities.
+
+    Raises:
+        SettingsError: the file cannot be read, or holds no certificate.
+    """
+    if cafile is None:
+        return None
+    _check_readable("dial.cafile", cafile)
+    try:
+        return ssl.create_default_context(cafile=cafile)
+    except ssl.SSLError as error:
+        raise SettingsError(f"dial.cafile: {cafile}: expected certificates in PEM") from error
+
+
+def _check_readable(key: str, path: Path) -> None:
+    try:
+        path.open("rb").close()
+    except OSError as error:
+        raise SettingsError(f"{key}: {path}: cannot be read: {error.strerror}") from error

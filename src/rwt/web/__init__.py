@@ -1,0 +1,6 @@
+"""The robot's page: the dashboard, the widgets for other pages, and the folder of layouts, over HTTP."""
+
+from rwt.web.files import MISSING, StaticFiles, find_static_files
+from rwt.web.page import WebPage, WebPageError
+
+__all__ = ["WebPage", "WebPageError", "StaticFiles", "find_static_files", "MISSING"]

@@ -1,0 +1,164 @@
+"""The page as routes: its document with a strict policy, its files, and the layouts on offer."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final
+from urllib.parse import parse_qs, unquote, urlsplit
+
+from rwt.web.files import StaticFiles
+from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+
+INDEX: Final = "index.html"
+LAYOUTS: Final = "/web/layouts/"
+_LAYOUT_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+_MOST_LAYOUT_BYTES: Final = 1024 * 1024
+_AUTHORITY: Final = re.compile(r"[A-Za-z0-9.\-_~\[\]:]{1,255}")
+"""What may stand in a source of a Content-Security-Policy: no blank, comma or semicolon gets into it."""
+_HTTP_OF: Final = {"ws": "http", "wss": "https"}
+
+
+_PAGES: Final = "web/pages/"
+"""Where the pages of the documentation are."""
+_SHARED: Final = "web/widgets"
+"""How the names of the files begin that pages of other origins load, besides the libraries."""
+_FOR_EVERY_ORIGIN: Final = {
+    "Access-Control-Allow-Origin": "*",
+    "Cross-Origin-Resource-Policy": "cross-origin",
+}
+"""The files are the same for everybody, and reveal nothing of the robot."""
+
+
+class WebPageError(ValueError):
+    """A folder of layouts, or an address of a robot, that cannot be used; the text says which and why."""
+
+
+class WebPage:
+    """Serves the dashboard at ``/``, its files below ``/web/`` and ``/lib/``, and layouts.
+
+    The document may run only the scripts and styles of this server, none of them inline. It may connect to
+    this server and to the robot that its URL names (``?robot=ws://…``), and to nothing else.
+
+    Args:
+        files: what the build has left.
+        layouts: a folder of ``NAME.json``, offered to everybody who opens the page.
+        robot: the URL of the robot that the page connects to when its own URL names none; by default this
+            server.
+        embed: origins of the pages that may show this one in a frame, besides pages of this server.
+
+    Attributes:
+        http: what a server takes.
+
+    Raises:
+        WebPageError: `layouts` is no folder, `robot` no URL of a rosbridge server, or one of `embed` no
+            origin.
+    """
+
+    def __init__(
+        self,
+        files: StaticFiles,
+        *,
+        layouts: Path | None = None,
+        robot: str | None = None,
+        embed: Iterable[str] = (),
+    ) -> None:
+        if layouts is not None and not layouts.is_dir():
+            raise WebPageError(f"{layouts}: no folder of layouts")
+        if robot is not None and not _sources(robot):
+            raise WebPageError(f"{robot!r}: expected ws://HOST:PORT or wss://HOST:PORT")
+        embed = tuple(embed)
+        for origin in embed:
+            if re.fullmatch(r"https?://" + _AUTHORITY.pattern, origin) is None:
+                raise WebPageError(f"{origin!r}: expected an origin, as https://example.org")
+        self._files = files
+        self._layouts = layouts
+        self._robot = robot
+        self._ancestors = " ".join(("'self'", *embed))
+        routes = [
+            Route("/", self._document, Audience.ANYBODY),
+            Route("/web/*", self._file, Audience.ANYBODY),
+            Route("/lib/*", self._library, Audience.ANYBODY),
+            Route("/web/settings.json", self._settings, Audience.ANYBODY),
+            Route(f"{LAYOUTS}*", self._layout, Audience.ANYBODY),
+        ]
+        self.http: Final = HttpExtension(tuple(routes))
+
+    def _document(self, request: HttpRequest, reader: Reader) -> HttpResponse:
+        headers = {
+            "Content-Security-Policy": self._policy(request),
+            "Permissions-Policy": "camera=(self), microphone=(self), geolocation=(self), gamepad=(self)",
+        }
+        return self._files[INDEX].answer(request, headers)
+
+    def _policy(self, request: HttpRequest, styles: str = "", workers: str = "") -> str:
+        host = request.headers.get("host", "")
+        here = f"ws://{host} wss://{host}" if _AUTHORITY.fullmatch(host) else ""
+        named = parse_qs(request.query).get("robot", [])
+        robots = " ".join(_sources(each) for each in ([self._robot] if self._robot else []) + named[:1])
+        return (
+            f"default-src 'none'; script-src 'self'; style-src 'self'{styles}; worker-src 'self'{workers};"
+            " manifest-src 'self';"
+            f" connect-src 'self' {here} {robots} data: blob:; img-src 'self' {robots} data: blob:;"
+            " media-src 'self' blob:; font-src 'self'; base-uri 'none'; form-action 'none';"
+            f" frame-ancestors {self._ancestors}"
+        )
+
+    def _file(self, request: HttpRequest, reader: Reader) -> HttpResponse:
+        name = request.path.lstrip("/")
+        file = self._files.get(name)
+        if file is None:
+            return HttpResponse(f"there is no {name} in this build of the page\n".encode(), 404)
+        if name.startswith(_PAGES):
+            # Their authors' styles are within them, and their elements' worker is within a script.
+            policy = self._policy(request, styles=" 'unsafe-inline'", workers=" blob:")
+            return file.answer(request, {"Content-Security-Policy": policy})
+        return file.answer(request, _FOR_EVERY_ORIGIN if name.startswith(_SHARED) else {})
+
+    def _library(self, request: HttpRequest, reader: Reader) -> HttpResponse:
+        """A library by the end of its path: pages name it as in the network that they had it from before."""
+        name = request.path.removeprefix("/lib/") or INDEX
+        file = self._files.get(f"lib/{name}") or self._files.get(f"lib/{_library_file(name)}")
+        if file is None:
+            return HttpResponse(f"there is no library {name!a}; /lib/ lists them\n".encode(), 404)
+        return file.answer(request, _FOR_EVERY_ORIGIN | {"Content-Security-Policy": "default-src 'none'"})
+
+    def _settings(self, request: HttpRequest, reader: Reader) -> HttpResponse:
+        names = sorted(path.stem for path in self._layouts.glob("*.json")) if self._layouts else []
+        body = {"robot": self._robot, "layouts": [name for name in names if _LAYOUT_NAME.fullmatch(name)]}
+        return HttpResponse(
+            json.dumps(body).encode(), content_type="application/json", headers={"Cache-Control": "no-cache"}
+        )
+
+    def _layout(self, request: HttpRequest, reader: Reader) -> HttpResponse:
+        name = unquote(request.path.removeprefix(LAYOUTS))
+        stem = name.removesuffix(".json")
+        path = (self._layouts or Path()) / f"{stem}.json"
+        if self._layouts is None or _LAYOUT_NAME.fullmatch(stem) is None or not path.is_file():
+            return HttpResponse(f"there is no layout {stem!a} here\n".encode(), 404)
+        if path.stat().st_size > _MOST_LAYOUT_BYTES:
+            return HttpResponse(
+                f"the layout {stem} is larger than {_MOST_LAYOUT_BYTES} bytes\n".encode(), 500
+            )
+        return HttpResponse(
+            path.read_bytes(), content_type="application/json", headers={"Cache-Control": "no-cache"}
+        )
+
+
+def _library_file(path: str) -> str:
+    """``roslibjs/current/roslib.js`` → ``roslib.min.js``."""
+    stem = path.rsplit("/", 1)[-1].removesuffix(".js").removesuffix(".min")
+    return f"{stem}.min.js"
+
+
+def _sources(robot: str) -> str:
+    """Where a robot is reached, as sources of a Content-Security-Policy; empty for what is no robot's URL."""
+    try:
+        parts = urlsplit(robot)
+    except ValueError:
+        return ""
+    if parts.scheme not in _HTTP_OF or _AUTHORITY.fullmatch(parts.netloc) is None:
+        return ""
+    return f"{parts.scheme}://{parts.netloc} {_HTTP_OF[parts.scheme]}://{parts.netloc}"

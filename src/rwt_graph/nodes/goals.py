@@ -1,0 +1,168 @@
+"""Actions for robot programs: a coroutine that runs a goal, and a handle on a goal that was sent."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, TypeAlias
+
+import anyio
+
+from rwt_graph.api import ClientGoal, GoalEvents, Graph, Participant, ServerGoal
+from rwt_graph.clock import Clock
+from rwt_graph.nodes.service_handlers import failure_text
+from rwt_interfaces.payload import Payload
+from rwt_participant.errors import CallFailed, GoalAborted, GoalCanceled, GoalEnded
+from rwt_participant.future import Future
+from rwt_participant.goals import Execute, Goal, GoalResult, GoalStatus, ReceivedGoal
+from rwt_participant.messages import Message, MessageLike, is_coroutine_function, to_payload
+
+if TYPE_CHECKING:
+    from rwt_interfaces.structs import ActionType
+
+logger = logging.getLogger(__name__)
+
+
+#: Looks at a goal's message before it is accepted: True accepts, False or a reason rejects.
+AcceptGoal: TypeAlias = Callable[[Message], "bool | str"]
+
+
+class ActionFunction:
+    """Runs a coroutine function for each goal, in a task of its own."""
+
+    def __init__(
+        self, graph: Graph, action: str, interface: ActionType, execute: Execute, accept: AcceptGoal | None
+    ) -> None:
+        if not is_coroutine_function(execute):
+            raise TypeError(f"the function that executes {action} must be a coroutine function (async def)")
+        self._graph = graph
+        self._action = action
+        self._interface = interface
+        self._execute = execute
+        self._accept = accept
+
+    def __call__(self, goal: ServerGoal) -> None:
+        """Take or refuse one goal."""
+        if not self._graph.running:
+            goal.reject(f"action {self._action} cannot run: the graph is not running")
+            return
+        # Read now: the goal may be a view of a receive buffer that is used again when this has returned.
+        request: Message = goal.goal.value()
+        refusal = self._refusal(request)
+        if refusal is not None:
+            goal.reject(refusal)
+            return
+        goal.accept()
+        self._graph.spawn(partial(self._run, goal, request), f"goal of {self._action}")
+
+    def _refusal(self, request: Message) -> str | None:
+        if self._accept is None:
+            return None
+        try:
+            verdict = self._accept(request)
+        except Exception as error:
+            logger.exception("action %s failed to look at a goal", self._action)
+            return failure_text(error)
+        if isinstance(verdict, str):
+            return verdict
+        return None if verdict else f"action {self._action} rejected the goal"
+
+    async def _run(self, goal: ServerGoal, request: Message) -> None:
+        with anyio.CancelScope() as scope:
+            # Two ends: the server is closed under the goal, or `execute` is done.
+            goal.on_end = lambda _gone: scope.cancel()
+            if goal.status.is_terminal:
+                return
+            running = ReceivedGoal(
+                goal.id, request, partial(self._publish_feedback, goal), lambda: goal.feedback_wanted
+            )
+            goal.on_cancel = running.cancel_event.set
+            if goal.cancel_requested:
+                running.cancel_event.set()
+            try:
+                result = await self._execute(running)
+            except GoalEnded as end:
+                self._finish(goal, _END_STATUS[type(end)], end.result, end.reason)
+            except Exception as error:
+                logger.exception("action %s failed", self._action)
+                self._finish(goal, GoalStatus.ABORTED, None, failure_text(error))
+            else:
+                self._finish(goal, GoalStatus.SUCCEEDED, result, "")
+
+    def _publish_feedback(self, goal: ServerGoal, feedback: MessageLike) -> None:
+        goal.feedback(to_payload(self._interface.feedback, feedback, self._graph.clock.time_ns))
+
+    def _finish(self, goal: ServerGoal, status: GoalStatus, result: object, reason: str) -> None:
+        if goal.status.is_terminal:
+            return
+        try:
+            payload = self._result(result)
+            goal.finish(status, payload, reason)
+        except Exception as error:
+            logger.exception("action %s could not end a goal as %s", self._action, status.name)
+            goal.finish(GoalStatus.ABORTED, self._result(None), failure_text(error))
+
+    def _result(self, result: object) -> Payload:
+        kind, now = self._interface.result, self._graph.clock.time_ns
+        # What an exception carries may be anything: a payload is checked by its type, the rest by value.
+        if isinstance(result, Payload):
+            return to_payload(kind, result, now)
+        return Payload.from_value(kind, {} if result is None else result, now)
+
+
+_END_STATUS: dict[type[GoalEnded], GoalStatus] = {
+    GoalCanceled: GoalStatus.CANCELED,
+    GoalAborted: GoalStatus.ABORTED,
+}
+
+
+class SentGoal(Goal):
+    """A goal that a node has sent."""
+
+    def __init__(self, clock: Clock, action: str, on_feedback: Callable[[Message], object] | None) -> None:
+        super().__init__(action, "", on_feedback, clock.within)
+        self._goal: ClientGoal | None = None
+        self._accepted: Future[None] = Future()
+
+    async def send(self, participant: Participant, goal: Payload, goal_id: str | None) -> None:
+        """Send the goal, and wait until the server has taken it.
+
+        Raises:
+            CallFailed: it did not: GoalRejected, ProviderNotFound, ProviderGone.
+        """
+        events = GoalEvents(self._on_result, self._on_feedback_payload, lambda: self._accepted.set(None))
+        self._goal = participant.send_goal(self.action, goal, events, goal_id)
+        self.id = self._goal.id
+        await self._accepted.wait()
+
+    def _on_feedback_payload(self, feedback: Payload) -> None:
+        self.take_feedback(feedback.value())
+
+    def _on_result(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
+        if isinstance(outcome, CallFailed):
+            self.end(outcome)
+            self._accepted.set(outcome)
+        else:
+            self.end(GoalResult(status, outcome.value()))
+            self._accepted.set(None)
+
+    @property
+    def status(self) -> GoalStatus:
+        """The last state that the server reported."""
+        return GoalStatus.UNKNOWN if self._goal is None else self._goal.status
+
+    @property
+    def reason(self) -> str:
+        """Why the server ended the goal as it did; empty while it runs or when nothing was said."""
+        return "" if self._goal is None else self._goal.reason
+
+    def cancel(self) -> None:
+        """Ask the server to cancel; the outcome comes as the result."""
+        if self._goal is not None:
+            self._goal.cancel()
+
+    def abandon(self) -> None:
+        """Hear nothing more of the goal; it goes on running, and `result` waits in vain."""
+        if self._goal is not None:
+            self._goal.abandon()

@@ -1,0 +1,107 @@
+"""Service handlers of a program as callbacks of the graph, and calls that are awaited."""
+
+from __future__ import annotations
+
+import inspect
+import logging
+from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING, TypeAlias
+
+from rwt_graph.accounts import hold_for_asker
+from rwt_graph.api import Graph, Participant, ServiceCall
+from rwt_interfaces.payload import Payload
+from rwt_participant.errors import ServiceFailed
+from rwt_participant.future import Future
+from rwt_participant.messages import (
+    MessageLike,
+    ServiceHandler,
+    check_handler,
+    is_coroutine_function,
+    to_payload,
+)
+
+if TYPE_CHECKING:
+    from rwt_interfaces.structs import MessageType
+
+logger = logging.getLogger(__name__)
+
+Answer: TypeAlias = "MessageLike | Awaitable[MessageLike | None] | None"
+
+
+def failure_text(error: Exception) -> str:
+    """The reason that a caller receives for an exception."""
+    return str(error) or type(error).__name__
+
+
+class ServiceFunction:
+    """Calls a handler for each request; what it raises is the caller's :exc:`ServiceFailed`.
+
+    A plain handler runs on the graph's thread and holds everything up while it does: slow work belongs in an
+    `async def` handler, with `anyio.to_thread.run_sync` for what blocks. Each call of a coroutine handler
+    is a task; calls may overlap.
+    """
+
+    def __init__(self, graph: Graph, service: str, response: MessageType, handler: ServiceHandler) -> None:
+        check_handler(service, handler)
+        self._graph = graph
+        self._service = service
+        self._response = response
+        self._handler = handler
+        self._is_coroutine = is_coroutine_function(handler)
+
+    def __call__(self, call: ServiceCall) -> None:
+        """Answer one call, now or from a task."""
+        # Read now: the request may be a view of a receive buffer that is used again when this has returned.
+        request = call.request.value()
+        if self._is_coroutine:
+            self._answer_later(call, lambda: self._handler(request))
+            return
+        try:
+            answer = self._handler(request)
+            if not inspect.isawaitable(answer):
+                call.reply(self._payload(answer))
+                return
+        except Exception as error:
+            self._fail(call, error)
+            return
+        self._answer_later(call, lambda: answer)
+
+    def _answer_later(self, call: ServiceCall, begin: Callable[[], Answer]) -> None:
+        if not self._graph.running:
+            call.fail(f"service {self._service} has a coroutine handler, and the graph is not running")
+            return
+        # The task keeps the request, also when nobody waits for its answer any more.
+        release = hold_for_asker(0)
+
+        async def finish() -> None:
+            try:
+                answer = begin()
+                call.reply(self._payload(await answer if inspect.isawaitable(answer) else answer))
+            except Exception as error:
+                self._fail(call, error)
+            finally:
+                release()
+
+        self._graph.spawn(finish, f"service {self._service}")
+
+    def _payload(self, answer: MessageLike | None) -> Payload:
+        return to_payload(self._response, {} if answer is None else answer, self._graph.clock.time_ns)
+
+    def _fail(self, call: ServiceCall, error: Exception) -> None:
+        if not isinstance(error, ServiceFailed):
+            logger.error("service %s failed", self._service, exc_info=error)
+        call.fail(failure_text(error))
+
+
+async def call(participant: Participant, service: str, request: Payload, seconds: float | None) -> Payload:
+    """Call a service and wait for the response.
+
+    Raises:
+        CallFailed: with the reason, by its subclass.
+    """
+    answer: Future[Payload] = Future()
+    pending = participant.call_service(service, request, answer.set, seconds)
+    try:
+        return await answer.wait()
+    finally:
+        pending.cancel()

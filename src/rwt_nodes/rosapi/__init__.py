@@ -1,5 +1,0 @@
-"""rosapi: what clients ask about the graph, as services under `/rosapi`."""
-
-from rwt_nodes.rosapi.node import DISCLOSURES, Rosapi
-
-__all__ = ["DISCLOSURES", "Rosapi"]

@@ -1,5 +1,0 @@
-"""tf2_web_republisher: the transforms a page asks for, as often as it asks and where they have moved."""
-
-from rwt_nodes.tf.republisher import Tf2WebRepublisher
-
-__all__ = ["Tf2WebRepublisher"]

@@ -1,0 +1,276 @@
+"""A robot for programs without an event loop: its verbs wait, and a loop runs in a thread behind them.
+
+Callbacks and handlers run in that thread. They may tell the robot something (publish, advertise), but what
+asks it and waits raises :exc:`~rwt_participant.errors.WrongThread` there, because the answer could not come.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Awaitable, Callable, Iterator
+from typing import Any, Concatenate, Generic, ParamSpec, Protocol, Self, TypeVar
+
+from rwt_participant.api import Parameters, RobotApi
+from rwt_participant.goals import Goal, GoalStatus
+from rwt_participant.handles import Handle, Publisher, Subscription
+from rwt_participant.messages import Message
+from rwt_participant.timers import PeriodicTimer
+from rwt_participant.transforms import Transforms
+
+P = ParamSpec("P")
+T = TypeVar("T")
+Held = TypeVar("Held", bound=Handle)
+Face = TypeVar("Face")
+Inner = TypeVar("Inner")
+Robot = TypeVar("Robot", bound=RobotApi)
+
+
+class LoopThread(Protocol):
+    """An event loop that runs in another thread."""
+
+    @property
+    def here(self) -> bool:
+        """Whether this is its thread."""
+
+    def run(self, function: Callable[[], T]) -> T:
+        """What a plain function returns that is run there; at once if this is its thread."""
+
+    def wait(self, function: Callable[[], Awaitable[T]]) -> T:
+        """What a coroutine function returns that is run there.
+
+        Raises:
+            WrongThread: this is its thread, which would wait for itself.
+        """
+
+
+class Blocking(Generic[Inner]):
+    """Something that lives on an event loop, for other threads."""
+
+    def __init__(self, loop: LoopThread, inner: Inner) -> None:
+        self._loop = loop
+        self._inner = inner
+
+    def __repr__(self) -> str:
+        return repr(self._inner)
+
+
+def _named_as(method: Callable[..., object]) -> Callable[[Callable[P, T]], Callable[P, T]]:
+    """Gives a function the name and the documentation of `method`, which that may inherit."""
+
+    def name(function: Callable[P, T]) -> Callable[P, T]:
+        functools.update_wrapper(function, method)
+        function.__doc__ = inspect.getdoc(method)
+        return function
+
+    return name
+
+
+def waits(
+    method: Callable[Concatenate[Any, P], Awaitable[T]],
+) -> Callable[Concatenate[Blocking[Any], P], T]:
+    """The same coroutine method, waited for from another thread."""
+    name = method.__name__
+
+    @_named_as(method)
+    def wait(self: Blocking[Any], /, *args: P.args, **kwargs: P.kwargs) -> T:
+        call = functools.partial(getattr(self._inner, name), *args, **kwargs)
+        result: T = self._loop.wait(call)
+        return result
+
+    return wait
+
+
+def runs(method: Callable[Concatenate[Any, P], T]) -> Callable[Concatenate[Blocking[Any], P], T]:
+    """The same plain method, run in the loop's thread."""
+    name = method.__name__
+
+    @_named_as(method)
+    def run(self: Blocking[Any], /, *args: P.args, **kwargs: P.kwargs) -> T:
+        call = functools.partial(getattr(self._inner, name), *args, **kwargs)
+        result: T = self._loop.run(call)
+        return result
+
+    return run
+
+
+def holds(
+    method: Callable[Concatenate[Any, P], Held], face: Callable[[LoopThread, Held], Face]
+) -> Callable[Concatenate[Blocking[Any], P], Face]:
+    """The same method with its handle put behind `face`, once it is ready; in callbacks without waiting."""
+    name = method.__name__
+
+    @_named_as(method)
+    def hold(self: Blocking[Any], /, *args: P.args, **kwargs: P.kwargs) -> Face:
+        make = functools.partial(getattr(self._inner, name), *args, **kwargs)
+
+        async def begin() -> Held:
+            held: Held = make()
+            await held.ready()
+            return held
+
+        return face(self._loop, self._loop.run(make) if self._loop.here else self._loop.wait(begin))
+
+    return hold
+
+
+def gives(
+    method: Callable[Concatenate[Any, P], Awaitable[T]], face: Callable[[LoopThread, T], Face]
+) -> Callable[Concatenate[Blocking[Any], P], Face]:
+    """The same coroutine method, waited for, with what it gives put behind `face`."""
+    wait = waits(method)
+
+    @_named_as(method)
+    def give(self: Blocking[Any], /, *args: P.args, **kwargs: P.kwargs) -> Face:
+        return face(self._loop, wait(self, *args, **kwargs))
+
+    return give
+
+
+def makes(
+    method: Callable[Concatenate[Any, P], T], face: Callable[[LoopThread, T], Face]
+) -> Callable[Concatenate[Blocking[Any], P], Face]:
+    """The same plain method, run in the loop's thread, with what it makes put behind `face`."""
+    run = runs(method)
+
+    @_named_as(method)
+    def make(self: Blocking[Any], /, *args: P.args, **kwargs: P.kwargs) -> Face:
+        return face(self._loop, run(self, *args, **kwargs))
+
+    return make
+
+
+class BlockingTimer(Blocking[PeriodicTimer]):
+    """Timer with a callback in the loop's thread; see :class:`~rwt_participant.timers.PeriodicTimer`."""
+
+    reset = runs(PeriodicTimer.reset)
+    cancel = runs(PeriodicTimer.cancel)
+
+
+class BlockingHandle(Blocking[Handle]):
+    """A subscription with a callback, or something that this program serves; see :class:`Handle`."""
+
+    close = runs(Handle.close)
+
+    @property
+    def name(self) -> str:
+        """Of the topic, service or action."""
+        return self._inner.name
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+
+class BlockingPublisher(BlockingHandle):
+    """Publishes on one topic; see :class:`~rwt_participant.handles.Publisher`."""
+
+    publish = runs(Publisher.publish)
+
+
+_END: Any = object()
+
+
+class BlockingSubscription(BlockingHandle):
+    """The messages of a topic, as an iterator; see :class:`~rwt_participant.handles.Subscription`."""
+
+    _inner: Subscription
+
+    get = waits(Subscription.get)
+
+    @property
+    def dropped(self) -> int:
+        """Messages that were dropped because nothing took them in time."""
+        return self._inner.dropped
+
+    def __iter__(self) -> Self:
+        return self
+
+    def __next__(self) -> Message:
+        async def take() -> Message:
+            return await anext(self._inner, _END)
+
+        message = self._loop.wait(take)
+        if message is _END:
+            raise StopIteration
+        return message
+
+
+class BlockingGoal(Blocking[Goal]):
+    """A goal that was sent, and an iterator over its feedback; see :class:`~rwt_participant.goals.Goal`."""
+
+    result = waits(Goal.result)
+    cancel = runs(Goal.cancel)
+    abandon = runs(Goal.abandon)
+
+    @property
+    def id(self) -> str:
+        """The goal's id."""
+        return self._inner.id
+
+    @property
+    def status(self) -> GoalStatus:
+        """The last state that was heard of."""
+        return self._inner.status
+
+    @property
+    def done(self) -> bool:
+        """Whether it has ended."""
+        return self._inner.done
+
+    def __iter__(self) -> Iterator[Message]:
+        feedback = self._inner.feedback()
+
+        async def take() -> Message:
+            return await anext(feedback, _END)
+
+        while (message := self._loop.wait(take)) is not _END:
+            yield message
+
+
+class BlockingParameters(Blocking[Parameters]):
+    """The parameters of all nodes; see :class:`~rwt_participant.api.Parameters`."""
+
+    get = waits(Parameters.get)
+    set = waits(Parameters.set)
+    has = waits(Parameters.has)
+    delete = waits(Parameters.delete)
+    names = waits(Parameters.names)
+
+
+class BlockingTransforms(Blocking[Transforms]):
+    """Where the frames are; see :class:`~rwt_participant.transforms.Transforms`."""
+
+    start = waits(Transforms.start)
+    lookup = waits(Transforms.lookup)
+    lookup_full = waits(Transforms.lookup_full)
+    can_transform = waits(Transforms.can_transform)
+    close = runs(Transforms.close)
+    send_transform = runs(Transforms.send_transform)
+    send_transforms = runs(Transforms.send_transforms)
+
+    def tree(self) -> str:
+        """The frames heard of so far, as indented text."""
+        return self._loop.run(self._inner.buffer.tree)
+
+
+class BlockingVerbs(Blocking[Robot], Generic[Robot]):
+    """The verbs that are the same for every robot; see :class:`~rwt_participant.api.RobotApi`.
+
+    Those that a node or a client has further arguments for are not here: type checkers take a verb's
+    arguments from where it stands first.
+
+    Attributes:
+        params: the parameters of all nodes.
+    """
+
+    def __init__(self, loop: LoopThread, inner: Robot) -> None:
+        super().__init__(loop, inner)
+        self.params = BlockingParameters(loop, inner.params)
+
+    advertise_service = holds(RobotApi.advertise_service, BlockingHandle)
+    send_goal = gives(RobotApi.send_goal, BlockingGoal)
+    create_timer = makes(RobotApi.create_timer, BlockingTimer)
+    time_ns = waits(RobotApi.time_ns)

@@ -1,0 +1,230 @@
+"""Goals: their states and ends, as their sender and as the program that executes them sees them."""
+
+from __future__ import annotations
+
+import logging
+from collections import deque
+from collections.abc import AsyncIterator, Awaitable, Callable
+from enum import IntEnum
+from typing import NamedTuple, Protocol, TypeAlias
+
+import anyio
+
+from rwt_participant.future import Future, Within
+from rwt_participant.messages import Message, MessageLike
+
+logger = logging.getLogger(__name__)
+
+_FEEDBACK_KEPT = 1000
+
+
+class GoalStatus(IntEnum):
+    """The states of a goal, with the numbers of `action_msgs/GoalStatus`."""
+
+    UNKNOWN = 0
+    ACCEPTED = 1
+    EXECUTING = 2
+    CANCELING = 3
+    SUCCEEDED = 4
+    CANCELED = 5
+    ABORTED = 6
+
+    @property
+    def is_terminal(self) -> bool:
+        """Whether nothing more can happen to the goal."""
+        return self >= GoalStatus.SUCCEEDED
+
+
+class GoalResult(NamedTuple):
+    """How a goal ended: ``status, result = await goal.result()``.
+
+    Attributes:
+        status: `SUCCEEDED`, `CANCELED` or `ABORTED`.
+        result: the action's result message.
+    """
+
+    status: GoalStatus
+    result: Message
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether the goal was reached."""
+        return self.status is GoalStatus.SUCCEEDED
+
+
+class GoalChannel(Protocol):
+    """How a goal that was sent reaches its action server."""
+
+    def send_cancel(self) -> None:
+        """Ask that the goal end early."""
+
+    def forget(self) -> None:
+        """Hear nothing more of the goal."""
+
+
+class Goal:
+    """A goal that was sent: its feedback, its result, and how to cancel it.
+
+    Iterate over it for the feedback, unless it was sent with `on_feedback`.
+
+    Attributes:
+        action: the action's name.
+        id: the goal's id.
+    """
+
+    def __init__(
+        self,
+        action: str,
+        id: str,
+        on_feedback: Callable[[Message], object] | None,
+        within: Within = anyio.move_on_after,
+    ) -> None:
+        self.action = action
+        self.id = id
+        self._status = GoalStatus.ACCEPTED
+        self.channel: GoalChannel | None = None
+        self._on_feedback = on_feedback
+        self._within = within
+        self._feedback: deque[Message] = deque(maxlen=_FEEDBACK_KEPT)
+        self._awake: anyio.Event | None = None
+        self._end: Future[GoalResult] = Future()
+        self._reason = ""
+
+    @property
+    def status(self) -> GoalStatus:
+        """The last state that was heard of."""
+        return self._status
+
+    @property
+    def done(self) -> bool:
+        """Whether it has ended."""
+        return self._end.done
+
+    @property
+    def reason(self) -> str:
+        """Why the server ended the goal as it did; empty while it runs or when nothing was said."""
+        return self._reason
+
+    async def result(self, timeout: float | None = None) -> GoalResult:
+        """Wait for the end of the goal.
+
+        Args:
+            timeout: seconds; None waits as long as it takes. The goal goes on when they are over.
+
+        Raises:
+            GoalRejected: the action server did not accept it.
+            ProviderNotFound: there is no such action.
+            ProviderGone: its server went away first.
+            CallTimeout: it has not ended in time.
+            ConnectionLost: the connection was lost first. The goal may go on, unheard.
+        """
+        return await self._end.get(timeout, f"the goal of {self.action} has not ended", self._within)
+
+    async def feedback(self) -> AsyncIterator[Message]:
+        """The feedback, until the goal ends. Raises what :meth:`result` raises."""
+        while True:
+            while self._feedback:
+                yield self._feedback.popleft()
+            if self._end.done:
+                await self._end.wait()
+                return
+            self._awake = anyio.Event()
+            await self._awake.wait()
+
+    def __aiter__(self) -> AsyncIterator[Message]:
+        return self.feedback()
+
+    def cancel(self) -> None:
+        """Ask that the goal end early; how it ends is its result (ACT-08).
+
+        Raises:
+            NotConnected: there is no connection now.
+        """
+        if not self.done and self.channel is not None:
+            self.channel.send_cancel()
+            self._status = GoalStatus.CANCELING
+
+    def abandon(self) -> None:
+        """Hear nothing more of the goal; it goes on running, and `result` waits in vain."""
+        if self.channel is not None:
+            self.channel.forget()
+
+    def __repr__(self) -> str:
+        return f"<Goal {self.id} of {self.action}: {self.status.name}>"
+
+    # -- what the action server says -----------------------------------------------------------------------
+
+    def take_feedback(self, message: Message) -> None:
+        """Pass on how far it has come."""
+        if self.done:
+            return
+        if self._status is GoalStatus.ACCEPTED:
+            self._status = GoalStatus.EXECUTING
+        if self._on_feedback is None:
+            self._feedback.append(message)
+            self._wake()
+            return
+        try:
+            self._on_feedback(message)
+        except Exception:
+            logger.exception("the feedback callback for %s failed", self.action)
+
+    def end(self, outcome: GoalResult | Exception, reason: str = "") -> None:
+        """It has ended, or nothing more can be heard of it."""
+        self._reason = reason
+        if isinstance(outcome, GoalResult):
+            self._status = outcome.status
+        self._end.set(outcome)
+        self._wake()
+        if self.channel is not None:
+            self.channel.forget()
+
+    def _wake(self) -> None:
+        if self._awake is not None:
+            self._awake.set()
+
+
+class ReceivedGoal:
+    """One goal as an action's `execute` sees it.
+
+    Attributes:
+        id: the goal's id.
+        request: the goal's message.
+        cancel_event: set when a client asks to cancel; the goal may still finish otherwise.
+    """
+
+    def __init__(
+        self,
+        id: str | int | None,
+        request: Message,
+        publish_feedback: Callable[[MessageLike], None],
+        feedback_wanted: Callable[[], bool] = lambda: True,
+    ) -> None:
+        self.id = id
+        self.request = request
+        self.cancel_event = anyio.Event()
+        self._publish_feedback = publish_feedback
+        self._feedback_wanted = feedback_wanted
+
+    @property
+    def cancel_requested(self) -> bool:
+        """Whether a client asked to cancel. To do so, raise :exc:`~rwt_participant.errors.GoalCanceled`."""
+        return self.cancel_event.is_set()
+
+    @property
+    def feedback_wanted(self) -> bool:
+        """Whether anybody takes feedback now; False spares the work of making it."""
+        return self._feedback_wanted()
+
+    def publish_feedback(self, feedback: MessageLike) -> None:
+        """Send feedback to the client (ACT-14).
+
+        Raises:
+            InvalidMessage: it does not fit the action's type.
+        """
+        self._publish_feedback(feedback)
+
+
+#: Works on a goal as a task of its own; what it returns is the result of a goal that succeeded, None one of
+#: defaults. Raises GoalCanceled or GoalAborted to end it otherwise.
+Execute: TypeAlias = Callable[[ReceivedGoal], Awaitable["MessageLike | None"]]

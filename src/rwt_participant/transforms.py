@@ -1,0 +1,265 @@
+"""Where frames of the robot are, as its transforms tell, and telling them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any, Final, Protocol, TypeVar
+
+import anyio
+
+from rwt_participant.errors import CallFailed, InvalidMessage, RobotError, TransformUnavailable
+from rwt_participant.future import USUAL, Timeout, Within
+from rwt_participant.handles import Handle, Publisher
+from rwt_tf2 import (
+    Buffer,
+    ExtrapolationError,
+    Feed,
+    InvalidTransform,
+    LookupFailed,
+    StampedTransform,
+    Transform,
+    Verdict,
+    stamp_ns,
+    write_transform,
+)
+
+T = TypeVar("T")
+
+When = Any
+"""A time: nanoseconds, the stamp of a message, or None for the latest."""
+
+_MESSAGE: Final = "tf2_msgs/TFMessage"
+
+
+class Subscribe(Protocol):
+    """Subscribes to a topic: the verb of :class:`~rwt_participant.api.RobotApi`."""
+
+    def __call__(self, topic: str, callback: Callable[[Any], None], type: str, /) -> Handle:
+        """Call `callback` with each message."""
+
+
+class Advertise(Protocol):
+    """Becomes a publisher of a topic: the verb of :class:`~rwt_participant.api.RobotApi`."""
+
+    def __call__(self, topic: str, type: str, /, *, latch: bool = False) -> Publisher:
+        """Advertise; `latch` keeps the last message for late joiners."""
+
+
+class Transforms:
+    """The robot's tree of frames, kept up to date from the first question on; and this program's part in it.
+
+    Args:
+        subscribe: how to hear `/tf` and `/tf_static`.
+        advertise: how to publish on them.
+        time_ns: the time for transforms that are given none.
+        timeout: seconds that a question waits for its answer by default; None waits as long as it takes.
+        within: the clock that bounds it.
+
+    Attributes:
+        buffer: all that was heard; :class:`rwt_tf2.Buffer`.
+    """
+
+    _topics: str = "/tf or /tf_static"
+
+    def __init__(
+        self,
+        subscribe: Subscribe,
+        advertise: Advertise,
+        time_ns: Callable[[], int],
+        timeout: float | None,
+        within: Within = anyio.move_on_after,
+    ) -> None:
+        self.buffer = Buffer()
+        self._hear = subscribe
+        self._advertise = advertise
+        self._time_ns = time_ns
+        self._timeout = timeout
+        self._within = within
+        self._feed = Feed(self.buffer)
+        self._changed: anyio.Event | None = None
+        self._subscriptions: list[Handle] = []
+        self._ended: CallFailed | None = None
+        self._moving: Publisher | None = None
+        self._fixed: Publisher | None = None
+        self._fixed_transforms: dict[str, StampedTransform] = {}
+
+    # -- listening -----------------------------------------------------------------------------------------
+
+    async def start(self) -> None:
+        """Listen to `/tf` and `/tf_static`, unless that has begun. Every question does so by itself."""
+        if self._subscriptions:
+            return
+        try:
+            await self._subscribe("/tf_static", _MESSAGE, static=True)
+            await self._subscribe("/tf", _MESSAGE)
+        except RobotError:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Listen no more and forget everything; the next question begins with nothing."""
+        self._unsubscribe()
+        self.buffer = Buffer()
+        self._feed = Feed(self.buffer)
+
+    async def _subscribe(self, topic: str, type: str, *, static: bool = False) -> None:
+        feed = self._feed
+
+        def take(message: Any) -> None:
+            feed.take(message, static=static)
+            self._wake()
+
+        subscription = self._hear(topic, take, type)
+        self._subscriptions.append(subscription)
+        await subscription.ready()
+
+    def _unsubscribe(self) -> None:
+        for subscription in self._subscriptions:
+            subscription.close()
+        self._subscriptions.clear()
+
+    def end(self, error: CallFailed) -> None:
+        """No transform comes any more: questions that wait fail with `error`, and those to come."""
+        self._ended = error
+        self._wake()
+
+    def _wake(self) -> None:
+        changed, self._changed = self._changed, None
+        if changed is not None:
+            changed.set()
+
+    # -- broadcasting ----------------------------------------------------------------------------------------
+
+    def send_transform(
+        self, parent: str, child: str, transform: Transform, time: When = None, *, static: bool = False
+    ) -> None:
+        """Tell where a frame is, as ROS's transform broadcasters do.
+
+        Args:
+            parent: the frame that `transform` leads to, such as `odom`.
+            child: the frame that it leads from, such as `base_link`; each has one parent.
+            time: nanoseconds, or a message's stamp; None is now: by a node's clock, or by that of a client's
+                computer.
+            static: it does not move: sent once, on `/tf_static`, and kept there for late joiners with all
+                static ones of this program. What moves goes to `/tf`, and has to be sent again and again, ten
+                times a second or more.
+
+        Raises:
+            InvalidMessage: an empty frame, a frame to itself, a number that is not finite, or a rotation that
+                is not a unit quaternion; says which frame.
+            NotConnected: of a client: there is no connection now. A static one is sent when there is again.
+        """
+        now = self._time_ns() if time is None else _nanoseconds(time)
+        self.send_transforms([StampedTransform(parent, child, now or 0, transform)], static=static)
+
+    def send_transforms(self, transforms: Iterable[StampedTransform], *, static: bool = False) -> None:
+        """Tell where several frames are, in one message; see :meth:`send_transform`.
+
+        Raises:
+            InvalidMessage: one of them cannot be sent, and none is.
+            NotConnected: of a client: there is no connection now.
+        """
+        try:
+            checked = [each.checked() for each in transforms]
+        except InvalidTransform as error:
+            raise InvalidMessage("transforms", str(error)) from None
+        if not static:
+            if self._moving is None:
+                self._moving = self._advertise("/tf", _MESSAGE)
+            self._moving.publish(_message(checked))
+            return
+        self._fixed_transforms.update({each.child: each for each in checked})
+        self.send_static_again()
+
+    def send_static_again(self) -> None:
+        """Publish what does not move once more, if there is anything."""
+        if not self._fixed_transforms:
+            return
+        if self._fixed is None:
+            self._fixed = self._advertise("/tf_static", _MESSAGE, latch=True)
+        self._fixed.publish(_message(self._fixed_transforms.values()))
+
+    # -- questions -----------------------------------------------------------------------------------------
+
+    async def lookup(
+        self, target: str, source: str, time: When = None, *, timeout: Timeout = USUAL
+    ) -> StampedTransform:
+        """What takes points of the frame `source` to the frame `target`; waits until it is known.
+
+        Args:
+            time: nanoseconds, or a message's stamp; None for the latest that can be had.
+            timeout: seconds; None waits as long as it takes. By default what the node or connection has.
+
+        Returns:
+            The transform, and of what time it is. `found.transform.apply(point)` takes a point,
+            `found.transform.matrix()` is the 4 x 4 matrix.
+
+        Raises:
+            TransformUnavailable: it did not become known in time, or the time asked for is over; says why.
+            ConnectionLost: there will be no connection any more.
+        """
+        wanted = _nanoseconds(time)
+        return await self._ask(lambda: self.buffer.lookup_transform(target, source, wanted), wanted, timeout)
+
+    async def lookup_full(
+        self,
+        target: str,
+        target_time: When,
+        source: str,
+        source_time: When,
+        fixed: str,
+        *,
+        timeout: Timeout = USUAL,
+    ) -> StampedTransform:
+        """:meth:`lookup` between two times, by way of a frame that did not move between them.
+
+        Raises:
+            TransformUnavailable: as :meth:`lookup`.
+            ConnectionLost: there will be no connection any more.
+        """
+        there, here = _nanoseconds(target_time), _nanoseconds(source_time)
+        return await self._ask(
+            lambda: self.buffer.lookup_transform_full(target, there, source, here, fixed),
+            there and here,
+            timeout,
+        )
+
+    async def can_transform(self, target: str, source: str, time: When = None) -> Verdict:
+        """Whether :meth:`lookup` would answer at once; the verdict is true or false and has a `reason`."""
+        await self.start()
+        return self.buffer.can_transform(target, source, _nanoseconds(time))
+
+    async def _ask(self, question: Callable[[], T], time_ns: int | None, timeout: Timeout) -> T:
+        await self.start()
+        patience = self._timeout if timeout is USUAL else timeout
+        failure: LookupFailed | None = None
+        with self._within(patience):
+            while self._ended is None:
+                try:
+                    return question()
+                except LookupFailed as error:
+                    failure = error
+                    if time_ns and isinstance(error, ExtrapolationError) and not error.future:
+                        break
+                if self._changed is None:
+                    self._changed = anyio.Event()
+                await self._changed.wait()
+        if self._ended is not None:
+            raise self._ended
+        raise TransformUnavailable(self._text(failure, patience)) from failure
+
+    def _text(self, failure: LookupFailed | None, patience: float | None) -> str:
+        waited = "" if patience is None else f" within {patience:g} s"
+        if self._feed.taken:
+            return f"the transform was not to be had{waited}: {failure}"
+        return f"no transform came on {self._topics}{waited}: does the robot publish any?"
+
+
+def _nanoseconds(time: When) -> int | None:
+    if time is None or isinstance(time, int):
+        return time
+    return stamp_ns(time)
+
+
+def _message(transforms: Iterable[StampedTransform]) -> dict[str, object]:
+    return {"transforms": [write_transform(each) for each in transforms]}

@@ -1,0 +1,281 @@
+"""A person's yes: what waits for it, who may give it, for how long it holds, and what becomes of the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import pytest
+
+from rwt.access.gate.approvals import MOST_OF_CLIENT
+from rwt.access.gate.record import CALLER
+from tests.rwt.access.gated_robot import GatedRobot, call, drive
+from tests.rwt.gateways.rosbridge.recording_client import Client
+
+FIBONACCI = "example_interfaces/Fibonacci"
+APPROVAL = {"roles": ["supervisor"], "seconds": 10, "remember_seconds": 60}
+
+
+class AskedRobot(GatedRobot):
+    """A robot of which everything needs a yes.
+
+    Attributes:
+        done: what has happened to it.
+    """
+
+    def __init__(self, **approval: Any) -> None:
+        rule = {
+            "services": ["/blink"],
+            "actions": ["/count"],
+            "parameters": ["*limit"],
+            "topics": ["/cmd_vel"],
+            "approval": {**APPROVAL, **approval},
+        }
+        self.done: list[object] = []
+        super().__init__({"asked": rule})
+        self.node.advertise_service("/blink", "std_srvs/SetBool", self._blink)
+        kind = self.graph.registry.action(FIBONACCI)
+        self.graph.participant("/counter").advertise_action("/count", kind, self._count)
+        self.node.parameters.declare("limit", 1.0)
+
+    def _blink(self, request: Any) -> dict[str, object]:
+        self.done.append(request.data)
+        return {"success": True}
+
+    def _count(self, goal: Any) -> None:
+        self.done.append(goal.goal.value().order)
+        goal.accept()
+
+    def waiting(self) -> list[Any]:
+        """What `/gate/approvals` lists."""
+        heard: list[Any] = []
+        self.clock.advance(0.001)
+        self.node.subscribe("/gate/approvals", heard.append, type="rwt_gate_msgs/Approvals").close()
+        return list(heard[-1].approvals)
+
+
+def _blink(client: Client) -> None:
+    client.say("call_service", service="/blink", args={"data": True}, id="b")
+
+
+def _note(done: list[Any], request: Any) -> dict[str, object]:
+    done.append(request)
+    return {"success": True}
+
+
+def _answer(client: Client, id: str, approve: bool = True, seconds: float = 0.0) -> Mapping[str, Any]:
+    return call(client, "/gate/approve", id=id, approve=approve, seconds=seconds)
+
+
+def test_a_call_waits_for_a_yes_and_is_made_then() -> None:
+    robot = AskedRobot()
+    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+    _blink(agent)
+    assert (agent.heard(), robot.done) == ([], [])
+    (asked,) = robot.waiting()
+    assert (asked.id, asked.act, asked.name, asked.client) == ("1", "call", "/blink", "rosbridge:1")
+    assert (asked.content, asked.rule, asked.role) == ('{"data": true}', "gate.rules.asked", "agent")
+    assert _answer(supervisor, "1") == {
+        "success": True, "message": "approved: call /blink of rosbridge:1 (role agent)",
+    }  # fmt: skip
+    (reply,) = agent.heard()
+    assert (reply["id"], reply["result"], robot.done) == ("b", True, [True])
+    assert robot.waiting() == []
+    # It was for one call.
+    _blink(agent)
+    assert (len(robot.waiting()), robot.done) == (1, [True])
+
+
+@pytest.mark.parametrize("how", ["no", "silence", "stopped asking"])
+def test_without_a_yes_nothing_happens_and_the_caller_hears_why(how: str) -> None:
+    robot = AskedRobot()
+    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+    _blink(agent)
+    if how == "no":
+        assert _answer(supervisor, "1", approve=False)["message"].startswith("denied: ")
+    elif how == "silence":
+        robot.clock.advance(10)
+    else:
+        agent.leave()
+    assert (robot.waiting(), robot.done) == ([], [])
+    assert agent.peer.graph.calls_in_flight == 0
+    if how != "stopped asking":
+        (reply,) = agent.heard()
+        text = {"no": "a person said no", "silence": "nobody answered within 10 s"}[how]
+        assert reply["result"] is False
+        assert reply["values"] == f"call /blink: {text} (gate.rules.asked.approval)"
+    assert "nothing waits for an answer" in _answer(supervisor, "1")["message"]
+
+
+def test_who_answers_is_a_role_that_may_and_not_the_one_who_asks() -> None:
+    robot = AskedRobot(roles=["agent", "supervisor"])
+    agent, operator = robot.client("agent"), robot.client("operator")
+    _blink(agent)
+    assert "a client may not answer its own request" in _answer(agent, "1")["message"]
+    assert "role 'operator' may not answer" in _answer(operator, "1")["message"]
+    assert robot.done == []
+    assert _answer(robot.client("agent"), "1")["success"]
+
+
+def test_a_yes_may_hold_for_a_while() -> None:
+    robot = AskedRobot()
+    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+    _blink(agent)
+    assert "at most 60 s here, got 61" in _answer(supervisor, "1", seconds=61)["message"]
+    assert _answer(supervisor, "1", seconds=60)["success"]
+    _blink(agent)
+    assert robot.done == [True, True]
+    # Nobody else has it.
+    _blink(robot.client("agent"))
+    assert len(robot.waiting()) == 1
+    robot.clock.advance(60)
+    _blink(agent)
+    assert robot.done == [True, True]
+
+
+def test_a_goal_waits_and_runs_then() -> None:
+    robot = AskedRobot()
+    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+    goal = {"action": "/count", "action_type": FIBONACCI, "args": {"order": 3}}
+    agent.say("send_action_goal", id="g", **goal)
+    assert (robot.done, agent.heard()) == ([], [])
+    assert _answer(supervisor, "1")["success"]
+    assert robot.done == [3]
+    agent.say("send_action_goal", id="h", **goal)
+    agent.say("cancel_action_goal", action="/count", id="h")
+    (result,) = agent.heard()
+    assert (result["id"], result["result"]) == ("h", False)
+    assert "cancelled before a person had said yes" in result["values"]
+    assert robot.waiting() == []
+    agent.say("send_action_goal", id="i", **goal)
+    assert not _answer(supervisor, "3", approve=False)["message"].startswith("approved")
+    assert "a person said no" in agent.heard()[0]["values"]
+    assert robot.done == [3]
+    assert agent.peer.actions.goals_running == 1
+
+
+def test_a_goal_of_a_client_that_leaves_is_not_sent() -> None:
+    robot = AskedRobot()
+    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+    agent.say("send_action_goal", id="g", action="/count", action_type=FIBONACCI, args={"order": 3})
+    agent.leave()
+    assert not _answer(supervisor, "1")["success"]
+    assert robot.done == []
+
+
+def test_a_parameter_waits_too_by_whichever_service_it_is_set() -> None:
+    robot = AskedRobot()
+    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+    value = {"type": 3, "double_value": 2.0}
+    for number, service in enumerate(("set_parameters", "set_parameters_atomically"), 1):
+        args = {"parameters": [{"name": "limit", "value": value}]}
+        agent.say("call_service", service=f"/robot/{service}", args=args)
+        assert agent.heard() == []
+        (asked,) = robot.waiting()
+        assert (asked.act, asked.name) == ("set_param", "/robot:limit")
+        assert _answer(supervisor, str(number), approve=False)["success"]
+        assert agent.heard()[0]["result"] is False
+    assert robot.node.parameters.get("limit") == 1.0
+    assert call(agent, "/robot/get_parameters", names=["limit"])
+
+
+def test_a_message_is_refused_until_somebody_says_yes() -> None:
+    robot = AskedRobot()
+    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+    text = "publishing on /cmd_vel needs a person's yes, which was asked for under id 1: send it again"
+    assert text in drive(agent, 0.1)
+    assert text in drive(agent, 0.2)
+    assert len(robot.waiting()) == 1
+    assert _answer(supervisor, "1")["success"]
+    assert drive(agent, 0.3) == ""
+    assert "under id 2" in drive(agent, 0.4)
+    assert _answer(supervisor, "2", seconds=60)["success"]
+    assert [drive(agent, 0.5), drive(agent, 0.6)] == ["", ""]
+    assert [speed for speed, _ in robot.take()] == [0.3, 0.5, 0.6]
+
+
+def test_a_yes_that_comes_while_the_robot_is_stopped_starts_nothing() -> None:
+    rules = {
+        "asked": {"services": ["/blink"], "approval": APPROVAL, "emergency": True},
+        "drive": {"topics": ["/cmd_vel"], "emergency": True, "stop": {}},
+    }
+    robot = GatedRobot(rules)
+    done: list[Any] = []
+    robot.node.advertise_service("/blink", "std_srvs/SetBool", partial(_note, done))
+    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+    _blink(agent)
+    call(supervisor, "/gate/stop")
+    _answer(supervisor, "1")
+    (reply,) = agent.heard()
+    assert (reply["result"], done) == (False, [])
+    assert "the emergency stop is on" in reply["values"]
+
+
+def test_a_yes_for_a_client_whose_right_is_gone_starts_nothing() -> None:
+    robot = AskedRobot()
+    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+    _blink(agent)
+    agent.peer.graph.take_role(robot.access.admission.roles["viewer"])
+    _answer(supervisor, "1")
+    (reply,) = agent.heard()
+    assert (reply["result"], robot.done) == (False, [])
+    assert "roles.viewer.call" in reply["values"]
+
+
+def test_two_rules_want_a_yes_each() -> None:
+    rule = {"services": ["/blink"], "approval": APPROVAL}
+    robot = GatedRobot({"one": rule, "two": {**rule, "approval": {"roles": ["admin"]}}})
+    done: list[Any] = []
+    robot.node.advertise_service("/blink", "std_srvs/SetBool", partial(_note, done))
+    agent = robot.client("agent")
+    _blink(agent)
+    assert _answer(robot.client("supervisor"), "1")["success"]
+    assert (done, agent.heard()) == ([], [])
+    assert "gate.rules.two" in _answer(robot.client("supervisor"), "2")["message"]
+    assert _answer(robot.client("admin"), "2")["success"]
+    assert len(done) == 1
+
+
+def test_requests_are_bounded() -> None:
+    robot = AskedRobot()
+    agent = robot.client("agent")
+    for _ in range(MOST_OF_CLIENT + 1):
+        _blink(agent)
+    (reply,) = agent.heard()
+    assert f"{MOST_OF_CLIENT} requests of this client wait" in reply["values"]
+    assert agent.peer.graph.calls_in_flight == MOST_OF_CLIENT
+
+
+def test_observing_asks_nobody() -> None:
+    rule = {"services": ["/blink"], "topics": ["/cmd_vel"], "approval": APPROVAL}
+    robot = GatedRobot({"asked": rule}, mode="observe")
+    robot.node.advertise_service("/blink", "std_srvs/SetBool", lambda _: {"success": True})
+    client = robot.client("agent")
+    assert call(client, "/blink", data=True)["success"]
+    assert drive(client, 0.3) == ""
+    assert robot.gate.approvals.pending == ()
+
+
+def test_one_yes_is_for_all_parameters_of_a_call() -> None:
+    robot = AskedRobot()
+    robot.node.parameters.declare("speed_limit", 1.0)
+    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+    value = {"type": 3, "double_value": 2.0}
+    parameters = [{"name": name, "value": value} for name in ("limit", "speed_limit")]
+    agent.say("call_service", service="/robot/set_parameters", args={"parameters": parameters})
+    (asked,) = robot.waiting()
+    assert asked.name == "/robot:limit, /robot:speed_limit"
+    assert _answer(supervisor, "1")["success"]
+    assert robot.node.parameters.get("limit") == robot.node.parameters.get("speed_limit") == 2.0
+
+
+def test_what_a_yes_sets_off_is_not_done_by_who_says_it() -> None:
+    robot = AskedRobot()
+    callers: list[object] = []
+    robot.graph.participant("/late").advertise_service(
+        "/blink", robot.graph.registry.service("std_srvs/SetBool"), lambda _: callers.append(CALLER.get())
+    )
+    _blink(robot.client("agent"))
+    assert _answer(robot.client("supervisor"), "1")["success"]
+    assert callers == [None]

@@ -1,0 +1,96 @@
+"""The demo robot in a process of its own, and the command line against it."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rwt.cli import main
+from tests.processes import running, rwt_command
+
+ROOT = Path(__file__).parents[3]
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """A command that has ended."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def json(self) -> Any:
+        """Its output as one JSON value."""
+        return json.loads(self.out)
+
+    @property
+    def records(self) -> list[Any]:
+        """Its output as JSON lines."""
+        return [json.loads(line) for line in self.out.splitlines()]
+
+
+Rwt = Callable[..., Ended]
+
+
+@contextmanager
+def demo_server(*options: str, url: str = "ws://127.0.0.1:0") -> Iterator[str]:
+    """The demo robot in another process, by its URL."""
+    with running("serve", "--demo", url, *options, stderr=subprocess.DEVNULL) as (_, listening):
+        yield listening
+
+
+@pytest.fixture(scope="session")
+def demo() -> Iterator[str]:
+    """The URL of a demo robot that all tests share: leave it as it was."""
+    with demo_server() as url:
+        yield url
+
+
+@pytest.fixture
+def rwt(demo: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Rwt:
+    """Runs `rwt …` against the demo robot, in this process."""
+    monkeypatch.setenv("RWT_URL", demo)
+    monkeypatch.delenv("RWT_TOKEN", raising=False)
+
+    def run(*words: str) -> Ended:
+        capsys.readouterr()
+        try:
+            code = main(words)
+        except SystemExit as ended:
+            code = int(ended.code or 0)
+        captured = capsys.readouterr()
+        return Ended(code, captured.out, captured.err)
+
+    return run
+
+
+def impatient(rwt: Rwt, *words: str, seconds: float = 0.2) -> tuple[Ended, str]:
+    """Run a command that waits for what never comes, and how long it waited, as its errors say it.
+
+    Its patience is for connecting, too, which a busy machine may need all of: then it gets ten times as much.
+    """
+    while (ended := rwt(*words, "--timeout", f"{seconds:g}")).code == 3 and seconds < 60:
+        seconds *= 10
+    return ended, f"{seconds:g} s"
+
+
+def process(*words: str, url: str, **options: Any) -> subprocess.Popen[str]:
+    """`rwt …` in a process of its own."""
+    environment = {**os.environ, "RWT_URL": url, "PYTHONUNBUFFERED": "1"}
+    return subprocess.Popen(
+        rwt_command(*words),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+        **options,
+    )

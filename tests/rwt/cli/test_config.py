@@ -1,0 +1,237 @@
+"""Settings: file, environment and command line in that order, and `rwt config show`."""
+
+from __future__ import annotations
+
+import importlib.util
+import tomllib
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rwt.access.settings import SettingsError
+from rwt.cli import main
+from rwt.cli.commands.config import show
+from rwt.settings.errors import known_settings
+from rwt.settings.models import Settings
+from rwt.settings.sources import Given, load_settings, read_settings
+from rwt_protocol.error_text import annotation_of, expected
+
+TOKEN = "a-token-of-some-length"
+
+
+@pytest.fixture(autouse=True)
+def _no_settings_of_the_tester(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("RWT_CONFIG", raising=False)
+
+
+def _file(folder: Path, text: str) -> Path:
+    path = folder / "rwt.toml"
+    path.write_text(text)
+    return path
+
+
+def test_the_command_line_wins_over_the_environment_and_that_over_the_file(tmp_path: Path) -> None:
+    path = _file(tmp_path, "distro = 'noetic'\n[limits]\nconnections = 1\nsubscriptions = 1\ncalls = 1\n")
+    environment = {"RWT_LIMITS__SUBSCRIPTIONS": "2", "RWT_LIMITS__CALLS": "2", "HOME": "/"}
+    loaded = load_settings(path, environment, (Given(("limits", "calls"), "3", "command line"),))
+    limits = loaded.settings.limits
+    assert (limits.connections, limits.subscriptions, limits.calls) == (1, 2, 3)
+    assert loaded.settings.distro == "noetic"
+    sources = [
+        loaded.source(("limits", name)) for name in ("connections", "subscriptions", "calls", "max_depth")
+    ]
+    assert sources == [str(path), "RWT_LIMITS__SUBSCRIPTIONS", "command line", "default"]
+
+
+def test_the_environment_may_name_the_file(tmp_path: Path) -> None:
+    path = _file(tmp_path, "demo = true")
+    assert load_settings(environment={"RWT_CONFIG": str(path)}).settings.demo
+    other = tmp_path / "other.toml"
+    other.write_text("demo = false")
+    assert not load_settings(other, {"RWT_CONFIG": str(path)}).settings.demo
+
+
+@pytest.mark.parametrize("text", ["ws://a:1,ws://b:2", "ws://a:1, ws://b:2", '["ws://a:1", "ws://b:2"]'])
+def test_a_list_in_the_environment(text: str) -> None:
+    assert load_settings(environment={"RWT_LISTEN": text}).settings.listen == ("ws://a:1", "ws://b:2")
+
+
+def test_named_entries_from_the_environment() -> None:
+    settings = load_settings(
+        environment={
+            "RWT_ROLES__GUEST__SUBSCRIBE": "/odom,/scan",
+            "RWT_AUTH__TOKENS__PHONE__TOKEN": TOKEN,
+            "RWT_AUTH__TOKENS__PHONE__ROLE": "guest",
+        }
+    ).settings
+    assert settings.roles["guest"].subscribe == ("/odom", "/scan")
+    assert settings.auth.tokens["phone"].role == "guest"
+
+
+def test_a_role_may_be_an_empty_table(tmp_path: Path) -> None:
+    assert read_settings(_file(tmp_path, "[roles.nobody]")).roles["nobody"].subscribe == ()
+
+
+@pytest.mark.parametrize(
+    ("text", "expected_text"),
+    [
+        ("distor = 'jazzy'", "unknown setting `distor`; did you mean `distro`?"),
+        (
+            "[limits]\nconections = 5",
+            "unknown setting `limits.conections`; did you mean `limits.connections`?",
+        ),
+        ("connections = 5", "unknown setting `connections`; did you mean `limits.connections`?"),
+        ("[limit]\ncalls = 5", "unknown setting `limit`; did you mean `limits`?"),
+        (
+            f"[auth.tokens.a]\ntoken = '{TOKEN}'\nrol = 'admin'",
+            "unknown setting `auth.tokens.a.rol`; did you mean `auth.tokens.a.role`?",
+        ),
+        ("[roles.a]\npublsh = []", "did you mean `roles.a.publish`?"),
+        ("[tls]\nzzzzzz = 1", "unknown setting `tls.zzzzzz`; known in tls are certfile, keyfile"),
+        ("distro = 'kinetic'", '`distro`: expected "jazzy" or "noetic", got \'kinetic\''),
+        ("listen = 5", "`listen`: expected a list of strings, got 5"),
+        ("listen = [5]", "`listen`: expected a list of strings, got 5"),
+        ("listen = []", "`listen`: expected at least one URL"),
+        ("demo = 'perhaps'", "`demo`: expected true or false, got 'perhaps'"),
+        ("limits = 5", "`limits`: expected a table, got 5"),
+        (
+            "[limits]\nconnections = 0",
+            "`limits.connections`: expected a whole number of at least 1 and at most 1000000000, got 0",
+        ),
+        (
+            "[limits]\nping_seconds = nan",
+            "`limits.ping_seconds`: expected a number of at least 0 and at most 1000000000, got nan",
+        ),
+        ("[gate.audit]\nfiles = 0", "expected a whole number of at least 1 and at most 1000, got 0"),
+        ("[limits]\nmax_depth = 501", "expected a whole number of at least 4 and at most 500, got 501"),
+        (
+            "[limits.connections]\na = 1",
+            "`limits.connections`: expected a whole number of at least 1 and at most 1000000000, got a table",
+        ),
+        ("[tls]\ncertfile = 'a.pem'", "`tls`: expected `certfile` and `keyfile` together"),
+        ("[auth.tokens.a]\nrole = 'admin'", "`auth.tokens.a`: expected exactly one of `token` and `sha256`"),
+        (f"[auth.tokens.a]\ntoken = '{TOKEN}'", "`auth.tokens.a.role`: expected a string, and it is missing"),
+        (
+            "[auth]\ndefault_role = 'root'",
+            "`auth.default_role`: there is no role 'root'; known are admin, viewer",
+        ),
+    ],
+)
+def test_what_is_wrong_is_said_with_the_place_and_what_is_expected(
+    tmp_path: Path, text: str, expected_text: str
+) -> None:
+    path = _file(tmp_path, text)
+    with pytest.raises(SettingsError) as refused:
+        read_settings(path)
+    assert str(refused.value).startswith(f"{path}: ")
+    assert expected_text in str(refused.value)
+    assert "\n" not in str(refused.value)
+    assert "pydantic" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("environment", "expected_text"),
+    [
+        ({"RWT_DISTOR": "jazzy"}, "RWT_DISTOR: unknown setting `distor`; did you mean `distro`?"),
+        ({"RWT_LIMITS__CALLS": "many"}, "RWT_LIMITS__CALLS: `limits.calls`: expected a whole number"),
+        ({"RWT_LISTEN": "[1"}, "RWT_LISTEN: `listen`: not a list as TOML writes it"),
+        ({"RWT_TLS__CERTFILE": "a.pem"}, "RWT_TLS__CERTFILE: `tls`: expected `certfile` and `keyfile`"),
+    ],
+)
+def test_a_wrong_variable_is_named(environment: dict[str, str], expected_text: str) -> None:
+    with pytest.raises(SettingsError) as refused:
+        load_settings(environment=environment)
+    assert expected_text in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[auth.tokens.a]\ntoken = 'Short-Secret'\nrole = 'admin'",
+        "[auth.tokens.a]\nsha256 = 'Short-Secret'\nrole = 'admin'",
+        "[auth.tokens]\na = 'Short-Secret'",
+        "[auth.tokens.a]\ntoken = ['Short-Secret']\nrole = 'admin'",
+        "[auth]\ntokens = 'Short-Secret'",
+    ],
+)
+def test_a_wrong_token_is_not_quoted(tmp_path: Path, text: str) -> None:
+    with pytest.raises(SettingsError) as refused:
+        read_settings(_file(tmp_path, text))
+    assert "Short-Secret" not in str(refused.value)
+    assert "auth.tokens" in str(refused.value)
+
+
+def test_show_says_where_each_value_came_from(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = _file(tmp_path, "distro = 'noetic'")
+    monkeypatch.setenv("RWT_LIMITS__CONNECTIONS", "7")
+    assert main(["config", "show", "--config", str(path), "--set", "limits.calls=8"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    found = {line.split(" = ")[0]: line for line in lines if " = " in line}
+    assert found["distro"].startswith('distro = "noetic"') and found["distro"].endswith(f"# {path}")
+    assert found["connections"].endswith("# RWT_LIMITS__CONNECTIONS")
+    assert found["calls"].endswith("# --set limits.calls")
+    assert found["demo"].endswith("# default")
+    assert "# certfile is not set" in lines
+
+
+def test_show_masks_secrets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = _file(
+        tmp_path,
+        f"[auth.tokens.a]\ntoken = '{TOKEN}'\nrole = 'admin'\n"
+        f"[auth.tokens.b]\nsha256 = '{'ab' * 32}'\nrole = 'viewer'\n",
+    )
+    assert main(["config", "show", "--config", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert TOKEN not in said
+    assert "abab" not in said
+    assert said.count('"**********"') == 2
+
+
+@given(
+    st.fixed_dictionaries(
+        {},
+        optional={
+            "interfaces": st.lists(
+                st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1)
+            ),
+            "default_call_service_timeout": st.floats(0, 1e9),
+            "demo": st.booleans(),
+            "roles": st.dictionaries(
+                st.text(st.characters(codec="utf-8")),
+                st.fixed_dictionaries({"publish": st.lists(st.text(st.characters(codec="utf-8")))}),
+            ),
+        },
+    )
+)
+def test_what_show_prints_reads_back_as_the_same_settings(values: dict[str, object]) -> None:
+    settings = Settings.model_validate(values)
+    printed = "\n".join(
+        show(load_settings(command_line=tuple(Given((k,), v, "test") for k, v in values.items())))
+    )
+    assert Settings.model_validate(tomllib.loads(printed)) == settings
+
+
+def test_set_without_a_value_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["config", "show", "--set", "demo"]) == 2
+    assert "expected KEY=VALUE" in capsys.readouterr().err
+
+
+def test_every_setting_says_what_it_is_and_what_it_takes() -> None:
+    for key, field in known_settings():
+        assert field.description, key
+        assert expected(annotation_of(field)), key
+
+
+def test_the_reference_page_is_what_the_models_say() -> None:
+    root = Path(__file__).parents[3]
+    path = root / "tools" / "generate_settings.py"
+    spec = importlib.util.spec_from_file_location("generate_settings", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    written = (root / "docs" / "reference" / "settings.md").read_text(encoding="utf-8")
+    assert written == module.page(), "run python tools/generate_settings.py"

@@ -1,0 +1,170 @@
+"""`rwt stop`, `rwt approve` and `rwt audit` against a server with a gate, and `rwt serve --gate observe`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from rwt.cli import main
+from tests.rwt.cli.conftest import Ended, Rwt, demo_server, process
+
+TOKENS = {role: f"{role}-token-of-the-test" for role in ("operator", "supervisor", "admin")}
+RIGHTS = 'publish = ["*"]\nsubscribe = ["*"]\ncall = ["*"]\ngoals = ["*"]\n'
+GATE = """
+[gate.audit]
+file = "{audit}"
+
+[gate.rules.drive]
+topics = ["/cmd_vel"]
+emergency = true
+lease = {{}}
+stop = {{}}
+
+[gate.rules.asked]
+services = ["/enable_motors"]
+approval = {{ roles = ["supervisor"], remember_seconds = 60 }}
+"""
+TWIST = ("/cmd_vel", "geometry_msgs/msg/Twist", "{linear: {x: 0.1}}")
+
+RunAs = Callable[..., Ended]
+
+
+def _config(folder: Path) -> Path:
+    tokens = "".join(
+        f'[auth.tokens.{role}]\ntoken = "{token}"\nrole = "{role}"\n' for role, token in TOKENS.items()
+    )
+    roles = "".join(f"[roles.{role}]\n{RIGHTS}" for role in ("operator", "supervisor"))
+    path = folder / "robot.toml"
+    path.write_text(tokens + roles + GATE.format(audit=(folder / "audit.jsonl").as_posix()))
+    return path
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where settings and audit are."""
+    return tmp_path_factory.mktemp("gate")
+
+
+@pytest.fixture(scope="module")
+def gated(folder: Path) -> Iterator[str]:
+    """The URL of a demo robot behind a gate."""
+    with demo_server("--config", str(_config(folder))) as url:
+        yield url
+
+
+@pytest.fixture
+def run_as(gated: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> RunAs:
+    """Runs `rwt …` against it with the token of a role."""
+    monkeypatch.setenv("RWT_URL", gated)
+
+    def run(role: str, *words: str) -> Ended:
+        monkeypatch.setenv("RWT_TOKEN", TOKENS[role])
+        capsys.readouterr()
+        code = main(words)
+        captured = capsys.readouterr()
+        return Ended(code, captured.out, captured.err)
+
+    return run
+
+
+def test_stop_and_release(run_as: RunAs) -> None:
+    stopped = run_as("operator", "stop", "--reason", "a test")
+    assert (stopped.code, stopped.out) == (0, "stopped; nothing moves the robot until it is released\n")
+    state = run_as("operator", "topic", "echo", "--once", "/gate/stopped", "--json").json
+    assert (state["stopped"], state["reason"]) == (True, "a test")
+    refused = run_as("operator", "stop", "--release")
+    assert refused.code == 1
+    assert "role 'operator' may not release the robot (gate.emergency.release_roles)" in refused.err
+    released = run_as("admin", "stop", "--release", "--json")
+    assert released.json == {"stopped": False, "message": "released"}
+
+
+def test_approve(run_as: RunAs, gated: str) -> None:
+    assert run_as("supervisor", "approve").out == "nothing waits\n"
+    # It waits for longer than the one who asks: its caller has gone when the answer is there.
+    asked = run_as(
+        "operator",
+        "service",
+        "call",
+        "/enable_motors",
+        "std_srvs/srv/SetBool",
+        "{data: true}",
+        "--timeout",
+        "1",
+    )
+    assert asked.code == 4
+    assert run_as("supervisor", "approve", "--json").json == []
+    unknown = run_as("supervisor", "approve", "1")
+    assert (unknown.code, "nothing waits for an answer under id '1'" in unknown.err) == (1, True)
+    for words in (("--no",), ("1", "--no", "--for", "3")):
+        assert run_as("supervisor", "approve", *words).code == 2
+
+
+def test_approve_while_it_waits(run_as: RunAs, gated: str) -> None:
+    words = ("service", "call", "/enable_motors", "std_srvs/srv/SetBool", "{data: true}", "--timeout", "60")
+    caller = process(*words, "--token", TOKENS["operator"], url=gated)
+    try:
+        listed: list[dict[str, object]] = []
+        for _ in range(200):
+            listed = run_as("supervisor", "approve", "--json").json
+            if listed:
+                break
+        (waiting,) = listed
+        assert (waiting["act"], waiting["name"], waiting["role"]) == ("call", "/enable_motors", "operator")
+        shown = run_as("supervisor", "approve").out
+        who = f"{waiting['client']} (role operator, gate.rules.asked)"
+        assert f"{waiting['id']}  call /enable_motors  by {who}" in shown
+        assert run_as("operator", "approve", str(waiting["id"])).code == 1
+        said = run_as("supervisor", "approve", str(waiting["id"]), "--for", "30")
+        assert (said.code, said.out.startswith("approved: call /enable_motors of ")) == (0, True)
+        out, err = caller.communicate(timeout=60)
+        assert caller.returncode == 0, err
+        assert "success=True" in out
+    finally:
+        caller.kill()
+        caller.communicate()
+
+
+def test_audit(run_as: RunAs, folder: Path) -> None:
+    run_as("operator", "topic", "pub", "--once", *TWIST)
+    run_as("operator", "stop", "--reason", "for the audit")
+    run_as("operator", "topic", "pub", "--once", *TWIST)
+    run_as("admin", "stop", "--release")
+    file = str(folder / "audit.jsonl")
+    lines: list[dict[str, object]] = []
+    for _ in range(200):  # A thread writes them.
+        lines = run_as("operator", "audit", file, "--json").records
+        if lines and lines[-1]["act"] == "release":
+            break
+    stops = run_as("operator", "audit", file, "--decision", "stop", "--since", "1h").out
+    assert "stop by rosbridge:" in stops and "for the audit" in stops
+    refused = run_as("operator", "audit", file, "--decision", "refused", "--name", "/cmd_*", "--json").records
+    assert refused and all(line["rule"] == "gate.rules.drive.emergency" for line in refused)
+    assert run_as("operator", "audit", file, "--role", "admin", "--act", "release").out.count("\n") >= 1
+    assert run_as("operator", "audit", file, "--rule", "gate.rules.none*").out == ""
+    assert run_as("operator", "audit", file, "--since", "2999-01-01T00:00Z").out == ""
+    missing = run_as("operator", "audit", str(folder / "missing"))
+    assert (missing.code, "cannot be read" in missing.err) == (2, True)
+    assert json.loads((folder / "audit.jsonl").read_text().splitlines()[0])["time"].endswith("Z")
+
+
+def test_a_robot_without_a_gate(rwt: Rwt) -> None:
+    said = rwt("stop")
+    assert (said.code, "this robot has no gate: there is no /gate/stop" in said.err) == (1, True)
+    said = rwt("approve")
+    assert (said.code, "this robot has no gate" in said.err) == (1, True)
+
+
+def test_serve_with_a_gate_that_observes(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with demo_server("--config", str(_config(folder)), "--gate", "observe") as url:
+        monkeypatch.setenv("RWT_URL", url)
+        monkeypatch.setenv("RWT_TOKEN", TOKENS["operator"])
+        capsys.readouterr()
+        assert main(("stop",)) == 1
+        assert "the gate only observes and refuses nothing (gate.mode)" in capsys.readouterr().err
+        assert main(("service", "call", "/enable_motors", "std_srvs/srv/SetBool", "{data: true}")) == 0

@@ -1,0 +1,120 @@
+"""The log of the command: its two formats, and what a full disk costs."""
+
+from __future__ import annotations
+
+import errno
+import io
+import json
+import logging
+import sys
+from collections.abc import Iterator
+
+import pytest
+from websockets.sync.client import connect
+
+from rwt.cli import main
+from rwt.cli.console.logs import JsonFormatter, SteadyHandler
+from tests.processes import running
+
+logger = logging.getLogger("tests.log")
+
+
+class Disk(io.StringIO):
+    """A file on a disk that may be full."""
+
+    full = False
+
+    def write(self, text: str) -> int:
+        if self.full:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return super().write(text)
+
+
+@pytest.fixture
+def disk() -> Disk:
+    return Disk()
+
+
+@pytest.fixture
+def handler(disk: Disk) -> Iterator[SteadyHandler]:
+    handler = SteadyHandler(disk)
+    handler.setFormatter(JsonFormatter())
+    logger.addHandler(handler)
+    yield handler
+    logger.removeHandler(handler)
+
+
+def _lines(disk: Disk) -> list[dict[str, object]]:
+    return [json.loads(line) for line in disk.getvalue().splitlines()]
+
+
+@pytest.mark.usefixtures("handler")
+def test_a_json_line_has_the_fields_of_its_record(disk: Disk) -> None:
+    logger.warning('said "%s"\n', "härter", extra={"client": 7, "op_id": "x"})
+    logger.warning("plain", extra={"client": None, "op_id": None})
+    first, second = _lines(disk)
+    assert str(first.pop("time")).endswith("+00:00")
+    assert first == {
+        "level": "warning", "logger": "tests.log", "message": 'said "härter"\n', "client": 7, "op_id": "x",
+    }  # fmt: skip
+    assert "client" not in second and "op_id" not in second
+
+
+@pytest.mark.usefixtures("handler")
+def test_a_traceback_stays_on_its_line(disk: Disk) -> None:
+    try:
+        raise KeyError("why")
+    except KeyError:
+        logger.exception("failed")
+    (line,) = _lines(disk)
+    assert "KeyError: 'why'" in str(line["error"])
+
+
+def test_a_full_disk_costs_lines_and_says_how_many(
+    disk: Disk, handler: SteadyHandler, capsys: pytest.CaptureFixture[str]
+) -> None:
+    disk.full = True
+    for _ in range(3):
+        logger.warning("lost")
+    assert handler.lost == 3 and capsys.readouterr().err == ""
+    disk.full = False
+    logger.warning("back")
+    assert [line["message"] for line in _lines(disk)] == ["3 lines of the log were lost", "back"]
+
+
+def test_the_command_logs_json_with_the_clients_number() -> None:
+    with running("serve", "ws://127.0.0.1:0", "--log-format", "json") as (process, url):
+        with connect(url) as wire:
+            wire.send('{"op":"unsubscribe","topic":"/x","id":"u:1"}')
+            wire.send('{"op":"call_service","service":"/nowhere","id":"c:1"}')
+            wire.recv(timeout=10)
+        process.terminate()
+        _, errors = process.communicate(timeout=10)
+    lines = [json.loads(line) for line in errors.splitlines()]
+    bridge = [line for line in lines if line["logger"] == "rwt.bridge"]
+    assert {line["client"] for line in bridge} == {1}
+    assert {"u:1", "c:1"} <= {line.get("op_id") for line in bridge}
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/dev/full is a Linux device")
+def test_the_server_lives_on_when_stderr_is_on_a_full_disk() -> None:
+    with (
+        open("/dev/full", "w") as full,
+        running("serve", "ws://127.0.0.1:0", "-v", stderr=full.fileno()) as (
+            _,
+            url,
+        ),
+    ):
+        for _ in range(2):
+            with connect(url) as wire:
+                wire.send("no JSON")
+                wire.send('{"op":"call_service","service":"/nowhere","id":"c:1"}')
+                assert json.loads(wire.recv(timeout=10))["id"] == "c:1"
+
+
+def test_the_log_of_a_command_ends_with_it(capsys: pytest.CaptureFixture[str]) -> None:
+    before = [*logging.getLogger().handlers]
+    assert main(["serve", "--set", "listen=[]"]) == 2
+    assert logging.getLogger().handlers == before
+    logging.getLogger("tests.log").error("afterwards")
+    assert "afterwards" not in capsys.readouterr().err

@@ -1,0 +1,101 @@
+"""`rwt mcp`: a robot for an agent's program that starts a command."""
+
+from __future__ import annotations
+
+import subprocess
+from typing import Any
+
+import anyio
+import pytest
+
+from rwt import Server
+from rwt_client import Robot, connect
+from tests.processes import LONGEST, ended, rwt_command
+from tests.rwt.gateways.mcp.agents import Era, agent_of_command, agent_of_connection, done, refused, until
+from tests.rwt.gateways.mcp.robots import small_robot
+
+pytestmark = pytest.mark.timeout(120)
+
+
+@pytest.mark.anyio
+@pytest.mark.asyncio_only
+@pytest.mark.parametrize(("era", "spoken"), [("legacy", "2025-11-25"), ("auto", "2026-07-28")])
+async def test_an_agent_uses_a_robot_elsewhere(era: Era, spoken: str) -> None:
+    async with small_robot() as (server, robot):
+        async with agent_of_command("--robot", server.urls[0], era=era) as agent:
+            assert agent.protocol_version == spoken
+            assert '"percentage":0.75' in await done(agent, "read_topic", topic="/battery")
+            names = {tool.name for tool in (await agent.list_tools()).tools}
+            assert "read_topic" in names and "publish" not in names
+            text = await refused(agent, "publish", topic="/cmd_vel", message={"linear": {"x": 1.0}})
+            assert "start `rwt mcp` with --act" in text
+        assert robot.heard == []
+
+
+async def _takes_lease(robot: Robot) -> bool:
+    answer: Any = await robot.call("/gate/take_lease", {"topic": "/cmd_vel"}, "rwt_gate_msgs/Lease")
+    return bool(answer.success)
+
+
+@pytest.mark.anyio
+@pytest.mark.asyncio_only
+@pytest.mark.parametrize("take", ["publish", "service"])
+async def test_an_agent_of_a_robot_elsewhere_keeps_to_the_lease(take: str) -> None:
+    lease = {"seconds": 30, "take": take}
+    gate = {"rules": {"drive": {"topics": ["/cmd_vel"], "lease": lease, "stop": {}, "emergency": True}}}
+    async with Server("ws://127.0.0.1:0", gate=gate) as server, connect(server.urls[0]) as other:
+        heard: list[float] = []
+        node = server.node("base")
+        node.subscribe("/cmd_vel", lambda twist: heard.append(twist.linear.x), "geometry_msgs/Twist")
+        async with agent_of_connection(server.urls[0]) as agent:
+            drive = {"topic": "/cmd_vel", "message": {"linear": {"x": 0.25}}}
+            late = await refused(agent, "publish", **drive, seconds=31)
+            assert (
+                "nobody may go on for longer than 30 s without a word (the lease of the robot's gate)" in late
+            )
+            assert 0.25 not in heard
+            assert "published " in await done(agent, "publish", **drive, seconds=0.1)
+            await until(lambda: 0.25 in heard and heard[-1] == 0.0)
+
+            # While another drives it is told who does; and nothing of it is heard.
+            with anyio.fail_after(20):
+                while not await _takes_lease(other):  # noqa: ASYNC110 - the agent's ends in its own time
+                    await anyio.sleep(0.01)
+            heard.clear()
+            assert "/cmd_vel is held by rosbridge:" in await refused(agent, "publish", **drive)
+            assert heard == []
+
+            await other.call("/gate/stop", {"reason": "a test"}, "rwt_gate_msgs/Stop")
+            assert "the emergency stop is on" in await refused(agent, "publish", **drive)
+            assert 0.25 not in heard
+
+
+@pytest.mark.anyio
+@pytest.mark.asyncio_only
+async def test_what_a_robot_elsewhere_refuses_counts_as_not_published() -> None:
+    rule = {"topics": ["/cmd_vel"], "fields": {"linear.x": {"max": 0.5}}}
+    async with Server("ws://127.0.0.1:0", gate={"rules": {"slow": rule}}) as server:
+        heard: list[float] = []
+        node = server.node("base")
+        node.subscribe("/cmd_vel", lambda twist: heard.append(twist.linear.x), "geometry_msgs/Twist")
+        async with agent_of_connection(server.urls[0]) as agent:
+            for seconds in (0.0, 0.2):
+                drive = {"topic": "/cmd_vel", "message": {"linear": {"x": 2.0}}, "seconds": seconds}
+                assert "linear.x" in await refused(agent, "publish", **drive)
+            assert set(heard) <= {0.0}
+            assert "published one message" in await done(
+                agent, "publish", topic="/cmd_vel", message={"linear": {"x": 0.5}}
+            )
+            await until(lambda: heard[-1] == 0.5)
+
+
+def test_its_end_is_that_of_standard_input(url: str) -> None:
+    process = subprocess.run(
+        rwt_command("mcp", "--robot", url), input="", capture_output=True, text=True, timeout=LONGEST
+    )
+    assert (process.returncode, process.stdout) == (0, "")
+
+
+def test_a_robot_that_cannot_be_reached_is_said_on_standard_error() -> None:
+    process = ended("mcp", "--robot", "ws://127.0.0.1:1")
+    assert process.returncode == 3 and process.stdout == "" and "127.0.0.1:1" in process.stderr

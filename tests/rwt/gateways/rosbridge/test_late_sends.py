@@ -1,0 +1,89 @@
+"""What takes long to encode is sent in the order in which it was asked for."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+
+import pytest
+
+from rwt.delivery.deferred_sends import SHARE, DeferredSends
+from rwt_graph.clock import SimulatedClock
+
+
+class SlowClock(SimulatedClock):
+    """Each look at it takes some of a turn."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.looks = 0
+
+    def monotonic(self) -> float:
+        self.looks += 1
+        return super().monotonic() + self.looks * SHARE / 3
+
+
+def _steps(count: int) -> Iterator[None]:
+    for _ in range(count):
+        yield
+
+
+def test_what_is_quick_is_sent_at_once() -> None:
+    sent: list[int] = []
+    late = DeferredSends(SimulatedClock())
+    late.add(_steps(100), lambda: sent.append(1))
+    assert sent == [1] and not late.is_busy
+
+
+def test_a_turn_takes_its_share_and_keeps_the_order() -> None:
+    clock, sent = SlowClock(), list[int]()
+    late = DeferredSends(clock)
+    late.add(_steps(30), lambda: sent.append(1))
+    late.add(_steps(0), lambda: sent.append(2))
+    assert sent == [], "the rest waits for a later turn"
+    while late.is_busy:
+        clock.advance(0.0)
+    assert sent == [1, 2]
+
+
+def test_whoever_caused_it_may_take_the_steps() -> None:
+    clock, sent = SlowClock(), list[int]()
+    late = DeferredSends(clock)
+    late.add(_steps(30), lambda: sent.append(1))
+    own = late.steps()
+    next(own)
+    late.add(_steps(30), lambda: sent.append(2))
+    for _ in own:
+        pass
+    assert sent == [1], "what came later is not theirs"
+
+
+def test_what_is_asked_for_while_something_is_sent_comes_behind_it() -> None:
+    clock, sent = SlowClock(), list[int]()
+    late = DeferredSends(clock)
+
+    def first() -> None:
+        sent.append(1)
+        late.add(_steps(0), lambda: sent.append(3))
+
+    late.add(_steps(30), first)
+    late.add(_steps(0), lambda: sent.append(2))
+    late.finish_first()
+    assert sent == [1]
+    while late.is_busy:
+        clock.advance(0.0)
+    assert sent == [1, 2, 3]
+
+
+def test_what_fails_is_logged_and_passed_over(caplog: pytest.LogCaptureFixture) -> None:
+    def failing() -> Iterator[None]:
+        yield
+        raise ValueError("no")
+
+    sent: list[int] = []
+    late = DeferredSends(SimulatedClock())
+    with caplog.at_level(logging.ERROR):
+        late.add(failing(), lambda: sent.append(1))
+    late.add(_steps(1), lambda: sent.append(2))
+    assert sent == [2]
+    assert "a sample could not be sent" in caplog.text
