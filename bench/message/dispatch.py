@@ -28,16 +28,8 @@ from rwt_graph import Node, SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_interfaces.distro import JAZZY
 from rwt_interfaces.registry import Registry
-from rwt_protocol.transport import (
-    AS_MANY_AS_FIT,
-    Burst,
-    DropReason,
-    Endpoint,
-    FlowRules,
-    Frame,
-    PeerInfo,
-    Traffic,
-)
+from rwt_protocol.frames import Burst, Frame
+from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, Endpoint, FlowRules, PeerInfo, Traffic
 
 ROOT: Final = Path(__file__).parent.parent.parent
 ROUNDS: Final = 15

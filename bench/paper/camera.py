@@ -24,7 +24,7 @@ from rwt.nodes.demo.world.pose import Pose
 from rwt.nodes.demo.world.view import View
 from rwt.settings.webrtc import WebRtcSettings
 from rwt_graph import Node
-from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
 Picture = NDArray[np.uint8]
 

@@ -10,22 +10,14 @@ from typing import Any
 import cbor2
 
 from rwt.gateways.rosbridge import Bridge
-from rwt_protocol.transport import (
-    AS_MANY_AS_FIT,
-    Burst,
-    DropReason,
-    Endpoint,
-    FlowRules,
-    Frame,
-    PeerInfo,
-    Traffic,
-)
+from rwt_protocol.frames import Burst, Frame
+from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, Endpoint, FlowRules, PeerInfo, Traffic
 
 Take = Callable[[Any], None]
 
 
 class CountingClient:
-    """One client; satisfies :class:`rwt_protocol.transport.Sink`.
+    """One client; satisfies :class:`rwt_transports.endpoint.Sink`.
 
     Attributes:
         received: bytes so far, with the WebSocket headers that a server adds.

@@ -21,7 +21,7 @@ from bench.paper.report import Report
 from bench.paper.text_messages import Sample, samples
 from rwt_protocol.codecs import cbor, png
 from rwt_protocol.codecs.json import publish_frame, publish_prefix
-from rwt_protocol.transport import Frame
+from rwt_protocol.frames import Frame
 
 ROUNDS: Final = 9
 PAPER_MAP: Final = (2725, 39, 40)

@@ -25,8 +25,9 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from typing import ClassVar
 
-from rwt_protocol.transport import Frame, PeerInfo, Sink
+from rwt_protocol.frames import Frame
 from rwt_transports import listen
+from rwt_transports.endpoint import PeerInfo, Sink
 
 TWIST = (
     b'{"op":"publish","topic":"/cmd","msg":{"linear":{"x":0.5,"y":0,"z":0},"angular":{"x":0,"y":0,"z":0.1}}}'

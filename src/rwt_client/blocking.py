@@ -38,7 +38,7 @@ from rwt_participant.blocking import (
     waits,
 )
 from rwt_participant.errors import WrongThread
-from rwt_protocol.transport import Accept
+from rwt_transports.endpoint import Accept
 
 T = TypeVar("T")
 

@@ -19,12 +19,12 @@ from rwt_client.wire.session import ReconnectingSession
 from rwt_protocol.errors import Level
 from rwt_protocol.fragments import FragmentLimits
 from rwt_protocol.session import WireLimits
-from rwt_protocol.transport import Accept
 from rwt_transports.background import TaskStarter, background_tasks
 from rwt_transports.backoff import Backoff
 from rwt_transports.connect import ConnectOptions
 from rwt_transports.connect import connect as connect_transport
 from rwt_transports.drivers.in_process import connect_in_process
+from rwt_transports.endpoint import Accept
 from rwt_transports.errors import BadUrl, TransportError
 from rwt_transports.limits import Limits
 from rwt_transports.schemes import carries_binary

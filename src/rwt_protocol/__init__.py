@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         Refused,
     )
     from rwt_protocol.fragments import FragmentLimits, cut
+    from rwt_protocol.frames import Frame
     from rwt_protocol.ops import (
         OPS,
         ActionFeedback,
@@ -63,7 +64,6 @@ if TYPE_CHECKING:
     from rwt_protocol.schema import protocol_asyncapi, protocol_schema
     from rwt_protocol.session import Refusal, Session, WireLimits
     from rwt_protocol.stateless import EncodingName, dump, parse
-    from rwt_protocol.transport import DropReason, Endpoint, Flow, FlowRules, Frame, PeerInfo, Sink, Traffic
 
 _HOMES: Final = {
     name: home
@@ -80,7 +80,7 @@ _HOMES: Final = {
         "rwt_protocol.payloads": "Encodable RawJson Decoded",
         "rwt_protocol.fragments": "FragmentLimits cut",
         "rwt_protocol.profiles": "Profile PROFILES COMPAT ROS1 ROS2_2024 V2_0_0",
-        "rwt_protocol.transport": "Frame Sink Flow FlowRules Endpoint PeerInfo Traffic DropReason",
+        "rwt_protocol.frames": "Frame",
         "rwt_protocol.schema": "protocol_schema protocol_asyncapi",
         "rwt_protocol.errors": (
             "ProtocolError Refused MalformedMessage MalformedPayload EncodingUnavailable IncompleteDispatcher"
@@ -139,13 +139,6 @@ __all__ = [
     "ROS2_2024",
     "V2_0_0",
     "Frame",
-    "Sink",
-    "Flow",
-    "FlowRules",
-    "Endpoint",
-    "PeerInfo",
-    "Traffic",
-    "DropReason",
     "protocol_schema",
     "protocol_asyncapi",
     "ProtocolError",

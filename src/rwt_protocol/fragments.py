@@ -11,8 +11,8 @@ from typing import Final
 import msgspec
 
 from rwt_protocol.errors import Refused
+from rwt_protocol.frames import Frame
 from rwt_protocol.ops import Fragment
-from rwt_protocol.transport import Frame
 
 MOST_PIECES: Final = 1_000
 """Frames that one message is cut into at most, however small the pieces that a client asks for."""

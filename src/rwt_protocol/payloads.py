@@ -12,7 +12,7 @@ from pydantic import GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
 from rwt_protocol.errors import MalformedPayload
-from rwt_protocol.transport import Buffer
+from rwt_protocol.frames import Buffer
 
 JsonKind = Literal["object", "array", "string", "number", "boolean", "null"]
 

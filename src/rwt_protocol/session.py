@@ -17,13 +17,13 @@ from rwt_protocol.codecs.quick_publish import QUICK, never, split_publish
 from rwt_protocol.error_text import describe, explain
 from rwt_protocol.errors import Level, Refused
 from rwt_protocol.fragments import FragmentLimits, Reassembly, cut
+from rwt_protocol.frames import Frame
 from rwt_protocol.ops import ALIASES, OPS, Direction, Fragment, Op, Png, ReplyTo, SetLevel, Status
 from rwt_protocol.ops.base import MOST_MARK
 from rwt_protocol.payloads import Encodable
 from rwt_protocol.profiles import COMPAT, Profile, StatusRule
 from rwt_protocol.readers import readers
 from rwt_protocol.spelling import nearest
-from rwt_protocol.transport import Frame
 
 _MOST_INSIDE: Final = 4
 

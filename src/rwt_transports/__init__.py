@@ -4,8 +4,17 @@ standard input and output. Knows no op of the protocol."""
 from __future__ import annotations
 
 from rwt_transports.api import Listener, OversizeAware
+from rwt_transports.endpoint import Accept, DropReason, Endpoint, Flow, FlowRules, PeerInfo, Sink, Traffic
 from rwt_transports.errors import BadUrl, ListenError, Refused, TransportError
-from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route, Routes
+from rwt_transports.http.routes import (
+    Audience,
+    HttpExtension,
+    HttpRequest,
+    HttpResponse,
+    Reader,
+    Route,
+    Routes,
+)
 from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
 
@@ -13,6 +22,14 @@ __all__ = [
     "listen",
     "Listener",
     "Limits",
+    "Accept",
+    "Endpoint",
+    "Sink",
+    "Flow",
+    "FlowRules",
+    "PeerInfo",
+    "Traffic",
+    "DropReason",
     "Routes",
     "HttpRequest",
     "HttpResponse",

@@ -18,7 +18,7 @@ from typing import Final, Protocol, runtime_checkable
 
 from anyio.abc import TaskGroup
 
-from rwt_protocol.transport import Buffer, Frame
+from rwt_protocol.frames import Buffer, Frame
 from rwt_transports.limits import AddressCount, Limits
 
 
@@ -33,7 +33,7 @@ class Framing:
         shared: False where the bytes depend on what was sent before on the same connection: then every frame
             is framed exactly once each time it is sent, in the order of sending.
         joined: several frames as one piece, where that is cheaper than to join what `whole` makes of each.
-        apart: several frames that have a gap (:class:`~rwt_protocol.transport.GapFrame`) in the pieces
+        apart: several frames that have a gap (:class:`~rwt_protocol.frames.GapFrame`) in the pieces
             between which each receiver's own bytes go, one more than there are frames.
     """
 

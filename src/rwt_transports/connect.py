@@ -14,10 +14,10 @@ from typing import Final, TypedDict
 import anyio
 from websockets.uri import WebSocketURI
 
-from rwt_protocol.transport import Accept
 from rwt_transports.api import Connector, FindsPath, Link
 from rwt_transports.background import background_tasks
 from rwt_transports.connection import Connection, ListenerState
+from rwt_transports.endpoint import Accept
 from rwt_transports.errors import ConnectError, TransportError
 from rwt_transports.limits import Limits
 from rwt_transports.schemes import ConnectUrl, parse_connect_url

@@ -11,7 +11,7 @@ from typing import Final, Protocol
 
 import anyio
 
-from rwt_protocol.transport import Accept, Buffer, Endpoint, PeerInfo
+from rwt_protocol.frames import Buffer
 from rwt_transports.api import (
     DriverCallbacks,
     FlowControlled,
@@ -27,8 +27,9 @@ from rwt_transports.api import (
     WireEvents,
 )
 from rwt_transports.background import Paced, TaskStarter
+from rwt_transports.endpoint import Accept, Endpoint, PeerInfo
 from rwt_transports.errors import Refused, log_exception
-from rwt_transports.http import EVERY_NAME, NO_PROXIES, Hosts, Proxies
+from rwt_transports.http.routes import EVERY_NAME, NO_PROXIES, Hosts, Proxies
 from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.outbox import Outbox
 from rwt_transports.websocket.close_codes import ABNORMAL, GOING_AWAY, INTERNAL_ERROR, POLICY
@@ -77,7 +78,7 @@ class ListenerState:
         accept: makes the endpoint of a new peer.
         make_wire: makes its wire.
         http: makes what serves a new peer until its upgrade; None for transports without HTTP.
-        transport: the URL scheme, for :class:`~rwt_protocol.transport.PeerInfo`.
+        transport: the URL scheme, for :class:`~rwt_transports.endpoint.PeerInfo`.
         single: whether everything ends with the one peer that there is.
         idle_seconds: silence after which a peer counts as gone; 0 for never.
         max_message_size: bytes of the largest message that can be sent; 0 for any.
@@ -527,7 +528,7 @@ _NO_WIRE: Final = _NoWire()
 
 
 class _ConnectionSink(Outbox):
-    """The outbox of a connection, as its endpoint sees it; satisfies :class:`rwt_protocol.transport.Sink`."""
+    """Outbox of a connection as its endpoint sees it. Implements :class:`rwt_transports.endpoint.Sink`."""
 
     __slots__ = ("_connection", "_ended_with")
 

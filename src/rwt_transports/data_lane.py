@@ -16,7 +16,8 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from heapq import heappop, heappush
 
-from rwt_protocol.transport import DropReason, FlowRules, Frame
+from rwt_protocol.frames import Frame
+from rwt_transports.endpoint import DropReason, FlowRules
 from rwt_transports.limits import Limits
 
 _Message = tuple[Frame, tuple[Frame, ...], int]

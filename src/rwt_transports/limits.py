@@ -7,7 +7,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 from rwt_transports.errors import Refused
-from rwt_transports.http import NO_PROXIES, Proxies, is_local
+from rwt_transports.http.routes import NO_PROXIES, Proxies, is_local
 from rwt_transports.websocket.extensions import Deflate
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 

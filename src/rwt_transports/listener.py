@@ -8,12 +8,12 @@ from dataclasses import replace
 from functools import partial
 from ssl import SSLContext
 
-from rwt_protocol.transport import Accept
 from rwt_transports.api import BindAddress, Driver
 from rwt_transports.connection import ListenerState
+from rwt_transports.endpoint import Accept
 from rwt_transports.errors import BadUrl
-from rwt_transports.http import NO_PROXIES, Hosts, Proxies, Routes, is_local
-from rwt_transports.http_connection import HttpConnection
+from rwt_transports.http.connection import HttpConnection
+from rwt_transports.http.routes import NO_PROXIES, Hosts, Proxies, Routes, is_local
 from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.schemes import parse_listen_url
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
@@ -65,11 +65,11 @@ async def listen(
         url: where to listen; :data:`rwt_transports.schemes.SCHEMES` lists the schemes.
         accept: makes the endpoint of each new peer; may raise :exc:`~rwt_transports.errors.Refused`.
         routes: plain HTTP requests that the same port answers.
-        hosts: names by which it may be addressed; see :class:`~rwt_transports.http.Hosts`.
+        hosts: names by which it may be addressed; see :class:`~rwt_transports.http.routes.Hosts`.
         proxies: whose word about their clients counts.
         access_log: whether each HTTP request is logged, to ``rwt_transports.access``.
         subprotocols: what WebSockets may speak besides rosbridge; a client that offers one gets it, and
-            `accept` is told (:class:`~rwt_protocol.transport.PeerInfo`).
+            `accept` is told (:class:`~rwt_transports.endpoint.PeerInfo`).
         addresses: counts the connections of each address; one of its own by default.
         limits: bounds per listener and per connection.
         buffers: what large messages are received in, shared with others that keep ``limits.incoming_bytes``

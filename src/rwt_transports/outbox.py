@@ -16,9 +16,10 @@ from collections.abc import Callable, Sequence
 from time import time_ns
 from typing import cast
 
-from rwt_protocol.transport import AS_MANY_AS_FIT, Buffer, Burst, DropReason, FlowRules, Frame, Traffic
+from rwt_protocol.frames import Buffer, Burst, Frame
 from rwt_transports.api import Framing
 from rwt_transports.data_lane import DataLane, Queue
+from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, FlowRules, Traffic
 from rwt_transports.limits import Limits
 
 SLICE_BYTES = 256 * 1024
@@ -33,7 +34,7 @@ PIECES_BYTES = 256 * 1024
 
 
 class OutboxFlow:
-    """One topic's way through an outbox; satisfies :class:`rwt_protocol.transport.Flow`."""
+    """One topic's way through an outbox; satisfies :class:`rwt_transports.endpoint.Flow`."""
 
     __slots__ = ("_outbox", "_queue")
 
@@ -159,7 +160,7 @@ class Outbox:
     # -- the endpoint's side -------------------------------------------------------------------------------
 
     def send(self, frame: Frame) -> None:
-        """Queue one frame in the control lane; see :meth:`rwt_protocol.transport.Sink.send`."""
+        """Queue one frame in the control lane; see :meth:`rwt_transports.endpoint.Sink.send`."""
         if self.room > 0:
             self.send_at_once(frame)
         elif not self._closed:
@@ -173,7 +174,7 @@ class Outbox:
         on_drop: Callable[[DropReason], None] | None = None,
         time_ns: Callable[[], int] = time_ns,
     ) -> OutboxFlow:
-        """A way for samples, in the data lane; see :meth:`rwt_protocol.transport.Sink.flow`."""
+        """A way for samples, in the data lane; see :meth:`rwt_transports.endpoint.Sink.flow`."""
         return OutboxFlow(self, Queue(topic, rules, on_drop, time_ns))
 
     def send_at_once(self, frame: Frame) -> None:
@@ -190,7 +191,7 @@ class Outbox:
 
     def sealed(self, frames: int, size: int) -> None:
         """A burst among the ready bytes has grown since it was put there; satisfies
-        :class:`rwt_protocol.transport.BurstMember`."""
+        :class:`rwt_protocol.frames.BurstMember`."""
         self.messages += frames
         self.room -= size
 

@@ -10,7 +10,7 @@ import pytest
 
 from bench.client.__main__ import Row, table
 from bench.client.peer import CASES, MESSAGES, Frames
-from rwt_protocol.transport import Frame
+from rwt_protocol.frames import Frame
 from rwt_transports.websocket.wire import CLIENT_FRAMING
 
 

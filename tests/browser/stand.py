@@ -13,7 +13,7 @@ from rwt.settings.webrtc import WebRtcSettings
 from rwt_graph import Graph, Node
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
-from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 from tests.browser.driver import HERE, NODE
 
 REGISTRIES = {name: Registry(distro) for name, distro in DISTROS.items()}

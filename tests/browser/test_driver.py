@@ -5,7 +5,7 @@ from __future__ import annotations
 import anyio
 import pytest
 
-from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 from tests.browser.driver import Browser
 from tests.browser.stand import stand
 

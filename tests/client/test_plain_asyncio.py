@@ -11,7 +11,7 @@ import uvloop
 
 from rwt import Server
 from rwt_client import connect
-from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
 
 async def _page(request: HttpRequest, reader: Reader) -> HttpResponse:

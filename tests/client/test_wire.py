@@ -8,7 +8,7 @@ import pytest
 
 from rwt_protocol.codecs import png
 from rwt_protocol.fragments import cut
-from rwt_protocol.transport import Frame
+from rwt_protocol.frames import Frame
 from tests.client.worlds import scripted
 
 pytestmark = pytest.mark.anyio

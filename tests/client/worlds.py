@@ -19,7 +19,8 @@ from rwt_client.connection import ConnectKeywords
 from rwt_graph import MemoryGraph, Node
 from rwt_interfaces import DISTROS, Payload, Registry
 from rwt_protocol.codecs import cbor
-from rwt_protocol.transport import Frame, PeerInfo, Sink
+from rwt_protocol.frames import Frame
+from rwt_transports.endpoint import PeerInfo, Sink
 
 Sent = dict[str, Any]
 

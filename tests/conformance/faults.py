@@ -12,15 +12,14 @@ from dataclasses import dataclass, field
 from time import time_ns
 
 from rosbridge_conformance.suite.values import Json
-from rwt_protocol.transport import (
+from rwt_protocol.frames import Burst, Frame
+from rwt_transports.endpoint import (
     AS_MANY_AS_FIT,
     Accept,
-    Burst,
     DropReason,
     Endpoint,
     Flow,
     FlowRules,
-    Frame,
     PeerInfo,
     Sink,
     Traffic,

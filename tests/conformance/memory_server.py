@@ -22,15 +22,14 @@ from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
-from rwt_protocol.transport import (
+from rwt_protocol.frames import Burst, Frame
+from rwt_transports.endpoint import (
     AS_MANY_AS_FIT,
     Accept,
-    Burst,
     DropReason,
     Endpoint,
     Flow,
     FlowRules,
-    Frame,
     PeerInfo,
     Traffic,
 )
@@ -45,7 +44,7 @@ _NO_TIME = 1e-6
 
 class _ClientEnd:
     """What the endpoint writes to, and all that it has written; satisfies
-    :class:`rwt_protocol.transport.Sink`."""
+    :class:`rwt_transports.endpoint.Sink`."""
 
     def __init__(self, accept: Accept) -> None:
         self.frames: deque[Frame] = deque()

@@ -18,7 +18,7 @@ from rwt.settings.models import Settings
 from rwt_graph.zenoh import ZenohGraph
 from rwt_interfaces.distro import JAZZY
 from rwt_interfaces.registry import Registry
-from rwt_protocol.transport import Accept
+from rwt_transports.endpoint import Accept
 from tests.conformance.memory_server import MemoryWire
 from tests.zenoh_links import QUICK, free_endpoint
 

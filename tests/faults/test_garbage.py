@@ -19,7 +19,7 @@ from rwt.gateways.rosbridge.ops.subscriptions import ClientSubscription
 from rwt.gateways.rosbridge.peer import Peer
 from rwt_graph.memory.actions import MemoryActionServer
 from rwt_transports.connection import Connection
-from rwt_transports.http_connection import HttpConnection
+from rwt_transports.http.connection import HttpConnection
 from rwt_transports.outbox import Outbox
 from rwt_transports.websocket.wire import WebSocketWire
 from tests.faults.blocking_client import PATIENCE, BlockingClient

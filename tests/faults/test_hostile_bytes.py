@@ -19,12 +19,13 @@ from rwt import Settings
 from rwt.gateways.rosbridge import Bridge
 from rwt.settings.models import LimitSettings
 from rwt_graph import MemoryGraph
+from rwt_protocol.frames import Frame
 from rwt_protocol.ops import Direction
 from rwt_protocol.session import Refusal, Session
-from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
 from rwt_transports import Limits, Routes
 from rwt_transports.connection import ListenerState, MakeWire
-from rwt_transports.http_connection import HttpConnection
+from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
+from rwt_transports.http.connection import HttpConnection
 from rwt_transports.websocket.extensions import Deflate
 from rwt_transports.websocket.wire import websocket_server
 from rwt_transports.wires.json_stream import json_over_tcp

@@ -15,11 +15,11 @@ import pytest
 
 from rwt import Server
 from rwt.hub.hub import OpenHub, open_hub
-from rwt_protocol.transport import Frame
+from rwt_protocol.frames import Frame
 from rwt_transports import Limits
 from rwt_transports.connect import connect
 from rwt_transports.errors import ConnectError
-from rwt_transports.http import Proxies
+from rwt_transports.http.routes import Proxies
 from rwt_transports.relay.dial import dial
 from tests.faults.server_log import Failures
 from tests.transports.test_hub import AT_ONCE, SHORT, Mailbox, Program, client, robot, upgraded

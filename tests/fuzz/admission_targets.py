@@ -10,7 +10,7 @@ from rwt.access.audit import Audit
 from rwt.access.settings import AuthSettings, OriginSettings, RoleSettings, SettingsError, TokenSettings
 from rwt.settings.models import Settings
 from rwt.settings.sources import load_settings
-from rwt_protocol.transport import PeerInfo
+from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused
 
 TOKEN = "a-token-of-some-length"

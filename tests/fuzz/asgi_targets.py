@@ -7,7 +7,7 @@ import ipaddress
 from typing import Any
 
 from rwt_transports.asgi.application import asgi_listener
-from rwt_transports.http import HttpRequest, HttpResponse, Proxies, Routes
+from rwt_transports.http.routes import HttpRequest, HttpResponse, Proxies, Routes
 
 _PROXY, _STRANGER = "10.0.0.1", "192.0.2.1"
 _PROXIES = Proxies(["10.0.0.0/8"])

@@ -14,7 +14,7 @@ from rwt.settings.models import Settings
 from rwt_graph import MemoryGraph, Node
 from rwt_graph.clock import SimulatedClock
 from rwt_interfaces.registry import Registry
-from rwt_transports.http import HttpRequest, HttpResponse, Routes
+from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes
 
 _REGISTRY = Registry()
 _PATIENCE = 0.02

@@ -14,7 +14,7 @@ import bson
 from rwt.gateways.mcp.tools import TOOLS
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.payload import Payload
-from rwt_protocol.transport import Frame
+from rwt_protocol.frames import Frame
 from rwt_transports.wires.whole_messages import HEADER, WHOLE_MESSAGES
 from tests.fuzz.admission_targets import TOKEN
 from tests.fuzz.asgi_targets import requests

@@ -7,12 +7,12 @@ import zlib
 from collections.abc import Callable, Iterator
 from functools import partial
 
-from rwt_protocol.transport import Endpoint, PeerInfo, Sink
 from rwt_transports import Limits, Routes
 from rwt_transports.api import Wire, WireEvents
 from rwt_transports.connection import ListenerState
-from rwt_transports.http import HttpRequest, HttpResponse
-from rwt_transports.http_connection import HttpConnection
+from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
+from rwt_transports.http.connection import HttpConnection
+from rwt_transports.http.routes import HttpRequest, HttpResponse
 from rwt_transports.webrtc.reassembly import Reassembly
 from rwt_transports.webrtc.sdp import BadDescription, read_description, read_fragment
 from rwt_transports.websocket.deflate import DeflateWire

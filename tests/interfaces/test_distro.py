@@ -14,7 +14,7 @@ from rwt_interfaces.distro import closest_distro
 SRC = Path(__file__).parents[2] / "src"
 
 REPORTS = {
-    "rwt/pages.py": "the index page names it",
+    "rwt/composition/pages.py": "the index page names it",
     "rwt/cli/commands/bag/recording.py": "`rwt bag info` prints it",
     "rwt/gateways/http/gateway.py": "`/version` and the page of the API name it",
     "rwt_client/blocking.py": "rosapi's question",
@@ -25,7 +25,6 @@ REPORTS = {
     "rwt/nodes/recording/mcap_files.py": "reads the note of a recording",
     "rwt/nodes/recording/writer.py": "writes the note of a recording",
     "rwt/nodes/rosapi/graph_services.py": "rosapi's answer",
-    "rwt_rclpy/middleware/robot_graph.py": "rclpy is ROS 2's, whatever the server says of itself",
 }
 """Where the version may stand: where it is told to somebody, or learned."""
 

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from rwt_protocol.codecs import JSON
 from rwt_protocol.fragments import FragmentLimits
+from rwt_protocol.frames import Frame
 from rwt_protocol.ops import Direction, Op, Publish, Status, Subscribe
 from rwt_protocol.payloads import RawJson
 from rwt_protocol.session import Refusal, Session, WireLimits
-from rwt_protocol.transport import Frame
 
 TEXT = '{"op":"subscribe","topic":"/a"}'
 OP = Subscribe(topic="/a")

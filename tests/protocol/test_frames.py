@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rwt_protocol.transport import Frame
+from rwt_protocol.frames import Frame
 
 
 class CountingFraming:

@@ -9,7 +9,7 @@ import pytest
 from rwt.delivery.counters import Counters
 from rwt.delivery.http_traffic import Visitors, counted
 from rwt_graph.clock import SimulatedClock
-from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
 
 def test_a_visitor_is_there_until_some_seconds_after_its_last_request() -> None:

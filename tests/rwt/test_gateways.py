@@ -14,15 +14,15 @@ from websockets.asyncio.client import connect
 from rwt import Server, Settings
 from rwt.delivery.shared_graph import SharedGraph
 from rwt_interfaces.payload import Payload
-from rwt_protocol.transport import Frame
-from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Route
+from rwt_protocol.frames import Frame
+from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Route
 
 if TYPE_CHECKING:
     from rwt.access.access import Access
     from rwt.access.gateway import AcceptPeer
     from rwt.access.graph_view import GraphView
     from rwt_graph.api import Graph
-    from rwt_protocol.transport import Endpoint, PeerInfo, Sink
+    from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 
 pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only]  # As the client is.
 

@@ -19,9 +19,9 @@ from rwt_graph import NotRunning
 from rwt_graph.api import Graph
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.registry import Registry
-from rwt_protocol.transport import Accept, Endpoint, PeerInfo, Sink
 from rwt_transports import ListenError
-from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
+from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 from tests.zenoh_links import free_endpoint
 
 URL = "ws://127.0.0.1:0"

@@ -11,14 +11,14 @@ import anyio
 import pytest
 
 from rwt.hub.hub import Hub, hub_routes
-from rwt_protocol.transport import Endpoint, PeerInfo, Sink
 from rwt_transports.api import Attach, BindAddress, Driver
 from rwt_transports.connection import ListenerState
 from rwt_transports.drivers.anyio_stream import AnyioDriver
 from rwt_transports.drivers.sockets import Handshakes
+from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.errors import Refused
-from rwt_transports.http import HttpRequest, HttpResponse, Routes
-from rwt_transports.http_connection import HttpConnection
+from rwt_transports.http.connection import HttpConnection
+from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes
 from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.websocket.wire import websocket_server
 from rwt_transports.wires.json_stream import json_over_tcp

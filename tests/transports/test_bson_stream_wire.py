@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_protocol.transport import Frame
+from rwt_protocol.frames import Frame
 from rwt_transports.websocket.close_codes import PROTOCOL_ERROR, TOO_BIG
 from rwt_transports.wires.bson_stream import DOCUMENTS, BsonStreamWire
 

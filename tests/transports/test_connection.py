@@ -10,10 +10,11 @@ from functools import partial
 
 import pytest
 
-from rwt_protocol.transport import Accept, Endpoint, Frame, PeerInfo, Sink
+from rwt_protocol.frames import Frame
 from rwt_transports import HttpRequest, HttpResponse, Limits, Refused, Routes
 from rwt_transports.connection import ListenerState
-from rwt_transports.http_connection import HttpConnection
+from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
+from rwt_transports.http.connection import HttpConnection
 from rwt_transports.websocket.wire import CLIENT_FRAMING, websocket_server
 from tests.memory_pipe import MemoryPipe
 

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.extensions.permessage_deflate import ClientPerMessageDeflateFactory
 
-from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
+from rwt_protocol.frames import Frame
+from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
 from rwt_transports.websocket.deflate import LARGEST, DeflateWire, shared_framing

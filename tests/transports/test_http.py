@@ -11,11 +11,11 @@ import anyio
 import anyio.lowlevel
 import pytest
 
-from rwt_protocol.transport import Endpoint, PeerInfo, Sink
 from rwt_transports.background import Arguments, TaskStarter
 from rwt_transports.connection import ListenerState
-from rwt_transports.http import HttpRequest, HttpResponse, Routes
-from rwt_transports.http_connection import HttpConnection
+from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
+from rwt_transports.http.connection import HttpConnection
+from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.wire import websocket_server
 from tests.memory_pipe import MemoryPipe

@@ -16,12 +16,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt.hub.hub import OpenHub, open_hub
-from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
+from rwt_protocol.frames import Frame
 from rwt_transports import BadUrl, Limits, Refused, listen
 from rwt_transports.backoff import Backoff
 from rwt_transports.connect import connect
+from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.errors import ConnectError
-from rwt_transports.http import HttpRequest, HttpResponse, Routes
+from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes
 from rwt_transports.relay.dial import RelayStatus, check_dial_url, dial
 from rwt_transports.relay.protocol import (
     BadAssignment,

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_protocol.transport import Frame
+from rwt_protocol.frames import Frame
 from rwt_transports.wires.json_stream import LINES, PLAIN, JsonStreamWire
 
 LIMIT = 2000

@@ -7,7 +7,7 @@ import pytest
 from rwt import Server
 from rwt.cli import parser_for
 from rwt_client import connect
-from rwt_protocol.transport import Frame
+from rwt_protocol.frames import Frame
 from rwt_transports import BadUrl
 from rwt_transports.api import Framing, WireEvents
 from rwt_transports.limits import Limits

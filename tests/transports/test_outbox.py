@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_protocol.transport import AS_MANY_AS_FIT, Burst, DropReason, Flow, FlowRules, Frame, GapFrame
+from rwt_protocol.frames import Burst, Frame, GapFrame
+from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, Flow, FlowRules
 from rwt_transports.limits import READY_BYTES, Limits
 from rwt_transports.outbox import GATHER_BYTES, SLICE_BYTES, Outbox
 from rwt_transports.websocket.wire import SERVER_FRAMING

@@ -7,9 +7,10 @@ import anyio.lowlevel
 import pytest
 from anyio.abc import ByteStream
 
-from rwt_protocol.transport import Endpoint, Flow, Frame, PeerInfo, Sink
+from rwt_protocol.frames import Frame
 from rwt_transports import Limits, listen
 from rwt_transports.drivers.sockets import UNSENT_BYTES
+from rwt_transports.endpoint import Endpoint, Flow, PeerInfo, Sink
 from rwt_transports.limits import READY_BYTES
 from rwt_transports.listener import OpenListener
 from rwt_transports.outbox import SLICE_BYTES

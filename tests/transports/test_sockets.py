@@ -11,10 +11,11 @@ import sys
 import pytest
 
 from bench.traffic.wire import masked
-from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
+from rwt_protocol.frames import Frame
 from rwt_transports import listen
 from rwt_transports.api import HangUp
 from rwt_transports.drivers.sockets import UNSENT_BYTES, bind_tcp, hang_up_of
+from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 
 pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only]
 

@@ -14,7 +14,7 @@ from websockets.frames import Opcode
 from websockets.protocol import State
 from websockets.uri import parse_uri
 
-from rwt_protocol.transport import Frame
+from rwt_protocol.frames import Frame
 from rwt_transports.api import HEAD_BYTES
 from rwt_transports.websocket.wire import CLIENT_FRAMING, SERVER_FRAMING, WebSocketWire
 

@@ -19,7 +19,7 @@ from rwt.access.settings import RoleSettings, SettingsError
 from rwt_graph.nodes.logs import DISCLOSURES as LOGGER_DISCLOSURES
 from rwt_graph.parameters.services import DISCLOSURES as PARAMETER_DISCLOSURES
 from rwt_transports.errors import Refused
-from rwt_transports.http import is_local
+from rwt_transports.http.routes import is_local
 from rwt_transports.limits import network_of
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from rwt.access.settings.gate import GateSettings
     from rwt.delivery.shared_graph import SharedGraph
     from rwt_graph.api import Graph
-    from rwt_protocol.transport import PeerInfo
+    from rwt_transports.endpoint import PeerInfo
 
 
 class Access:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rwt.access.credentials import Rosauth
     from rwt.access.roles import Role
     from rwt.access.settings import AccessSettings
-    from rwt_protocol.transport import PeerInfo
+    from rwt_transports.endpoint import PeerInfo
 
 
 _HOW = (

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rwt.access.roles import Role
     from rwt.access.settings import AuthSettings, TokenSettings
     from rwt_protocol import ops
-    from rwt_protocol.transport import PeerInfo
+    from rwt_transports.endpoint import PeerInfo
 
 SECRET_LENGTH: Final = 16
 """Characters in rosauth's secret (AUT-05)."""

@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from rwt.access.graph_view import GraphView
     from rwt.delivery.shared_graph import SharedGraph
     from rwt_graph.api import Graph
-    from rwt_protocol.transport import Endpoint, PeerInfo, Sink
-    from rwt_transports.http import HttpExtension
+    from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
+    from rwt_transports.http.routes import HttpExtension
 
 
 class AcceptPeer(Protocol):

@@ -71,7 +71,7 @@ class GraphView:
         return self.role.allows("subscribe", canonical(topic))
 
     def while_allowed(self, topics: Iterable[str], end: Callable[[str], None]) -> Callable[[], None]:
-        """Begin an answer that lasts; see :meth:`rwt_transports.http.Reader.while_allowed`."""
+        """Begin an answer that lasts; see :meth:`rwt_transports.http.routes.Reader.while_allowed`."""
         if self._keep is None:
             raise Refused(403, "nothing that lasts can be begun here")
         return self._keep([canonical(topic) for topic in topics], end)

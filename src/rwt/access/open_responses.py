@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from rwt.access.admission import Admission
-    from rwt_protocol.transport import PeerInfo
+    from rwt_transports.endpoint import PeerInfo
 
 _GONE: Final = "the server's settings have changed, and do not allow this any more"
 
@@ -33,7 +33,7 @@ class OpenResponses:
         self._answers: dict[object, _Answer] = {}
 
     def add(self, info: PeerInfo, topics: Iterable[str], end: Callable[[str], None]) -> Callable[[], None]:
-        """Keep an answer to whoever sent a request; as :meth:`rwt_transports.http.Reader.while_allowed`."""
+        """Register an open response, as :meth:`rwt_transports.http.routes.Reader.while_allowed` does."""
         answer = _Answer(info, tuple(topics), end)
         if reason := self._reason(answer):
             raise Refused(403, reason)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
-from rwt_transports.http import any_of, host_name, is_local
+from rwt_transports.http.routes import any_of, host_name, is_local
 
 #: What a page without a site of its own sends: one from a file, or in a sandboxed frame of any site.
 NO_SITE: Final = frozenset({"null", "file://"})

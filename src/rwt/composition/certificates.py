@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from rwt.access.settings import SettingsError
 from rwt.tls.tls import renew_server_tls
-from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
 if TYPE_CHECKING:
     from ssl import SSLContext

@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from rwt.access.settings import SettingsError
-from rwt_transports.http import HttpResponse
+from rwt_transports.http.routes import HttpResponse
 
 # What only some servers have is imported in the functions that make it.
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rwt.gateways.foxglove.assets import Pages
     from rwt.settings.models import GatewayName, Settings
     from rwt_graph.api import Graph
-    from rwt_transports.http import HttpExtension, HttpRequest
+    from rwt_transports.http.routes import HttpExtension, HttpRequest
 
 _PACKAGES: Final = "/packages/"
 """Below it nodes serve the files that robots' descriptions name."""

@@ -10,7 +10,7 @@ from rwt.access.origins import is_loopback_listener
 from rwt.access.settings import SettingsError
 from rwt.composition.pages import routes
 from rwt.tls.tls import client_tls
-from rwt_transports.http import HttpExtension, Proxies, Route
+from rwt_transports.http.routes import HttpExtension, Proxies, Route
 from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.listener import listen
 from rwt_transports.relay.dial import dial
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from rwt.observability.metrics import ServerMetrics
     from rwt.settings.models import Settings
     from rwt.workers.worker import WorkerContext
-    from rwt_protocol.transport import Accept, Endpoint, PeerInfo, Sink
     from rwt_transports.api import Listener
     from rwt_transports.asgi import AsgiListener, AsgiMount
-    from rwt_transports.http import Routes
+    from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
+    from rwt_transports.http.routes import Routes
     from rwt_transports.relay.dial import RelayStatus
     from rwt_transports.webrtc.signalling import Peers
 

@@ -15,7 +15,7 @@ from rwt.gateways.rosbridge.bridge import GATEWAY_NODE
 from rwt.nodes.rosapi import Rosapi
 from rwt.nodes.tf import Tf2WebRepublisher
 from rwt_graph.nodes.node import Node
-from rwt_transports.http import HttpExtension
+from rwt_transports.http.routes import HttpExtension
 
 # What only some servers have is imported in the functions that start it.
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rwt.nodes.video import WebVideoServer
     from rwt.settings.models import NodeName, Settings
     from rwt_graph.api import Graph
-    from rwt_protocol.transport import Accept
+    from rwt_transports.endpoint import Accept
 
 
 class ReadyNode(Protocol):

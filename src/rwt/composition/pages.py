@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Final
 import anyio
 
 from rwt.observability.prometheus import CONTENT_TYPE
-from rwt_protocol.transport import PeerInfo
+from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused
-from rwt_transports.http import Audience, HttpResponse, Route, Routes, page_policy, refusal_as_text
+from rwt_transports.http.routes import Audience, HttpResponse, Route, Routes, page_policy, refusal_as_text
 
 if TYPE_CHECKING:
     from rwt.access.access import Access
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rwt.delivery.turns import Turns
     from rwt.gateways.rosbridge.bridge import Bridge
     from rwt.observability.metrics import ServerMetrics
-    from rwt_transports.http import Handler, HttpExtension, HttpRequest
+    from rwt_transports.http.routes import Handler, HttpExtension, HttpRequest
 
 _PAGE = """<!doctype html>
 <html lang="en">

@@ -13,9 +13,9 @@ from typing import Final, NoReturn
 from rwt.access.quotas import Work, WorkTotals
 from rwt.errors import ServerError
 from rwt.web import MISSING, WebPage, WebPageError, find_static_files
-from rwt_protocol.transport import PeerInfo, Sink
+from rwt_transports.endpoint import PeerInfo, Sink
 from rwt_transports.errors import Refused
-from rwt_transports.http import HttpRequest, HttpResponse, Page, Routes
+from rwt_transports.http.routes import HttpRequest, HttpResponse, Page, Routes
 from rwt_transports.listener import OpenListener, listen
 
 _HERE_IS_NO_ROBOT: Final = "there is no robot here: this port serves the page alone"
@@ -50,7 +50,7 @@ async def serve_page(
         url: where to listen, ``ws://HOST:PORT`` or ``wss://HOST:PORT``.
         robot: the rosbridge server that the page connects to; without one it asks.
         layouts: a folder of layouts to offer.
-        hosts: names by which it may be addressed, see :class:`rwt_transports.http.Hosts`.
+        hosts: names by which it may be addressed, see :class:`rwt_transports.http.routes.Hosts`.
         tls: certificate and key for ``wss``.
 
     Raises:

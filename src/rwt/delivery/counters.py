@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rwt_protocol.transport import DropReason, Traffic
+    from rwt_transports.endpoint import DropReason, Traffic
 
 MOST_TOPICS = 1000
 """The most topics that are remembered; clients choose their names. Those not in use are forgotten first."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
-from rwt_protocol.transport import DropReason
+from rwt_transports.endpoint import DropReason
 
 if TYPE_CHECKING:
     from rwt.delivery.counters import Counters, TopicCounts

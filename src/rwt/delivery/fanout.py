@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 from rwt.delivery.deferred_sends import DeferredSends
 from rwt_graph.errors import TypeConflict
-from rwt_protocol.transport import Burst, Frame
+from rwt_protocol.frames import Burst, Frame
 
 if TYPE_CHECKING:
     from rwt.delivery.counters import EncodingCounts, TopicCounts
@@ -87,7 +87,7 @@ class EncodedStream:
 
     A client hears the name that it asked for (PUB-09), so `chatter` and `/chatter` are two channels. In a
     protocol where clients number their subscriptions, the frames have a gap for that number
-    (:class:`~rwt_protocol.transport.GapFrame`), which is filled on the way to each.
+    (:class:`~rwt_protocol.frames.GapFrame`), which is filled on the way to each.
 
     Attributes:
         counts: what went through, together with the topic's other channels of this encoding; up to date

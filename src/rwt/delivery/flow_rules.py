@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from rwt_participant.qos import History, Reliability
-from rwt_protocol.transport import AS_MANY_AS_FIT, FlowRules
+from rwt_transports.endpoint import AS_MANY_AS_FIT, FlowRules
 
 if TYPE_CHECKING:
     from rwt_graph.api import EndpointInfo

@@ -7,14 +7,14 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from rwt_transports.http import HttpResponse
-from rwt_transports.http_connection import close_iterator
+from rwt_transports.http.connection import close_iterator
+from rwt_transports.http.routes import HttpResponse
 
 if TYPE_CHECKING:
     from rwt.delivery.counters import Counters
     from rwt_graph.clock import Clock
     from rwt_participant.timers import Timer
-    from rwt_transports.http import AnyReader, HttpExtension, HttpRequest
+    from rwt_transports.http.routes import AnyReader, HttpExtension, HttpRequest
 
 
 def counted(extension: HttpExtension[AnyReader], counters: Counters) -> HttpExtension[AnyReader]:

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
     from rwt.delivery.throttle import Encoded
     from rwt_graph.api import Sample
-    from rwt_protocol.transport import Burst, Frame
+    from rwt_protocol.frames import Burst, Frame
 
 
 class NextSample:

@@ -8,14 +8,15 @@ from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 from rwt_protocol.fragments import cut
-from rwt_protocol.transport import DropReason
+from rwt_transports.endpoint import DropReason
 
 if TYPE_CHECKING:
     from rwt.delivery.deadline import DeadlineWatch
     from rwt_graph.api import Sample
     from rwt_graph.clock import Clock
     from rwt_participant.timers import Timer
-    from rwt_protocol.transport import Burst, Flow, Frame
+    from rwt_protocol.frames import Burst, Frame
+    from rwt_transports.endpoint import Flow
 
 #: Two clock readings this close, in seconds, are the same moment: sums of floats round.
 _SAME_MOMENT = 1e-6

@@ -24,11 +24,12 @@ from typing import Final, Protocol
 import anyio
 
 from rwt.hub.waiting_bytes import OF_ADDRESS, WaitingBytes
-from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
+from rwt_protocol.frames import Frame
 from rwt_transports.api import FlowControl
 from rwt_transports.background import background_tasks
+from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.errors import Refused
-from rwt_transports.http import (
+from rwt_transports.http.routes import (
     NO_PROXIES,
     HttpRequest,
     HttpResponse,
@@ -544,7 +545,7 @@ async def open_hub(
         tokens: bearer tokens of which a robot must show one, or ``NAME=TOKEN``; none lets every robot in.
         limits: bounds of the listener and of each connection.
         tls: certificate and key for ``wss``.
-        hosts: names by which the hub may be addressed; see :class:`~rwt_transports.http.Hosts`.
+        hosts: names by which the hub may be addressed; see :class:`~rwt_transports.http.routes.Hosts`.
         grace: seconds for which a robot without a connection still counts as here, and its clients wait.
         proxies: whose word about their clients counts.
         access_log: whether each HTTP request is logged, to ``rwt_transports.access``.

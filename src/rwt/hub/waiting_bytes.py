@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import Final, Protocol
 
-from rwt_transports.http import is_local
+from rwt_transports.http.routes import is_local
 from rwt_transports.limits import MIB, network_of
 
 OF_ADDRESS: Final = 64 * MIB

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rwt_graph import Node
     from rwt_graph.api import Sample
     from rwt_interfaces.payload import Payload
-    from rwt_transports.http import Work
+    from rwt_transports.http.routes import Work
 
 T = TypeVar("T")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
-from rwt_transports.http import MetricFamily
+from rwt_transports.http.routes import MetricFamily
 
 #: Topics and types that are counted apart; names come from robots, so there is an end to it.
 MOST_STREAMS = 1000

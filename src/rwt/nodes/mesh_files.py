@@ -17,7 +17,7 @@ import anyio
 import anyio.to_thread
 
 from rwt_interfaces.definitions.package_directories import package_name
-from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
 PATH: Final = "/packages/"
 

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from rwt.observability.prometheus import Kind
     from rwt_graph.clock import Clock
     from rwt_participant.timers import Timer
-    from rwt_protocol.transport import Traffic
-    from rwt_transports.http import HttpExtension, MetricFamily
+    from rwt_transports.endpoint import Traffic
+    from rwt_transports.http.routes import HttpExtension, MetricFamily
     from rwt_transports.relay.dial import RelayStatus
 
 

@@ -27,7 +27,7 @@ from rwt.settings.webrtc import WebRtcSettings
 
 def _check_proxies(networks: tuple[str, ...]) -> tuple[str, ...]:
     if networks:
-        from rwt_transports.http import Proxies  # Settings without proxies load no transport.
+        from rwt_transports.http.routes import Proxies  # Settings without proxies load no transport.
 
         Proxies(networks)
     return networks

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from rwt_transports.http import HttpRequest, HttpResponse
+from rwt_transports.http.routes import HttpRequest, HttpResponse
 
 _STATIC: Final = Path(__file__).parent / "static"
 MISSING: Final = (

@@ -10,7 +10,7 @@ from typing import Final
 from urllib.parse import parse_qs, unquote, urlsplit
 
 from rwt.web.files import StaticFiles
-from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
 INDEX: Final = "index.html"
 LAYOUTS: Final = "/web/layouts/"

@@ -17,7 +17,7 @@ from rwt_participant.messages import MessageLike, to_payload
 from rwt_participant.qos import QoS
 from rwt_protocol.codecs.json import publish_frame, publish_prefix
 from rwt_protocol.ops import Advertise, Qos, Unadvertise
-from rwt_protocol.transport import DropReason, Flow
+from rwt_transports.endpoint import DropReason, Flow
 
 if TYPE_CHECKING:
     from rwt_client.endpoints.remote_types import RemoteTypes

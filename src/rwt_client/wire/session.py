@@ -27,7 +27,7 @@ from rwt_protocol.ops import Direction, Op, Publish, SetLevel, Status
 from rwt_protocol.payloads import RawJson
 from rwt_protocol.profiles import COMPAT
 from rwt_protocol.session import Refusal, Session, WireLimits
-from rwt_protocol.transport import DropReason, Flow, PeerInfo, Sink
+from rwt_transports.endpoint import DropReason, Flow, PeerInfo, Sink
 
 if TYPE_CHECKING:
     from rwt_protocol.dispatcher import Dispatcher
@@ -335,7 +335,7 @@ class ReconnectingSession:
 
 
 class _Endpoint:
-    """The endpoint of one connection; satisfies :class:`rwt_protocol.transport.Endpoint`."""
+    """The endpoint of one connection; satisfies :class:`rwt_transports.endpoint.Endpoint`."""
 
     __slots__ = ("_session", "receive")
 

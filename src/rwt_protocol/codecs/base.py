@@ -6,9 +6,9 @@ from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, TypeVar, runtime_checkable
 
+from rwt_protocol.frames import Frame
 from rwt_protocol.ops import Op
 from rwt_protocol.payloads import Encodable, Sample
-from rwt_protocol.transport import Frame
 
 T = TypeVar("T")
 Steps = Generator[None, None, T]

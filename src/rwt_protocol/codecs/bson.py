@@ -13,8 +13,8 @@ from typing import Final
 from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, SplitLimits, Steps, finished
 from rwt_protocol.codecs.object_codec import ObjectCodec, members_of, members_within, too_deep
 from rwt_protocol.errors import EncodingUnavailable, MalformedPayload
+from rwt_protocol.frames import Frame
 from rwt_protocol.payloads import FEW_BYTES, Sample
-from rwt_protocol.transport import Frame
 
 try:
     import bson

@@ -19,8 +19,8 @@ from rwt_protocol.codecs.cbor_decoder import (
     new_decoder,
 )
 from rwt_protocol.codecs.object_codec import ObjectCodec, members_of
+from rwt_protocol.frames import Buffer, Frame
 from rwt_protocol.payloads import FEW_BYTES, Sample
-from rwt_protocol.transport import Buffer, Frame
 
 MAPS: Final = bytes(range(0xA0, 0xC0))
 """The first bytes of a map."""

@@ -9,8 +9,8 @@ from io import BytesIO
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 from rwt_protocol.codecs.base import SplitLimits, Steps
+from rwt_protocol.frames import Buffer
 from rwt_protocol.payloads import FEW_BYTES
-from rwt_protocol.transport import Buffer
 
 if TYPE_CHECKING:
     import cbor2

@@ -17,9 +17,9 @@ from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, Spl
 from rwt_protocol.codecs.envelope import DECODER, PAYLOADS, RELIED_ON
 from rwt_protocol.codecs.full_split import split_whole
 from rwt_protocol.codecs.head_tail_split import LARGE, split_large
+from rwt_protocol.frames import Buffer, Frame
 from rwt_protocol.ops import OPS, Op
 from rwt_protocol.payloads import Encodable, Sample
-from rwt_protocol.transport import Buffer, Frame
 
 _decode: Final = DECODER.decode
 

@@ -10,9 +10,9 @@ from pydantic import BaseModel
 
 from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder
 from rwt_protocol.codecs.envelope import PAYLOADS, RELIED_ON, UNDECODED
+from rwt_protocol.frames import Frame
 from rwt_protocol.ops import CallService, Op, ServiceResponse
 from rwt_protocol.payloads import Decoded, Encodable, Sample
-from rwt_protocol.transport import Frame
 
 
 def members_of(found: Mapping[object, object] | Mapping[str, object], size: int) -> Members:

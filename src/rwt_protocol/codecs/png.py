@@ -20,8 +20,8 @@ from typing import Final, Protocol
 from rwt_protocol.codecs.base import Steps, finished
 from rwt_protocol.codecs.json import publish_frame, publish_prefix
 from rwt_protocol.errors import Refused
+from rwt_protocol.frames import Buffer, Frame
 from rwt_protocol.payloads import Sample
-from rwt_protocol.transport import Buffer, Frame
 
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _HEADER: Final = struct.Struct(">IIBBBBB")

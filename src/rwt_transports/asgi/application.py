@@ -9,13 +9,14 @@ from urllib.parse import quote
 
 import anyio
 
-from rwt_protocol.transport import Accept, PeerInfo
 from rwt_transports.asgi.messages import asgi_messages
 from rwt_transports.asgi.types import Receive, Scope, Send
 from rwt_transports.asgi.websocket import AsgiLink
 from rwt_transports.connection import Connection, ListenerState
+from rwt_transports.endpoint import Accept, PeerInfo
 from rwt_transports.errors import Refused, log_exception
-from rwt_transports.http import (
+from rwt_transports.http.connection import SAFE_HEADERS, close_iterator
+from rwt_transports.http.routes import (
     NO_PROXIES,
     Hosts,
     HttpRequest,
@@ -25,7 +26,6 @@ from rwt_transports.http import (
     is_local,
     refusal_as_text,
 )
-from rwt_transports.http_connection import SAFE_HEADERS, close_iterator
 from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.websocket.close_codes import POLICY
 from rwt_transports.websocket.handshake import choose_subprotocol

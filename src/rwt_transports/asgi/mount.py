@@ -12,11 +12,12 @@ from urllib.parse import unquote
 import anyio
 from anyio.streams.memory import MemoryObjectReceiveStream, MemoryObjectSendStream
 
-from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
+from rwt_protocol.frames import Frame
 from rwt_transports.api import FlowControl
 from rwt_transports.asgi.types import App, Event, Scope
 from rwt_transports.background import TaskStarter
-from rwt_transports.http import HttpRequest, HttpResponse
+from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
+from rwt_transports.http.routes import HttpRequest, HttpResponse
 from rwt_transports.websocket.close_codes import INTERNAL_ERROR, NORMAL
 
 logger = logging.getLogger("rwt_transports.asgi")
@@ -290,7 +291,7 @@ def _is_leave(error: BaseException) -> bool:
 
 
 class _Socket:
-    """One WebSocket of an app; satisfies :class:`rwt_protocol.transport.Endpoint`."""
+    """One WebSocket of an app; satisfies :class:`rwt_transports.endpoint.Endpoint`."""
 
     def __init__(self, app: App, scope: Scope, sink: Sink) -> None:
         self._app = app

@@ -17,7 +17,7 @@ import anyio.lowlevel
 from anyio.abc import ByteStream, SocketAttribute, SocketListener, TaskGroup
 from anyio.streams.tls import TLSStream
 
-from rwt_protocol.transport import Buffer
+from rwt_protocol.frames import Buffer
 from rwt_transports.api import Attach, BindAddress, HangUp, RemoteAddress
 from rwt_transports.drivers.sockets import (
     HELD_BACK_SECONDS,

@@ -20,7 +20,7 @@ from weakref import WeakValueDictionary
 import anyio
 from anyio.abc import TaskGroup
 
-from rwt_protocol.transport import Buffer
+from rwt_protocol.frames import Buffer
 from rwt_transports.api import (
     Attach,
     BindAddress,

@@ -11,23 +11,22 @@ from time import time_ns
 import anyio
 import anyio.lowlevel
 
-from rwt_protocol.transport import (
+from rwt_protocol.frames import Burst, Frame
+from rwt_transports.background import background_tasks
+from rwt_transports.endpoint import (
     AS_MANY_AS_FIT,
     Accept,
-    Burst,
     DropReason,
     Endpoint,
     Flow,
     FlowRules,
-    Frame,
     PeerInfo,
     Traffic,
 )
-from rwt_transports.background import background_tasks
 
 
 class _End:
-    """The sink of one of the two endpoints; satisfies :class:`rwt_protocol.transport.Sink`."""
+    """The sink of one of the two endpoints; satisfies :class:`rwt_transports.endpoint.Sink`."""
 
     __slots__ = ("_awake", "_closing", "_frames", "_size", "opposite", "other", "received")
 
@@ -92,7 +91,7 @@ class _End:
 
 class _EndFlow:
     """One topic's way to the other side, which is never slow; satisfies
-    :class:`rwt_protocol.transport.Flow`."""
+    :class:`rwt_transports.endpoint.Flow`."""
 
     __slots__ = ("_end",)
 

@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING, Final
 
 import anyio
 
-from rwt_protocol.transport import Frame
+from rwt_protocol.frames import Frame
 from rwt_transports.errors import log_exception
-from rwt_transports.http import HttpRequest, HttpResponse, Routes
-from rwt_transports.http_connection import close_iterator
+from rwt_transports.http.connection import close_iterator
+from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes
 from rwt_transports.relay.protocol import BadAssignment, decode_head, encode_head
 from rwt_transports.websocket.close_codes import GOING_AWAY, NORMAL, POLICY, PROTOCOL_ERROR
 
 if TYPE_CHECKING:
-    from rwt_protocol.transport import Sink
     from rwt_transports.api import FlowControl
+    from rwt_transports.endpoint import Sink
 
 logger = logging.getLogger("rwt_transports.relay.pages")
 

@@ -21,8 +21,8 @@ from typing import Annotated, Final
 
 import msgspec
 
-from rwt_protocol.transport import PeerInfo
-from rwt_transports.http import HttpRequest
+from rwt_transports.endpoint import PeerInfo
+from rwt_transports.http.routes import HttpRequest
 
 ROBOTS: Final = "/robots/"
 """Where robots dial in; the rest of the path is the robot's name."""

@@ -11,7 +11,7 @@ import anyio.to_thread
 
 from rwt_transports.background import runs_asyncio
 from rwt_transports.errors import ConnectError, Refused
-from rwt_transports.http import is_local
+from rwt_transports.http.routes import is_local
 from rwt_transports.limits import AddressCount
 from rwt_transports.webrtc.ice import BadIceServer, kinds_of
 from rwt_transports.webrtc.ice_servers import read_configuration, read_ice_servers
@@ -22,8 +22,8 @@ from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 if TYPE_CHECKING:
     from anyio.abc import TaskGroup
 
-    from rwt_protocol.transport import PeerInfo, Sink
     from rwt_transports.api import Attach, RemoteAddress
+    from rwt_transports.endpoint import PeerInfo, Sink
     from rwt_transports.webrtc.ice import IceServer
 
 LABEL: Final = "rosbridge"

@@ -14,7 +14,7 @@ from aiortc import RTCPeerConnection, RTCSessionDescription
 
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.errors import log_exception
-from rwt_transports.http import is_local
+from rwt_transports.http.routes import is_local
 from rwt_transports.limits import KIB, AddressCount, Limits, network_of
 from rwt_transports.webrtc.association import Association
 from rwt_transports.webrtc.channels import ChannelLink
@@ -28,7 +28,7 @@ from rwt_transports.wires.whole_messages import whole_messages
 if TYPE_CHECKING:
     from aiortc import RTCDataChannel, RTCIceCandidate, RTCIceTransport
 
-    from rwt_protocol.transport import Accept
+    from rwt_transports.endpoint import Accept
 
 logger = logging.getLogger("rwt_transports.webrtc")
 

@@ -21,7 +21,7 @@ try:
 except ImportError:  # no compiled extension for this interpreter
     from websockets.utils import apply_mask
 
-from rwt_protocol.transport import Buffer, Frame
+from rwt_protocol.frames import Buffer, Frame
 from rwt_transports.api import HEAD_BYTES, Framing, WireEvents
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import (

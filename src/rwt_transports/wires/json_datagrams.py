@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 
-from rwt_protocol.transport import Buffer, Frame
+from rwt_protocol.frames import Buffer, Frame
 from rwt_transports.api import Framing, WireEvents
 from rwt_transports.limits import Limits
 from rwt_transports.wires.json_stream import JsonStreamWire

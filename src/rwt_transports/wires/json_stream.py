@@ -13,7 +13,7 @@ from __future__ import annotations
 import logging
 import re
 
-from rwt_protocol.transport import Buffer, Frame
+from rwt_protocol.frames import Buffer, Frame
 from rwt_transports.api import HEAD_BYTES, Framing, WireEvents
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import POLICY, TOO_BIG

@@ -13,10 +13,11 @@ from pathlib import Path
 import anyio
 import pytest
 
-from rwt_protocol.transport import Frame, PeerInfo, Sink
+from rwt_protocol.frames import Frame
 from rwt_transports import BadUrl, HttpRequest, HttpResponse, Limits, Refused, Routes, TransportError, listen
 from rwt_transports.connect import connect
 from rwt_transports.drivers.in_process import connect_in_process
+from rwt_transports.endpoint import PeerInfo, Sink
 from rwt_transports.errors import ConnectError
 from rwt_transports.schemes import parse_connect_url
 from tests.contract.transports import test_listen

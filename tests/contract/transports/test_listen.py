@@ -31,12 +31,13 @@ from websockets.frames import Frame as WebSocketFrame
 from websockets.frames import Opcode
 from websockets.uri import parse_uri
 
-from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
+from rwt_protocol.frames import Frame
 from rwt_transports import HttpRequest, HttpResponse, Limits, ListenError, Refused, Routes, listen
 from rwt_transports.api import Driver, FlowControl
 from rwt_transports.drivers.anyio_stream import AnyioDriver
 from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
 from rwt_transports.drivers.standard_streams import DescriptorStream, StandardStreamsDriver
+from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.listener import OpenListener
 
 pytestmark = pytest.mark.anyio

@@ -35,7 +35,7 @@ from rwt_graph.parameters.services import DISCLOSURES as PARAMETER_DISCLOSURES
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
-from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse
+from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse
 from tests.rwt.gateways.foxglove.viewer import Viewer
 from tests.rwt.gateways.rosbridge.recording_client import Client
 

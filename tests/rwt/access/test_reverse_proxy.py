@@ -19,7 +19,7 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from rwt import Server
-from rwt_transports.http import Proxies
+from rwt_transports.http.routes import Proxies
 from tests.processes import free_port
 from tests.rwt.access.test_reload import certify
 

@@ -20,8 +20,8 @@ from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_interfaces.distro import JAZZY
 from rwt_interfaces.registry import Registry
-from rwt_protocol.transport import PeerInfo
-from rwt_transports.http import Audience, HttpRequest, HttpResponse
+from rwt_transports.endpoint import PeerInfo
+from rwt_transports.http.routes import Audience, HttpRequest, HttpResponse
 from tests.rwt.gateways.rosbridge.recording_client import Client
 
 ADDRESS = "192.0.2.1"

@@ -17,7 +17,7 @@ from rwt.nodes.recording import Encoding, RecordingWriter, TopicSelection, open_
 from rwt.nodes.recording.remote_recorder import EARLIER_NS, RemoteRecorder
 from rwt_client import connect
 from rwt_graph import MemoryGraph, Node, SimulatedClock
-from rwt_protocol.transport import Endpoint, PeerInfo, Sink
+from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from tests.client.worlds import AT_ONCE, until
 
 pytestmark = pytest.mark.anyio

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt.nodes.mesh_files import MeshFiles, MeshFilesError
-from rwt_transports.http import HttpRequest, HttpResponse
+from rwt_transports.http.routes import HttpRequest, HttpResponse
 from tests.rwt.nodes.readers import SeesNothing
 
 pytestmark = pytest.mark.anyio

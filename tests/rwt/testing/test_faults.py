@@ -8,7 +8,7 @@ from rwt.gateways.rosbridge.bridge import Bridge
 from rwt.settings.models import Settings
 from rwt.testing import ObservedGraph, ObservedWire, ScriptError
 from rwt_graph import Node, SimulatedClock
-from rwt_protocol.transport import PeerInfo, Traffic
+from rwt_transports.endpoint import PeerInfo, Traffic
 from rwt_transports.errors import Refused
 from tests.rwt.gateways.rosbridge.recording_client import Client
 

@@ -16,7 +16,7 @@ from rwt.access.settings import SettingsError
 from rwt.composition.web import serve_page
 from rwt.errors import ServerError
 from rwt.web import WebPage, WebPageError, find_static_files
-from rwt_transports.http import HttpRequest, HttpResponse
+from rwt_transports.http.routes import HttpRequest, HttpResponse
 from tests.rwt.nodes.readers import SeesNothing
 
 pytestmark = pytest.mark.anyio

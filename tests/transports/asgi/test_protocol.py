@@ -10,7 +10,7 @@ import anyio
 import pytest
 
 from rwt import Server, SettingsError
-from rwt_protocol.transport import Frame
+from rwt_protocol.frames import Frame
 from rwt_transports.asgi.application import AsgiApplication
 from rwt_transports.asgi.messages import (
     BINARY,

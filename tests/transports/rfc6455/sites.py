@@ -18,13 +18,14 @@ from typing import Literal
 
 from anyio.from_thread import start_blocking_portal
 
-from rwt_protocol.transport import Accept, Endpoint, Frame, PeerInfo, Sink
+from rwt_protocol.frames import Frame
 from rwt_transports import Limits, Routes, listen
 from rwt_transports.api import Driver
 from rwt_transports.connection import ListenerState
 from rwt_transports.drivers.anyio_stream import AnyioDriver
 from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
-from rwt_transports.http_connection import HttpConnection
+from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
+from rwt_transports.http.connection import HttpConnection
 from rwt_transports.listener import OpenListener
 from rwt_transports.websocket.extensions import Deflate
 from rwt_transports.websocket.wire import websocket_server

@@ -23,7 +23,7 @@ from rwt.signals import HANGUP, STOP_SIGNALS, on_signals, terminal_is_gone
 from rwt.tls.tls import renew_server_tls, server_tls
 from rwt_transports.drivers.sockets import raise_descriptor_limit
 from rwt_transports.errors import TransportError
-from rwt_transports.http import MetricFamily, Proxies
+from rwt_transports.http.routes import MetricFamily, Proxies
 from rwt_transports.limits import Limits
 
 logger = logging.getLogger("rwt.cli.hub")

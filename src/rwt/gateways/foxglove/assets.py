@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 from rwt.gateways.foxglove.errors import NotPossible
 from rwt.gateways.foxglove.wire.server_messages import asset, asset_failure
-from rwt_transports.http import HttpRequest, HttpResponse
+from rwt_transports.http.routes import HttpRequest, HttpResponse
 
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph

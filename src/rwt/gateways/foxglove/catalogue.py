@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rwt.access.graph_view import GraphView
     from rwt_graph.api import TopicInfo
     from rwt_interfaces.structs import MessageType, ServiceType
-    from rwt_protocol.transport import Frame
+    from rwt_protocol.frames import Frame
 
 SCHEMA_ENCODINGS: Final[Mapping[str, str]] = {"cdr": "ros2msg", "ros1": "ros1msg"}
 """How the definition of a type is written, by the serialisation of its messages."""

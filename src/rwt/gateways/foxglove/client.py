@@ -23,7 +23,7 @@ from rwt.gateways.foxglove.subscriptions import Subscriptions
 from rwt.gateways.foxglove.wire import client_messages as said
 from rwt.gateways.foxglove.wire.server_messages import Level
 from rwt_participant.errors import RobotError
-from rwt_protocol.transport import FlowRules
+from rwt_transports.endpoint import FlowRules
 from rwt_transports.errors import Refused
 from rwt_transports.websocket.close_codes import POLICY
 
@@ -35,7 +35,8 @@ if TYPE_CHECKING:
     from rwt.gateways.foxglove.catalogue import Change, Listing
     from rwt.gateways.foxglove.settings import Bounds, FoxgloveSettings
     from rwt_graph.clock import Playback
-    from rwt_protocol.transport import Frame, PeerInfo, Sink
+    from rwt_protocol.frames import Frame
+    from rwt_transports.endpoint import PeerInfo, Sink
 
 Steps = Iterator[None]
 """What is left to do of one message."""

@@ -23,7 +23,7 @@ from rwt.gateways.foxglove.settings import Bounds, FoxgloveSettings
 from rwt.gateways.foxglove.wire.payloads import encodings
 from rwt.gateways.foxglove.wire.server_messages import server_info, time
 from rwt_transports.errors import Refused
-from rwt_transports.http import HttpExtension, HttpRequest
+from rwt_transports.http.routes import HttpExtension, HttpRequest
 
 if TYPE_CHECKING:
     from rwt.access.access import Access
@@ -35,7 +35,8 @@ if TYPE_CHECKING:
     from rwt_graph.api import Graph
     from rwt_graph.clock import Playback
     from rwt_participant.timers import Timer
-    from rwt_protocol.transport import Endpoint, Frame, PeerInfo, Sink
+    from rwt_protocol.frames import Frame
+    from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 
 NODE: Final = "/foxglove_bridge"
 """The node as which all clients act."""

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rwt.gateways.foxglove.wire.client_messages import PlaybackControlRequest
     from rwt_graph.clock import Playback
     from rwt_interfaces.structs import ServiceType
-    from rwt_protocol.transport import Frame
+    from rwt_protocol.frames import Frame
 
 _SAME_SPEED: Final = 1e-6
 """Two speeds this close are the same: the protocol has 32 bits for one."""

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 
 from rwt.access.audit import LineRate, is_written, one_line
 from rwt.gateways.foxglove.wire.server_messages import Level, status
-from rwt_protocol.transport import FlowRules
+from rwt_transports.endpoint import FlowRules
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rwt.access.audit import Audit
-    from rwt_protocol.transport import Flow, Frame, Sink
+    from rwt_protocol.frames import Frame
+    from rwt_transports.endpoint import Flow, Sink
 
 _LOG_LEVELS = {Level.INFO: logging.DEBUG, Level.WARNING: logging.INFO, Level.ERROR: logging.WARNING}
 

@@ -12,7 +12,7 @@ from rwt.delivery.throttle import Room, Throttle
 from rwt.gateways.foxglove.errors import NotPossible
 from rwt.gateways.foxglove.replies import Notice
 from rwt.gateways.foxglove.wire.server_messages import message_data, subscription_number
-from rwt_protocol.transport import DropReason
+from rwt_transports.endpoint import DropReason
 
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
@@ -21,8 +21,9 @@ if TYPE_CHECKING:
     from rwt.gateways.foxglove.replies import Replies
     from rwt.gateways.foxglove.wire.client_messages import Subscription
     from rwt_interfaces.payload import Form
+    from rwt_protocol.frames import Burst, Frame
     from rwt_protocol.payloads import Sample
-    from rwt_protocol.transport import Burst, Flow, Frame
+    from rwt_transports.endpoint import Flow
 
 
 class MessageEncoding:
@@ -46,7 +47,7 @@ class MessageEncoding:
 
 class _NumberedFlow:
     """A topic's way to one client, on which its subscription's id is put into what all share; satisfies
-    :class:`rwt_protocol.transport.Flow`."""
+    :class:`rwt_transports.endpoint.Flow`."""
 
     __slots__ = ("_flow", "_number", "close", "configure")
 

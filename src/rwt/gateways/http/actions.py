@@ -14,7 +14,7 @@ from rwt.gateways.http.requests import Query, name_below, payload_of
 from rwt_graph.api import GoalEvents
 from rwt_participant.errors import CallFailed, GoalRejected, ProviderNotFound
 from rwt_participant.goals import GoalStatus
-from rwt_transports.http import HttpResponse
+from rwt_transports.http.routes import HttpResponse
 
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import ActionType
     from rwt_participant.timers import Timer
-    from rwt_protocol.transport import DropReason
-    from rwt_transports.http import HttpRequest
+    from rwt_transports.endpoint import DropReason
+    from rwt_transports.http.routes import HttpRequest
 
 PATH: Final = "/api/actions/"
 

@@ -7,9 +7,9 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from rwt.gateways.http import problems
-from rwt_protocol.transport import PeerInfo
+from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused
-from rwt_transports.http import HttpResponse
+from rwt_transports.http.routes import HttpResponse
 from rwt_transports.limits import network_of
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rwt.access.roles import Role
     from rwt.delivery.shared_graph import SharedGraph
     from rwt_participant.timers import Timer
-    from rwt_transports.http import HttpRequest
+    from rwt_transports.http.routes import HttpRequest
 
 T = TypeVar("T")
 

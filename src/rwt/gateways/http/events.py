@@ -10,12 +10,14 @@ import anyio
 
 from rwt.gateways.http.representations import json_of
 from rwt_protocol.codecs import Encoding
-from rwt_protocol.transport import DropReason, Frame
+from rwt_protocol.frames import Frame
+from rwt_transports.endpoint import DropReason
 
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
+    from rwt_protocol.frames import Buffer, Burst
     from rwt_protocol.payloads import Sample
-    from rwt_protocol.transport import Buffer, Burst, FlowRules
+    from rwt_transports.endpoint import FlowRules
 
 KEEP_ALIVE_SECONDS: Final = 15.0
 """After so long without an event a comment is sent, so that proxies see that somebody is there."""
@@ -63,7 +65,7 @@ SAMPLES: Final = Encoding("events", 0, _sample_encoder)
 
 class EventQueue:
     """The events that wait for one reader; an asynchronous iterator of what to send, and as a
-    :class:`rwt_protocol.transport.Flow` where samples go.
+    :class:`rwt_transports.endpoint.Flow` where samples go.
 
     The oldest give way. What is no sample (notices, ends) is not dropped, and its maker bounds it.
 

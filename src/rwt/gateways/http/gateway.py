@@ -20,7 +20,7 @@ from rwt.gateways.http.problems import HttpProblem, refusal
 from rwt.gateways.http.representations import CBOR, EVENTS, HTML, JSON, chosen, tagged_bytes, value_response
 from rwt.gateways.http.requests import Query, text_below
 from rwt.gateways.http.schemas import document
-from rwt_transports.http import Audience, HttpExtension, MetricFamily, Route
+from rwt_transports.http.routes import Audience, HttpExtension, MetricFamily, Route
 
 if TYPE_CHECKING:
     from rwt.access.access import Access
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from rwt.gateways.http.clients import Handler
     from rwt.gateways.http.settings import HttpSettings
     from rwt_graph.api import Graph
-    from rwt_transports.http import HttpRequest, HttpResponse
+    from rwt_transports.http.routes import HttpRequest, HttpResponse
 
 GATEWAY_NODE: Final = "/http_bridge"
 """The node as which all clients over HTTP act."""

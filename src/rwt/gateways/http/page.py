@@ -9,7 +9,7 @@ from importlib.resources import files
 from typing import Final
 
 from rwt.gateways.http.problems import KINDS
-from rwt_transports.http import HttpResponse, page_policy
+from rwt_transports.http.routes import HttpResponse, page_policy
 
 _PLACE: Final = "<!-- problems -->"
 

@@ -13,12 +13,12 @@ from rwt.gateways.http.requests import Query, text_below, value_of
 from rwt.gateways.http.services import call
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import ServiceFailed
-from rwt_transports.http import HttpResponse
+from rwt_transports.http.routes import HttpResponse
 
 if TYPE_CHECKING:
     from rwt.access.graph_view import GraphView
     from rwt.gateways.http.clients import Clients
-    from rwt_transports.http import HttpRequest
+    from rwt_transports.http.routes import HttpRequest
 
 PATH: Final = "/api/parameters/"
 

@@ -25,11 +25,11 @@ from rwt_participant.errors import (
     TimedOut,
     UnknownType,
 )
-from rwt_transports.http import HttpResponse
+from rwt_transports.http.routes import HttpResponse
 
 if TYPE_CHECKING:
     from rwt_transports.errors import Refused
-    from rwt_transports.http import HttpRequest
+    from rwt_transports.http.routes import HttpRequest
 
 CONTENT_TYPE: Final = "application/problem+json"
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Final
 import msgspec
 
 from rwt.gateways.http.problems import HttpProblem
-from rwt_transports.http import HttpResponse
+from rwt_transports.http.routes import HttpResponse
 
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
-    from rwt_transports.http import HttpRequest
+    from rwt_transports.http.routes import HttpRequest
 
 JSON: Final = "application/json"
 CBOR: Final = "application/cbor"

@@ -25,7 +25,7 @@ from rwt_protocol.payloads import Decoded
 if TYPE_CHECKING:
     from rwt_interfaces.serialise.long_strings import Steps
     from rwt_interfaces.structs import MessageType
-    from rwt_transports.http import HttpRequest
+    from rwt_transports.http.routes import HttpRequest
 
 T = TypeVar("T")
 

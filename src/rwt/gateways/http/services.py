@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rwt.gateways.http.settings import HttpSettings
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import ServiceType
-    from rwt_transports.http import HttpRequest, HttpResponse
+    from rwt_transports.http.routes import HttpRequest, HttpResponse
 
 PATH: Final = "/api/services/"
 

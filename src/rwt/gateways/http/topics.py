@@ -16,7 +16,7 @@ from rwt.gateways.http.problems import HttpProblem
 from rwt.gateways.http.representations import CBOR, EVENTS, JSON, chosen, payload_response, value_response
 from rwt.gateways.http.requests import IN_STEPS, Query, name_below, payload_of
 from rwt_participant.qos import LATCHED, Durability
-from rwt_transports.http import HttpResponse
+from rwt_transports.http.routes import HttpResponse
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from rwt.gateways.http.settings import HttpSettings
     from rwt_graph.api import Sample
     from rwt_participant.qos import QoS
-    from rwt_protocol.transport import DropReason
-    from rwt_transports.http import HttpRequest
+    from rwt_transports.endpoint import DropReason
+    from rwt_transports.http.routes import HttpRequest
 
 PATH: Final = "/api/topics/"
 

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, Final
 import anyio
 
 from rwt.gateways.mcp.metered import Metered
-from rwt_transports.http import TEXT, HttpResponse
+from rwt_transports.http.routes import TEXT, HttpResponse
 
 if TYPE_CHECKING:
     from anyio.abc import TaskGroup
     from anyio.streams.memory import MemoryObjectReceiveStream
 
-    from rwt_transports.http import HttpRequest
+    from rwt_transports.http.routes import HttpRequest
 
 Message = MutableMapping[str, Any]
 Application = Callable[

@@ -33,9 +33,9 @@ from rwt.gateways.mcp.goals import GoalTable
 from rwt.gateways.mcp.graph_robot import GraphRobot
 from rwt.gateways.mcp.server import make_server
 from rwt.gateways.mcp.tools import TOOLS
-from rwt_protocol.transport import PeerInfo
+from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused
-from rwt_transports.http import (
+from rwt_transports.http.routes import (
     Audience,
     HttpExtension,
     HttpRequest,

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from rwt_graph.clock import Clock
     from rwt_interfaces.registry import Registry
     from rwt_protocol.dispatcher import Steps
-    from rwt_protocol.transport import Endpoint, PeerInfo, Sink
+    from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 
 
 HANDLERS: Final[Mapping[type[ops.Op], Callable[[Peer, Never], Steps | None]]] = {

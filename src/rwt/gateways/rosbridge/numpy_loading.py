@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 from rwt_protocol.brackets import has_more_brackets
 
 if TYPE_CHECKING:
-    from rwt_protocol.transport import Buffer
+    from rwt_protocol.frames import Buffer
 
 LARGE: Final = 64 * 1024
 """Bytes of a message up to which numpy does nothing for it."""

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from rwt_protocol.codecs import Encoding
     from rwt_protocol.dispatcher import Dispatcher, Steps
     from rwt_protocol.session import Session
-    from rwt_protocol.transport import PeerInfo, Sink
+    from rwt_transports.endpoint import PeerInfo, Sink
 
 
 class _Work(NamedTuple):

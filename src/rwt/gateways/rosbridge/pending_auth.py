@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rwt_graph.clock import Clock
     from rwt_participant.timers import Timer
     from rwt_protocol.session import Session
-    from rwt_protocol.transport import PeerInfo, Sink
+    from rwt_transports.endpoint import PeerInfo, Sink
 
 
 #: Bytes that an `auth` op may take; strangers are not worth more memory.

@@ -13,9 +13,10 @@ if TYPE_CHECKING:
 
     from rwt.access.audit import Audit
     from rwt_interfaces.payload import Payload
+    from rwt_protocol.frames import Frame
     from rwt_protocol.ops import Op
     from rwt_protocol.session import Session
-    from rwt_protocol.transport import Frame, PeerInfo, Sink
+    from rwt_transports.endpoint import PeerInfo, Sink
 
 _LOG_LEVELS = {
     "error": logging.WARNING,

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from rwt_graph import Graph
     from rwt_graph.api import Sample
     from rwt_interfaces.payload import Payload
-    from rwt_transports.http import Reader, Work
+    from rwt_transports.http.routes import Reader, Work
 
 NAME: Final = "whep"
 PATIENCE: Final = 5.0

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from rwt.media.broadcast import Viewer
     from rwt.media.encoders.encoded import Encoded
     from rwt.nodes.video import WebVideoServer
-    from rwt_transports.http import Work
+    from rwt_transports.http.routes import Work
 
 _MILLISECONDS: Final = Fraction(1, 1000)
 PACKET_BYTES: Final = 1000

@@ -22,7 +22,7 @@ from rwt.media.webrtc.audio_track import AudioTrack
 from rwt.media.webrtc.opus import only_opus, require_opus
 from rwt.media.webrtc.video_track import TopicTrack
 from rwt_transports.errors import Refused
-from rwt_transports.http import Audience, HttpResponse, Route
+from rwt_transports.http.routes import Audience, HttpResponse, Route
 from rwt_transports.webrtc.sdp import BadDescription, read_description
 from rwt_transports.webrtc.signalling import SDP, answering, opened, resource_routes
 
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from rwt.media.webrtc.audio import AudioFormat
     from rwt.media.webrtc.audio_topics import AudioTopics
     from rwt.nodes.video import WebVideoServer
-    from rwt_protocol.transport import PeerInfo, Sink
-    from rwt_transports.http import HttpRequest, Reader
+    from rwt_transports.endpoint import PeerInfo, Sink
+    from rwt_transports.http.routes import HttpRequest, Reader
     from rwt_transports.webrtc.peer import Peer
     from rwt_transports.webrtc.sdp import Description
     from rwt_transports.webrtc.signalling import Peers

@@ -20,9 +20,9 @@ from rwt.media.webrtc.opus import only_opus, require_opus
 from rwt.media.webrtc.senders import SendersTopic, Sending
 from rwt_graph.errors import InvalidGraphName
 from rwt_participant.errors import RobotError
-from rwt_protocol.transport import PeerInfo
+from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused
-from rwt_transports.http import Audience, HttpResponse, Route
+from rwt_transports.http.routes import Audience, HttpResponse, Route
 from rwt_transports.webrtc.sdp import BadDescription, Description, read_description
 from rwt_transports.webrtc.signalling import SDP, answering, opened, resource_routes
 
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
     from rwt.access.graph_view import GraphView
     from rwt_graph.api import Graph
-    from rwt_protocol.transport import Sink
-    from rwt_transports.http import HttpRequest
+    from rwt_transports.endpoint import Sink
+    from rwt_transports.http.routes import HttpRequest
     from rwt_transports.webrtc.peer import Peer
     from rwt_transports.webrtc.signalling import Peers
 

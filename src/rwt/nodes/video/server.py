@@ -29,7 +29,7 @@ from rwt.nodes.video.responses import (
 from rwt.nodes.video.topics import INFO, VisibleTopics
 from rwt_graph import Graph, Node
 from rwt_transports.errors import Refused
-from rwt_transports.http import (
+from rwt_transports.http.routes import (
     Audience,
     HttpExtension,
     HttpRequest,

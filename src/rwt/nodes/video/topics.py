@@ -11,7 +11,7 @@ from rwt.media.stream_request import COMPRESSED, RAW
 if TYPE_CHECKING:
     from rwt.media.stream_request import StreamRequest
     from rwt_graph.api import Graph
-    from rwt_transports.http import Reader
+    from rwt_transports.http.routes import Reader
 
 INFO: Final = "sensor_msgs/CameraInfo"
 

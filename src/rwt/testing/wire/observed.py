@@ -1,6 +1,6 @@
 """Between a transport and the bridge: writes down what passes, and does what the faults say.
 
-It wraps the three faces of :mod:`rwt_protocol.transport` (`Accept`, `Sink` and `Endpoint`), so that the
+It wraps the three faces of :mod:`rwt_transports.endpoint` (`Accept`, `Sink` and `Endpoint`), so that the
 server above and the transport below are the real ones.
 """
 
@@ -17,16 +17,18 @@ from rwt.testing.wire.slow_reader import SlowReader
 from rwt.testing.wire.transcript import Transcript, shown_bytes, shown_frame
 from rwt_protocol.codecs import bson_codec
 from rwt_protocol.errors import EncodingUnavailable
+from rwt_protocol.frames import Burst
 from rwt_protocol.ops import Direction, Op
 from rwt_protocol.session import Refusal, Session
-from rwt_protocol.transport import AS_MANY_AS_FIT, Burst, DropReason, FlowRules
 from rwt_transports.api import OversizeAware
+from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, FlowRules
 from rwt_transports.errors import Refused
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph
     from rwt_protocol.codecs import Codec
-    from rwt_protocol.transport import Accept, Endpoint, Flow, Frame, PeerInfo, Sink, Traffic
+    from rwt_protocol.frames import Frame
+    from rwt_transports.endpoint import Accept, Endpoint, Flow, PeerInfo, Sink, Traffic
 
 
 class ObservedWire:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rwt_protocol.transport import DropReason
+from rwt_transports.endpoint import DropReason
 
 if TYPE_CHECKING:
     from rwt_graph.clock import Clock

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rwt_protocol.transport import Buffer, Frame
+    from rwt_protocol.frames import Buffer, Frame
 
 #: Lines that are kept, and characters of each message.
 KEPT_LINES = 1000

@@ -19,7 +19,7 @@ from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_participant.qos import LATCHED
-from rwt_protocol.transport import DropReason
+from rwt_transports.endpoint import DropReason
 from rwt_transports.errors import Refused
 from tests.conftest import START_NS
 from tests.rwt.gateways.foxglove.conftest import MakeGateway, guest

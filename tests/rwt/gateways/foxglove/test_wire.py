@@ -14,7 +14,7 @@ from rwt.gateways.foxglove.errors import MalformedMessage
 from rwt.gateways.foxglove.wire import client_messages as said
 from rwt.gateways.foxglove.wire import server_messages as server
 from rwt.gateways.foxglove.wire.server_messages import Level, PlaybackStatus
-from rwt_protocol.transport import Frame
+from rwt_protocol.frames import Frame
 from tests.rwt.gateways.foxglove.viewer import parsed
 
 JSON = b'{"key": "value"}'

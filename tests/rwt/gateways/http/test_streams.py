@@ -12,7 +12,8 @@ import pytest
 
 from rwt import Server
 from rwt.gateways.http.events import EventQueue, one_line
-from rwt_protocol.transport import DropReason, Frame
+from rwt_protocol.frames import Frame
+from rwt_transports.endpoint import DropReason
 from tests.rwt.gateways.http.conftest import GUEST, ROLES, ROOT, Robot, until
 
 #: The client's streams end in garbage that trio warns of.

@@ -9,16 +9,8 @@ from typing import Any
 
 from rwt.gateways.rosbridge.bridge import Bridge
 from rwt.gateways.rosbridge.peer import Peer
-from rwt_protocol.transport import (
-    AS_MANY_AS_FIT,
-    Burst,
-    DropReason,
-    Endpoint,
-    FlowRules,
-    Frame,
-    PeerInfo,
-    Traffic,
-)
+from rwt_protocol.frames import Burst, Frame
+from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, Endpoint, FlowRules, PeerInfo, Traffic
 
 Message = dict[str, Any]
 

@@ -25,7 +25,7 @@ from rwt.gateways.rosbridge import Bridge
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_protocol.ops import Auth
-from rwt_protocol.transport import PeerInfo
+from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused
 from tests.rwt.gateways.rosbridge.recording_client import Client
 

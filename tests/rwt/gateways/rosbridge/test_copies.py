@@ -15,7 +15,7 @@ from rwt.gateways.rosbridge.bridge import Bridge
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_interfaces.registry import Registry
-from rwt_protocol.transport import Buffer
+from rwt_protocol.frames import Buffer
 from rwt_transports.api import DriverCallbacks
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.limits import Limits

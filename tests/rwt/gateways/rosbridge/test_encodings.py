@@ -25,8 +25,8 @@ from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.registry import Registry
 from rwt_protocol import codecs
 from rwt_protocol.codecs import CODECS, Encoding, PublishEncoder
+from rwt_protocol.frames import Frame
 from rwt_protocol.payloads import Sample
-from rwt_protocol.transport import Frame
 from tests.rwt.gateways.rosbridge.recording_client import Client
 
 SHARED = json.loads((Path(__file__).parents[3] / "protocol" / "examples.json").read_text())

@@ -10,9 +10,9 @@ import pytest
 
 from rwt.gateways.rosbridge.bridge import Bridge
 from rwt_graph.clock import SimulatedClock
-from rwt_protocol.transport import DropReason
 from rwt_transports import Limits
 from rwt_transports.connection import ListenerState
+from rwt_transports.endpoint import DropReason
 from rwt_transports.limits import READY_BYTES
 from rwt_transports.wires.json_stream import json_over_tcp
 from tests.memory_pipe import MemoryPipe

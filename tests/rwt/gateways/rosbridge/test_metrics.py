@@ -21,8 +21,8 @@ from rwt.observability.metrics import ServerMetrics
 from rwt.observability.prometheus import PrometheusText
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
-from rwt_protocol.transport import DropReason, PeerInfo, Traffic
-from rwt_transports.http import HttpRequest, HttpResponse
+from rwt_transports.endpoint import DropReason, PeerInfo, Traffic
+from rwt_transports.http.routes import HttpRequest, HttpResponse
 from tests.rwt.gateways.rosbridge.recording_client import Client
 
 pytestmark = pytest.mark.asyncio_only

@@ -19,7 +19,15 @@ from rwt.access.origins import Origins, is_loopback_listener
 from rwt.gateways.rosbridge import Bridge
 from rwt_graph import MemoryGraph
 from rwt_transports.errors import Refused
-from rwt_transports.http import Audience, Hosts, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+from rwt_transports.http.routes import (
+    Audience,
+    Hosts,
+    HttpExtension,
+    HttpRequest,
+    HttpResponse,
+    Reader,
+    Route,
+)
 from tests.rwt.gateways.rosbridge.recording_client import Client
 
 pytestmark = pytest.mark.asyncio_only

@@ -11,7 +11,7 @@ from rwt.gateways.rosbridge.bridge import Bridge
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_participant.qos import SENSOR_DATA, Durability, History, QoS, Reliability
-from rwt_protocol.transport import FlowRules
+from rwt_transports.endpoint import FlowRules
 from tests.rwt.gateways.rosbridge.recording_client import Client
 
 INT = "std_msgs/Int32"

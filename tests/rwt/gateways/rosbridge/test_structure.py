@@ -19,9 +19,10 @@ from rwt import Server
 from rwt.gateways.rosbridge.bridge import Bridge
 from rwt_protocol import codecs
 from rwt_protocol.codecs import CODECS, PublishEncoder
+from rwt_protocol.frames import Frame
 from rwt_protocol.payloads import Sample
-from rwt_protocol.transport import Endpoint, Frame, PeerInfo
 from rwt_transports.drivers.asyncio_protocol import WATCHED_BYTES
+from rwt_transports.endpoint import Endpoint, PeerInfo
 from rwt_transports.limits import Limits
 from rwt_transports.outbox import Outbox
 from rwt_transports.websocket.wire import SERVER_FRAMING

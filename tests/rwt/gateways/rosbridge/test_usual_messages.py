@@ -17,8 +17,8 @@ from rwt_graph.memory.graph import MemoryGraph
 from rwt_graph.nodes.node import Node
 from rwt_interfaces.registry import Registry
 from rwt_protocol.codecs.quick_publish import never
+from rwt_protocol.frames import Frame
 from rwt_protocol.session import Session
-from rwt_protocol.transport import Frame
 from tests.rwt.gateways.rosbridge.recording_client import Client
 
 GOOD = '{"op":"publish","id":"1","topic":"/t","msg":{"data":1},"latch":false}'

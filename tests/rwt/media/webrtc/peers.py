@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 import anyio
 from aiortc import RTCConfiguration, RTCDataChannel, RTCPeerConnection, RTCSessionDescription
 
-from rwt_protocol.transport import Accept, PeerInfo, Sink
 from rwt_transports.api import FlowControl
-from rwt_transports.http import HttpRequest, HttpResponse
+from rwt_transports.endpoint import Accept, PeerInfo, Sink
+from rwt_transports.http.routes import HttpRequest, HttpResponse
 from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.webrtc.ice import IceServer
 from rwt_transports.webrtc.peer import PeerTerms

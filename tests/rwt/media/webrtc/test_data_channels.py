@@ -7,8 +7,9 @@ import logging
 
 import pytest
 
-from rwt_protocol.transport import DropReason, FlowRules, Frame, PeerInfo, Sink
+from rwt_protocol.frames import Frame
 from rwt_transports.api import HEAD_BYTES
+from rwt_transports.endpoint import DropReason, FlowRules, PeerInfo, Sink
 from rwt_transports.errors import Refused
 from rwt_transports.limits import Limits
 from rwt_transports.webrtc.association import WINDOW_BYTES

@@ -14,7 +14,7 @@ from aiortc import RTCPeerConnection
 from rwt import Server, Settings
 from rwt.access.access import Access
 from rwt_graph import MemoryGraph
-from rwt_protocol.transport import PeerInfo
+from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused
 from tests.rwt.media.webrtc.peers import OtherSide, until
 from tests.rwt.media.webrtc.test_whep import TOPIC, Camera, Watcher, _post

@@ -12,7 +12,7 @@ from rwt.hub.hub import open_hub
 from rwt.settings.models import DialSettings, Settings
 from rwt.settings.webrtc import WebRtcSettings
 from rwt_client import connect
-from rwt_transports.http import HttpRequest
+from rwt_transports.http.routes import HttpRequest
 from rwt_transports.relay.protocol import decode_assignment, encode_request
 from tests.rwt.media.webrtc.peers import until
 

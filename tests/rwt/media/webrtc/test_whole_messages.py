@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_protocol.transport import Buffer, Frame
+from rwt_protocol.frames import Buffer, Frame
 from rwt_transports.api import HEAD_BYTES
 from rwt_transports.wires.whole_messages import HEADER, WHOLE_MESSAGES, MessageCutter, MessageWire
 

@@ -14,7 +14,7 @@ from rwt.nodes.demo.drive import Chassis
 from rwt.nodes.demo.model.meshes import Meshes, Visual
 from rwt.nodes.demo.model.shapes import Cuboid, Cylinder, Shape, Sphere
 from rwt.nodes.demo.model.urdf import visuals
-from rwt_transports.http import HttpRequest, HttpResponse
+from rwt_transports.http.routes import HttpRequest, HttpResponse
 from tests.rwt.nodes.readers import SeesNothing
 
 NAMESPACE = {"c": "http://www.collada.org/2005/11/COLLADASchema"}

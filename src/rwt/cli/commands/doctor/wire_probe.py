@@ -15,8 +15,9 @@ import anyio
 
 from rwt_protocol.codecs import CODECS, SELECTABLE, Codec
 from rwt_protocol.codecs.base import DecodeFailure, SplitLimits
+from rwt_protocol.frames import Frame
 from rwt_protocol.payloads import Decoded
-from rwt_protocol.transport import Frame, PeerInfo, Sink
+from rwt_transports.endpoint import PeerInfo, Sink
 
 _LIMITS: Final = SplitLimits(max_depth=64)
 """Objects and arrays that may be open at once in a message of the server."""
@@ -64,7 +65,7 @@ class WireProbe:
         return self
 
     def receive(self, data: bytes, binary: bool) -> None:
-        """A message has come; satisfies :class:`rwt_protocol.transport.Endpoint`."""
+        """A message has come; satisfies :class:`rwt_transports.endpoint.Endpoint`."""
         first = data[:1] if binary else b""
         encoding = next((each for each in SELECTABLE if first and first in each.first_bytes), CODECS["none"])
         op = _decoded(data, encoding.codec)

@@ -103,7 +103,7 @@ class CommandHost:
         from rwt.composition.recordings import RecordingFolder
         from rwt.gateways.mcp.approvals import Questions
         from rwt.gateways.mcp.goals import GoalTable
-        from rwt_transports.http import any_of
+        from rwt_transports.http.routes import any_of
 
         self.questions = Questions()
         self._log = logging.getLogger("rwt.gateways.mcp.audit")

@@ -12,7 +12,7 @@ from rwt_protocol.brackets import has_more_brackets
 if TYPE_CHECKING:
     from rwt_interfaces.distro import Distro
     from rwt_interfaces.structs import MessageType
-    from rwt_protocol.transport import Buffer
+    from rwt_protocol.frames import Buffer
 
 JSON: Final = "json"
 

@@ -9,7 +9,7 @@ from typing import Final, Literal
 
 import msgspec
 
-from rwt_protocol.transport import Buffer, Frame, GapFrame
+from rwt_protocol.frames import Buffer, Frame, GapFrame
 
 _encode: Final = msgspec.json.Encoder().encode
 

@@ -13,7 +13,7 @@ from rwt_transports.websocket.close_codes import POLICY
 if TYPE_CHECKING:
     from rwt.access.credentials import Rosauth
     from rwt.access.roles import Role
-    from rwt_protocol.transport import Sink
+    from rwt_transports.endpoint import Sink
 
 
 class _Authenticates(Protocol):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from rwt.delivery.flow_rules import rules_as_published
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.qos import LATCHED, SENSOR_DATA, Durability, History, QoS, Reliability
-from rwt_protocol.transport import AS_MANY_AS_FIT, FlowRules
+from rwt_transports.endpoint import AS_MANY_AS_FIT, FlowRules
 
 if TYPE_CHECKING:
     from rwt_graph.api import EndpointInfo

@@ -10,7 +10,7 @@ from rwt.delivery.drop_notices import DropNotices
 from rwt.delivery.throttle import Room, Throttle
 from rwt.gateways.rosbridge.ops.qos import history_depth, qos_request
 from rwt_protocol.ops import Status
-from rwt_protocol.transport import FlowRules
+from rwt_transports.endpoint import FlowRules
 
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rwt.gateways.rosbridge.reply import Replies
     from rwt_protocol import ops
     from rwt_protocol.codecs import Encoding
-    from rwt_protocol.transport import Flow
+    from rwt_transports.endpoint import Flow
 
 #: A throttle rate beyond this many milliseconds, three hundred centuries, is no longer than it.
 _LONGEST_THROTTLE = 10**15

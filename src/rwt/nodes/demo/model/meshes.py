@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from rwt.nodes.demo.model.shapes import Shape, Surface, text
-from rwt_transports.http import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
 #: The package that they are in.
 PACKAGE: Final = "rwt_demo"

@@ -10,11 +10,12 @@ from http import HTTPStatus
 import anyio
 import h11
 
-from rwt_protocol.transport import Buffer, PeerInfo
+from rwt_protocol.frames import Buffer
 from rwt_transports.api import Link
 from rwt_transports.connection import Connection, ListenerState
+from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused, log_exception
-from rwt_transports.http import Handler, HttpRequest, HttpResponse, Routes
+from rwt_transports.http.routes import Handler, HttpRequest, HttpResponse, Routes
 from rwt_transports.outbox import Outbox
 from rwt_transports.websocket.handshake import HandshakeAnswer, answer_handshake, wants_websocket
 from rwt_transports.websocket.wire import SERVER_FRAMING

@@ -1,0 +1,185 @@
+"""Contract between a transport and the protocol above it: endpoints, sinks and flows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from time import time_ns
+from typing import Protocol
+
+from rwt_protocol.frames import Burst, Frame
+
+
+class DropReason(StrEnum):
+    """Why a message of the data lane was not sent."""
+
+    QUEUE = "queue"
+    """More than the subscription's own queue holds."""
+    BACKLOG = "backlog"
+    """The peer reads too slowly for what all its topics together may have waiting."""
+    LIFESPAN = "lifespan"
+    """It was older than its lifespan when its turn came."""
+    SIZE = "size"
+    """It was larger than what may be sent to a client."""
+    THROTTLE = "throttle"
+    """It came sooner after the one before than the subscriber wants."""
+
+
+@dataclass(frozen=True, slots=True)
+class FlowRules:
+    """The rules for one topic's messages while the peer reads too slowly.
+
+    Attributes:
+        depth: messages that may wait, the newest stay; None: as many as the data lane has room for.
+        keep_all: never give way to another topic's messages while one without this has some to give.
+        notes: these are a few small messages of the server itself, which take no other topic's place.
+    """
+
+    depth: int | None = None
+    keep_all: bool = False
+    notes: bool = False
+
+
+AS_MANY_AS_FIT = FlowRules()
+
+
+class Flow(Protocol):
+    """One topic's way to one peer, in the data lane: order holds, and what is dropped is the oldest of it.
+
+    After the end of the connection every method does nothing.
+    """
+
+    def send(self, frame: Frame) -> None:
+        """Queue one message of one frame."""
+
+    def join(self, burst: Burst) -> bool:
+        """Queue what a burst holds and will hold when it is sealed. False, and nothing is queued, where each
+        of its frames has to be sent by itself."""
+
+    def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
+        """Queue one message in one or more frames: all of them are sent in the end, or none.
+
+        Args:
+            pieces: the frames, in order; messages of other flows may come between them.
+            expires_ns: the time on the flow's clock after which the message is dropped if its first frame
+                still waits; 0 for never.
+        """
+
+    def configure(self, rules: FlowRules) -> None:
+        """Follow these rules from now on; what waits is cut to the new depth."""
+
+    def close(self) -> None:
+        """Report no drops any more. What waits is still sent."""
+
+
+@dataclass(frozen=True, slots=True)
+class PeerInfo:
+    """The other side of a connection, as the transport knows it at the beginning.
+
+    Attributes:
+        transport: URL scheme, for example ``ws``.
+        address: the peer's address without its port, empty where there is none.
+        port: the peer's port, 0 where there is none.
+        path: path and query of the request, for transports that have one.
+        headers: request headers, names in lower case, for transports that have them.
+        max_message_size: bytes of the largest message that the transport can carry to this peer; 0 for any.
+        subprotocol: of the WebSocket, as it was agreed on; empty where none was.
+    """
+
+    transport: str
+    address: str = ""
+    port: int = 0
+    path: str = "/"
+    headers: Mapping[str, str] = field(default_factory=dict)
+    max_message_size: int = 0
+    subprotocol: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Traffic:
+    """Counts of a connection: what was sent, what waits and what was dropped.
+
+    Attributes:
+        messages: frames handed to the writer.
+        bytes: bytes handed to the network, the wire's own included.
+        queued_messages: messages that wait in the lanes.
+        queued_bytes: bytes that wait, in the lanes and in front of them.
+        dropped: messages of the data lane that were dropped, by reason.
+        received_bytes: bytes that came the other way, the wire's own included.
+    """
+
+    messages: int = 0
+    bytes: int = 0
+    queued_messages: int = 0
+    queued_bytes: int = 0
+    dropped: Mapping[DropReason, int] = field(default_factory=dict)
+    received_bytes: int = 0
+
+
+class Sink(Protocol):
+    """Where an endpoint writes: one control lane, and a data lane of one flow per topic.
+
+    All is synchronous, does not block, and is called on the loop's thread.
+    """
+
+    def send(self, frame: Frame) -> None:
+        """Queue one frame in the control lane: replies, requests, goals, status. None is ever dropped; too
+        much of it ends the connection, saying why.
+
+        After :meth:`close` or the loss of the connection this does nothing.
+        """
+
+    def flow(
+        self,
+        topic: str,
+        rules: FlowRules = AS_MANY_AS_FIT,
+        *,
+        on_drop: Callable[[DropReason], None] | None = None,
+        time_ns: Callable[[], int] = time_ns,
+    ) -> Flow:
+        """A way for published samples, in the data lane: slow readers lose the oldest of the same topic.
+
+        Args:
+            topic: what the flow is called, for people.
+            rules: how it is treated when the reader is slow.
+            on_drop: called for each message that is dropped.
+            time_ns: the clock of `expires_ns`.
+        """
+
+    def close(self, code: int = 1000, reason: str = "") -> None:
+        """Close the connection after what the control lane holds. RFC 6455 section 7.4 names the codes."""
+
+    def hand_over(self, endpoint: Endpoint) -> None:
+        """Feed `endpoint` from the next message on: it takes the place of the present endpoint.
+
+        The present endpoint is not called again, not even its `closed`. If the connection has ended already,
+        `endpoint` is closed at once. Not for use within the accept function, which returns an endpoint.
+        """
+
+    @property
+    def received(self) -> int:
+        """Bytes that have come from the peer, with all of the read whose messages are being handed over: what
+        tells one read from the next."""
+
+    @property
+    def backlog(self) -> int:
+        """Bytes queued and not yet handed to the network."""
+
+    @property
+    def traffic(self) -> Traffic:
+        """Counts since the connection began."""
+
+
+class Endpoint(Protocol):
+    """One peer, as a driver sees it. Every method is synchronous and is called on the loop's thread."""
+
+    def receive(self, data: bytes, binary: bool) -> None:
+        """Take one whole message, in order. Never raises."""
+
+    def closed(self, code: int, reason: str) -> None:
+        """The connection has ended; called exactly once, nothing follows. Never raises."""
+
+
+Accept = Callable[[Sink, PeerInfo], Endpoint]
+"""Called by a listener for each new connection, before its first frame."""
