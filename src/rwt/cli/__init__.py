@@ -1,6 +1,11 @@
-"""The command `rwt`: a table of commands, each with a module that is imported only when it is the one typed.
+"""The command `rwt`: a table of commands, each with a module that is imported only when the command is typed.
 
-`rwt --help` and completion so import no client, server or message type.
+So `rwt --help` and completion import no client, server or message type.
+
+Other distributions add commands by entry points in the group `rwt.commands`. The name is the command; the
+Other distributions add commands by entry points in the group `rwt.commands`. The name is the command; the
+the summary of the distribution beside the name, because an entry point has no text of its own and is not
+imported before the command line names it.
 """
 
 from __future__ import annotations
@@ -15,39 +20,64 @@ from typing import Final
 
 from rwt.cli.console.output import OutputClosed, OutputFailed, failure_line
 from rwt.cli.errors import CALLED_WRONGLY, INTERRUPTED, PIPE_CLOSED, CommandError
-from rwt.cli.parser import Commands, Parser, ShowVersion, add_commands, commands_of, leave_out_unavailable
+from rwt.cli.parser import (
+    Commands,
+    Parser,
+    ShowVersion,
+    add_commands,
+    add_unavailable,
+    commands_of,
+    leave_out_unavailable,
+)
+from rwt_protocol.extensions import ExtensionError, extension_names, load_extension
 
 __all__ = ["COMMANDS", "Command", "main", "parser_for"]
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One row of :data:`COMMANDS`. The module ``rwt.cli.commands.NAME`` has a function ``add_NAME_command``,
-    which adds the parser.
+    """One command. The module ``rwt.cli.commands.NAME`` has a function ``add_NAME_command``, which adds the
+    parser; a command of another distribution is an entry point.
 
     Attributes:
-        name: as it is typed.
-        help: what it is about, in one line.
-        module: below ``rwt.cli.commands``, where it is not that of the name.
+        name: name, as it is typed.
+        help: subject of the command, in one line.
+        module: module below ``rwt.cli.commands``, if it has another name than the command.
+        distribution: distribution that has the entry point; empty for a command of `rwt` itself.
     """
 
     name: str
     help: str
     module: str = ""
+    distribution: str = ""
 
     def add_to(self, commands: Commands) -> None:
-        """Import it and add its parser."""
-        module = importlib.import_module(f"rwt.cli.commands.{self.module or self.name}")
-        getattr(module, f"add_{self.name}_command")(commands)
+        """Import the command and add its parser; one that cannot be imported is added as unavailable."""
+        if not self.distribution:
+            module = importlib.import_module(f"rwt.cli.commands.{self.module or self.name}")
+            getattr(module, f"add_{self.name}_command")(commands)
+        elif self.name not in extension_names(_GROUP):
+            why = f"it needs {self.distribution}: pip install {self.distribution}"
+            add_unavailable(commands, self.name, why)
+        else:
+            try:
+                add = load_extension(_GROUP, self.name, ())
+            except ExtensionError as error:
+                add_unavailable(commands, self.name, str(error))
+            else:
+                add(commands)
 
 
-#: The words that `rwt` takes first, in the order in which help lists them.
+_GROUP: Final = "rwt.commands"
+
+
+#: The commands of this project, in the order in which help lists them.
 COMMANDS: Final = (
     Command("serve", "serve a robot to rosbridge clients"),
     Command("web", "serve the page alone, for any rosbridge server", "serve.web"),
     Command("hub", "let robots behind a NAT dial in, and clients reach them"),
-    Command("run", "run a ROS 2 program that imports rclpy, without ROS", "programs.run"),
-    Command("launch", "start the nodes of a ROS 2 launch file, without ROS", "programs.launch"),
+    Command("run", "run a ROS 2 program that imports rclpy, without ROS", distribution="rwt-rclpy"),
+    Command("launch", "start the nodes of a ROS 2 launch file, without ROS", distribution="rwt-rclpy"),
     Command("topic", "topics: list, echo, pub, hz and more"),
     Command("service", "services: list, info, type, call, echo, find"),
     Command("action", "actions: list, info, type, find, send_goal"),
@@ -71,6 +101,8 @@ COMMANDS: Final = (
     Command("help", "print the help of a command"),
 )
 
+_NAMES: Final = frozenset(command.name for command in COMMANDS)
+
 _EXAMPLES: Final = """\
 examples:
   rwt serve --demo                                  a simulated robot on ws://127.0.0.1:9090
@@ -81,19 +113,32 @@ exit codes: 0 done, 1 it failed, 2 it was called wrongly, 3 there is no connecti
 130 ended by Ctrl-C"""
 
 
+def _installed_commands() -> Iterator[Command]:
+    """The commands that other distributions add, which are not imported here."""
+    from importlib.metadata import entry_points  # takes a while, and the commands of `rwt` need none of it
+
+    for entry_point in sorted(entry_points(group=_GROUP), key=lambda each: each.name):
+        if entry_point.name not in _NAMES and entry_point.dist is not None:
+            distribution = entry_point.dist
+            summary = str(distribution.metadata.json.get("summary", "")).replace("%", "%%")
+            yield Command(
+                entry_point.name, f"{summary} ({distribution.name})", distribution=distribution.name
+            )
+
+
 def parser_for(wanted: str | None) -> Parser:
-    """The parser of the command line: the command `wanted` in full, of the others only the names.
+    """Return the parser of the command line: the command `wanted` in full, of the others only the names.
 
     Args:
-        wanted: the name of a command; None for none of them, ``*`` for all.
+        wanted: name of a command; None for none of them, ``*`` for all of `rwt` itself.
     """
     parser = Parser(
         prog="rwt", description="Robot Web Tools without ROS: rosbridge v2 for any robot.", epilog=_EXAMPLES
     )
     parser.add_argument("--version", action=ShowVersion, help="print the version and end")
     commands = add_commands(parser)
-    for command in COMMANDS:
-        if wanted in (command.name, "*"):
+    for command in COMMANDS if wanted in _NAMES else (*COMMANDS, *_installed_commands()):
+        if wanted == command.name or (wanted == "*" and not command.distribution):
             command.add_to(commands)
         else:
             commands.add_parser(command.name, help=command.help, add_help=False)
@@ -109,7 +154,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if argv is None else list(argv)
     try:
         command = next((word for word in words if not word.startswith("-")), None)
-        if command is not None and command not in {each.name for each in COMMANDS}:
+        if command is not None and command not in _NAMES and command not in extension_names(_GROUP):
             _point_to_groups(command)
         arguments = parser_for(command).parse_args(words)
         with _log_of_the_command():

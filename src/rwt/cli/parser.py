@@ -23,7 +23,7 @@ class Parser(argparse.ArgumentParser):
     line.
 
     Attributes:
-        unavailable: why the command cannot be had; empty if it can.
+        unavailable: reason why the command is not available; empty if it is.
     """
 
     unavailable = ""
@@ -95,10 +95,12 @@ def add_commands(
 
 
 def add_unavailable(commands: Commands, name: str, why: str) -> None:
-    """Add a verb of the ``ros2`` tool that cannot be had here: it says why in one line, whatever follows it.
+    """Add a command that is not available: it fails with the reason, whatever follows it.
 
     Args:
-        why: the reason, and what serves instead.
+        commands: where to add it.
+        name: name of the command, or of a verb of the ``ros2`` tool.
+        why: reason, and what to use instead.
     """
     parser = commands.add_parser(name, add_help=False)
     assert isinstance(parser, Parser)  # Parsers of commands have the class of the outermost.
@@ -115,7 +117,7 @@ def commands_of(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentP
 
 
 def leave_out_unavailable(group: argparse.ArgumentParser) -> None:
-    """Forget the verbs of a group that only say why they cannot be had."""
+    """Remove the commands of a group that are not available."""
     verbs = commands_of(group)
     for name in [name for name, verb in verbs.items() if isinstance(verb, Parser) and verb.unavailable]:
         del verbs[name]

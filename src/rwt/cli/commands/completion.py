@@ -82,6 +82,7 @@ def complete() -> NoReturn:
     typed = os.environ.get("COMP_LINE", "").split()[1:]
     command = next((word for word in typed if not word.startswith("-")), None)
     parser = parser_for(command)
+    leave_out_unavailable(parser)
     for group in commands_of(parser).values():
         leave_out_unavailable(group)
     argcomplete.autocomplete(

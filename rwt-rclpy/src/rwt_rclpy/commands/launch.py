@@ -10,10 +10,10 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rwt.cli.commands.programs.joined_graph import add_graph_options, install_rclpy, serve_graph
 from rwt.cli.errors import CommandError
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import Arguments
+from rwt_rclpy.commands.joined_graph import add_graph_options, install_rclpy, serve_graph
 
 if TYPE_CHECKING:
     from rwt_rclpy.launch.entities import LaunchDescription
@@ -76,7 +76,7 @@ def _run(arguments: Arguments) -> int:
 
 
 def _launch(description: LaunchDescription, given: dict[str, str], arguments: Arguments) -> int:
-    """Run it with a graph that its nodes, each a process, meet in."""
+    """Run a launch description. Its nodes, each a process, join one graph."""
     from rwt_rclpy.launch.service import run_description
     from rwt_rclpy.middleware.joining import VARIABLE
 

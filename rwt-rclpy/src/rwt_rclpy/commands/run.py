@@ -6,10 +6,10 @@ import argparse
 import sys
 from contextlib import ExitStack
 
-from rwt.cli.commands.programs.joined_graph import add_graph_options, install_rclpy, serve_graph
 from rwt.cli.errors import CommandError
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import Arguments
+from rwt_rclpy.commands.joined_graph import add_graph_options, install_rclpy, serve_graph
 
 _EXAMPLES = """\
 examples:

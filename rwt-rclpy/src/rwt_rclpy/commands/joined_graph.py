@@ -1,4 +1,4 @@
-"""What `rwt run` and `rwt launch` have in common: interfaces, packages, and the graph that nodes join."""
+"""Options of `rwt run` and `rwt launch` for interfaces, packages and the graph that nodes join."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from rwt.cli.errors import CommandError
 from rwt.cli.verbs import Arguments
 
 if TYPE_CHECKING:
-    from rwt_graph.memory.graph import MemoryGraph
+    from rwt_graph import MemoryGraph
     from rwt_rclpy import Which
 
 
 def add_graph_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that both have."""
+    """Add the options that both commands have."""
     parser.add_argument(
         "--interfaces",
         action="append",
@@ -42,10 +42,10 @@ def add_graph_options(parser: argparse.ArgumentParser) -> None:
 
 
 def install_rclpy(arguments: Arguments) -> Which:
-    """Let nodes be imported as the options say.
+    """Install rclpy as the options say.
 
     Returns:
-        Which rclpy they get, as :func:`rwt_rclpy.install` does.
+        The rclpy that programs import; see :func:`rwt_rclpy.install`.
 
     Raises:
         CommandError: the options name two graphs.
@@ -63,16 +63,16 @@ def install_rclpy(arguments: Arguments) -> Which:
     return rwt_rclpy.install(interface_folders(arguments.interfaces))
 
 
-def serve_graph(arguments: Arguments, stack: ExitStack, *own: str) -> MemoryGraph:
-    """Serve one graph until the stack ends: where `--serve` says, which is printed, and at its own URLs."""
+def serve_graph(arguments: Arguments, stack: ExitStack, *urls: str) -> MemoryGraph:
+    """Serve a graph until the stack ends, at the URLs of `--serve`, which are printed, and at others."""
     from rwt.cli.commands.serve import command_errors
     from rwt.server import Server, listening
-    from rwt_graph.memory.graph import MemoryGraph
+    from rwt_graph import MemoryGraph
     from rwt_rclpy.messages.loaded import classes
 
     graph = MemoryGraph(classes().registry)
     with command_errors():
-        server = Server(*own, *arguments.serve, graph=graph)
+        server = Server(*urls, *arguments.serve, graph=graph)
         stack.enter_context(server)
     if arguments.serve:
         print(listening(server), file=sys.stderr)

@@ -1,0 +1,1 @@
+"""The commands `rwt run` and `rwt launch`, which start programs written for ROS 2."""

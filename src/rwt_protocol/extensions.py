@@ -1,0 +1,47 @@
+"""Extensions from other distributions: entry points in groups such as ``rwt.gateways`` and ``rwt.codecs``.
+
+A name from settings, a URL or the command line is looked up in the table of built-in names first. An entry
+point is imported when it is named, never because its distribution is installed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+
+class ExtensionError(LookupError):
+    """No installed extension has the name, or it cannot be imported."""
+
+
+def extension_names(group: str) -> list[str]:
+    """Return the names of the installed entry points of a group, sorted. Imports none of them."""
+    from importlib.metadata import entry_points  # takes a while, and built-in names need none of it
+
+    return sorted(entry_points(group=group).names)
+
+
+def load_extension(group: str, name: str, builtin: Iterable[str]) -> Any:
+    """Import the entry point of a group that has a name.
+
+    Args:
+        group: for example ``rwt.gateways``.
+        name: name of the entry point.
+        builtin: names that need no entry point, for the error.
+
+    Raises:
+        ExtensionError: no installed distribution has the name, or it cannot be imported.
+    """
+    from importlib.metadata import entry_points
+
+    found = entry_points(group=group, name=name)
+    if not found:
+        known = ", ".join((*builtin, *extension_names(group)))
+        raise ExtensionError(f"unknown name {name!r}: expected one of {known}")
+    entry_point = next(iter(found))
+    try:
+        return entry_point.load()
+    except (ImportError, AttributeError) as error:
+        raise ExtensionError(
+            f"the entry point {name!r} of the group {group} ({entry_point.value}) cannot be imported: {error}"
+        ) from error
