@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from rwt.testing import ObservedGraph, ScriptedRobot
     from rwt.testing.pytest_plugin.environment import Environment, RobotServer
     from rwt.testing.virtual_time import VirtualTime
-    from rwt_rclpy.middleware.link import VirtualDomain
 
 _SECTION = "rosbridge transcript"
 
@@ -129,25 +128,3 @@ def rwt_robot(_rwt_environment: Environment) -> ScriptedRobot:
 def rwt_server(_rwt_environment: Environment) -> RobotServer:
     """A rosbridge server in front of the robot, on a free port: `rwt_server.url`."""
     return _rwt_environment.server
-
-
-@pytest.fixture
-def rclpy_graph() -> Iterator[VirtualDomain]:
-    """`import rclpy` works in the test, on a graph of its own in virtual time: a timer of ten minutes is due
-    at once, and always in the same order. `rclpy.init()` was called.
-
-    Where ROS is installed the test is skipped, since its own rclpy would run.
-    """
-    import rwt_rclpy
-    from rwt_rclpy import client_library
-    from rwt_rclpy.execution.signals import SignalHandlerOptions
-    from rwt_rclpy.middleware.link import VirtualDomain
-
-    if rwt_rclpy.install() == "ros":
-        pytest.skip("ROS is installed, and its own rclpy would run")
-    with VirtualDomain() as domain:
-        client_library.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        try:
-            yield domain
-        finally:
-            client_library.try_shutdown()
