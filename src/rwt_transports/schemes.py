@@ -1,5 +1,7 @@
-"""URL schemes: one table that says, for both directions, which driver moves the bytes and which wire they
-are."""
+"""URL schemes: for both directions, which driver moves the bytes and which wire they are.
+
+A scheme of another distribution is an entry point in the group `rwt.transports`.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +9,10 @@ import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 from ssl import SSLContext
+from typing import Final
 from urllib.parse import urlsplit
 
+from rwt_protocol.extensions import ExtensionError, extension_names, load_extension
 from rwt_transports.api import BindAddress, Connector, Driver, RemoteAddress
 from rwt_transports.connection import MakeWire
 from rwt_transports.drivers.anyio_stream import AnyioDriver
@@ -24,6 +28,9 @@ from rwt_transports.wires.whole_messages import whole_messages
 
 DEFAULT_PORT = 9090
 """The port of rosbridge (CFG-01)."""
+
+
+_GROUP: Final = "rwt.transports"
 
 
 def stream_driver() -> AnyioDriver | AsyncioDriver:
@@ -114,6 +121,32 @@ SCHEMES = {
 }  # fmt: skip
 
 
+def scheme_of(url: str) -> Scheme | None:
+    """Return the scheme of a URL: a row of the table, or an entry point in the group `rwt.transports`, which
+    is imported and becomes a row; None if there is neither.
+
+    Raises:
+        BadUrl: the entry point cannot be imported, or is not a :class:`Scheme`.
+    """
+    name, colon, _ = url.partition(":")
+    name = name.lower()
+    scheme = SCHEMES.get(name)
+    if scheme is None and colon and name in extension_names(_GROUP):
+        try:
+            scheme = load_extension(_GROUP, name, SCHEMES)
+        except ExtensionError as error:
+            raise BadUrl(f"cannot use {url!r}: {error}") from error
+        if not isinstance(scheme, Scheme):
+            raise BadUrl(f"cannot use {url!r}: the entry point {name!r} of {_GROUP} is not a Scheme")
+        SCHEMES[name] = scheme
+    return scheme
+
+
+def _known_forms(*, connect: bool = False) -> str:
+    more = [f"{name}://" for name in extension_names(_GROUP) if name not in SCHEMES]
+    return ", ".join((url_forms(connect=connect), *more))
+
+
 def url_forms(*, connect: bool = False) -> str:
     """How URLs to listen on, or to connect to, begin: ``ws://, wss://, …``, for help and errors."""
     rows = [(name, row) for name, row in SCHEMES.items() if (row.client_wire if connect else row.wire)]
@@ -122,7 +155,7 @@ def url_forms(*, connect: bool = False) -> str:
 
 def carries_binary(url: str) -> bool:
     """Whether binary messages can be sent to that URL; not on a stream of JSON objects (TCP-05)."""
-    scheme = SCHEMES.get(url.partition(":")[0].lower())
+    scheme = scheme_of(url)
     return scheme is not None and scheme.binary
 
 
@@ -162,11 +195,11 @@ def parse_listen_url(url: str, tls: SSLContext | None = None) -> ListenUrl:
     """
     name, colon, rest = url.partition(":")
     name = name.lower()
-    scheme = SCHEMES.get(name)
+    scheme = scheme_of(url)
     if not colon or scheme is None or not (scheme.single or rest.startswith("//")):
         what = f"the scheme {name!r} is not known" if "://" in url else "it has no scheme"
         example = SCHEMES["ws"].example
-        raise BadUrl(f"cannot listen on {url!r}: {what}; use {url_forms()}, for example {example}")
+        raise BadUrl(f"cannot listen on {url!r}: {what}; use {_known_forms()}, for example {example}")
     if scheme.wire is None:
         raise BadUrl(
             f"cannot listen on {url!r}: WebRTC is reached through the port of ws:// or wss://, with the"
@@ -232,9 +265,9 @@ def parse_connect_url(url: str) -> ConnectUrl:
     """
     name, colon, rest = url.partition(":")
     name = name.lower()
-    scheme = SCHEMES.get(name)
+    scheme = scheme_of(url)
     if scheme is None or scheme.client_wire is None or not colon:
-        forms = url_forms(connect=True)
+        forms = _known_forms(connect=True)
         raise BadUrl(f"cannot connect to {url!r}: use one of {forms}, for example ws://127.0.0.1:9090")
     path = rest.strip() if scheme.single else rest.removeprefix("//")
     if scheme.single:

@@ -222,9 +222,9 @@ def request_headers(arguments: Arguments) -> dict[str, str]:
     token = token_of(arguments)
     if not token:
         return {}
-    from rwt_transports.schemes import SCHEMES  # takes a while, and `--help` needs none of it
+    from rwt_transports.schemes import scheme_of  # takes a while, and `--help` needs none of it
 
-    scheme = SCHEMES.get(url_of(arguments).partition(":")[0].lower())
+    scheme = scheme_of(url_of(arguments))
     if scheme is None or not scheme.http:
         raise CommandError("a token needs ws:// or wss://: other transports carry none", CALLED_WRONGLY)
     if not (token.isascii() and token.isprintable()) or " " in token:
@@ -242,9 +242,9 @@ def tls_of(arguments: Arguments) -> ssl.SSLContext | None:
         return None
     import ssl  # takes a while, and few commands need it
 
-    from rwt_transports.schemes import SCHEMES
+    from rwt_transports.schemes import scheme_of
 
-    scheme = SCHEMES.get(url_of(arguments).partition(":")[0].lower())
+    scheme = scheme_of(url_of(arguments))
     if scheme is None or not scheme.tls:
         raise CommandError(
             "--cafile and --insecure are about a certificate: give a URL of wss:// or tcps://", CALLED_WRONGLY

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from rwt.access.origins import is_loopback_listener
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
-from rwt_transports.schemes import SCHEMES
+from rwt_transports.schemes import scheme_of
 
 if TYPE_CHECKING:
     from rwt.server import Server
@@ -33,7 +33,7 @@ def encrypted(settings: Settings) -> Settings:
 
 
 def _encrypts(url: str) -> bool:
-    scheme = SCHEMES.get(url.partition(":")[0].lower())
+    scheme = scheme_of(url)
     return scheme is not None and scheme.tls
 
 
