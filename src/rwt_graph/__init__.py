@@ -3,6 +3,7 @@
 Robot programs use :class:`MemoryGraph` and :class:`Node`; :mod:`rwt_graph.api` is what backends implement.
 """
 
+from rwt_graph.accounts import Release, hold_for_asker
 from rwt_graph.api import Graph, Sample
 from rwt_graph.clock import Clock, SimulatedClock, SteadyClock, WallClock
 from rwt_graph.errors import (
@@ -31,6 +32,8 @@ __all__ = [
     "SteadyClock",
     "SimulatedClock",
     "Timer",
+    "Release",
+    "hold_for_asker",
     "GraphError",
     "InvalidGraphName",
     "TypeConflict",

@@ -37,7 +37,7 @@ from rwt_rclpy.execution.waitable import NumberOfEntities
 from rwt_rclpy.messages.loaded import message_class
 
 if TYPE_CHECKING:
-    from rwt_graph.accounts import Release
+    from rwt_graph import Release
     from rwt_graph.api import ServerGoal
     from rwt_interfaces.structs import ActionType
     from rwt_rclpy.nodes.node import Node

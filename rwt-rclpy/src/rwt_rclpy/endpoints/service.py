@@ -9,7 +9,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any, Self
 
-from rwt_graph.accounts import hold_for_asker
+from rwt_graph import hold_for_asker
 from rwt_interfaces.errors import InvalidMessage
 from rwt_rclpy.destroyable import Destroyable
 from rwt_rclpy.endpoints.introspection import ServiceIntrospectionState, StepPublisher
@@ -21,7 +21,7 @@ from rwt_rclpy.endpoints.type_variables import SrvTypeResponse as SrvTypeRespons
 from rwt_rclpy.execution.entity import Entity
 
 if TYPE_CHECKING:
-    from rwt_graph.accounts import Release
+    from rwt_graph import Release
     from rwt_graph.api import ServiceCall
     from rwt_rclpy.clocks.clock import Clock
     from rwt_rclpy.middleware.link import Link

@@ -14,7 +14,7 @@ from rwt_rclpy.messages.loaded import classes
 from rwt_rclpy.middleware.link import DOMAINS, Link, domain_of
 
 if TYPE_CHECKING:
-    from rwt_graph.memory.graph import MemoryGraph
+    from rwt_graph.api import Graph
 
 #: The environment's variable that names the graph, where a program does not.
 VARIABLE: Final = "RWT_RCLPY_GRAPH"
@@ -61,7 +61,7 @@ def joined(where: str | None = None) -> Iterator[None]:
             running.__exit__(None, None, None)
 
 
-def _graph(place: str) -> MemoryGraph:
+def _graph(place: str) -> Graph:
     kind, _, rest = place.partition(":")
     if kind == "zenoh":
         try:

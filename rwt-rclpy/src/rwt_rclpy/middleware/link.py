@@ -9,9 +9,9 @@ from concurrent.futures import Future
 from functools import partial
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
+from rwt_graph import MemoryGraph
 from rwt_graph.clock import SimulatedClock, WallClock
 from rwt_graph.errors import NotRunning
-from rwt_graph.memory.graph import MemoryGraph
 from rwt_rclpy.clocks.timekeeper import Timekeeper, VirtualTime, current, keep_time_by
 from rwt_rclpy.messages.loaded import classes
 

@@ -16,45 +16,55 @@ from __future__ import annotations
 import logging
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterable
 from contextlib import AsyncExitStack
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Any, Final, Protocol, Self, TypeVar
 from uuid import uuid4
 
 import anyio
 
-from rwt_client.connection import connect
+from rwt_client import RawMessage, RawSubscription, Robot, connect
+from rwt_graph import MemoryGraph
 from rwt_graph.api import (
     ActionInfo,
+    CallObserver,
     ClientGoal,
     EndpointInfo,
     GoalEvents,
+    Graph,
     NodeInfo,
     OnReply,
+    Participant,
     PendingCall,
     Publisher,
+    Registration,
     Sample,
+    ServerGoal,
+    ServiceCall,
     ServiceInfo,
     Subscription,
     TopicInfo,
 )
-from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
-from rwt_graph.memory.node_resources import NodeResources
-from rwt_graph.memory.services import MemoryCall, MemoryProvider
+from rwt_graph.errors import NotRunning
 from rwt_graph.names import validate
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.payload import Payload
-from rwt_participant.errors import CallFailed, CallTimeout, GoalAborted, GoalCanceled, NotFound, RobotError
+from rwt_participant.errors import (
+    CallFailed,
+    CallTimeout,
+    GoalAborted,
+    GoalCanceled,
+    NotFound,
+    RobotError,
+    ServiceFailed,
+)
 from rwt_participant.goals import Goal, GoalStatus, ReceivedGoal
 from rwt_participant.qos import BEST_AVAILABLE, DEFAULT_QOS, Durability, QoS
 
 if TYPE_CHECKING:
-    from rwt_client.endpoints.raw_subscription import RawMessage, RawSubscription
-    from rwt_client.robot import Robot
-    from rwt_graph.memory.actions import MemoryActionServer
     from rwt_interfaces.registry import Registry
-    from rwt_interfaces.structs import MessageType
+    from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 
 logger = logging.getLogger(__name__)
 
@@ -64,6 +74,7 @@ LOOK_SECONDS: Final = 0.1
 ASKED_SECONDS: Final = 2.0
 #: How the names of topics end whose messages must not come after what a service of the same action answers.
 _TOLD_HERE: Final = "/_action/feedback"
+_FOR_CLIENTS: Final = "/_server"
 
 
 class RobotTopic:
@@ -103,7 +114,11 @@ class RobotSubscription(Subscription):
     """A subscription of this process to a topic of the server."""
 
     def __init__(
-        self, graph: RobotGraph, topic: RobotTopic, on_sample: Callable[[Sample], None], owner: NodeResources
+        self,
+        graph: RobotGraph,
+        topic: RobotTopic,
+        on_sample: Callable[[Sample], None],
+        owner: RobotParticipant,
     ) -> None:
         self.topic = topic.name
         self.on_sample = on_sample
@@ -124,7 +139,7 @@ class RobotSubscription(Subscription):
         """Leave the topic."""
         topic = self._topic
         topic.subscriptions = tuple(each for each in topic.subscriptions if each is not self)
-        self._owner.drop(self)
+        self._owner.opened.pop(self, None)
         if not topic.subscriptions and self._graph.topics_here.get(topic.name) is topic:
             del self._graph.topics_here[topic.name]
             topic.close()
@@ -134,7 +149,7 @@ class RobotPublisher(Publisher):
     """A publisher of this process on a topic of the server."""
 
     def __init__(
-        self, graph: RobotGraph, topic: str, type: MessageType, qos: QoS, owner: NodeResources
+        self, graph: RobotGraph, topic: str, type: MessageType, qos: QoS, owner: RobotParticipant
     ) -> None:
         self.topic = topic
         self.type = type
@@ -165,23 +180,52 @@ class RobotPublisher(Publisher):
 
     def close(self) -> None:
         """Leave the topic."""
-        self._owner.drop(self)
+        self._owner.opened.pop(self, None)
         if self._tells_here:
             self._tells_here = False
             self._graph.told_here -= Counter((self.topic,))
         self._remote.close()
 
 
-class RobotParticipant(MemoryParticipant):
-    """A node of this process, whose topics are the server's."""
+class RobotRegistration(Registration):
+    """A service or an action of this process, which is offered on the server too."""
 
-    _graph: RobotGraph
+    def __init__(self, local: Registration, withdraw: Callable[[], None], owner: RobotParticipant) -> None:
+        self.name = local.name
+        self._local = local
+        self._withdraw = withdraw
+        self._owner = owner
+
+    def close(self) -> None:
+        """Withdraw it here and on the server."""
+        if self._owner.opened.pop(self, None) is not None:
+            self._local.close()
+            self._withdraw()
+
+
+class RobotParticipant(Participant):
+    """A node of this process, whose topics are the server's.
+
+    Attributes:
+        opened: its open publishers, subscriptions and registrations, each with the function that closes it.
+    """
+
+    def __init__(self, graph: RobotGraph, name: str) -> None:
+        self.name = name
+        self.opened: dict[object, Callable[[], None]] = {}
+        self._graph = graph
+        self._local = graph.local.participant(name)
+        self._closed = False
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise NotRunning(f"node {self.name} was closed")
 
     def advertise(self, topic: str, type: MessageType, qos: QoS = DEFAULT_QOS) -> Publisher:
         """Become a publisher of `topic`; the server refuses another type, and its log says so."""
         self._check_open()
-        publisher = RobotPublisher(self._graph, validate(topic), type, qos, self.owner)
-        self.owner.add(publisher, publisher.close)
+        publisher = RobotPublisher(self._graph, validate(topic), type, qos, self)
+        self.opened[publisher] = publisher.close
         return publisher
 
     def subscribe(
@@ -201,43 +245,158 @@ class RobotParticipant(MemoryParticipant):
         known = graph.topics_here.get(name)
         if known is None:
             known = graph.topics_here[name] = RobotTopic(graph, name, wanted)
-        subscription = RobotSubscription(graph, known, on_sample, self.owner)
+        subscription = RobotSubscription(graph, known, on_sample, self)
         known.subscriptions = (*known.subscriptions, subscription)
-        self.owner.add(subscription, subscription.close)
+        self.opened[subscription] = subscription.close
         if qos.durability is Durability.TRANSIENT_LOCAL and known.last is not None:
             on_sample(known.last)
         return subscription
 
+    def advertise_service(
+        self, service: str, type: ServiceType, on_call: Callable[[ServiceCall], None]
+    ) -> Registration:
+        """Offer a service here and on the server, unless it is part of an action, which is offered whole."""
+        local = self._local.advertise_service(service, type, on_call)
+        if "/_action/" in local.name:
+            return local
+        return self._registered(local, partial(self._graph.offer_service, local.name, type))
 
-class RobotGraph(MemoryGraph):
+    def advertise_action(
+        self, action: str, type: ActionType, on_goal: Callable[[ServerGoal], None]
+    ) -> Registration:
+        """Offer an action here and on the server."""
+        local = self._local.advertise_action(action, type, on_goal)
+        return self._registered(local, partial(self._graph.offer_action, local.name, type))
+
+    def _registered(self, local: Registration, offer: Callable[[], Offer]) -> Registration:
+        registration = RobotRegistration(local, self._graph.offers.add(local.name, offer), self)
+        self.opened[registration] = registration.close
+        return registration
+
+    def call_service(
+        self, service: str, request: Payload, on_reply: OnReply, timeout: float | None = None
+    ) -> PendingCall:
+        """Call a service; one of this process comes before the server's."""
+        self._check_open()
+        graph = self._graph
+        if graph.local.service(service) is not None:
+            return self._local.call_service(service, request, on_reply, timeout)
+        call = RobotCall(service, on_reply)
+        graph.spawn(partial(graph.call, call, request.detach(), timeout), f"call of {service}")
+        return call
+
+    def send_goal(
+        self, action: str, goal: Payload, events: GoalEvents, goal_id: str | None = None
+    ) -> ClientGoal:
+        """Send a goal; an action of this process comes before the server's."""
+        self._check_open()
+        graph = self._graph
+        if graph.local.action(action) is not None:
+            return self._local.send_goal(action, goal, events, goal_id)
+        sent = RobotClientGoal(action, goal_id or uuid4().hex, events)
+        graph.spawn(partial(graph.send_goal, sent, goal.detach()), f"goal of {action}")
+        return sent
+
+    def cancel_goal(self, action: str, goal_id: str) -> None:
+        """Ask to cancel a goal of an action of this process; over rosbridge only its sender can cancel it."""
+        self._local.cancel_goal(action, goal_id)
+        if self._graph.local.action(action) is None:
+            logger.warning(
+                "the goal %s of %s cannot be cancelled over rosbridge: it is somebody else's", goal_id, action
+            )
+
+    def cancel_every_goal(self, action: str) -> None:
+        """Ask to cancel the goals of an action of this process, as :meth:`cancel_goal`."""
+        self._local.cancel_every_goal(action)
+        if self._graph.local.action(action) is None:
+            logger.warning(
+                "the goals of %s cannot be cancelled over rosbridge: they may be somebody else's", action
+            )
+
+    def close(self) -> None:
+        """Close everything that this node created, and leave the graph."""
+        if not self._closed:
+            self._closed = True
+            for close in reversed(tuple(self.opened.values())):
+                close()
+            self._local.close()
+            self._graph.left(self)
+
+
+class Offer(Protocol):
+    """A service or an action that is offered on the server."""
+
+    def close(self) -> None:
+        """Withdraw it."""
+        ...
+
+
+class Offers:
+    """Services and actions of this process that the server knows: of each name, the newest is offered."""
+
+    def __init__(self) -> None:
+        self._made: dict[str, list[Callable[[], Offer]]] = {}
+        self._offered: dict[str, Offer] = {}
+
+    def add(self, name: str, offer: Callable[[], Offer]) -> Callable[[], None]:
+        """Offer something; returns the function that withdraws it. Then an older one is offered again."""
+        self._made.setdefault(name, []).append(offer)
+        self._renew(name)
+
+        def withdraw() -> None:
+            made = self._made[name]
+            is_newest = made[-1] is offer
+            made.remove(offer)
+            if is_newest:
+                self._renew(name)
+
+        return withdraw
+
+    def _renew(self, name: str) -> None:
+        old = self._offered.pop(name, None)
+        if old is not None:
+            old.close()
+        if self._made[name]:
+            self._offered[name] = self._made[name][-1]()
+        else:
+            del self._made[name]
+
+
+class RobotGraph(Graph):
     """A graph whose topics, services and actions are those of a server in another process.
 
-    It must be entered before nodes join it.
+    It must be entered before nodes join it. Services and actions of this process are also in a graph in
+    memory, which answers calls between nodes of the process and those that come from the server.
 
     Args:
-        url: of the server, as :func:`rwt_client.connect` takes it: ``ws://``, ``unix:///path`` and others.
-        registry: the interfaces; the standard ones of jazzy by default.
+        url: URL of the server for :func:`rwt_client.connect`: ``ws://``, ``unix:///path`` and others.
+        registry: interfaces; the standard ones of jazzy by default.
         timeout: seconds to connect in.
 
     Attributes:
         robot: the connection.
-        topics_here: the topics that are subscribed to in this process.
-        told_here: how many publishers here deliver to them at once, by the name of the topic.
+        local: graph in memory with the services and actions of this process.
+        offers: services and actions of this process that the server knows.
+        topics_here: topics that are subscribed to in this process.
+        told_here: number of publishers in this process whose messages are delivered here at once, by topic.
     """
 
     robot: Robot
 
     def __init__(self, url: str, registry: Registry | None = None, *, timeout: float = 10.0) -> None:
         self.url = url
+        self.local = MemoryGraph(registry)
+        self.registry, self.distro = self.local.registry, self.local.distro
+        self.clock, self.parameters = self.local.clock, self.local.parameters
+        self.offers = Offers()
         self.topics_here: dict[str, RobotTopic] = {}
         self.told_here: Counter[str] = Counter()
         self._timeout = timeout
         self._connection = AsyncExitStack()
-        self._caller = NodeResources("/_server", private=True)
-        super().__init__(registry)
+        self._participants: dict[RobotParticipant, None] = {}
+        # Calls and sends goals here for clients of the server; it is not listed.
+        self._for_clients = self.local.participant(_FOR_CLIENTS)
         self._listing = Listing(self)
-        self.service_table.remote = RobotServices(self)
-        self.action_table.remote = RobotActions(self)
 
     async def __aenter__(self) -> Self:
         """Connect, and run on the current event loop.
@@ -246,40 +405,90 @@ class RobotGraph(MemoryGraph):
             BadAddress: the URL is not one to connect to.
             CannotConnect: there is no connection; says why.
         """
-        await super().__aenter__()
+        await self.local.__aenter__()
         try:
             self.robot = await self._connection.enter_async_context(
                 connect(self.url, timeout=self._timeout, ros_version=2, fetch_types=False)
             )
         except BaseException:
-            await super().__aexit__()
+            await self.local.__aexit__()
             raise
         self.spawn(self._listing.follow, "listing")
         return self
 
     async def __aexit__(self, *exc: object) -> None:
         """Stop handlers, close every participant and the connection."""
-        self._close_participants()
+        for participant in tuple(reversed(self._participants)):
+            participant.close()
         try:
             await self._connection.aclose()
         finally:
-            await super().__aexit__(*exc)
+            await self.local.__aexit__(*exc)
 
-    def make_participant(self, name: str) -> MemoryParticipant:
-        """A node whose topics are the server's."""
-        return RobotParticipant(self, name)
+    def participant(self, name: str) -> RobotParticipant:
+        """Join as a node of that absolute name."""
+        participant = RobotParticipant(self, validate(name))
+        self._participants[participant] = None
+        return participant
 
-    def offer_action_services(
-        self, participant: MemoryParticipant, server: MemoryActionServer
-    ) -> Callable[[], None]:
-        """Offer an action of this process on the server; returns what withdraws it."""
-        offered = self.robot.advertise_action(
-            server.name, self.registry.type_name(server.type), partial(self._execute, server)
+    def left(self, participant: RobotParticipant) -> None:
+        """Forget a participant that closed."""
+        self._participants.pop(participant, None)
+
+    @property
+    def running(self) -> bool:
+        """True while the graph is on an event loop."""
+        return self.local.running
+
+    def on_graph_thread(self) -> bool:
+        """True if the graph may be touched from here."""
+        return self.local.on_graph_thread()
+
+    def run_on_graph(self, call: Callable[[], None]) -> None:
+        """Run `call` on the graph's thread, soon and in order; safe from any thread."""
+        self.local.run_on_graph(call)
+
+    def spawn(self, task: Callable[[], Awaitable[None]], name: str) -> None:
+        """Run a coroutine function as a task of the graph. Raises NotRunning once it was left."""
+        self.local.spawn(task, name)
+
+    def observe_calls(self, observer: CallObserver | None) -> bool:
+        """Let `observer` observe every call and goal of services and actions of this process."""
+        return self.local.observe_calls(observer)
+
+    # Offered on the server
+
+    def offer_service(self, name: str, type: ServiceType) -> Offer:
+        """Offer a service of this process on the server."""
+        return self.robot.advertise_service(
+            name, self.registry.type_name(type), partial(self._answer, name, type)
         )
-        return offered.close
 
-    async def _execute(self, server: MemoryActionServer, goal: ReceivedGoal) -> Payload:
-        """Have a goal of a client of the server worked on here."""
+    async def _answer(self, name: str, type: ServiceType, request: Any) -> Payload:
+        """Answer a call of a client of the server."""
+        answered = anyio.Event()
+        answers: list[Payload | CallFailed] = []
+
+        def on_reply(answer: Payload | CallFailed) -> None:
+            answers.append(answer.detach() if isinstance(answer, Payload) else answer)
+            answered.set()
+
+        theirs = await self.robot.types.service(self.registry.type_name(type))
+        payload = self.read(type.request, theirs.request, request)
+        self._for_clients.call_service(name, payload, on_reply)
+        await answered.wait()
+        if isinstance(answers[0], CallFailed):
+            raise answers[0]
+        return answers[0]
+
+    def offer_action(self, name: str, type: ActionType) -> Offer:
+        """Offer an action of this process on the server."""
+        return self.robot.advertise_action(
+            name, self.registry.type_name(type), partial(self._execute, name, type)
+        )
+
+    async def _execute(self, name: str, type: ActionType, goal: ReceivedGoal) -> Payload:
+        """Run a goal of a client of the server in this process."""
         ended = anyio.Event()
         outcome: list[tuple[GoalStatus, Payload | CallFailed]] = []
 
@@ -290,10 +499,9 @@ class RobotGraph(MemoryGraph):
         def on_feedback(feedback: Payload) -> None:
             goal.publish_feedback(feedback)
 
-        theirs = await self.robot.types.action(self.registry.type_name(server.type))
-        payload = self.read(server.type.goal, theirs.goal, goal.request)
-        events = GoalEvents(on_result, on_feedback)
-        sent = self.action_table.send_here(server, payload, events, uuid4().hex, self._caller)
+        theirs = await self.robot.types.action(self.registry.type_name(type))
+        payload = self.read(type.goal, theirs.goal, goal.request)
+        sent = self._for_clients.send_goal(name, payload, GoalEvents(on_result, on_feedback))
         async with anyio.create_task_group() as group:
 
             async def cancel() -> None:
@@ -312,16 +520,58 @@ class RobotGraph(MemoryGraph):
             raise GoalAborted(result)
         return result
 
+    # Called on the server
+
+    async def call(self, call: RobotCall, request: Payload, seconds: float | None) -> None:
+        """Call a service of the server, and end `call` with the answer."""
+        name = request.type.name.removesuffix("_Request")
+        answer: Payload | CallFailed
+        try:
+            theirs = await self.robot.types.service(name)
+            response = await self.robot.call(call.service, request, name, timeout=seconds)
+            answer = self.read(self.registry.service(name).response, theirs.response, response)
+        except CallFailed as error:
+            answer = error
+        except RobotError as error:
+            answer = ServiceFailed(str(error))
+        call.end(answer)
+
+    async def send_goal(self, goal: RobotClientGoal, payload: Payload) -> None:
+        """Send a goal to an action of the server, and wait for its result."""
+        name = payload.type.name.removesuffix("_Goal")
+        type = self.registry.action(name)
+
+        def on_feedback(message: Any) -> None:
+            if goal.events is not None and goal.events.on_feedback is not None:
+                goal.events.on_feedback(self.read(type.feedback, theirs.feedback, message))
+
+        outcome: Payload | CallFailed
+        status = GoalStatus.ABORTED
+        try:
+            theirs = await self.robot.types.action(name)
+            sent = await self.robot.send_goal(goal.action, payload, name, on_feedback=on_feedback)
+            goal.take(sent)
+            if goal.events is not None and goal.events.on_accepted is not None:
+                goal.events.on_accepted()
+            status, result = await sent.result()
+            outcome = self.read(type.result, theirs.result, result)
+        except CallFailed as error:
+            outcome = error
+        except RobotError as error:
+            outcome = CallFailed(str(error))
+        if goal.events is not None:
+            goal.events.on_result(status, outcome)
+
     def read(self, ours: MessageType, theirs: MessageType, message: Any) -> Payload:
-        """A message of the connection's class of a type as a payload of the class here of the same type."""
+        """Return a message of the connection's class of a type as a payload of this graph's class of it."""
         return Payload.from_cdr(ours, theirs.serialise(message))
 
-    # What is listed
+    # Listings
 
     @property
     def version(self) -> int:
         """Grows with every change of what is listed."""
-        return super().version + self._listing.version
+        return self.local.version + self._listing.version
 
     def topics(self) -> tuple[TopicInfo, ...]:
         """Every topic of the server, sorted by name."""
@@ -331,11 +581,35 @@ class RobotGraph(MemoryGraph):
         """One topic of the server, or None; who takes part in it is known a moment after it is asked."""
         return self._listing.topic(name)
 
+    def services(self) -> tuple[ServiceInfo, ...]:
+        """Every service of this process and of the server, sorted by name."""
+        return _merged(self._listing.services(), self.local.services())
+
+    def service(self, name: str) -> ServiceInfo | None:
+        """One service of this process or of the server, or None."""
+        return self.local.service(name) or self._listing.service(name)
+
+    def actions(self) -> tuple[ActionInfo, ...]:
+        """Every action of this process and of the server, sorted by name."""
+        return _merged(self._listing.actions(), self.local.actions())
+
+    def action(self, name: str) -> ActionInfo | None:
+        """One action of this process or of the server, or None."""
+        return self.local.action(name) or self._listing.action(name)
+
     def nodes(self) -> tuple[NodeInfo, ...]:
-        """The nodes of the server and of this process, sorted by name."""
-        own = {each.name: each for each in super().nodes()}
-        found = {**self._listing.nodes(), **own}
-        return tuple(found[name] for name in sorted(found))
+        """Every node of the server and of this process, sorted by name."""
+        own = tuple(each for each in self.local.nodes() if each.name != _FOR_CLIENTS)
+        return _merged(self._listing.nodes(), own)
+
+
+Info = TypeVar("Info", bound=ServiceInfo | ActionInfo | NodeInfo)
+
+
+def _merged(theirs: Iterable[Info], own: Iterable[Info]) -> tuple[Info, ...]:
+    """Return the items of both by name; an item of this process wins."""
+    found = {each.name: each for each in (*theirs, *own)}
+    return tuple(sorted(found.values(), key=lambda each: each.name))
 
 
 class Listing:
@@ -416,11 +690,9 @@ class Listing:
         type = _known(self._graph.registry.service, self._services.get(name, ""))
         return None if type is None else ServiceInfo(name, type, "")
 
-    def service_names(self) -> set[str]:
+    def services(self) -> list[ServiceInfo]:
         """Every service of the server whose type is known here."""
-        self.asked()
-        known = self._graph.registry.service
-        return {name for name, type in self._services.items() if _known(known, type) is not None}
+        return [info for name in self._services if (info := self.service(name)) is not None]
 
     def action(self, name: str) -> ActionInfo | None:
         """One action of the server, or None."""
@@ -428,16 +700,14 @@ class Listing:
         type = _known(self._graph.registry.action, self._actions.get(name, ""))
         return None if type is None else ActionInfo(name, type, "")
 
-    def action_names(self) -> set[str]:
+    def actions(self) -> list[ActionInfo]:
         """Every action of the server whose type is known here."""
-        self.asked()
-        known = self._graph.registry.action
-        return {name for name, type in self._actions.items() if _known(known, type) is not None}
+        return [info for name in self._actions if (info := self.action(name)) is not None]
 
-    def nodes(self) -> dict[str, NodeInfo]:
-        """The nodes of the server; what each takes part in is not asked."""
+    def nodes(self) -> list[NodeInfo]:
+        """The nodes of the server; their topics and services are not asked for."""
         self.asked()
-        return {name: NodeInfo(name, (), (), (), ()) for name in self._nodes}
+        return [NodeInfo(name, (), (), (), ()) for name in self._nodes]
 
 
 def _known(find: Callable[[str], Any], name: str) -> Any:
@@ -447,103 +717,48 @@ def _known(find: Callable[[str], Any], name: str) -> Any:
         return None
 
 
-class RobotServices:
-    """Offers the services of this process on the server, and calls the server's; see `RemoteServices`."""
+class RobotCall(PendingCall):
+    """A call of this process to a service of the server."""
 
-    def __init__(self, graph: RobotGraph) -> None:
-        self._graph = graph
-        self._offered: dict[MemoryProvider, Any] = {}
+    __slots__ = ("_on_reply", "service")
 
-    def offered(self, provider: MemoryProvider) -> None:
-        """Offer a service on the server, unless it is part of an action, which is offered as a whole."""
-        if provider.owner.private or "/_action/" in provider.name:
-            return
-        graph = self._graph
-        self._offered[provider] = graph.robot.advertise_service(
-            provider.name, graph.registry.type_name(provider.type), partial(self._answer, provider)
-        )
+    def __init__(self, service: str, on_reply: OnReply) -> None:
+        self.service = service
+        self._on_reply: OnReply | None = on_reply
 
-    async def _answer(self, provider: MemoryProvider, request: Any) -> Payload:
-        answered = anyio.Event()
-        answers: list[Payload | CallFailed] = []
+    def end(self, answer: Payload | CallFailed) -> None:
+        """Hand the answer to the caller, unless the call was cancelled."""
+        on_reply, self._on_reply = self._on_reply, None
+        if on_reply is not None:
+            on_reply(answer)
 
-        def on_reply(answer: Payload | CallFailed) -> None:
-            answers.append(answer.detach() if isinstance(answer, Payload) else answer)
-            answered.set()
-
-        graph = self._graph
-        theirs = await graph.robot.types.service(graph.registry.type_name(provider.type))
-        payload = graph.read(provider.type.request, theirs.request, request)
-        call = MemoryCall(provider.name, payload, on_reply)
-        provider.on_call(call)
-        await answered.wait()
-        if isinstance(answers[0], CallFailed):
-            raise answers[0]
-        return answers[0]
-
-    def withdrawn(self, provider: MemoryProvider) -> None:
-        """Withdraw a service from the server."""
-        server = self._offered.pop(provider, None)
-        if server is not None:
-            server.close()
-
-    def info(self, name: str) -> ServiceInfo | None:
-        """One service of the server, or None."""
-        return self._graph._listing.service(name)
-
-    def names(self) -> set[str]:
-        """The names of the server's services."""
-        return self._graph._listing.service_names()
-
-    def by_node(self) -> Iterator[tuple[str, str]]:
-        """Nothing: whose services they are is not asked."""
-        return iter(())
-
-    def call(
-        self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources
-    ) -> PendingCall:
-        """Call a service of the server."""
-        call = MemoryCall(name, request, on_reply)
-        detached = request.detach()
-        self._graph.spawn(partial(self._call, call, detached, timeout), f"call of {name}")
-        return call
-
-    async def _call(self, call: MemoryCall, request: Payload, seconds: float | None) -> None:
-        graph = self._graph
-        name = request.type.name.removesuffix("_Request")
-        try:
-            theirs = await graph.robot.types.service(name)
-            answer = await graph.robot.call(call.service, request, name, timeout=seconds)
-        except CallFailed as error:
-            call.end_with(error)
-        except RobotError as error:
-            call.fail(str(error))
-        else:
-            call.reply(graph.read(graph.registry.service(name).response, theirs.response, answer))
+    def cancel(self) -> None:
+        """Forget the call: no reply callback comes after this."""
+        self._on_reply = None
 
 
 class RobotClientGoal(ClientGoal):
     """A goal of this process for an action of the server."""
 
-    def __init__(self, action: str, goal_id: str) -> None:
+    def __init__(self, action: str, goal_id: str, events: GoalEvents) -> None:
         self.id = goal_id
         self.action = action
         self.sent: Goal | None = None
-        self.events: GoalEvents | None = None
+        self.events: GoalEvents | None = events
         self._cancelled = False
 
     @property
     def status(self) -> GoalStatus:
-        """The last state that was heard of."""
+        """The last state that the server reported."""
         return GoalStatus.UNKNOWN if self.sent is None else self.sent.status
 
     @property
     def reason(self) -> str:
-        """Why the server ended the goal as it did."""
+        """Reason why the server ended the goal as it did."""
         return "" if self.sent is None else self.sent.reason
 
     def take(self, sent: Goal) -> None:
-        """The goal was sent; a cancel that came early follows it."""
+        """Note the goal that was sent, and cancel it if that was asked for earlier."""
         self.sent = sent
         if self._cancelled:
             sent.cancel()
@@ -557,69 +772,3 @@ class RobotClientGoal(ClientGoal):
     def abandon(self) -> None:
         """Drop the goal's callbacks; it goes on."""
         self.events = None
-
-
-class RobotActions:
-    """Sends goals to the server's actions; see `RemoteActions`."""
-
-    def __init__(self, graph: RobotGraph) -> None:
-        self._graph = graph
-
-    def info(self, name: str) -> ActionInfo | None:
-        """One action of the server, or None."""
-        return self._graph._listing.action(name)
-
-    def names(self) -> set[str]:
-        """The names of the server's actions."""
-        return self._graph._listing.action_names()
-
-    def by_node(self) -> Iterator[tuple[str, str]]:
-        """Nothing: whose actions they are is not asked."""
-        return iter(())
-
-    def send(
-        self, action: str, payload: Payload, events: GoalEvents, goal_id: str, client: NodeResources
-    ) -> ClientGoal:
-        """Send a goal to the server."""
-        goal = RobotClientGoal(action, goal_id)
-        goal.events = events
-        self._graph.spawn(partial(self._send, goal, payload.detach()), f"goal of {action}")
-        return goal
-
-    async def _send(self, goal: RobotClientGoal, payload: Payload) -> None:
-        graph = self._graph
-        name = payload.type.name.removesuffix("_Goal")
-        type = graph.registry.action(name)
-
-        def on_feedback(message: Any) -> None:
-            if goal.events is not None and goal.events.on_feedback is not None:
-                goal.events.on_feedback(graph.read(type.feedback, theirs.feedback, message))
-
-        outcome: Payload | CallFailed
-        status = GoalStatus.ABORTED
-        try:
-            theirs = await graph.robot.types.action(name)
-            sent = await graph.robot.send_goal(goal.action, payload, name, on_feedback=on_feedback)
-            goal.take(sent)
-            if goal.events is not None and goal.events.on_accepted is not None:
-                goal.events.on_accepted()
-            status, result = await sent.result()
-            outcome = graph.read(type.result, theirs.result, result)
-        except CallFailed as error:
-            outcome = error
-        except RobotError as error:
-            outcome = CallFailed(str(error))
-        if goal.events is not None:
-            goal.events.on_result(status, outcome)
-
-    def cancel(self, action: str, goal_id: str, client: NodeResources) -> None:
-        """Nothing: rosbridge cancels the goals of its own clients alone, through their handles."""
-        logger.warning(
-            "the goal %s of %s cannot be cancelled over rosbridge: it is somebody else's", goal_id, action
-        )
-
-    def cancel_every(self, action: str, client: NodeResources) -> None:
-        """Nothing, as for :meth:`cancel`."""
-        logger.warning(
-            "the goals of %s cannot be cancelled over rosbridge: they may be somebody else's", action
-        )
