@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import anyio
 
@@ -24,7 +24,8 @@ from rwt.access.origins import is_loopback_listener
 from rwt.access.settings import SettingsError
 from rwt.blocking import LOOPS, BlockingNode, ServerThread, exit_of
 from rwt.composition.certificates import CertificateRenewal, authority_page
-from rwt.composition.gateways import GATEWAYS
+from rwt.composition.extensions import load_encodings
+from rwt.composition.gateways import make_gateway
 from rwt.composition.graphs import check_graph, make_graph
 from rwt.composition.listeners import Listeners
 from rwt.composition.nodes import (
@@ -60,7 +61,7 @@ if TYPE_CHECKING:
     from rwt.access.graph_view import GraphView
     from rwt.blocking import Loop
     from rwt.composition.graphs import MakeGraph
-    from rwt.settings.models import GatewayName, Settings
+    from rwt.settings.models import Settings
     from rwt.workers.worker import InWorker, WorkerContext
     from rwt_graph.clock import Clock
     from rwt_interfaces.registry import Registry
@@ -160,11 +161,11 @@ class Server:
         self,
         *urls: str,
         settings: Settings | None = None,
-        graph: Graph | MakeGraph | Literal["memory", "zenoh"] | None = None,
+        graph: Graph | MakeGraph | str | None = None,
         registry: Registry | None = None,
         clock: Clock | None = None,
         extra_nodes: Iterable[Callable[[Graph], ReadyNode]] = (),
-        gateways: Iterable[MakeGateway | GatewayName] = (),
+        gateways: Iterable[MakeGateway | str] = (),
         http: Iterable[HttpExtension] = (),
         mounts: Mapping[str, App] = MappingProxyType({}),
         script: Path | None = None,
@@ -407,6 +408,7 @@ class Server:
     async def _start(self, stack: AsyncExitStack) -> _Running:
         settings, graph = self.settings, self.graph
         tls = server_tls(settings.tls)
+        load_encodings(settings.encodings)
         nodes = stack.enter_context(ExitStack())
         if not graph.running:
             await stack.enter_async_context(graph)
@@ -466,7 +468,7 @@ class Server:
     ) -> list[Gateway]:
         """Start the gateways of the settings, and those of the program; `stack` closes them."""
         graph, settings = self.graph, self.settings
-        made = [partial(GATEWAYS[name], graph, settings, access, http) for name in settings.gateways]
+        made = [partial(make_gateway, name, graph, settings, access, http) for name in settings.gateways]
         gateways: list[Gateway] = []
         for make in (*made, *(partial(make, graph, access) for make in self._gateways)):
             gateways.append(gateway := make())

@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from rwt.access.settings import SettingsError
+from rwt.composition.extensions import extension_for
 from rwt_transports.http.routes import HttpResponse
 
 # What only some servers have is imported in the functions that make it.
@@ -14,10 +15,10 @@ if TYPE_CHECKING:
     from collections.abc import Awaitable
 
     from rwt.access.access import Access
-    from rwt.access.gateway import Gateway
+    from rwt.access.gateway import Gateway, MakeGateway
     from rwt.access.graph_view import GraphView
     from rwt.gateways.foxglove.assets import Pages
-    from rwt.settings.models import GatewayName, Settings
+    from rwt.settings.models import Settings
     from rwt_graph.api import Graph
     from rwt_transports.http.routes import HttpExtension, HttpRequest
 
@@ -66,11 +67,28 @@ def _mcp(graph: Graph, settings: Settings, access: Access, http: Sequence[HttpEx
     return McpGateway(graph, access, settings.mcp, recordings, several_processes=several)
 
 
-GATEWAYS: Final[
-    Mapping[GatewayName, Callable[[Graph, Settings, Access, Sequence[HttpExtension]], Gateway]]
-] = MappingProxyType({"foxglove": _foxglove, "http": _http, "mcp": _mcp})
-"""Every gateway that the setting `gateways` may name; each is also given what nodes bring to HTTP. A row
-imports its package when it is called, since not every server speaks it."""
+GATEWAYS: Final[Mapping[str, Callable[[Graph, Settings, Access, Sequence[HttpExtension]], Gateway]]] = (
+    MappingProxyType({"foxglove": _foxglove, "http": _http, "mcp": _mcp})
+)
+"""Built-in gateways that the setting `gateways` may name; each is also given the pages of the nodes. A row
+imports its package when it is called, since not every server uses it."""
+
+
+def make_gateway(
+    name: str, graph: Graph, settings: Settings, access: Access, http: Sequence[HttpExtension]
+) -> Gateway:
+    """Make the gateway that the settings name: a built-in one, or that of an entry point in `rwt.gateways`.
+
+    The entry point is what a program would pass to :class:`~rwt.server.Server` as one of `gateways`.
+
+    Raises:
+        SettingsError: it needs a package that is not installed, or cannot be imported.
+    """
+    builtin = GATEWAYS.get(name)
+    if builtin is not None:
+        return builtin(graph, settings, access, http)
+    make: MakeGateway = extension_for("gateways", "rwt.gateways", name, GATEWAYS)
+    return make(graph, access)
 
 
 def package_pages(http: Sequence[HttpExtension]) -> Pages | None:

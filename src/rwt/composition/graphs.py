@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, TypeAlias
 
 from rwt.access.settings import SettingsError
+from rwt.composition.extensions import extension_for
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.errors import InterfaceError
@@ -73,6 +74,10 @@ def make_graph(
         return (make or MemoryGraph)(registry, clock)
     if make is not None:
         raise SettingsError(f"`graph`: {settings.graph!r}, but {make!r} makes the graph; leave out one")
+    if settings.graph != "zenoh":
+        # An entry point is what a program would pass to `Server` as `graph`.
+        make = extension_for("graph", "rwt.graphs", settings.graph, ("memory", "zenoh"))
+        return make(registry, clock)
     try:
         from rwt_graph.zenoh import ZenohGraph, ZenohOptions  # An extra: imported only where it is asked for.
     except ImportError as error:

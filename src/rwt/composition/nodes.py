@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Protocol, cast
 from urllib.parse import urlsplit
 
 from rwt.access.settings import SettingsError
+from rwt.composition.extensions import extension_for
 from rwt.errors import ServerError
 from rwt.gateways.rosbridge.bridge import GATEWAY_NODE
 from rwt.nodes.rosapi import Rosapi
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from rwt.nodes.mesh_files import MeshFiles
     from rwt.nodes.recording import Recorder, RecorderNode
     from rwt.nodes.video import WebVideoServer
-    from rwt.settings.models import NodeName, Settings
+    from rwt.settings.models import Settings
     from rwt_graph.api import Graph
     from rwt_transports.endpoint import Accept
 
@@ -49,17 +50,29 @@ def _video(graph: Graph, settings: Settings) -> WebVideoServer:
     )
 
 
-NODES: Final[Mapping[NodeName, Callable[[Graph, Settings], ReadyNode]]] = MappingProxyType(
+NODES: Final[Mapping[str, Callable[[Graph, Settings], ReadyNode]]] = MappingProxyType(
     {
         "rosapi": lambda graph, settings: Rosapi(graph),
         "tf2_web_republisher": lambda graph, settings: Tf2WebRepublisher(graph),
         "web_video_server": _video,
     }
 )
-"""Every node that the setting `nodes` may name. A row that needs heavy libraries imports them when called."""
+"""Built-in nodes of the setting `nodes`. A row that needs heavy libraries imports them when called."""
 
-ON_EVERY_WORKER: Final[frozenset[NodeName]] = frozenset({"web_video_server"})
+ON_EVERY_WORKER: Final[frozenset[str]] = frozenset({"web_video_server"})
 """The nodes that each worker process starts: those with pages, since any process may be asked for them."""
+
+
+def _make_node(name: str, graph: Graph, settings: Settings) -> ReadyNode:
+    """Make the node that the settings name: a built-in one, or that of an entry point in `rwt.nodes`.
+
+    The entry point is what a program would pass to :class:`~rwt.server.Server` as one of `extra_nodes`.
+    """
+    builtin = NODES.get(name)
+    if builtin is not None:
+        return builtin(graph, settings)
+    make: Callable[[Graph], ReadyNode] = extension_for("nodes", "rwt.nodes", name, NODES)
+    return make(graph)
 
 
 class StartedNodes(NamedTuple):
@@ -78,10 +91,10 @@ def start_nodes(graph: Graph, settings: Settings, stack: ExitStack) -> StartedNo
     """Start what the settings name and `stack` closes.
 
     Raises:
-        SettingsError: there are no packages in a folder of the setting `packages`, or the settings of the
-            recorder or the page cannot be used.
+        SettingsError: there are no packages in a folder of the setting `packages`, a node of another
+            distribution cannot be imported, or the settings of the recorder or the page cannot be used.
     """
-    named = {name: stack.enter_context(closing(NODES[name](graph, settings))) for name in settings.nodes}
+    named = {name: stack.enter_context(closing(_make_node(name, graph, settings))) for name in settings.nodes}
     nodes: list[object] = [*named.values()]
     if settings.packages:
         nodes.append(_mesh_files(settings))

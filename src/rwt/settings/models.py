@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Final, Literal, TypeVar
 
 from pydantic import AfterValidator, Field, model_validator
 
@@ -23,6 +24,8 @@ from rwt.gateways.http.settings import HttpSettings
 from rwt.gateways.mcp.settings import McpSettings
 from rwt.gateways.rosbridge.settings import BridgeLimits, BridgeSettings
 from rwt.settings.webrtc import WebRtcSettings
+from rwt_protocol.error_text import Expected
+from rwt_protocol.extensions import extension_names
 
 
 def _check_proxies(networks: tuple[str, ...]) -> tuple[str, ...]:
@@ -33,8 +36,35 @@ def _check_proxies(networks: tuple[str, ...]) -> tuple[str, ...]:
     return networks
 
 
-NodeName = Literal["rosapi", "tf2_web_republisher", "web_video_server"]
-GatewayName = Literal["foxglove", "http", "mcp"]
+T = TypeVar("T", str, tuple[str, ...])
+
+NODES: Final = ("rosapi", "tf2_web_republisher", "web_video_server")
+GATEWAYS: Final = ("foxglove", "http", "mcp")
+GRAPHS: Final = ("memory", "zenoh")
+
+
+def _either(names: Iterable[str]) -> str:
+    return " or ".join(f'"{name}"' for name in names)
+
+
+_NODES_EXPECTED: Final = Expected(f"a list of {_either(NODES)}")
+_GATEWAYS_EXPECTED: Final = Expected(f"a list of {_either(GATEWAYS)}")
+_GRAPH_EXPECTED: Final = Expected(_either(GRAPHS))
+
+
+def _named(group: str, builtin: tuple[str, ...], expected: Expected) -> AfterValidator:
+    """Accept built-in names and those of entry points, which are not imported here."""
+
+    def check(given: T) -> T:
+        unknown = [name for name in ((given,) if isinstance(given, str) else given) if name not in builtin]
+        installed = extension_names(group) if unknown else []
+        for name in unknown:
+            if name not in installed:
+                known = " or ".join(filter(None, (expected.text, _either(installed))))
+                raise ValueError(f"expected {known}, got {name!r}")
+        return given
+
+    return AfterValidator(check)
 
 
 class LimitSettings(BridgeLimits):
@@ -184,16 +214,28 @@ class Settings(BridgeSettings):
     ] = ()
     demo: Annotated[bool, Field(description="whether the demo robot takes part")] = False
     nodes: Annotated[
-        tuple[NodeName, ...],
+        tuple[str, ...],
+        _named("rwt.nodes", NODES, _NODES_EXPECTED),
+        _NODES_EXPECTED,
         Field(description="ready-made nodes that take part; `[]` for none"),
-    ] = get_args(NodeName)
+    ] = NODES
     gateways: Annotated[
-        tuple[GatewayName, ...],
+        tuple[str, ...],
+        _named("rwt.gateways", GATEWAYS, _GATEWAYS_EXPECTED),
+        _GATEWAYS_EXPECTED,
         Field(
             description="protocols that are spoken beside rosbridge, on the same port; `[]` for none; `mcp`,"
             " for agents, needs the extra `mcp`"
         ),
     ] = ("foxglove", "http")
+    encodings: Annotated[
+        tuple[str, ...],
+        _named("rwt.codecs", (), Expected("a list of names of installed encodings")),
+        Field(
+            description="encodings of other distributions that clients may ask for with `compression`, beside"
+            " the built-in ones"
+        ),
+    ] = ()
     deflate: Annotated[
         Literal["off", "shared", "context"],
         Field(description="permessage-deflate for WebSocket clients that ask: `shared` or in `context`"),
@@ -214,7 +256,9 @@ class Settings(BridgeSettings):
     mcp: McpSettings = McpSettings()
     webrtc: WebRtcSettings = WebRtcSettings()
     graph: Annotated[
-        Literal["memory", "zenoh"],
+        str,
+        _named("rwt.graphs", GRAPHS, _GRAPH_EXPECTED),
+        _GRAPH_EXPECTED,
         Field(description="`zenoh` joins the graph with those of other processes; needs the extra `zenoh`"),
     ] = "memory"
     zenoh: ZenohSettings = ZenohSettings()
@@ -243,6 +287,12 @@ class Settings(BridgeSettings):
     def _one_recorder(self) -> Settings:
         if self.workers > 1 and self.recorder.folder is not None:
             raise ValueError("`recorder.folder`: a recorder sees one process: expected `workers = 1`")
+        return self
+
+    @model_validator(mode="after")
+    def _joined_over_zenoh(self) -> Settings:
+        if self.workers > 1 and self.graph not in GRAPHS:
+            raise ValueError(f"`graph`: {self.graph!r} is of one process: expected `workers = 1`")
         return self
 
     @model_validator(mode="after")

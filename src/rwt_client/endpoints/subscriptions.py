@@ -18,7 +18,8 @@ from rwt_interfaces.structs import MessageType
 from rwt_participant.errors import HandleClosed, InvalidMessage, RobotError, TimedOut
 from rwt_participant.handles import QUEUE_BYTES, Subscription
 from rwt_participant.messages import Message, MessageCallback, is_coroutine_function
-from rwt_protocol.codecs import SELECTABLE
+from rwt_protocol.codecs import SELECTABLE, load_encoding
+from rwt_protocol.extensions import ExtensionError, extension_names
 from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
 
 if TYPE_CHECKING:
@@ -38,8 +39,8 @@ class SubscribeOptions:
 
     Attributes:
         arrays: what numeric arrays become: ``list``, or ``numpy``.
-        compression: one of :data:`COMPRESSIONS`; ``auto`` asks for CBOR where a message has big arrays and
-            the server offers it.
+        compression: one of :data:`COMPRESSIONS`, or an entry point in `rwt.codecs`; ``auto`` asks for CBOR
+            where a message has big arrays and the server offers it.
         throttle: least seconds between two messages, kept by the server; 0 for every message.
         queue_size: messages that wait for an iterator or an asynchronous callback; of more the newest stay.
         queue_bytes: the same bound in bytes; the newest message stays however big it is.
@@ -61,8 +62,13 @@ class SubscribeOptions:
     def __post_init__(self) -> None:
         check_kind(self.arrays)
         if self.compression not in COMPRESSIONS:
-            known = ", ".join(COMPRESSIONS)
-            raise ValueError(f"compression: expected one of {known}, got {self.compression!r}")
+            try:
+                encoding = load_encoding(self.compression)
+            except ExtensionError:
+                encoding = None
+            if encoding is None or encoding.raw or encoding.exclusive is not None:
+                known = ", ".join((*COMPRESSIONS, *extension_names("rwt.codecs")))
+                raise ValueError(f"compression: expected one of {known}, got {self.compression!r}")
 
 
 class TopicSubscriptions:

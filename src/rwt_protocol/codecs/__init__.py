@@ -11,10 +11,13 @@ from rwt_protocol.codecs import cbor, png
 from rwt_protocol.codecs.base import Codec, PublishEncoder
 from rwt_protocol.codecs.cbor import CborCodec
 from rwt_protocol.codecs.json import JsonCodec
+from rwt_protocol.extensions import ExtensionError, load_extension
 
 JSON: Final = JsonCodec()
 CBOR: Final = CborCodec()
 
+_JSON_BYTES: Final = frozenset(bytes((each,)) for each in b" \t\r\n{[")
+"""First bytes of a message in JSON."""
 
 Form = Literal["json", "cbor", "serialised", "plain"]
 """What of a message an encoding is made of: its JSON, its CBOR, what its robot serialises, or its values."""
@@ -65,39 +68,55 @@ def bson_codec() -> Codec:
     return BsonCodec()
 
 
-CODECS: Final[Mapping[str, Encoding]] = MappingProxyType(
-    {
-        encoding.name: encoding
-        for encoding in (
-            Encoding("none", 0, JSON.publish_encoder),
-            Encoding("png", 1, png.publish_encoder),
-            Encoding("cbor", 2, CBOR.publish_encoder, "cbor", binary=True, codec=CBOR, first_bytes=cbor.MAPS),
-            Encoding("cbor-raw", 3, cbor.raw_publish_encoder, "serialised", binary=True, raw=True),
-            Encoding(
-                "bson",
-                4,
-                _bson_publish_encoder,
-                "plain",
-                binary=True,
-                exclusive=bson_codec,
-            ),
-        )
-    }
-)
-"""Every encoding, by its name in `compression`: a new one is a row here, and what the row names."""
+_ENCODINGS: Final = {
+    encoding.name: encoding
+    for encoding in (
+        Encoding("none", 0, JSON.publish_encoder),
+        Encoding("png", 1, png.publish_encoder),
+        Encoding("cbor", 2, CBOR.publish_encoder, "cbor", binary=True, codec=CBOR, first_bytes=cbor.MAPS),
+        Encoding("cbor-raw", 3, cbor.raw_publish_encoder, "serialised", binary=True, raw=True),
+        Encoding("bson", 4, _bson_publish_encoder, "plain", binary=True, exclusive=bson_codec),
+    )
+}
+
+CODECS: Final[Mapping[str, Encoding]] = MappingProxyType(_ENCODINGS)
+"""Encodings by their name in `compression`: a row for each that is built in, and those that
+:func:`load_encoding` has added."""
 
 SELECTABLE: Final = tuple(encoding for encoding in CODECS.values() if encoding.exclusive is None)
-"""Those that `compression` can ask for."""
+"""Built-in encodings that `compression` can ask for."""
 
-BINARY_CODECS: Final[Mapping[bytes, Codec]] = MappingProxyType(
-    {
-        bytes((first,)): encoding.codec
-        for encoding in SELECTABLE
-        if encoding.codec is not None
-        for first in encoding.first_bytes
-    }
-)
-"""What reads a binary frame, by its first byte; any other is JSON text (ENV-12)."""
+
+def _first_bytes(encoding: Encoding) -> dict[bytes, Codec]:
+    return {bytes((first,)): encoding.codec for first in encoding.first_bytes if encoding.codec is not None}
+
+
+_BINARY: Final = {first: codec for each in SELECTABLE for first, codec in _first_bytes(each).items()}
+
+BINARY_CODECS: Final[Mapping[bytes, Codec]] = MappingProxyType(_BINARY)
+"""Codec of a binary frame, by its first byte; any other frame is JSON text (ENV-12)."""
+
+
+def load_encoding(name: str) -> Encoding:
+    """Return the encoding of a name. One of another distribution is imported, and is known to this process
+    from then on.
+
+    Its entry point in the group `rwt.codecs` is an :class:`Encoding`.
+
+    Raises:
+        ExtensionError: it is not installed, cannot be imported, or claims the first byte of another encoding.
+    """
+    found = CODECS.get(name)
+    if found is None:
+        found = load_extension("rwt.codecs", name, CODECS)
+        if not isinstance(found, Encoding) or found.name != name:
+            raise ExtensionError(f"the entry point {name!r} of rwt.codecs is not an Encoding of that name")
+        first_bytes = _first_bytes(found)
+        if first_bytes.keys() & (_BINARY.keys() | _JSON_BYTES):
+            raise ExtensionError(f"the encoding {name!r} begins with a byte of JSON or of another encoding")
+        _ENCODINGS[name] = found
+        _BINARY.update(first_bytes)
+    return found
 
 
 def encoding_of(compression: str) -> Encoding:
@@ -120,4 +139,5 @@ __all__ = [
     "PublishEncoder",
     "bson_codec",
     "encoding_of",
+    "load_encoding",
 ]

@@ -136,7 +136,7 @@ def _add_graph_options(parser: argparse.ArgumentParser) -> None:
     """The options that choose a graph and connect it."""
     parser.add_argument(
         "--graph",
-        choices=("memory", "zenoh"),
+        metavar="{memory,zenoh}",
         help="keep the graph in this process (default), or join it with others over Zenoh",
     )
     parser.add_argument(
