@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[1]
 THROUGH_OTHERS = {"annotated-types", "pydantic-core", "mcp-types"}
 """What comes with a dependency that speaks of it in its own interface: pydantic, and the SDK for agents."""
 
-NOT_TO_INSTALL = {"_typeshed", "rosbridge_conformance", "pytest", "rwt_rclpy"}
+NOT_TO_INSTALL = {"_typeshed", "rosbridge_conformance", "pytest"}
 """What only checkers have, the suite beside the project, and what the plugin is for."""
 
 PACKAGES = {
@@ -75,21 +75,23 @@ def _imported(file: Path) -> set[str]:
     return {name.partition(".")[0] for name in found}
 
 
-def test_what_is_imported_is_declared() -> None:
+@pytest.mark.parametrize("folder", [ROOT, ROOT / "rwt-rclpy"], ids=["robot-web-tools", "rwt-rclpy"])
+def test_what_is_imported_is_declared(folder: Path) -> None:
     """A name that only a development dependency brings along breaks everybody else's installation."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     wanted = [
         *project["dependencies"],
-        *(each for extra in project["optional-dependencies"].values() for each in extra),
+        *(each for extra in project.get("optional-dependencies", {}).values() for each in extra),
     ]
     declared = {
         re.split(r"[\[<>=;~! ]", each)[0].lower().replace("_", "-") for each in wanted
     } | THROUGH_OTHERS
-    own = {folder.name for folder in (ROOT / "src").iterdir()}
+    # rwt-rclpy requires robot-web-tools, which has the same version.
+    own = {package.name for each in (folder, ROOT) for package in (each / "src").iterdir()}
     distributions = packages_distributions()
     undeclared = {
         f"{file.relative_to(ROOT)}: {name}"
-        for file in (ROOT / "src").rglob("*.py")
+        for file in (folder / "src").rglob("*.py")
         for name in _imported(file) - own - sys.stdlib_module_names - NOT_TO_INSTALL
         if not {each.lower().replace("_", "-") for each in distributions.get(name, [name])} & declared
     }

@@ -2,10 +2,10 @@
 
     python -m tools.build_release [--out dist]
 
-Wheels and source distributions of `robot-web-tools` and `rosbridge-conformance`, and the npm package of
-the elements, are built twice, from two copies of what is committed, in folders with other names and at other
-times; the two must be equal. Then `twine`, `check-wheel-contents`, `pyroma` and `publint` look at them, and
-`SHA256SUMS` is written beside them. Nothing is published.
+Wheels and source distributions of `robot-web-tools`, `rwt-rclpy` and `rosbridge-conformance`, and the npm
+package of the elements, are built twice, from two copies of what is committed, in folders with other names
+and at other times; the two must be equal. Then `twine`, `check-wheel-contents`, `pyroma` and `publint` look
+at them, and `SHA256SUMS` is written beside them. Nothing is published.
 """
 
 from __future__ import annotations
@@ -24,7 +24,11 @@ from io import BytesIO
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-DISTRIBUTIONS: Mapping[str, Path] = {"robot-web-tools": Path(), "rosbridge-conformance": Path("conformance")}
+DISTRIBUTIONS: Mapping[str, Path] = {
+    "robot-web-tools": Path(),
+    "rwt-rclpy": Path("rwt-rclpy"),
+    "rosbridge-conformance": Path("conformance"),
+}
 """Each distribution with its folder, relative to the top of the repository."""
 
 OURS = ("rwt", "rosbridge_conformance")

@@ -22,7 +22,7 @@ from tools.build_release import ReleaseError, build_release
 
 ROOT = Path(__file__).parents[1]
 CHANGELOG = ROOT / "CHANGELOG.md"
-PROJECT = ROOT / "pyproject.toml"
+PROJECTS = (ROOT / "pyproject.toml", ROOT / "rwt-rclpy" / "pyproject.toml")
 BRANCH = "main"
 
 _VERSION = re.compile(r"\d+\.\d+\.\d+(?:(?:a|b|rc)\d+)?")
@@ -64,14 +64,15 @@ def make_release(version: str, *, dry_run: bool) -> None:
     if git("tag", "--list", f"v{version}"):
         raise ReleaseError(f"the tag v{version} is there already; choose the next version")
     changes = dated(CHANGELOG.read_text(encoding="utf-8"), version, datetime.date.today())
-    project = with_version(PROJECT.read_text(encoding="utf-8"), version)
+    projects = {each: with_version(each.read_text(encoding="utf-8"), version) for each in PROJECTS}
     with tempfile.TemporaryDirectory() as folder:
         build_release(Path(folder) / "dist")
     if dry_run:
         print(f"{version} can be released; nothing was changed")
         return
     CHANGELOG.write_text(changes, encoding="utf-8")
-    PROJECT.write_text(project, encoding="utf-8")
+    for project, text in projects.items():
+        project.write_text(text, encoding="utf-8")
     git("commit", "--all", "--message", f"Release {version}")
     git("tag", "--sign", f"v{version}", "--message", f"Robot Web Tools without ROS {version}")
     git("push", "--atomic", "origin", BRANCH, f"v{version}")
@@ -107,8 +108,9 @@ def dated(changelog: str, version: str, day: datetime.date) -> str:
 
 
 def with_version(project: str, version: str) -> str:
-    """The text of pyproject.toml with this version."""
-    return re.sub(r'^version = "[^"]*"$', f'version = "{version}"', project, count=1, flags=re.MULTILINE)
+    """Return the text of a pyproject.toml with this version, also in its dependency on the server."""
+    project = re.sub(r'^version = "[^"]*"$', f'version = "{version}"', project, count=1, flags=re.MULTILINE)
+    return re.sub(r'"robot-web-tools==[^"]*"', f'"robot-web-tools=={version}"', project)
 
 
 def git(*arguments: str) -> str:

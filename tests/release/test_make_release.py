@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tools.build_release import ReleaseError
-from tools.make_release import dated, make_release, notes, with_version
+from tools.make_release import PROJECTS, dated, make_release, notes, with_version
 
 ROOT = Path(__file__).parents[2]
 
@@ -54,9 +54,14 @@ def test_an_empty_section_is_none() -> None:
 
 
 def test_only_the_version_of_the_project_changes() -> None:
-    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    before, after = text.splitlines(), with_version(text, "9.8.7").splitlines()
-    assert [line for line, other in zip(after, before, strict=True) if line != other] == ['version = "9.8.7"']
+    changed = []
+    for project in PROJECTS:
+        text = project.read_text(encoding="utf-8")
+        before, after = text.splitlines(), with_version(text, "9.8.7").splitlines()
+        changed.append([line for line, other in zip(after, before, strict=True) if line != other])
+    server, (version, dependencies) = changed
+    assert server == [version] == ['version = "9.8.7"']
+    assert '"robot-web-tools==9.8.7"' in dependencies
 
 
 @pytest.mark.parametrize("version", ["", "1", "v1.0.0", "1.0", "1.0.0 ", "01.0.0-beta"])

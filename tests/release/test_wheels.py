@@ -84,6 +84,8 @@ def test_release_is_complete(built: Path) -> None:
     assert names == {
         "robot_web_tools-py3-none-any.whl",
         "robot_web_tools.tar.gz",
+        "rwt_rclpy-py3-none-any.whl",
+        "rwt_rclpy.tar.gz",
         "rosbridge_conformance-py3-none-any.whl",
         "rosbridge_conformance.tar.gz",
         "robot-web-tools-widgets.tgz",
@@ -94,13 +96,14 @@ def test_release_is_complete(built: Path) -> None:
 def test_licence_comes_along(bare: Path, tmp_path: Path) -> None:
     program = (
         "from importlib.metadata import metadata\n"
-        "for name in ('robot-web-tools', 'rosbridge-conformance'):\n"
+        "for name in ('robot-web-tools', 'rwt-rclpy', 'rosbridge-conformance'):\n"
         "    found = metadata(name)\n"
         "    print(name, found['License-Expression'], *sorted(found.get_all('License-File')))\n"
     )
     lines = run(bare / "python", "-c", program, folder=tmp_path).splitlines()
     assert lines == [
         "robot-web-tools BSD-3-Clause LICENSE NOTICE",
+        "rwt-rclpy BSD-3-Clause LICENSE",
         "rosbridge-conformance BSD-3-Clause LICENSE",
     ]
 
@@ -138,6 +141,13 @@ def test_server_command_line_and_suite_work_from_the_wheels(bare: Path, tmp_path
         assert server.wait() == 0
     assert "success" in answer
     assert re.search(r"\d+ pass", grade)
+
+
+def test_a_node_runs_from_the_wheels(bare: Path, tmp_path: Path) -> None:
+    (tmp_path / "node.py").write_text(
+        "import rclpy\nrclpy.init()\nprint(rclpy.create_node('n').get_name())\n"
+    )
+    assert run(bare / "rwt", "run", "node.py", folder=tmp_path) == "n\n"
 
 
 @pytest.mark.slow
