@@ -51,6 +51,7 @@ class Copy:
         kind, _, name = step.partition(" ")
         if kind in ("create", "case"):
             assert not (self.folder / name).exists(), f"{block.name}: {name} is there already"
+            (self.folder / name).parent.mkdir(exist_ok=True)
             (self.folder / name).write_text(block.code, encoding="utf-8")
         else:
             put = _PUT.fullmatch(step)
