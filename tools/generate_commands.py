@@ -70,11 +70,10 @@ def page() -> str:
 
 def _lines() -> Iterator[str]:
     yield _HEAD.replace("URL_FORMS", ", ".join(f"`{form}`" for form in url_forms(connect=True).split(", ")))
-    top = _subcommands(parser_for("*"))
     for command in COMMANDS:
         if command.name in _ELSEWHERE:
             continue
-        parser = top[command.name]
+        parser = _subcommands(parser_for(command.name))[command.name]
         verbs = _subcommands(parser)
         yield f"## rwt {command.name}\n"
         yield f"{_prose(parser.description)}\n"
