@@ -1,8 +1,8 @@
-"""On whose account a program of the robot works on: what it is asked for stays charged until it is done.
+"""Accounts of clients: a request stays charged to its client until the robot's program is done with it.
 
-A call is charged to its caller until it is answered, or nobody waits for it any more. A program may need the
-request for longer: a coroutine that answers later, a goal that runs. It then holds the account, which it
-finds in :data:`WORK_ACCOUNT` while it is asked, for as long as that takes.
+A call is charged to its caller until it is answered or cancelled. A program may need the request for longer:
+a coroutine that answers later, a goal that runs. It then holds the account, which is in :data:`WORK_ACCOUNT`
+during the callback, until it is done.
 """
 
 from __future__ import annotations
@@ -12,39 +12,41 @@ from contextvars import ContextVar
 from typing import Final, Protocol
 
 Release = Callable[[], None]
-"""Gives back what was held; to be called once."""
+"""Releases a charge; to be called once."""
 
 
 class WorkAccount(Protocol):
-    """Somebody on whose behalf a program of the robot is asked for something."""
+    """Account of the client whose request a program of the robot handles."""
 
     def hold(self, size: int) -> Release:
-        """Keep what is asked for charged until it is released.
+        """Keep the request charged until it is released.
 
         Args:
-            size: bytes that are kept, where what is asked for is not charged already.
+            size: bytes to charge; 0 for a request that is charged already.
 
         Raises:
-            CallFailed: they are more than may be kept on the account.
+            CallFailed: the account has no room for that many bytes.
         """
 
 
 WORK_ACCOUNT: Final[ContextVar[WorkAccount | None]] = ContextVar("work account", default=None)
-"""The account of who asks now; None where that is a program of the robot itself."""
+"""Account of the client whose request is handled now; None for requests of the robot's own programs."""
 
 
 def hold_for_asker(size: int) -> Release:
-    """Keep what is asked for now charged to who asks, until it is released.
+    """Keep the request that is handled now charged to its client, until the returned function is called.
+
+    For handlers that keep a request after their callback has returned.
 
     Args:
-        size: see :meth:`WorkAccount.hold`.
+        size: bytes to charge; 0 for a request that is charged already.
 
     Raises:
-        CallFailed: see :meth:`WorkAccount.hold`.
+        CallFailed: the account has no room for that many bytes.
     """
     account = WORK_ACCOUNT.get()
     return _nothing if account is None else account.hold(size)
 
 
 def _nothing() -> None:
-    """What is given back where nobody is charged."""
+    """No-op release of a request that is not charged."""
