@@ -61,7 +61,7 @@ def install(interfaces: Iterable[str | PathLike[str]] = (), *, registry: Registr
 
 
 def installed() -> Which | None:
-    """Which rclpy a program would import: ROS's, this one, or none."""
+    """Return the rclpy that a program would import: ROS's, this one, or none."""
     from rwt_rclpy import import_hook
 
     if import_hook.ros_is_installed():

@@ -22,7 +22,7 @@ rclpy_implementation = sys.modules[__name__]
 
 
 def rclpy_get_rmw_implementation_identifier() -> str:
-    """What carries messages, as `rclpy.get_rmw_implementation_identifier` says."""
+    """Return the identifier of the middleware, as `rclpy.get_rmw_implementation_identifier` does."""
     from rwt_rclpy.client_library import get_rmw_implementation_identifier
 
     return get_rmw_implementation_identifier()

@@ -67,7 +67,7 @@ class InitContextManager:
 
 
 def ok(*, context: Context | None = None) -> bool:
-    """Whether the context has begun and not ended."""
+    """True while the context is initialised."""
     return (context or get_default_context()).ok()
 
 
@@ -95,7 +95,7 @@ def try_shutdown(*, context: Context | None = None, uninstall_handlers: bool | N
 
 
 def get_global_executor() -> Executor:
-    """What the functions here spin with."""
+    """Return the executor that the functions of this module spin with."""
     global _global_executor
     if _global_executor is None:
         from rwt_rclpy.execution.executors import SingleThreadedExecutor
@@ -159,12 +159,12 @@ def spin_until_future_complete(
 
 
 def get_rmw_implementation_identifier() -> str:
-    """What carries messages: there is no rmw, but the graph of this project."""
+    """Return the identifier of the middleware: the graph of this project instead of an rmw."""
     return "rwt_graph"
 
 
 def get_available_rmw_implementations() -> set[str]:
-    """What may carry messages."""
+    """Return the identifiers of all available middleware."""
     return {"rwt_graph"}
 
 
@@ -176,7 +176,7 @@ def timeout_sec_to_nsec(timeout_sec: float | None) -> int:
 
 
 def remove_ros_args(args: Sequence[str] | None = None) -> list[str]:
-    """What of a command line is not ROS's."""
+    """Return the arguments of a command line that are not ROS's."""
     import sys
 
     from rwt_rclpy.names import arguments

@@ -26,7 +26,7 @@ class NoTypeSupportImportedException(Exception):
 
 
 class RCLError(RuntimeError):
-    """What rcl would refuse."""
+    """Error that rcl would raise."""
 
 
 class InvalidHandle(Exception):

@@ -27,7 +27,7 @@ class MixedInstallation(ImportError):
 
 
 class NotAvailable(ImportError):
-    """What a program imports cannot be had without ROS; the text says what to use instead."""
+    """A module is not available without ROS; the text says what to use instead."""
 
 
 class InterfaceModule(ModuleType):
@@ -158,7 +158,7 @@ class _Interfaces(Loader):
         return module
 
     def exec_module(self, module: ModuleType) -> None:
-        """Nothing: the classes are made when they are asked for."""
+        """No-op: the classes are made on first use."""
 
 
 class RosFinder(MetaPathFinder):
@@ -221,7 +221,7 @@ def _installed(name: str) -> ModuleSpec | None:
 
 
 def _has_interfaces(spec: ModuleSpec) -> bool:
-    """Whether an installed package has classes of messages, services or actions."""
+    """True if an installed package has classes of messages, services or actions."""
     folders = spec.submodule_search_locations or ()
     return any((Path(folder) / kind).is_dir() for folder in folders for kind in KINDS)
 
@@ -230,7 +230,7 @@ _finder = RosFinder()
 
 
 def ros_is_installed() -> str:
-    """Where a real rclpy is installed; empty when there is none."""
+    """Return the place of an installed rclpy of ROS; empty if there is none."""
     spec = _installed("rclpy")
     return "" if spec is None or spec.origin is None else spec.origin
 

@@ -19,7 +19,7 @@ from rwt_rclpy.modules import MODULES
 
 
 class CannotRun(RobotError):
-    """There is no such program; says what was looked for and where."""
+    """The program does not exist; says what was looked for and where."""
 
 
 def run_file(path: Path, arguments: Sequence[str]) -> None:
@@ -83,7 +83,7 @@ def interface_folders(given: Sequence[str]) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class Executable:
-    """What `ros2 run` would start.
+    """Program that `ros2 run` would start.
 
     Attributes:
         name: what it is called.
@@ -104,7 +104,7 @@ class Package:
 
     @property
     def name(self) -> str:
-        """What the manifest calls it, or else ``setup.py``, or the folder."""
+        """Name of the package from its manifest, ``setup.py`` or folder."""
         if (self.folder / "package.xml").is_file():
             return package_name(self.folder)
         named = _argument(self.folder / "setup.py", "name")
@@ -202,13 +202,13 @@ def run_executable(package: str, executable: str, arguments: Sequence[str], root
 
 
 def _is_here(package: Package) -> bool:
-    """Whether the source of a package has modules under a name that this project's have."""
+    """True if the source of a package has modules with the name of a module of this project."""
     names = {each.partition(".")[0] for each in MODULES}
     return any((package.python_folder / name / "__init__.py").is_file() for name in names)
 
 
 def is_python(file: Path) -> bool:
-    """Whether a file is a program in Python, by its name or its first line."""
+    """True if a file is a program in Python, by its name or its first line."""
     if file.suffix == ".py" or not file.is_file():
         return file.suffix == ".py"
     with file.open("rb") as opened:
@@ -233,7 +233,7 @@ def _call_of_setup(setup: Path) -> tuple[ast.Call | None, dict[str, ast.expr]]:
 
 
 def _argument(setup: Path, name: str) -> object:
-    """What a file gives `setup()` for an argument, without running the file; None when it is not plain."""
+    """Return an argument of `setup()` in a file, without running the file; None if it is not a constant."""
     call, variables = _call_of_setup(setup)
     for keyword in [] if call is None else call.keywords:
         if keyword.arg != name:
@@ -250,7 +250,7 @@ _MOST_NESTED = 30
 
 
 def _plain(value: ast.expr, variables: dict[str, ast.expr], depth: int) -> object:
-    """What an expression of constants and of names that are given constants comes to; nothing is run.
+    """Return the value of an expression of constants and of names with constant values; nothing is run.
 
     Raises:
         ValueError: it is of anything else.

@@ -65,7 +65,7 @@ class ClientGoalHandle:
 
     @property
     def accepted(self) -> bool:
-        """Whether the server has taken it."""
+        """True if the server has accepted the goal."""
         return bool(self._goal_response.accepted)
 
     @property
@@ -377,7 +377,7 @@ class ActionClient(Entity):
     # Servers
 
     def server_is_ready(self) -> bool:
-        """Whether anybody offers the action."""
+        """True if a server offers the action."""
         with self._handle:
             return self._send.service_is_ready() or self._is_of_graph()
 
@@ -388,7 +388,7 @@ class ActionClient(Entity):
     # What an executor asks
 
     def has_work(self) -> bool:
-        """Whether a response, feedback or a state waits."""
+        """True if a response, feedback or a state is pending."""
         if not self._handle:
             return False
         return bool(self._waiting) or any(each.has_work() for each in self._parts())

@@ -44,21 +44,21 @@ if TYPE_CHECKING:
 
 
 class GoalResponse(Enum):
-    """Whether a goal is taken."""
+    """Decision on a new goal."""
 
     REJECT = 1
     ACCEPT = 2
 
 
 class CancelResponse(Enum):
-    """Whether a goal will be cancelled."""
+    """Decision on a cancel request."""
 
     REJECT = 1
     ACCEPT = 2
 
 
 class GoalEvent(IntEnum):
-    """What happens to a goal."""
+    """Event in the life of a goal."""
 
     EXECUTE = 0
     CANCEL_GOAL = 1
@@ -133,12 +133,12 @@ class ServerGoalHandle:
 
     @property
     def is_active(self) -> bool:
-        """Whether it has not ended."""
+        """True until the goal has ended."""
         return not self._destroyed and not self._status.is_terminal
 
     @property
     def is_cancel_requested(self) -> bool:
-        """Whether it is to be cancelled."""
+        """True if cancellation was requested."""
         return self.status == GoalStatus.CANCELING
 
     @property
@@ -519,7 +519,7 @@ class ActionServer(Entity):
     # What an executor asks
 
     def has_work(self) -> bool:
-        """Whether a request waits, or a result has been kept long enough."""
+        """True if a request is pending, or a result has been kept long enough."""
         if not self._handle:
             return False
         return bool(self._waiting) or any(each.has_work() for each in self._services) or self._expired()

@@ -1,1 +1,1 @@
-"""What time it is, on which clock, and what waits for it."""
+"""Clocks, times, durations, timers and `/clock`."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class ClockChange(IntEnum):
-    """What happened to the source of a clock's time."""
+    """Change of the source of a clock's time."""
 
     ROS_TIME_NO_CHANGE = 1
     ROS_TIME_ACTIVATED = 2
@@ -27,7 +27,7 @@ class ClockChange(IntEnum):
 
 
 class JumpThreshold:
-    """Which jumps are heard of.
+    """Threshold of time jumps that call a handler.
 
     Args:
         min_forward: the least jump ahead, positive; None for none.
@@ -63,12 +63,12 @@ class TimeJump:
 
     @property
     def clock_change(self) -> ClockChange:
-        """What happened to the source."""
+        """Change of the source."""
         return self._clock_change
 
     @property
     def delta(self) -> Duration:
-        """How far the time jumped."""
+        """Size of the jump."""
         return self._delta
 
 
@@ -104,7 +104,7 @@ class JumpHandle:
         clock.handle.jumps.append(self)
 
     def exceeded(self, change: ClockChange, delta_ns: int) -> bool:
-        """Whether a jump is one to be told of."""
+        """True if a jump exceeds the threshold."""
         if change in (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVATED):
             return self.threshold.on_clock_change
         forward, backward = self.threshold.min_forward, self.threshold.min_backward
@@ -190,7 +190,7 @@ class Clock:
 
     @property
     def clock_type(self) -> ClockType:
-        """Which kind of clock it is."""
+        """Type of the clock."""
         return self._clock_type
 
     @property
@@ -305,7 +305,7 @@ class ROSClock(Clock):
 
     @property
     def ros_time_is_active(self) -> bool:
-        """Whether it follows what is set rather than the system."""
+        """True if the clock follows `/clock` instead of the system."""
         return self._handle.override_ns is not None
 
     def _set_ros_time_is_active(self, enabled: bool) -> None:

@@ -56,7 +56,7 @@ class Time:
 
     @property
     def clock_type(self) -> ClockType:
-        """Which clock it is of."""
+        """Type of the clock that the time belongs to."""
         return self._clock_type
 
     def __repr__(self) -> str:

@@ -33,7 +33,7 @@ class TimeSource:
 
     @property
     def ros_time_is_active(self) -> bool:
-        """Whether the clocks follow `/clock`; may be set."""
+        """True if the clocks follow `/clock`; writable."""
         return self._ros_time_is_active
 
     @ros_time_is_active.setter

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class Timekeeper(ABC):
-    """What executors, timers and sleepers measure time by.
+    """Source of time for executors, timers and sleepers.
 
     Attributes:
         lock: guards the graph of this process.

@@ -51,7 +51,7 @@ class TimerHandle(Destroyable):
         self.next_ns = now + period_ns
 
     def is_timer_ready(self) -> bool:
-        """Whether it is due."""
+        """True if the timer is due."""
         return not self.canceled and bool(self) and self._clock.now_ns() >= self.next_ns
 
     def until_next(self) -> int | None:
@@ -73,7 +73,7 @@ class TimerHandle(Destroyable):
         )
 
     def is_beyond_a_period(self) -> bool:
-        """Whether it is due later than a period from now."""
+        """True if the timer is due later than a period from now."""
         return self.next_ns - self.period_ns > self._clock.now_ns()
 
     def reset(self) -> None:
@@ -139,7 +139,7 @@ class Timer(Entity):
 
     @property
     def clock(self) -> Clock:
-        """Which clock it goes by."""
+        """Clock of the timer."""
         return self._clock
 
     @property
@@ -156,7 +156,7 @@ class Timer(Entity):
 
     @property
     def callback(self) -> Callable[..., object] | None:
-        """What is called; may be set."""
+        """Callback of the timer; writable."""
         return self._callback
 
     @callback.setter
@@ -179,12 +179,12 @@ class Timer(Entity):
         self.destroy()
 
     def is_ready(self) -> bool:
-        """Whether it is due."""
+        """True if the timer is due."""
         with self._handle:
             return self._handle.is_timer_ready()
 
     def is_canceled(self) -> bool:
-        """Whether it was cancelled."""
+        """True if the timer was cancelled."""
         with self._handle:
             return self._handle.canceled
 
@@ -212,7 +212,7 @@ class Timer(Entity):
     # What an executor asks
 
     def has_work(self) -> bool:
-        """Whether it is due."""
+        """True if the timer is due."""
         return self._handle.is_timer_ready()
 
     def due_in_ns(self) -> int | None:
@@ -233,7 +233,7 @@ class Timer(Entity):
 
 
 def _takes_info(callback: Callable[..., object]) -> bool:
-    """Whether a callback has a parameter for a :class:`TimerInfo`: one that is annotated so, or without a
+    """True if a callback has a parameter for a :class:`TimerInfo`: one that is annotated so, or without a
     default."""
     try:
         parameters = inspect.signature(callback).parameters.values()

@@ -44,7 +44,7 @@ def get_package_prefix(package_name: str) -> str:
 
 
 def get_package_share_directory(package_name: str, print_warning: bool = True) -> str:
-    """Where a package's files are: `share/NAME` of an installed one, the source folder of another."""
+    """Return the folder of a package: `share/NAME` of an installed one, the source folder of another."""
     prefix = Path(get_package_prefix(package_name))
     share = prefix / "share" / package_name
     return str(share if share.is_dir() else prefix)
@@ -56,19 +56,19 @@ def get_package_share_path(package_name: str) -> Path:
 
 
 def get_resources(resource_type: str) -> dict[str, str]:
-    """What is registered of a type: packages, and packages of interfaces."""
+    """Return the resources of a type: packages, and packages of interfaces."""
     if resource_type == "packages":
         return get_packages_with_prefixes()
     return get_interface_packages() if resource_type == "rosidl_interfaces" else {}
 
 
 def has_resource(resource_type: str, resource_name: str) -> bool:
-    """Whether something is registered."""
+    """True if the resource is registered."""
     return resource_name in get_resources(resource_type)
 
 
 def get_resource(resource_type: str, resource_name: str) -> tuple[str, str]:
-    """What is registered under a name, and where. Raises LookupError."""
+    """Return a resource and its place. Raises LookupError."""
     found = get_resources(resource_type)
     if resource_name not in found:
         raise LookupError(f"no {resource_type} {resource_name!r} is registered")

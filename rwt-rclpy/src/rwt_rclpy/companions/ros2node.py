@@ -57,7 +57,7 @@ def _infos(found: NamesAndTypes, *, hidden: bool) -> list[TopicInfo]:
 
 
 def get_publisher_info(*, node: Node, remote_node_name: str, include_hidden: bool = False) -> list[TopicInfo]:
-    """What a node publishes."""
+    """Return the topics that a node publishes."""
     remote = parse_node_name(remote_node_name)
     found = node.get_publisher_names_and_types_by_node(remote.name, remote.namespace)
     return _infos(found, hidden=include_hidden)
@@ -66,7 +66,7 @@ def get_publisher_info(*, node: Node, remote_node_name: str, include_hidden: boo
 def get_subscriber_info(
     *, node: Node, remote_node_name: str, include_hidden: bool = False
 ) -> list[TopicInfo]:
-    """What a node subscribes to."""
+    """Return the topics that a node subscribes to."""
     remote = parse_node_name(remote_node_name)
     found = node.get_subscriber_names_and_types_by_node(remote.name, remote.namespace)
     return _infos(found, hidden=include_hidden)

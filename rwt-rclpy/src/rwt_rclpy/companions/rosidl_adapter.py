@@ -31,7 +31,7 @@ class Type:
     is_upper_bound: bool
 
     def is_primitive_type(self) -> bool:
-        """Whether it is no message."""
+        """True for a type that is not a message."""
         return self.pkg_name is None
 
 

@@ -225,17 +225,17 @@ def import_message_from_namespaced_type(message_type: NamespacedType) -> Any:
 
 
 def is_message(interface: Any) -> bool:
-    """Whether a class is a message."""
+    """True if a class is a message."""
     return isinstance(interface, type) and issubclass(interface, Message)
 
 
 def is_service(interface: Any) -> bool:
-    """Whether a class is a service."""
+    """True if a class is a service."""
     return hasattr(interface, "Request") and hasattr(interface, "Response")
 
 
 def is_action(interface: Any) -> bool:
-    """Whether a class is an action."""
+    """True if a class is an action."""
     return all(hasattr(interface, part) for part in ("Goal", "Result", "Feedback"))
 
 

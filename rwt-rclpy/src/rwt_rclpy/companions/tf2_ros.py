@@ -45,7 +45,7 @@ class InvalidArgumentException(TransformException):
 
 
 class TimeoutException(TransformException):
-    """It did not come in time."""
+    """The transform was not available in time."""
 
 
 class TypeException(Exception):  # tf2_ros's name
@@ -78,7 +78,7 @@ class TransformRegistration:
 
 
 class BufferInterface:
-    """What can be asked of a buffer."""
+    """Queries of a buffer of transforms."""
 
     def __init__(self) -> None:
         self.registration = TransformRegistration()
@@ -100,7 +100,7 @@ class BufferInterface:
     def lookup_transform(
         self, target_frame: str, source_frame: str, time: Any, timeout: Duration | None = None
     ) -> Any:
-        """Where one frame is in another."""
+        """Return the transform from one frame to another."""
         raise NotImplementedException
 
 
@@ -178,7 +178,7 @@ class Buffer(BufferInterface):
         timeout: Duration | None = None,
         return_debug_tuple: bool = False,
     ) -> Any:
-        """Whether a transform is known, waiting for it at most so long."""
+        """True if a transform becomes available within the timeout."""
         self._wait(lambda: bool(self._verdict(target_frame, source_frame, time)), timeout)
         verdict = self._verdict(target_frame, source_frame, time)
         return (bool(verdict), verdict.reason) if return_debug_tuple else bool(verdict)
@@ -198,7 +198,7 @@ class Buffer(BufferInterface):
     def lookup_transform(
         self, target_frame: str, source_frame: str, time: Any, timeout: Duration | None = None
     ) -> Any:
-        """Where `source_frame` is in `target_frame`, as `geometry_msgs/TransformStamped`.
+        """Return the transform of `source_frame` in `target_frame`, as `geometry_msgs/TransformStamped`.
 
         Args:
             time: of which moment; `Time()` for the latest that is known.
@@ -222,7 +222,7 @@ class Buffer(BufferInterface):
         fixed_frame: str,
         timeout: Duration | None = None,
     ) -> Any:
-        """Where `source_frame` was at one time in `target_frame` at another, over a frame that stays.
+        """Return `source_frame` at one time in `target_frame` at another time, over a fixed frame.
 
         Raises:
             LookupException: as :meth:`lookup_transform`.
@@ -242,7 +242,7 @@ class Buffer(BufferInterface):
         timeout: Duration | None = None,
         return_debug_tuple: bool = False,
     ) -> Any:
-        """Whether :meth:`lookup_transform_full` has an answer."""
+        """True if :meth:`lookup_transform_full` has a result."""
         arguments = (target_frame, _ns(target_time), source_frame, _ns(source_time), fixed_frame)
         self._wait(lambda: bool(self._frames.can_transform_full(*arguments)), timeout)
         with self._lock:
@@ -290,7 +290,7 @@ class _as_tf2:
     """Raises tf2's exceptions for the buffer's."""
 
     def __enter__(self) -> None:
-        """Nothing to prepare."""
+        """No-op: there is nothing to prepare."""
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         if isinstance(error, NoChain):

@@ -1,1 +1,1 @@
-"""What nodes talk through: publishers, subscriptions, services, clients, and their quality of service."""
+"""Endpoints of nodes: publishers, subscriptions, services, clients, and their quality of service."""

@@ -76,7 +76,7 @@ class Client(Entity):
 
     @property
     def handle(self) -> Destroyable:
-        """What it is destroyed by."""
+        """Handle that destroys the client."""
         return self._handle
 
     @property
@@ -150,7 +150,7 @@ class Client(Entity):
                 self._forget(number)
 
     def service_is_ready(self) -> bool:
-        """Whether anybody offers the service."""
+        """True if a node offers the service."""
         with self._handle:
             return self._link.run(lambda: self._link.graph.service(self.srv_name)) is not None
 
@@ -176,11 +176,11 @@ class Client(Entity):
     # What an executor asks
 
     def has_work(self) -> bool:
-        """Whether a response waits."""
+        """True if a response is pending."""
         return bool(self._replies)
 
     def take(self) -> Callable[[], object] | None:
-        """What gives the oldest response to its future."""
+        """Return a function that gives the oldest response to its future."""
         try:
             number, reply = self._replies.popleft()
         except IndexError:

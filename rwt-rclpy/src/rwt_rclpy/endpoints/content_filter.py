@@ -43,7 +43,7 @@ class InvalidFilter(ValueError):
 
 @dataclass
 class ContentFilterOptions:
-    """What a subscription wants of its topic.
+    """Content filter of a subscription.
 
     Attributes:
         filter_expression: which messages; an empty one wants all.
@@ -77,7 +77,7 @@ class ContentFilter:
         return f"ContentFilter({self.expression!r}, {self.parameters!r})"
 
     def matches(self, message: Any) -> bool:
-        """Whether a message fits. Raises InvalidFilter when it lacks a field or values cannot be compared."""
+        """True if a message matches. Raises InvalidFilter for a missing field or incomparable values."""
         return self._matches(message)
 
 
@@ -229,7 +229,7 @@ def _literal(kind: str, text: str) -> Any:
 
 
 def _parameter(text: str) -> Any:
-    """What a parameter stands for; one that is no number, truth or quoted text is a text itself."""
+    """Return the value of a parameter: a number, boolean or quoted string; any other text is a string."""
     found = _TOKEN.fullmatch(text.strip())
     if found is None or found.lastgroup not in ("number", "text", "word"):
         return text
@@ -256,7 +256,7 @@ def _is_like(value: Any, pattern: Any) -> bool:
 
 
 def _like(value: str, pattern: str) -> bool:
-    """Whether a text fits `%` for anything and `_` for one character; costs the product of their lengths."""
+    """Match a string with `%` for anything and `_` for one character; costs the product of the lengths."""
     at = wild = 0
     star = -1
     index = 0

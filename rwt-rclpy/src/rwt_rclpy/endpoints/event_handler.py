@@ -1,4 +1,4 @@
-"""What an endpoint tells of itself, and what calls a program back with it."""
+"""Events of an endpoint, and the handlers that call a program back with them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rwt_rclpy.execution.entity import Entity
 
 @dataclass
 class QoSMessageLostInfo:
-    """How many messages a subscription had no room for."""
+    """Number of messages that a subscription dropped."""
 
     total_count: int = 0
     total_count_change: int = 0
@@ -21,7 +21,7 @@ class QoSMessageLostInfo:
 
 @dataclass
 class QoSMatchedInfo:
-    """How many endpoints of the other side there are."""
+    """Number of matched endpoints."""
 
     total_count: int = 0
     total_count_change: int = 0
@@ -31,7 +31,7 @@ class QoSMatchedInfo:
 
 @dataclass
 class QoSIncompatibleInfo:
-    """How often quality of service did not fit."""
+    """Number of endpoints with incompatible quality of service."""
 
     total_count: int = 0
     total_count_change: int = 0
@@ -40,7 +40,7 @@ class QoSIncompatibleInfo:
 
 @dataclass
 class QoSDeadlineInfo:
-    """How often a deadline was missed."""
+    """Number of missed deadlines."""
 
     total_count: int = 0
     total_count_change: int = 0
@@ -48,7 +48,7 @@ class QoSDeadlineInfo:
 
 @dataclass
 class QoSLivelinessChangedInfo:
-    """How many publishers are alive."""
+    """Number of publishers that are alive."""
 
     alive_count: int = 0
     alive_count_change: int = 0
@@ -80,7 +80,7 @@ class EventHandler(Entity):
         self.wake()
 
     def has_work(self) -> bool:
-        """Whether an event was not taken yet."""
+        """True if an event is pending."""
         return self._pending is not None and bool(self._handle)
 
     def take(self) -> Callable[[], object] | None:

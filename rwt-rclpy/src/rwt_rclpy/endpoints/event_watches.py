@@ -1,4 +1,4 @@
-"""What tells of deadlines, of liveliness and of matching: handlers that watch an endpoint.
+"""Watches of an endpoint for deadlines, liveliness and matching.
 
 Deadlines and leases are due at a moment, which executors wait for as for a timer. What joins and leaves a
 topic is looked for :data:`LOOKS_PER_SECOND` times a second, and only while a program has a callback for it.
@@ -62,7 +62,7 @@ class DeadlineHandler(EventHandler):
             self.wake()
 
     def has_work(self) -> bool:
-        """Whether a deadline has gone by."""
+        """True if a deadline was missed."""
         return self._next_ns is not None and bool(self._handle) and self._keeper.steady_ns() >= self._next_ns
 
     def due_in_ns(self) -> int | None:
@@ -114,7 +114,7 @@ class MatchedHandler(EventHandler):
         """Messages say nothing about how many endpoints there are."""
 
     def has_work(self) -> bool:
-        """Whether there are more or fewer than were told of."""
+        """True if the number of matched endpoints has changed since the last event."""
         now = self._keeper.steady_ns()
         if now >= self._look_ns and self._handle:
             self._look_ns = now + S_TO_NS // LOOKS_PER_SECOND
@@ -147,7 +147,7 @@ class LivelinessHandler(MatchedHandler):
 
 
 def _is_a_span(duration: Duration) -> bool:
-    """Whether a duration is one at all: 0 and infinity stand for none."""
+    """True if a duration is finite: 0 and infinity stand for none."""
     return 0 < duration.nanoseconds < Infinite.nanoseconds
 
 

@@ -36,7 +36,7 @@ __all__ = [
 
 
 class QoSPublisherEventType(IntEnum):
-    """What may happen to a publisher."""
+    """Events of a publisher."""
 
     RCL_PUBLISHER_OFFERED_DEADLINE_MISSED = 0
     RCL_PUBLISHER_LIVELINESS_LOST = 1
@@ -46,7 +46,7 @@ class QoSPublisherEventType(IntEnum):
 
 
 class QoSSubscriptionEventType(IntEnum):
-    """What may happen to a subscription."""
+    """Events of a subscription."""
 
     RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED = 0
     RCL_SUBSCRIPTION_LIVELINESS_CHANGED = 1

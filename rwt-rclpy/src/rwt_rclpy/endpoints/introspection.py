@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class ServiceIntrospectionState(IntEnum):
-    """What is published of each step."""
+    """Content of the published service events."""
 
     OFF = 0
     METADATA = 1

@@ -38,7 +38,7 @@ class InvalidQosOverridesError(Exception):
 
 
 class QoSOverridingOptions:
-    """Which policies of an endpoint may be changed by parameters.
+    """Policies of an endpoint that parameters may override.
 
     Args:
         policy_kinds: the policies.

@@ -71,7 +71,7 @@ class Publisher:
             handler.active()
 
     def get_subscription_count(self) -> int:
-        """How many subscriptions there are."""
+        """Number of subscriptions of the topic."""
         with self._handle:
             return self._link.run(lambda: self._publisher.subscriber_count)
 
@@ -83,7 +83,7 @@ class Publisher:
 
     @property
     def handle(self) -> Destroyable:
-        """What it is destroyed by."""
+        """Handle that destroys the publisher."""
         return self._handle
 
     def destroy(self) -> None:

@@ -60,7 +60,7 @@ class QoSPolicyEnum(IntEnum):
 
 
 class HistoryPolicy(QoSPolicyEnum):
-    """Which samples are kept."""
+    """Policy for the samples that are kept."""
 
     SYSTEM_DEFAULT = 0
     KEEP_LAST = 1
@@ -69,7 +69,7 @@ class HistoryPolicy(QoSPolicyEnum):
 
 
 class ReliabilityPolicy(QoSPolicyEnum):
-    """Whether samples may be lost."""
+    """Policy for lost samples."""
 
     SYSTEM_DEFAULT = 0
     RELIABLE = 1
@@ -79,7 +79,7 @@ class ReliabilityPolicy(QoSPolicyEnum):
 
 
 class DurabilityPolicy(QoSPolicyEnum):
-    """Whether late joiners get what was published before."""
+    """Policy for samples that were published before a subscription."""
 
     SYSTEM_DEFAULT = 0
     TRANSIENT_LOCAL = 1
@@ -89,7 +89,7 @@ class DurabilityPolicy(QoSPolicyEnum):
 
 
 class LivelinessPolicy(QoSPolicyEnum):
-    """Who says that a publisher is alive."""
+    """Policy for how a publisher is known to be alive."""
 
     SYSTEM_DEFAULT = 0
     AUTOMATIC = 1
@@ -312,7 +312,7 @@ class QoSPresetProfiles(Enum):
 
 
 class QoSCompatibility(IntEnum):
-    """Whether a publisher and a subscription can talk."""
+    """True if a publisher and a subscription are compatible."""
 
     OK = 0
     WARNING = 1
@@ -322,7 +322,7 @@ class QoSCompatibility(IntEnum):
 def qos_check_compatible(
     publisher_qos: QoSProfile, subscription_qos: QoSProfile
 ) -> tuple[QoSCompatibility, str]:
-    """Whether a publisher and a subscription can talk, and what is against it.
+    """Return the compatibility of a publisher and a subscription, with the reasons against it.
 
     A subscription may ask for no more than the publisher offers (rmw's `rmw_qos_profile_check_compatible`).
     """
@@ -344,7 +344,7 @@ def qos_check_compatible(
 
 
 def _unsure(name: str, publisher: QoSProfile, subscription: QoSProfile) -> bool:
-    """Whether a policy that is not known could be too little."""
+    """True if a policy that is not known may be insufficient."""
     if name == "liveliness":
         return {publisher.liveliness, subscription.liveliness} != {LivelinessPolicy.SYSTEM_DEFAULT}
     return True

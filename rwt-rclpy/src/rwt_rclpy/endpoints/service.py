@@ -91,7 +91,7 @@ class Service(Entity):
 
     @property
     def handle(self) -> Destroyable:
-        """What it is destroyed by."""
+        """Handle that destroys the service."""
         return self._handle
 
     @property
@@ -135,7 +135,7 @@ class Service(Entity):
     # What an executor asks
 
     def has_work(self) -> bool:
-        """Whether a request waits."""
+        """True if a request is pending."""
         return bool(self._calls) and bool(self._handle)
 
     def take(self) -> Callable[[], object] | None:

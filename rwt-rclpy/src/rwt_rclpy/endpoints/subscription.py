@@ -29,7 +29,7 @@ KEEP_ALL_LIMIT = 100_000
 
 
 class MessageInfo(TypedDict):
-    """What is known about a message beside it: times in nanoseconds since the epoch, and numbers."""
+    """Metadata of a message: times in nanoseconds since the epoch, and sequence numbers."""
 
     source_timestamp: int
     received_timestamp: int
@@ -38,7 +38,7 @@ class MessageInfo(TypedDict):
 
 
 class CallbackType(Enum):
-    """Whether a callback takes the message alone, or what is known about it too."""
+    """Arguments of a callback: the message alone, or its metadata too."""
 
     MessageOnly = 0
     WithMessageInfo = 1
@@ -101,7 +101,7 @@ class Subscription(Entity):
 
     @property
     def callback(self) -> Callable[..., object]:
-        """What is called; may be set."""
+        """Callback of the subscription; writable."""
         return self._callback
 
     @callback.setter
@@ -111,7 +111,7 @@ class Subscription(Entity):
 
     @property
     def handle(self) -> Destroyable:
-        """What it is destroyed by."""
+        """Handle that destroys the subscription."""
         return self._handle
 
     @property
@@ -122,7 +122,7 @@ class Subscription(Entity):
             return name
 
     def get_publisher_count(self) -> int:
-        """How many publishers the topic has."""
+        """Number of publishers of the topic."""
         with self._handle:
             info = self._link.run(lambda: self._link.graph.topic(self._subscription.topic))
             return 0 if info is None else len(info.publishers)
@@ -152,7 +152,7 @@ class Subscription(Entity):
 
     @property
     def is_cft_enabled(self) -> bool:
-        """Whether a content filter is set."""
+        """True if a content filter is set."""
         return self._filter is not None
 
     def set_content_filter(self, filter_expression: str, expression_parameters: Sequence[str] = ()) -> None:
@@ -184,7 +184,7 @@ class Subscription(Entity):
     # What an executor asks
 
     def has_work(self) -> bool:
-        """Whether a message waits."""
+        """True if a message is pending."""
         return bool(self._samples)
 
     def take(self) -> Callable[[], object] | None:
@@ -230,7 +230,7 @@ class Subscription(Entity):
 
 
 def _callback_type(callback: Callable[..., object]) -> CallbackType:
-    """Whether a callback takes one argument or two. Raises RuntimeError for other numbers."""
+    """Return the type of a callback by its number of arguments. Raises RuntimeError for other numbers."""
     try:
         signature = inspect.signature(callback)
     except (TypeError, ValueError):

@@ -1,1 +1,1 @@
-"""What runs callbacks, and when: contexts, executors, callback groups, futures, signals."""
+"""Execution of callbacks: contexts, executors, callback groups, futures, signals."""

@@ -1,4 +1,4 @@
-"""What blocks a thread until something is so, or until its context ends."""
+"""Blocking waits of a thread, which end with the context."""
 
 from __future__ import annotations
 

@@ -22,12 +22,12 @@ class CallbackGroup(ABC):
         self.entities.add(weakref.ref(entity))
 
     def has_entity(self, entity: Entity) -> bool:
-        """Whether an entity belongs to it."""
+        """True if an entity belongs to the group."""
         return weakref.ref(entity) in self.entities
 
     @abstractmethod
     def can_execute(self, entity: Entity) -> bool:
-        """Whether an entity's callback may run now."""
+        """True if an entity's callback may run now."""
 
     @abstractmethod
     def beginning_execution(self, entity: Entity) -> bool:
@@ -50,7 +50,7 @@ class ReentrantCallbackGroup(CallbackGroup):
         return True
 
     def ending_execution(self, entity: Entity) -> None:
-        """Nothing to note."""
+        """No-op: there is nothing to note."""
 
 
 class MutuallyExclusiveCallbackGroup(CallbackGroup):
@@ -62,7 +62,7 @@ class MutuallyExclusiveCallbackGroup(CallbackGroup):
         self._lock = threading.Lock()
 
     def can_execute(self, entity: Entity) -> bool:
-        """Whether none runs."""
+        """True if no callback of the group runs."""
         if weakref.ref(entity) not in self.entities:
             raise AssertionError("the entity is not of this callback group")
         return self._active is None

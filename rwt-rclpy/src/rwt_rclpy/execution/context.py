@@ -35,7 +35,7 @@ class ContextHandle(Destroyable):
         self.valid = True
 
     def ok(self) -> bool:
-        """Whether it was not shut down."""
+        """True until the context is shut down."""
         return self.valid
 
     def get_domain_id(self) -> int:
@@ -110,7 +110,7 @@ class Context:
             output.configure(arguments)
 
     def ok(self) -> bool:
-        """Whether it is initialised and was not shut down."""
+        """True while the context is initialised and not shut down."""
         handle = self._handle
         return handle is not None and handle.valid
 
@@ -204,7 +204,7 @@ class Context:
 
 
 def _refuse_enclaves() -> None:
-    """Who demands that messages are encrypted must not believe that they are.
+    """Reject a demand for encryption, which is not available here.
 
     ROS demands it by these two variables (https://design.ros2.org/articles/ros2_dds_security.html).
     """
@@ -217,7 +217,7 @@ def _refuse_enclaves() -> None:
 
 
 class Wakeable(Protocol):
-    """What waits, and can be told to look again."""
+    """A waiting object that can be woken up."""
 
     def wake(self) -> None:
         """Look again."""

@@ -1,4 +1,4 @@
-"""What an executor asks of everything that has callbacks."""
+"""Base class of everything with callbacks that an executor runs."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Entity(ABC):
 
     @abstractmethod
     def has_work(self) -> bool:
-        """Whether there is a callback to run now."""
+        """True if a callback is ready to run."""
 
     @abstractmethod
     def take(self) -> Callable[[], object] | None:

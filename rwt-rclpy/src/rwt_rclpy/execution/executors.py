@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 async def await_or_execute(callback: Callable[..., Any] | Coroutine[Any, Any, Any], *args: Any) -> Any:
-    """What a function or a coroutine function returns."""
+    """Return the result of a function or a coroutine function."""
     if inspect.iscoroutinefunction(callback):
         return await callback(*args)
     assert callable(callback)  # A coroutine takes no arguments, and is not given to this function.
@@ -35,7 +35,7 @@ async def await_or_execute(callback: Callable[..., Any] | Coroutine[Any, Any, An
 
 
 class TimeoutException(Exception):
-    """Nothing had work in time."""
+    """No entity had work within the timeout."""
 
 
 class ShutdownException(Exception):
@@ -50,7 +50,7 @@ class ExternalShutdownException(Exception):
 
 
 class ConditionReachedException(Exception):
-    """What was waited for has come."""
+    """The awaited condition was met."""
 
 
 class TimeoutObject:
@@ -175,7 +175,7 @@ class Executor:
             self._condition.notify_all()
 
     def can_execute(self, entity: Entity) -> bool:
-        """Whether an entity's callback may run beside those that do."""
+        """True if an entity's callback may run beside those that run already."""
         return not entity._executor_event and entity.callback_group.can_execute(entity)
 
     # Spinning
@@ -259,7 +259,7 @@ class Executor:
     def _wait_for_ready_callbacks(
         self, *args: Any, **kwargs: Any
     ) -> Iterator[tuple[Task, Entity | None, Node | None]]:
-        """What :meth:`wait_for_ready_callbacks` returns, again and again; under rclpy's name."""
+        """Yield the results of :meth:`wait_for_ready_callbacks`; under rclpy's name."""
         while True:
             yield self.wait_for_ready_callbacks(*args, **kwargs)
 

@@ -29,7 +29,7 @@ class GuardCondition(Entity):
 
     @property
     def handle(self) -> Destroyable:
-        """What it is destroyed by."""
+        """Handle that destroys the guard condition."""
         return self._handle
 
     def trigger(self) -> None:
@@ -43,7 +43,7 @@ class GuardCondition(Entity):
         self._handle.destroy_when_not_in_use()
 
     def has_work(self) -> bool:
-        """Whether it was triggered."""
+        """True if the condition was triggered."""
         return self._triggered and bool(self._handle)
 
     def take(self) -> Callable[[], object] | None:

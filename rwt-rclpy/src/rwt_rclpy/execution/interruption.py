@@ -1,4 +1,4 @@
-"""Where Ctrl-C waits: in what an executor does with locks and threads, which no exception may cut in two.
+"""Deferral of Ctrl-C during work of an executor with locks and threads, which must not be interrupted.
 
 Python runs a handler of a signal between any two steps of the main thread, also between those that take a
 lock and note that it is taken, or that start a thread of a pool and note that it is there. KeyboardInterrupt

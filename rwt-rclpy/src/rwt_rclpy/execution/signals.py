@@ -21,7 +21,7 @@ from rwt_rclpy.execution.interruption import UNINTERRUPTED
 
 
 class SignalHandlerOptions(IntFlag):
-    """Which signals end contexts."""
+    """Signals that shut contexts down."""
 
     NO = 0
     SIGINT = 1
@@ -58,7 +58,7 @@ def uninstall_signal_handlers() -> None:
 
 
 def get_current_signal_handlers_options() -> SignalHandlerOptions:
-    """Which signals are answered now."""
+    """Return the signals that are handled now."""
     options = SignalHandlerOptions.NO
     for number in _before:
         options |= _OPTIONS[number]

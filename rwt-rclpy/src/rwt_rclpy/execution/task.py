@@ -20,7 +20,7 @@ Callback = Callable[["Future"], object]
 
 
 class Future:
-    """What will be known later.
+    """Result that will be known later.
 
     Args:
         executor: runs the callbacks; without one they run where the future is set.
@@ -55,11 +55,11 @@ class Future:
         self._tell()
 
     def cancelled(self) -> bool:
-        """Whether it was cancelled."""
+        """True if the future was cancelled."""
         return self._cancelled
 
     def done(self) -> bool:
-        """Whether it has a result or an exception."""
+        """True if the future has a result or an exception."""
         return self._done
 
     def result(self) -> Any:
@@ -216,11 +216,11 @@ class Task(Future):
         self._args, self._kwargs = (), {}
 
     def executing(self) -> bool:
-        """Whether it runs at this moment."""
+        """True while the task runs."""
         return self._executing
 
     def can_run(self) -> bool:
-        """Whether calling it would get it further."""
+        """True if the task can make progress."""
         return not self._waits and not self._done and not self._executing
 
 

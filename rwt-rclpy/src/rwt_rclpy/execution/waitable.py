@@ -11,7 +11,7 @@ from rwt_rclpy.execution.entity import Entity
 
 @dataclass
 class NumberOfEntities:
-    """How many entities of each kind a waitable waits for."""
+    """Number of entities of each kind that a waitable waits for."""
 
     num_subscriptions: int = 0
     num_guard_conditions: int = 0
@@ -58,11 +58,11 @@ class Waitable:
         self._futures.remove(future)
 
     def is_ready(self, wait_set: WaitSet) -> bool:
-        """Whether one of its entities is."""
+        """True if one of the waitable's entities is ready."""
         raise NotImplementedError("Must be implemented by subclass")
 
     def take_data(self) -> Any:
-        """What to run with."""
+        """Return the data to execute with."""
         raise NotImplementedError("Must be implemented by subclass")
 
     async def execute(self, taken_data: Any) -> None:
@@ -70,7 +70,7 @@ class Waitable:
         raise NotImplementedError("Must be implemented by subclass")
 
     def get_num_entities(self) -> NumberOfEntities:
-        """How many entities it adds to a wait set."""
+        """Return the number of entities that the waitable adds to a wait set."""
         raise NotImplementedError("Must be implemented by subclass")
 
     def add_to_wait_set(self, wait_set: WaitSet) -> None:
@@ -110,7 +110,7 @@ class WaitSet:
         return self._add("service", entity)
 
     def is_ready(self, kind: str, index: int) -> bool:
-        """Whether an entity has work."""
+        """True if an entity has work."""
         return self.entities[kind][index].has_work()
 
 
@@ -122,13 +122,13 @@ class WaitableEntity(Entity):
         self.waitable = waitable
 
     def has_work(self) -> bool:
-        """Whether the waitable says so of a wait set of its entities."""
+        """True if the waitable is ready with a wait set of its entities."""
         wait_set = WaitSet()
         with self.waitable:
             self.waitable.add_to_wait_set(wait_set)
             return self.waitable.is_ready(wait_set)
 
     def take(self) -> Callable[[], object] | None:
-        """What the waitable has taken, to be executed."""
+        """Return a function that executes the data that the waitable has taken."""
         data = self.waitable.take_data()
         return lambda: self.waitable.execute(data)

@@ -1,4 +1,4 @@
-"""How are several nodes started together: `launch`, launch files in Python, and the processes they start."""
+"""Launch files in Python, and the processes that they start: `launch` and `launch_ros`."""
 
 from __future__ import annotations
 

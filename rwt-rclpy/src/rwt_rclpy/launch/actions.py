@@ -265,7 +265,7 @@ class RegisterEventHandler(Action):
         self.event_handler = event_handler
 
     def get_sub_entities(self) -> list[LaunchDescriptionEntity]:
-        """What the handler has."""
+        """Return the entities of the handler."""
         return self.event_handler.entities
 
     def execute(self, context: LaunchContext) -> None:

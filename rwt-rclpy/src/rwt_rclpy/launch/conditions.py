@@ -16,7 +16,7 @@ class Condition:
         self._predicate = predicate
 
     def evaluate(self, context: LaunchContext) -> bool:
-        """Whether it holds."""
+        """True if the condition holds."""
         return self._predicate(context)
 
 
@@ -50,5 +50,5 @@ class LaunchConfigurationNotEquals(LaunchConfigurationEquals):
     """Holds when a configuration has another value."""
 
     def evaluate(self, context: LaunchContext) -> bool:
-        """Whether it differs."""
+        """True if the values differ."""
         return not super().evaluate(context)

@@ -1,4 +1,4 @@
-"""What launch descriptions are made of, and the context in which they are visited.
+"""Entities of launch descriptions, and the context in which they are visited.
 
 An entity is visited once. It gives what is to be visited next, before what stands after it, and perhaps a
 future, for which the launch waits before it takes itself for idle.
@@ -25,7 +25,7 @@ class Substitution:
     """A text that is known when the launch gets there."""
 
     def describe(self) -> str:
-        """What it is, for people."""
+        """Return a description for people."""
         return type(self).__name__
 
     def perform(self, context: LaunchContext) -> str:
@@ -39,7 +39,7 @@ SomeText: TypeAlias = SomeSubstitutionsType | int | float
 
 
 def text(context: LaunchContext, value: SomeText) -> str:
-    """What a text, a number, a substitution or a list of them comes to, joined.
+    """Return the joined value of a string, a number, a substitution or a list of them.
 
     Raises:
         LaunchError: it is none of these.
@@ -56,7 +56,7 @@ def text(context: LaunchContext, value: SomeText) -> str:
 
 
 def truth(context: LaunchContext, value: bool | SomeText) -> bool:
-    """What an expression of a condition says: `true` or `1`, `false` or `0`, in any case.
+    """Return the value of a condition's expression: `true` or `1`, `false` or `0`, in any case.
 
     Raises:
         LaunchError: it says neither.
@@ -92,7 +92,7 @@ class Decides(Protocol):
     """A condition."""
 
     def evaluate(self, context: LaunchContext) -> bool:
-        """Whether it holds."""
+        """True if the condition holds."""
         ...
 
 
@@ -100,16 +100,16 @@ class Hears(Protocol):
     """An event handler."""
 
     def matches(self, event: Event) -> bool:
-        """Whether the event is for it."""
+        """True if the handler handles the event."""
         ...
 
     def handle(self, event: Event, context: LaunchContext) -> Iterable[LaunchDescriptionEntity] | None:
-        """What is visited then."""
+        """Handle the event; returns the entities to visit next."""
         ...
 
 
 class Locals:
-    """What is known only while one event is handled, by attribute."""
+    """Values that are available while one event is handled, by attribute."""
 
     def __init__(self, values: dict[str, Any]) -> None:
         self.__dict__.update(values)
@@ -119,7 +119,7 @@ class Locals:
 
 
 class LaunchContext:
-    """What holds while a description is visited: configurations, environment, handlers and events.
+    """State of the visit of a description: configurations, environment, handlers and events.
 
     Attributes:
         argv: the command line.
@@ -162,7 +162,7 @@ class LaunchContext:
 
     @property
     def locals(self) -> Locals:
-        """What is known while the present event is handled."""
+        """Values that are available while the present event is handled."""
         return Locals(self._locals[-1])
 
     def get_locals_as_dict(self) -> dict[str, Any]:
@@ -200,7 +200,7 @@ class LaunchContext:
         os.environ.update(kept)
 
     def perform_substitution(self, value: SomeSubstitutionsType) -> str:
-        """What a substitution comes to."""
+        """Return the value of a substitution."""
         return text(self, value)
 
     def register_event_handler(self, handler: Hears, append: bool = False) -> None:
@@ -215,7 +215,7 @@ class LaunchContext:
         self.handlers.remove(handler)
 
     def would_handle_event(self, event: Event) -> bool:
-        """Whether anybody waits for it."""
+        """True if a handler handles the event."""
         return any(handler.matches(event) for handler in self.handlers)
 
     def emit_event_sync(self, event: Event) -> None:
@@ -235,7 +235,7 @@ def _last(kept: list[_Value], what: str) -> _Value:
 
 
 class LaunchDescriptionEntity:
-    """What a launch description may hold.
+    """Base class of the entities of a launch description.
 
     Attributes:
         declares: the name of the argument that it declares, if it does.
@@ -248,11 +248,11 @@ class LaunchDescriptionEntity:
         raise NotImplementedError
 
     def get_asyncio_future(self) -> asyncio.Future[None] | None:
-        """What is done when it is, if that takes a while."""
+        """Return a future that is done with the entity, if its work takes a while."""
         return None
 
     def get_sub_entities(self) -> Iterable[LaunchDescriptionEntity]:
-        """What it holds, as far as that is known before it is visited."""
+        """Return the entities inside, as far as they are known before the visit."""
         return ()
 
 
@@ -304,7 +304,7 @@ class Action(LaunchDescriptionEntity):
 
 
 class LaunchDescription(LaunchDescriptionEntity):
-    """What a launch file says, in order.
+    """Entities of a launch file, in order.
 
     Attributes:
         entities: what it holds.
@@ -316,11 +316,11 @@ class LaunchDescription(LaunchDescriptionEntity):
         self.entities = entities_of(initial_entities)
 
     def visit(self, context: LaunchContext) -> list[LaunchDescriptionEntity]:
-        """What it holds."""
+        """Return the entities of the description."""
         return self.entities
 
     def get_sub_entities(self) -> list[LaunchDescriptionEntity]:
-        """What it holds."""
+        """Return the entities of the description."""
         return self.entities
 
     def add_action(self, action: LaunchDescriptionEntity) -> None:
@@ -347,5 +347,5 @@ def normalize_to_list_of_substitutions(value: SomeSubstitutionsType) -> list[Any
 
 
 def perform_substitutions(context: LaunchContext, value: SomeSubstitutionsType) -> str:
-    """What they come to, joined."""
+    """Return the joined values of substitutions."""
     return text(context, value)

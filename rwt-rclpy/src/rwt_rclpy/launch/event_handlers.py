@@ -47,11 +47,11 @@ class EventHandler:
         self.handle_once = handle_once
 
     def matches(self, event: Event) -> bool:
-        """Whether it fits."""
+        """True if the handler handles the event."""
         return self.matcher(event)
 
     def handle(self, event: Event, context: LaunchContext) -> Iterable[LaunchDescriptionEntity] | None:
-        """What is visited; the event is in `context.locals` until all of it was."""
+        """Return the entities to visit; the event is in `context.locals` until all were visited."""
         context.extend_locals({"event": event})
         if self.handle_once:
             context.unregister_event_handler(self)
@@ -73,7 +73,7 @@ class OnMatch(EventHandler):
         )
 
     def handle(self, event: Event, context: LaunchContext) -> Iterable[LaunchDescriptionEntity] | None:
-        """What is visited."""
+        """Return the entities to visit."""
         entities = super().handle(event, context)
         return entities if self.on_event is None else entities_of(self.on_event(event, context))
 

@@ -65,13 +65,13 @@ class ProcessEvent(ActionEvent):
 
 
 class ProcessStarted(ProcessEvent):
-    """It runs."""
+    """A process has started."""
 
     name = "launch.events.process.ProcessStarted"
 
 
 class ProcessExited(ProcessEvent):
-    """It has ended.
+    """A process has ended.
 
     Attributes:
         returncode: its exit code; a signal's number, negative, when a signal ended it.
@@ -85,7 +85,7 @@ class ProcessExited(ProcessEvent):
 
 
 class ProcessIO(ProcessEvent):
-    """It said something.
+    """A process has printed something.
 
     Attributes:
         text: what, with its line's end.
@@ -103,13 +103,13 @@ class ProcessIO(ProcessEvent):
 
 
 class ProcessStdout(ProcessIO):
-    """It said something on its standard output."""
+    """A process has printed something on its standard output."""
 
     from_stdout = True
 
 
 class ProcessStderr(ProcessIO):
-    """It said something on its standard error."""
+    """A process has printed something on its standard error."""
 
     from_stderr = True
 

@@ -134,7 +134,7 @@ class ExecuteProcess(Action):
 
     @property
     def process_details(self) -> dict[str, Any] | None:
-        """How it was started; None before."""
+        """Details of the running process; None before it was started."""
         return self._described or None
 
     def get_asyncio_future(self) -> asyncio.Future[None] | None:
@@ -142,11 +142,11 @@ class ExecuteProcess(Action):
         return self._task
 
     def get_stdout(self) -> str:
-        """What it said. Raises LaunchError without `cached_output`."""
+        """Return the standard output so far. Raises LaunchError without `cached_output`."""
         return "".join(self._kept()[True])
 
     def get_stderr(self) -> str:
-        """What it said on its standard error. Raises LaunchError without `cached_output`."""
+        """Return the standard error so far. Raises LaunchError without `cached_output`."""
         return "".join(self._kept()[False])
 
     def _kept(self) -> dict[bool, list[str]]:
@@ -155,7 +155,7 @@ class ExecuteProcess(Action):
         return self._cached
 
     def get_sub_entities(self) -> list[LaunchDescriptionEntity]:
-        """What is visited when it has ended, as far as that is known."""
+        """Return the entities to visit at the end of the process, as far as they are known."""
         return [] if callable(self._on_exit) else OnProcessExit(on_exit=self._on_exit).entities
 
     def execute(self, context: LaunchContext) -> list[LaunchDescriptionEntity] | None:

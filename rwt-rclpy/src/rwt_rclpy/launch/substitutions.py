@@ -94,7 +94,7 @@ class PathJoinSubstitution(Substitution):
 
 
 class PythonExpression(Substitution):
-    """What an expression of Python comes to; `math` is there, and modules that are named."""
+    """Value of a Python expression; `math` is available, and modules that are named."""
 
     def __init__(
         self, expression: SomeSubstitutionsType, python_modules: SomeSubstitutionsType = ("math",)
@@ -120,7 +120,7 @@ class PythonExpression(Substitution):
 
 
 class Command(Substitution):
-    """What a command prints."""
+    """Output of a command."""
 
     def __init__(self, command: SomeSubstitutionsType, *, on_stderr: SomeSubstitutionsType = "fail") -> None:
         self.command = command
@@ -236,7 +236,7 @@ class _OfTwo(Substitution):
 
 
 class EqualsSubstitution(_OfTwo):
-    """Whether two texts are equal, as numbers or truth values where both are such."""
+    """True if two strings are equal, as numbers or booleans if both are such."""
 
     def _holds(self, context: LaunchContext) -> bool:
         left, right = (text(context, each) for each in (self.left, self.right))
@@ -253,28 +253,28 @@ def _as_truth(said: str) -> bool:
 
 
 class NotEqualsSubstitution(EqualsSubstitution):
-    """Whether two texts differ."""
+    """True if two strings differ."""
 
     def _holds(self, context: LaunchContext) -> bool:
         return not super()._holds(context)
 
 
 class AndSubstitution(_OfTwo):
-    """Whether both are true."""
+    """True if both are true."""
 
     def _holds(self, context: LaunchContext) -> bool:
         return truth(context, self.left) and truth(context, self.right)
 
 
 class OrSubstitution(_OfTwo):
-    """Whether one is true."""
+    """True if one is true."""
 
     def _holds(self, context: LaunchContext) -> bool:
         return truth(context, self.left) or truth(context, self.right)
 
 
 class NotSubstitution(Substitution):
-    """Whether something is false."""
+    """True if the value is false."""
 
     def __init__(self, value: SomeText) -> None:
         self.value = value
@@ -285,7 +285,7 @@ class NotSubstitution(Substitution):
 
 
 class AnySubstitution(Substitution):
-    """Whether one of some is true."""
+    """True if any value is true."""
 
     def __init__(self, *args: SomeText) -> None:
         self.args = args
@@ -299,7 +299,7 @@ class AnySubstitution(Substitution):
 
 
 class AllSubstitution(AnySubstitution):
-    """Whether all of some are true."""
+    """True if all values are true."""
 
     def _holds(self, all_of_them: list[bool]) -> bool:
         return all(all_of_them)

@@ -1,1 +1,1 @@
-"""Where the log lines of nodes go: levels, filters, the console and `/rosout`."""
+"""Log lines of nodes: levels, filters, the console and `/rosout`."""

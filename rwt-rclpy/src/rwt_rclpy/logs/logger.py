@@ -18,7 +18,7 @@ _OPTIONS: Final = ("once", "skip_first", "throttle_duration_sec", "throttle_time
 
 @dataclass(slots=True)
 class _Call:
-    """What is known of one place that logs."""
+    """State of one place in the code that logs."""
 
     severity: LoggingSeverity
     name: str
@@ -29,7 +29,7 @@ class _Call:
     last_ns: int = 0
 
     def passes(self) -> bool:
-        """Whether the filters let the line through this time."""
+        """True if the filters pass the line this time."""
         self.seen += 1
         if "throttle_duration_sec" in self.options and not self._is_due():
             return False
@@ -71,11 +71,11 @@ class RcutilsLogger:
         return output.set_level(self.name, LoggingSeverity(level))
 
     def get_effective_level(self) -> LoggingSeverity:
-        """What is logged: its level, or that of one above."""
+        """Return the effective level: the logger's own, or that of a logger above."""
         return output.effective_level(self.name)
 
     def is_enabled_for(self, severity: int) -> bool:
-        """Whether lines of a severity are logged."""
+        """True if lines of a severity are logged."""
         return LoggingSeverity(severity) >= self.get_effective_level()
 
     def log(self, message: str, severity: int, **kwargs: Any) -> bool:

@@ -122,7 +122,7 @@ def level_from_string(text: str) -> LoggingSeverity:
 
 
 def logging_directory() -> Path:
-    """Where ROS puts log files: ROS_LOG_DIR, ROS_HOME/log, or ~/.ros/log. Nothing is written there."""
+    """Return ROS's log folder: ROS_LOG_DIR, ROS_HOME/log, or ~/.ros/log. Nothing is written there."""
     if os.environ.get("ROS_LOG_DIR"):
         return Path(os.environ["ROS_LOG_DIR"]).expanduser()
     return Path(os.environ.get("ROS_HOME") or "~/.ros").expanduser() / "log"

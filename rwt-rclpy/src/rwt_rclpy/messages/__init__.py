@@ -1,1 +1,1 @@
-"""Which classes stand for messages, services and actions: as rosidl makes them, from definitions."""
+"""Classes of messages, services and actions, as rosidl generates them, from definitions."""

@@ -45,7 +45,7 @@ class InterfaceMeta(type):
 
     @classmethod
     def __import_type_support__(mcs) -> None:
-        """Nothing to load: the class is made from its definition."""
+        """No-op: the class is made from its definition."""
 
 
 class Message(metaclass=InterfaceMeta):
@@ -122,7 +122,7 @@ class MessageClasses:
 
     @property
     def in_use(self) -> bool:
-        """Whether any class was made."""
+        """True if any class was made."""
         return bool(self._messages)
 
     def of(self, message: MessageType) -> type[Message]:

@@ -1,4 +1,4 @@
-"""How one field of a message class behaves: its default, what may be assigned, and its value in the graph.
+"""Fields of message classes: defaults, accepted values, and their values in the graph.
 
 The form in the graph is that of `rwt_interfaces`: octets as `bytes`, numbers as Python's, long arrays of
 numbers as numpy's. The form in a message is rosidl's: `array.array` for sequences of numbers, numpy for

@@ -63,7 +63,7 @@ class AbstractGenericString(AbstractNestableType):
     __slots__ = ()
 
     def has_maximum_size(self) -> bool:
-        """Whether it is bounded."""
+        """True if the type is bounded."""
         return False
 
 
@@ -96,7 +96,7 @@ class BoundedString(AbstractString):
     maximum_size: int
 
     def has_maximum_size(self) -> bool:
-        """Whether it is bounded: yes."""
+        """True: the type is bounded."""
         return True
 
 
@@ -107,7 +107,7 @@ class BoundedWString(AbstractWString):
     maximum_size: int
 
     def has_maximum_size(self) -> bool:
-        """Whether it is bounded: yes."""
+        """True: the type is bounded."""
         return True
 
 
@@ -129,7 +129,7 @@ class AbstractSequence(AbstractNestedType):
     __slots__ = ()
 
     def has_maximum_size(self) -> bool:
-        """Whether it is bounded."""
+        """True if the type is bounded."""
         return False
 
 
@@ -141,7 +141,7 @@ class Array(AbstractNestedType):
     size: int
 
     def has_maximum_size(self) -> bool:
-        """Whether it is bounded: yes, since its length is given."""
+        """True: the length is fixed."""
         return True
 
 
@@ -160,7 +160,7 @@ class BoundedSequence(AbstractSequence):
     maximum_size: int
 
     def has_maximum_size(self) -> bool:
-        """Whether it is bounded: yes."""
+        """True: the type is bounded."""
         return True
 
 

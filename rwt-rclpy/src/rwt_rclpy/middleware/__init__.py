@@ -1,1 +1,1 @@
-"""What is below the nodes: a graph of this process or another, and the thread that it may be touched on."""
+"""Graph below the nodes, of this process or another, and access to it from any thread."""

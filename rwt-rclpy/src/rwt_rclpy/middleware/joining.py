@@ -1,4 +1,4 @@
-"""Which graph the nodes of a program join: one of this process, a server's, or one over Zenoh."""
+"""Choice of the graph that nodes join: one of this process, a server's, or one over Zenoh."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _EXPECTED: Final = (
 
 
 class CannotJoin(RobotError):
-    """There is no such graph; says what was asked for and why not."""
+    """The graph does not exist or cannot be reached; says what was asked for and why."""
 
 
 @contextmanager

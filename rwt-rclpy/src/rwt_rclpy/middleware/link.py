@@ -1,4 +1,4 @@
-"""How nodes of any thread reach a graph."""
+"""Access to a graph from any thread."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Link:
         self._lock = self.timekeeper.lock
 
     def run(self, function: Callable[[], T]) -> T:
-        """What a function returns that touches the graph; what it raises is raised here."""
+        """Return the result of a function that touches the graph; its exception is raised here."""
         graph = self.graph
         if not graph.running:
             with self._lock:

@@ -174,7 +174,7 @@ class RobotPublisher(Publisher):
 
     @property
     def subscriber_count(self) -> int:
-        """How many nodes subscribe to the topic, as the server said last."""
+        """Number of subscribers of the topic, as the server last reported it."""
         info = self._graph.topic(self.topic)
         return 0 if info is None else len(info.subscribers)
 
@@ -613,7 +613,7 @@ def _merged(theirs: Iterable[Info], own: Iterable[Info]) -> tuple[Info, ...]:
 
 
 class Listing:
-    """What the server's rosapi lists, looked at while somebody asks."""
+    """Listing of the server's rosapi, refreshed while it is in use."""
 
     def __init__(self, graph: RobotGraph) -> None:
         self.version = 0

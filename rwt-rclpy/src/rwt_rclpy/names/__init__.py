@@ -1,1 +1,1 @@
-"""How things are called: which names ROS allows, how they are expanded and remapped, and the command line."""
+"""Names of ROS 2: validation, expansion, remapping, and the arguments of the command line."""

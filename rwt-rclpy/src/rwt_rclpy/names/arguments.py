@@ -54,7 +54,7 @@ class Remap:
 
 @dataclass(slots=True)
 class RosArguments:
-    """What a command line says.
+    """Arguments of a command line.
 
     Attributes:
         remaps: rules, the first that fits counts.
@@ -80,19 +80,19 @@ class RosArguments:
             raise UnknownROSArgsError(self.unknown)
 
     def node_name(self, name: str) -> str:
-        """What a node is called after ``__node:=``."""
+        """Return the name of a node after ``__node:=``."""
         return next(
             (rule.new for rule in self.remaps if rule.kind == "node" and rule.node in ("", name)), name
         )
 
     def namespace(self, name: str, namespace: str) -> str:
-        """Where a node is after ``__ns:=``."""
+        """Return the namespace of a node after ``__ns:=``."""
         return next(
             (rule.new for rule in self.remaps if rule.kind == "ns" and rule.node in ("", name)), namespace
         )
 
     def remap(self, full_name: str, kind: str, node: str, namespace: str) -> str | None:
-        """What a name becomes for a node; None when no rule fits."""
+        """Return the remapped name for a node; None if no rule matches."""
         for rule in self.remaps:
             if rule.kind not in ("name", kind) or rule.node not in ("", node):
                 continue
@@ -151,7 +151,7 @@ def parse_arguments(arguments: Sequence[str], *, ros_first: bool = False) -> Ros
 
 
 def remove_ros_args(arguments: Sequence[str]) -> list[str]:
-    """What of a command line is not ROS's."""
+    """Return the arguments of a command line that are not ROS's."""
     return parse_arguments(arguments).others
 
 
@@ -256,7 +256,7 @@ def read_parameter_file(path: Path) -> list[tuple[str, str, Any]]:
 
 
 def _merged(node: yaml.Node) -> Any:
-    """What a node of YAML says; names that are written twice have what both say, as in ROS's own parser."""
+    """Return the content of a YAML node; names that are written twice are merged, as in ROS's own parser."""
     if not isinstance(node, yaml.MappingNode):
         return bounded_yaml.value_of(node)
     found: dict[Any, Any] = {}

@@ -16,7 +16,7 @@ DEEPEST: Final = 64
 
 
 def load(text: str) -> Any:
-    """What a text says.
+    """Return the value of a YAML document.
 
     Raises:
         yaml.YAMLError: it is no YAML, or more than is read here; with its place.
@@ -40,7 +40,7 @@ def compose(text: str) -> yaml.Node | None:
 
 
 def value_of(node: yaml.Node) -> Any:
-    """What a node says.
+    """Return the value of a node.
 
     Raises:
         yaml.YAMLError: nothing that there is, such as a day of no month; with its place.
@@ -54,7 +54,7 @@ def value_of(node: yaml.Node) -> Any:
 
 
 def key_of(node: yaml.Node) -> Hashable:
-    """What a node says that is a name. Raises as :func:`value_of` does."""
+    """Return the value of a node that is a key. Raises as :func:`value_of` does."""
     key = value_of(node)
     if not isinstance(key, Hashable):
         raise _refusal("a list or a table is no name", node.start_mark)

@@ -1,4 +1,4 @@
-"""Which names ROS 2 allows, and how a relative one becomes absolute.
+"""Validation of ROS 2 names, and expansion of relative ones.
 
 The rules are those of ROS 2's design article "Topic and Service name mapping to DDS".
 """
@@ -50,7 +50,7 @@ def _slashes(name: str, kind: str) -> _Wrong:
 
 
 def wrong_in_node_name(name: str) -> _Wrong:
-    """What is wrong with a node's name, and where; None when nothing is."""
+    """Return the error in a node's name and its position; None if there is none."""
     if not name:
         return "node name must not be empty", 0
     wrong = _characters(_NODE_CHARACTERS, name, "node name", "alphanumerics or '_'") or _numbers(
@@ -62,7 +62,7 @@ def wrong_in_node_name(name: str) -> _Wrong:
 
 
 def wrong_in_namespace(name: str) -> _Wrong:
-    """What is wrong with a namespace, and where; None when nothing is."""
+    """Return the error in a namespace and its position; None if there is none."""
     if not name:
         return "namespace must not be empty", 0
     if not name.startswith("/"):
@@ -75,7 +75,7 @@ def wrong_in_namespace(name: str) -> _Wrong:
 
 
 def wrong_in_full_name(name: str) -> _Wrong:
-    """What is wrong with an absolute name of a topic, and where; None when nothing is."""
+    """Return the error in an absolute topic name and its position; None if there is none."""
     if not name:
         return "topic name must not be empty", 0
     if not name.startswith("/"):
@@ -89,7 +89,7 @@ def wrong_in_full_name(name: str) -> _Wrong:
 
 
 def wrong_in_topic_name(name: str) -> _Wrong:
-    """What is wrong with a name before it is expanded, and where; None when nothing is."""
+    """Return the error in a name before expansion and its position; None if there is none."""
     if not name:
         return "topic name must not be empty", 0
     wrong = (
@@ -187,5 +187,5 @@ def expand_topic_name(topic_name: str, node_name: str, node_namespace: str) -> s
 
 
 def topic_or_service_is_hidden(name: str) -> bool:
-    """Whether listings leave it out: a part of the name begins with an underscore."""
+    """True if listings leave the name out: a part of it begins with an underscore."""
     return any(part.startswith(HIDDEN_TOPIC_PREFIX) for part in name.split("/") if part)

@@ -1,4 +1,4 @@
-"""What a node may ask about the graph that it is in."""
+"""Queries of a node about its graph."""
 
 from __future__ import annotations
 
@@ -57,11 +57,11 @@ class GraphQueries:
         raise NodeNameNonExistentError(f"Cannot get names and types: no node {full} is known")
 
     def published_by(self, name: str, namespace: str) -> NamesAndTypes:
-        """What a node publishes. Raises NodeNameNonExistentError."""
+        """Return the topics that a node publishes. Raises NodeNameNonExistentError."""
         return self._of_topics(self._node(name, namespace).publishing)
 
     def subscribed_by(self, name: str, namespace: str) -> NamesAndTypes:
-        """What a node subscribes to. Raises NodeNameNonExistentError."""
+        """Return the topics that a node subscribes to. Raises NodeNameNonExistentError."""
         return self._of_topics(self._node(name, namespace).subscribing)
 
     def _of_topics(self, names: Iterable[str]) -> NamesAndTypes:
@@ -69,7 +69,7 @@ class GraphQueries:
         return [(name, known.get(name, [])) for name in names]
 
     def services_of(self, name: str, namespace: str) -> NamesAndTypes:
-        """What a node offers. Raises NodeNameNonExistentError."""
+        """Return the services that a node offers. Raises NodeNameNonExistentError."""
         known = dict(self.services())
         return [(each, known.get(each, [])) for each in self._node(name, namespace).services]
 
@@ -79,14 +79,14 @@ class GraphQueries:
         return [(action, [kind]) for action, kind, _ in self.actions() if action in wanted]
 
     def count(self, topic: str, *, publishers: bool) -> int:
-        """How many publishers or subscriptions a topic has."""
+        """Return the number of publishers or subscriptions of a topic."""
         info = self._link.run(lambda: self._graph.topic(topic))
         if info is None:
             return 0
         return len(info.publishers if publishers else info.subscribers)
 
     def count_services(self, service: str) -> int:
-        """Whether anybody offers a service: 1 or 0."""
+        """Return 1 if a node offers the service, else 0."""
         return int(self._link.run(lambda: self._graph.service(service)) is not None)
 
     def endpoints(self, topic: str, *, publishers: bool) -> list[TopicEndpointInfo]:

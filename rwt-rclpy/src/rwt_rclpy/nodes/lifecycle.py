@@ -18,7 +18,7 @@ from rwt_rclpy.nodes.node import Node
 
 
 class TransitionCallbackReturn(IntEnum):
-    """What a callback of a transition says: `lifecycle_msgs/Transition`'s numbers."""
+    """Result of a transition callback: the numbers of `lifecycle_msgs/Transition`."""
 
     SUCCESS = 97
     FAILURE = 98
@@ -82,7 +82,7 @@ Callback = Callable[[LifecycleState], TransitionCallbackReturn]
 
 
 class ManagedEntity:
-    """What follows the states of its node; the methods here allow every transition."""
+    """Entity that follows the states of its node; the methods here allow every transition."""
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Get ready."""
@@ -127,7 +127,7 @@ class SimpleManagedEntity(ManagedEntity):
 
     @property
     def is_activated(self) -> bool:
-        """Whether its node is active."""
+        """True if the node is active."""
         return self._enabled
 
     @staticmethod

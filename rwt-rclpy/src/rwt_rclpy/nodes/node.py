@@ -72,7 +72,7 @@ HIDDEN_NODE_PREFIX = "_"
 
 
 class NodeHandle(Destroyable):
-    """What stands where rclpy keeps its pointer to a node."""
+    """Handle in place of rclpy's pointer to a node."""
 
     def __init__(self, name: str, namespace: str, on_destroy: Callable[[], None]) -> None:
         super().__init__("node", on_destroy)
@@ -95,7 +95,7 @@ class NodeHandle(Destroyable):
         return f"{self._namespace.rstrip('/')}/{self._name}"
 
     def logger_name(self) -> str:
-        """What its logger is called."""
+        """Return the name of the node's logger."""
         return f"{self._namespace}/{self._name}".strip("/").replace("//", "/").replace("/", ".")
 
 
@@ -235,7 +235,7 @@ class Node(NodeParameters):
         return self._handle.get_fully_qualified_name()
 
     def get_name_for_services(self) -> str:
-        """What stands before the names of the services about itself."""
+        """Return the prefix of the names of the node's own services."""
         return self._rwt_full_name
 
     def get_clock(self) -> ROSClock:
@@ -248,7 +248,7 @@ class Node(NodeParameters):
 
     @property
     def handle(self) -> NodeHandle:
-        """What it is destroyed by."""
+        """Handle that destroys the node."""
         return self._handle
 
     @handle.setter
@@ -257,7 +257,7 @@ class Node(NodeParameters):
 
     @property
     def context(self) -> Context:
-        """What begins and ends it."""
+        """Context of the node."""
         return self._context
 
     @property
@@ -267,7 +267,7 @@ class Node(NodeParameters):
 
     @property
     def executor(self) -> Executor | None:
-        """What runs its callbacks; may be set."""
+        """Executor that runs the node's callbacks; writable."""
         return None if self._rwt_executor is None else self._rwt_executor()
 
     @executor.setter
@@ -614,7 +614,7 @@ class Node(NodeParameters):
         state: ServiceIntrospectionState,
         before: StepPublisher | None,
     ) -> StepPublisher | None:
-        """What publishes the steps of the calls of a client or service; None for `OFF`."""
+        """Return the publisher of the service events of a client or service; None for `OFF`."""
         if before is not None:
             self.destroy_publisher(before.publisher)
         if state is ServiceIntrospectionState.OFF:
@@ -762,24 +762,24 @@ class Node(NodeParameters):
     def get_publisher_names_and_types_by_node(
         self, node_name: str, node_namespace: str, no_demangle: bool = False
     ) -> NamesAndTypes:
-        """What a node publishes. Raises NodeNameNonExistentError."""
+        """Return the topics that a node publishes. Raises NodeNameNonExistentError."""
         with self._handle:
             return self._rwt_queries.published_by(node_name, node_namespace)
 
     def get_subscriber_names_and_types_by_node(
         self, node_name: str, node_namespace: str, no_demangle: bool = False
     ) -> NamesAndTypes:
-        """What a node subscribes to. Raises NodeNameNonExistentError."""
+        """Return the topics that a node subscribes to. Raises NodeNameNonExistentError."""
         with self._handle:
             return self._rwt_queries.subscribed_by(node_name, node_namespace)
 
     def get_service_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
-        """What a node offers. Raises NodeNameNonExistentError."""
+        """Return the services that a node offers. Raises NodeNameNonExistentError."""
         with self._handle:
             return self._rwt_queries.services_of(node_name, node_namespace)
 
     def get_client_names_and_types_by_node(self, node_name: str, node_namespace: str) -> NamesAndTypes:
-        """What a node of this context calls; the graph does not know of others' clients.
+        """Return the services that this node calls; empty for other nodes, whose clients are not known.
 
         Raises:
             NodeNameNonExistentError: no such node.
@@ -810,11 +810,11 @@ class Node(NodeParameters):
         return [(name, namespace, "/") for name, namespace in self.get_node_names_and_namespaces()]
 
     def count_publishers(self, topic_name: str) -> int:
-        """How many publishers a topic has; the name is not remapped."""
+        """Return the number of publishers of a topic; the name is not remapped."""
         return self._rwt_queries.count(self._rwt_absolute(topic_name), publishers=True)
 
     def count_subscribers(self, topic_name: str) -> int:
-        """How many subscriptions a topic has; the name is not remapped."""
+        """Return the number of subscriptions of a topic; the name is not remapped."""
         return self._rwt_queries.count(self._rwt_absolute(topic_name), publishers=False)
 
     def _rwt_absolute(self, name: str, *, service: bool = False) -> str:
@@ -824,11 +824,11 @@ class Node(NodeParameters):
             return full
 
     def count_services(self, service_name: str) -> int:
-        """How many servers a service has that would be called: 1 or 0."""
+        """Return 1 if a server of the service would be called, else 0."""
         return self._rwt_queries.count_services(self._rwt_absolute(service_name, service=True))
 
     def count_clients(self, service_name: str) -> int:
-        """How many clients of a service this node has; the graph does not know of others' clients."""
+        """Return the number of this node's clients of a service; other clients are not known."""
         full = self._rwt_absolute(service_name, service=True)
         return sum(client.srv_name == full for client in self._clients)
 

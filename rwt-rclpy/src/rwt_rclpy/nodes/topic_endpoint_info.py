@@ -11,7 +11,7 @@ TYPE_HASH_SIZE = 32
 
 
 class TopicEndpointTypeEnum(IntEnum):
-    """What an endpoint is."""
+    """Kind of an endpoint."""
 
     INVALID = 0
     PUBLISHER = 1

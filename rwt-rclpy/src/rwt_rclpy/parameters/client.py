@@ -64,7 +64,7 @@ class AsyncParameterClient:
         }
 
     def services_are_ready(self) -> bool:
-        """Whether the node offers all of them."""
+        """True if the node offers all parameter services."""
         return all(client.service_is_ready() for client in self._clients.values())
 
     def wait_for_services(self, timeout_sec: float | None = None) -> bool:

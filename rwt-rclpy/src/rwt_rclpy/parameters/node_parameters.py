@@ -164,7 +164,7 @@ class NodeParameters:
         del self._parameters[name], self._descriptors[name]
 
     def has_parameter(self, name: str) -> bool:
-        """Whether it was declared."""
+        """True if the parameter was declared."""
         return name in self._parameters
 
     # Getting

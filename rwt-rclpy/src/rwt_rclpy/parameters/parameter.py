@@ -55,7 +55,7 @@ class ParameterKind(Enum):
         )
 
     def check(self, parameter_value: Any) -> bool:
-        """Whether a value is of this type."""
+        """True if a value is of this type."""
         if self is ParameterKind.NOT_SET:
             return parameter_value is None
         for kind, scalar in _SCALARS:
@@ -146,7 +146,7 @@ class Parameter:
 
 
 def get_parameter_value(string_value: str) -> Any:
-    """What a text means as a parameter's value, as `rcl_interfaces/ParameterValue`."""
+    """Return a string as a parameter's value, an `rcl_interfaces/ParameterValue`."""
     try:
         value = bounded_yaml.load(string_value)
     except yaml.YAMLError:
