@@ -312,7 +312,7 @@ class QoSPresetProfiles(Enum):
 
 
 class QoSCompatibility(IntEnum):
-    """True if a publisher and a subscription are compatible."""
+    """Compatibility of a publisher and a subscription."""
 
     OK = 0
     WARNING = 1
