@@ -1,7 +1,7 @@
-"""What tests of several rooms share.
+"""Fixtures that all folders share.
 
-Tests marked ``anyio`` are coroutines, and run on asyncio and on trio; those that are marked
-``asyncio_only``, too, run on asyncio alone.
+Tests marked ``anyio`` are coroutines. They run on asyncio and with the default distribution.
+Every event loop is tried in ``tests/contract``, and where a module or folder overrides these fixtures.
 """
 
 from __future__ import annotations
@@ -28,12 +28,6 @@ START_NS: Final = 1_767_225_600_000_000_000
 REGISTRIES: Final = {name: Registry(distro) for name, distro in DISTROS.items()}
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    if "anyio_backend" in metafunc.fixturenames and metafunc.definition.get_closest_marker("asyncio_only"):
-        metafunc.definition.add_marker(pytest.mark.parametrize("anyio_backend", ["asyncio"]))
-
-
 @pytest.fixture(scope="module")
 def url() -> Iterator[str]:
     """Where a demo robot is, in a process of its own."""
@@ -41,7 +35,13 @@ def url() -> Iterator[str]:
         yield listening
 
 
-@pytest.fixture(params=sorted(DISTROS))
+@pytest.fixture(scope="module")
+def anyio_backend() -> object:
+    """Event loop of the tests marked ``anyio``."""
+    return "asyncio"
+
+
+@pytest.fixture
 def distro(request: pytest.FixtureRequest) -> str:
-    """The name of each distribution."""
-    return str(request.param)
+    """Name of the distribution, or of another by ``parametrize("distro", …, indirect=True)``."""
+    return str(getattr(request, "param", "jazzy"))

@@ -1,4 +1,4 @@
-"""Every test of the client runs on asyncio and on trio; trio's clock is virtual where no socket is used."""
+"""Transports of the client, and a virtual clock on trio for tests without a socket."""
 
 from __future__ import annotations
 

@@ -248,6 +248,12 @@ def program_of(
         yield of
 
 
+@pytest.fixture(params=["jazzy", "noetic"])
+def distro(request: pytest.FixtureRequest) -> str:
+    """Each: the names of types and the fields of times that a library reads and writes differ."""
+    return str(request.param)
+
+
 @pytest.fixture(params=list(PROGRAMS))
 def client(request: pytest.FixtureRequest, distro: str, program_of: Callable[[str, str], Program]) -> Program:
     """A client program, once for each library and distribution."""

@@ -21,7 +21,7 @@ from rwt import Server, connect
 from rwt.access.gate.audit_file import read_audit
 from tests.rwt.gateways.mcp.agents import agent_at, until
 
-pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only, pytest.mark.clients, pytest.mark.timeout(180)]
+pytestmark = [pytest.mark.anyio, pytest.mark.clients, pytest.mark.timeout(180)]
 
 NODE = Path(__file__).parent / "node"
 WORDS, DRIVE, WORD, TWIST = "/words", "/cmd_vel", "std_msgs/String", "geometry_msgs/Twist"

@@ -22,7 +22,6 @@ COMMAND = os.environ.get("ROS_MCP") or shutil.which("ros-mcp")
 
 pytestmark = [
     pytest.mark.anyio,
-    pytest.mark.asyncio_only,
     pytest.mark.clients,
     pytest.mark.timeout(120),
     pytest.mark.skipif(COMMAND is None, reason="needs the command ros-mcp, from an environment of its own"),

@@ -33,7 +33,7 @@ from husky_xarm.film import keep
 from husky_xarm.robot import HuskyXArm
 from husky_xarm.scene import HOME, Scene
 
-pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only]
+pytestmark = pytest.mark.anyio
 
 LENS = Lens(160, 120)
 #: Of a goal that the arm reaches in a second.

@@ -1,4 +1,4 @@
-"""A server on loopback, in a thread of its own, with a service, under asyncio and under trio."""
+"""A server on loopback, in a thread of its own, with a service."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import contextlib
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Literal
 
 import pytest
 from anyio.from_thread import BlockingPortal, start_blocking_portal
@@ -53,10 +52,9 @@ BRIEF = LimitSettings(ping_seconds=0.4, pong_seconds=0.4, handshake_seconds=0.6,
 """Time-outs that a test can wait for."""
 
 
-@pytest.fixture(params=["asyncio", "trio"])
-def start(request: pytest.FixtureRequest) -> Iterator[Start]:
-    backend: Literal["asyncio", "trio"] = request.param
-    with start_blocking_portal(backend) as portal, contextlib.ExitStack() as running:
+@pytest.fixture
+def start() -> Iterator[Start]:
+    with start_blocking_portal("asyncio") as portal, contextlib.ExitStack() as running:
 
         def begin(settings: Settings) -> Robot:
             made = Server("ws://127.0.0.1:0", "tcp://127.0.0.1:0", settings=settings, nodes=("rosapi",))

@@ -14,7 +14,7 @@ from tests.rwt.gateways.mcp.agents import OPEN, agent_at, done, refused, served,
 from tests.rwt.gateways.mcp.robots import small_robot
 from tests.rwt.gateways.mcp.test_gateway import GUARDED, GUEST, INITIALIZE, PILOT, post
 
-pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
 
 MODERN = {"Mcp-Protocol-Version": "2026-07-28"}
 _META = {

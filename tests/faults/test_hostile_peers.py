@@ -20,11 +20,6 @@ pytestmark = pytest.mark.anyio
 CHANNELS, HANDSHAKES = 4, 3
 
 
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
-
-
 @asynccontextmanager
 async def attacked(connect_seconds: float = 20.0) -> AsyncIterator[tuple[Server, str]]:
     """A server, which answers an ordinary client afterwards as before; and where its offers are taken."""

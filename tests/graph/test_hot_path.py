@@ -147,7 +147,6 @@ def tasks(monkeypatch: pytest.MonkeyPatch) -> list[object]:
 
 
 @pytest.mark.anyio
-@pytest.mark.parametrize("anyio_backend", ["asyncio"])
 async def test_no_task_per_message(graph: MemoryGraph, tasks: list[object]) -> None:
     async with graph:
         node = Node(graph, "n")
@@ -173,7 +172,6 @@ async def test_no_task_per_message(graph: MemoryGraph, tasks: list[object]) -> N
 
 
 @pytest.mark.anyio
-@pytest.mark.parametrize("anyio_backend", ["asyncio"])
 async def test_one_task_per_running_coroutine_handler(graph: MemoryGraph, tasks: list[object]) -> None:
     async with graph:
         node = Node(graph, "n")

@@ -228,7 +228,6 @@ async def test_a_cancelled_body_leaves_the_graph(graph: MemoryGraph) -> None:
     assert graph.nodes() == ()
 
 
-@pytest.mark.parametrize("anyio_backend", ["asyncio"])
 async def test_a_body_that_asyncio_cancels_leaves_the_graph(graph: MemoryGraph) -> None:
     entered = asyncio.Event()
 

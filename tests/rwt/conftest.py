@@ -1,8 +1,6 @@
-"""Event loops that the front door runs on."""
+"""Event loops that a server runs on."""
 
 from __future__ import annotations
-
-from typing import Any
 
 import pytest
 
@@ -20,9 +18,3 @@ def loop(request: pytest.FixtureRequest) -> Loop:
     """Each event loop by the name that `Server` has for it."""
     name: Loop = request.param
     return name
-
-
-@pytest.fixture
-def anyio_backend(loop: Loop) -> tuple[str, dict[str, Any]]:
-    """Each event loop, for tests that are coroutines."""
-    return LOOPS[loop]

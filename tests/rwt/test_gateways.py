@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rwt_graph.api import Graph
     from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 
-pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only]  # As the client is.
+pytestmark = pytest.mark.anyio
 
 VIEWER = Settings.model_validate(
     {"auth": {"default_role": "viewer"}, "roles": {"viewer": {"subscribe": ["*"]}}}

@@ -13,7 +13,7 @@ from websockets.asyncio.client import connect
 from rwt import Server
 from rwt.access.audit import LogRate
 
-pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only]
+pytestmark = pytest.mark.anyio
 
 FLOOD = 5_000
 BURST = 100

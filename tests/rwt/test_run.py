@@ -66,8 +66,7 @@ def test_it_serves_until_a_signal_comes(loop: Loop, how: signal.Signals) -> None
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="workers share ports as Linux does")
-@pytest.mark.parametrize("loop", ["asyncio"], indirect=True)
-def test_a_program_has_workers_too_with_its_own_nodes_once(loop: Loop) -> None:
+def test_a_program_has_workers_too_with_its_own_nodes_once() -> None:
     with running("workers=2") as (process, url):
         for _ in range(4):
             assert beeps(url)

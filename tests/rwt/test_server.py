@@ -138,7 +138,6 @@ JAZZY_GRAPH = MemoryGraph()
         ({"introspection": True, "distro": "noetic"}, "introspection: is of ROS 2"),
     ],
 )
-@pytest.mark.parametrize("loop", ["asyncio"], indirect=True)
 async def test_what_cannot_take_effect_is_refused(arguments: dict[str, Any], text: str) -> None:
     with pytest.raises(SettingsError) as refused:
         async with Server(URL, **arguments):

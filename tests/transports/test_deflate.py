@@ -329,7 +329,6 @@ async def echo(deflate: Deflate, offer: ClientPerMessageDeflateFactory) -> Async
 
 
 @pytest.mark.anyio
-@pytest.mark.parametrize("anyio_backend", ["asyncio"])
 @pytest.mark.parametrize("deflate", [Deflate.SHARED, Deflate.CONTEXT])
 @pytest.mark.parametrize(
     "offer",

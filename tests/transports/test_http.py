@@ -20,8 +20,6 @@ from rwt_transports.limits import Limits
 from rwt_transports.websocket.wire import websocket_server
 from tests.memory_pipe import MemoryPipe
 
-pytestmark = pytest.mark.asyncio_only
-
 
 class KeptTasks(TaskStarter):
     """Keeps the handlers that wait until a test runs them."""

@@ -17,7 +17,7 @@ from rwt_transports.api import HangUp
 from rwt_transports.drivers.sockets import UNSENT_BYTES, bind_tcp, hang_up_of
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 
-pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only]
+pytestmark = pytest.mark.anyio
 
 REQUEST = (
     b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"

@@ -18,12 +18,6 @@ os.environ.setdefault("CYDR_CACHE_DIR", str(_CODECS))
 
 
 @pytest.fixture
-def anyio_backend() -> str:
-    """The contract's tests run on trio too; here it is about the wire."""
-    return "asyncio"
-
-
-@pytest.fixture
 def endpoint() -> str:
     return free_endpoint()
 

@@ -12,7 +12,7 @@ from rwt_graph.zenoh import ZenohGraph
 from tests.rwt.gateways.rosbridge.recording_client import Client
 from tests.zenoh_links import until
 
-pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only]
+pytestmark = pytest.mark.anyio
 
 CHATTER = (
     "0/chatter/std_msgs::msg::dds_::String_"

@@ -66,7 +66,6 @@ def test_a_file_that_is_not_zenohs(tmp_path: Path) -> None:
 
 
 @pytest.mark.anyio
-@pytest.mark.parametrize("anyio_backend", ["asyncio"])
 async def test_a_peer_outside_meets_all_of_them(tmp_path: Path) -> None:
     place = free_endpoint()
     options = ZenohOptions((place,), config=QUICK)

@@ -39,8 +39,6 @@ from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, Htt
 from tests.rwt.gateways.foxglove.viewer import Viewer
 from tests.rwt.gateways.rosbridge.recording_client import Client
 
-pytestmark = pytest.mark.asyncio_only
-
 #: A guest may do everything with what is called so, and nothing with anything else.
 GUEST = {
     act: ["*open*"] for act in ("publish", "subscribe", "call", "provide", "goals", "get_param", "set_param")

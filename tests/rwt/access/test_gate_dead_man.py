@@ -21,7 +21,6 @@ from tests.rwt.access.network import Cable, why_no_cables
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.asyncio_only,
     pytest.mark.skipif(sys.platform == "win32", reason="it has no SIGSTOP"),
 ]
 

@@ -64,7 +64,6 @@ def test_a_viewer_that_goes_stops_the_robot(robot: GatedRobot, viewer: Viewer) -
 
 
 @pytest.mark.anyio
-@pytest.mark.asyncio_only
 async def test_a_request_over_http_does_not_drive_what_another_holds() -> None:
     gate = {"rules": {"drive": {**RULE, "lease": {"seconds": 60}}}}
     async with Server("ws://127.0.0.1:0", gate=gate) as server:
@@ -81,7 +80,6 @@ async def test_a_request_over_http_does_not_drive_what_another_holds() -> None:
 
 
 @pytest.mark.anyio
-@pytest.mark.asyncio_only
 async def test_an_agent_publishes_no_longer_than_the_lease_without_a_word() -> None:
     gate = {"rules": {"drive": RULE}}
     mcp = {"default_role": "admin"}

@@ -44,7 +44,6 @@ async def accepts(url: str, authority: Path) -> bool:
         return False
 
 
-@pytest.mark.asyncio_only
 @pytest.mark.anyio
 async def test_who_trusts_the_authority_connects_and_a_second_start_shows_the_same(tmp_path: Path) -> None:
     folder = tmp_path / "state" / "tls"
@@ -60,7 +59,6 @@ async def test_who_trusts_the_authority_connects_and_a_second_start_shows_the_sa
     assert (folder / "server.pem").read_bytes() == shown
 
 
-@pytest.mark.asyncio_only
 @pytest.mark.anyio
 async def test_a_running_server_shows_the_next_certificate_within_an_hour(tmp_path: Path) -> None:
     clock = SimulatedClock()

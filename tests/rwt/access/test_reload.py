@@ -25,7 +25,7 @@ from websockets.sync.client import connect as connect_in_thread
 from rwt import Server, Settings, SettingsError
 from tests.processes import running
 
-pytestmark = [pytest.mark.asyncio_only, pytest.mark.slow]  # As the clients are.
+pytestmark = pytest.mark.slow
 
 TOKEN = "0123456789abcdef"
 OTHER = "fedcba9876543210"

@@ -16,8 +16,6 @@ from rwt_graph.disclosure import NOTHING, Disclosure, Lists, ListsProviders, Rea
 from rwt_graph.nodes.logs import DISCLOSURES as OF_LOGGERS
 from rwt_graph.parameters.services import DISCLOSURES as OF_PARAMETERS
 from rwt_interfaces import Payload
-from rwt_interfaces.distro import DISTROS
-from rwt_interfaces.registry import Registry
 from rwt_participant.errors import GoalAborted
 from rwt_participant.goals import ReceivedGoal
 
@@ -48,10 +46,10 @@ async def count(goal: ReceivedGoal) -> dict[str, object]:
     raise GoalAborted({}, "nobody sends goals here")
 
 
-@pytest.fixture(params=["jazzy", "noetic"])
-async def graph(request: pytest.FixtureRequest) -> AsyncIterator[MemoryGraph]:
+@pytest.fixture
+async def graph() -> AsyncIterator[MemoryGraph]:
     """Of everything there is one called "open" and one called "secret"."""
-    graph = MemoryGraph(registry=Registry(DISTROS[request.param]))
+    graph = MemoryGraph()
     async with graph:
         for word in ("open", "secret"):
             node = Node(graph, "node", f"/{word}")

@@ -50,6 +50,12 @@ class Asker:
         raise AssertionError(f"{service} did not answer")
 
 
+@pytest.fixture(params=sorted(DISTROS))
+def distro(request: pytest.FixtureRequest) -> str:
+    """Each: the services and the spelling of types differ."""
+    return str(request.param)
+
+
 @pytest.fixture
 async def graph(distro: str) -> AsyncIterator[MemoryGraph]:
     graph = MemoryGraph(registry=Registry(DISTROS[distro]))

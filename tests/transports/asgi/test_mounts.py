@@ -16,7 +16,7 @@ from websockets.exceptions import ConnectionClosed
 
 from rwt import Server, SettingsError
 
-pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only]
+pytestmark = pytest.mark.anyio
 
 LIVED: list[str] = []
 

@@ -17,7 +17,7 @@ from rwt_graph import MemoryGraph
 from tests.rwt.gateways.foxglove.conftest import MakeGateway
 from tests.rwt.gateways.foxglove.viewer import Asset, Viewer
 
-pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only]
+pytestmark = pytest.mark.anyio
 
 
 @pytest.fixture

@@ -27,7 +27,7 @@ from rwt_interfaces.payload import Payload
 from tests.conftest import REGISTRIES
 from tests.rwt.gateways.http.conftest import Robot
 
-pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only]
+pytestmark = pytest.mark.anyio
 
 NODE = Path(__file__).parent / "node"
 

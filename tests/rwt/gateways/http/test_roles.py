@@ -11,7 +11,7 @@ from rwt import Server
 from tests.rwt.gateways.http.conftest import GUEST, ROLES, ROOT
 from tests.rwt.gateways.http.test_resources import problem
 
-pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only]
+pytestmark = pytest.mark.anyio
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from rwt_transports.endpoint import DropReason
 from tests.rwt.gateways.http.conftest import GUEST, ROLES, ROOT, Robot, until
 
 #: The client's streams end in garbage that trio warns of.
-pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only]
+pytestmark = pytest.mark.anyio
 
 EVENTS = {"Accept": "text/event-stream"}
 

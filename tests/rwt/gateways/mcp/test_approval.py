@@ -14,7 +14,7 @@ from rwt_client import connect
 from tests.rwt.gateways.mcp.agents import Era, agent_at, agent_of_connection, done, refused, until, url_of
 from tests.rwt.gateways.mcp.robots import small_robot
 
-pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
 
 ASKED: dict[str, Any] = {"gateways": ["mcp"], "mcp": {"default_role": "admin", "confirm": ["/cmd_*"]}}
 ERAS: tuple[Era, ...] = ("legacy", "auto")

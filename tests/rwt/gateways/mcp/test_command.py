@@ -18,7 +18,6 @@ pytestmark = pytest.mark.timeout(120)
 
 
 @pytest.mark.anyio
-@pytest.mark.asyncio_only
 @pytest.mark.parametrize(("era", "spoken"), [("legacy", "2025-11-25"), ("auto", "2026-07-28")])
 async def test_an_agent_uses_a_robot_elsewhere(era: Era, spoken: str) -> None:
     async with small_robot() as (server, robot):
@@ -38,7 +37,6 @@ async def _takes_lease(robot: Robot) -> bool:
 
 
 @pytest.mark.anyio
-@pytest.mark.asyncio_only
 @pytest.mark.parametrize("take", ["publish", "service"])
 async def test_an_agent_of_a_robot_elsewhere_keeps_to_the_lease(take: str) -> None:
     lease = {"seconds": 30, "take": take}
@@ -71,7 +69,6 @@ async def test_an_agent_of_a_robot_elsewhere_keeps_to_the_lease(take: str) -> No
 
 
 @pytest.mark.anyio
-@pytest.mark.asyncio_only
 async def test_what_a_robot_elsewhere_refuses_counts_as_not_published() -> None:
     rule = {"topics": ["/cmd_vel"], "fields": {"linear.x": {"max": 0.5}}}
     async with Server("ws://127.0.0.1:0", gate={"rules": {"slow": rule}}) as server:

@@ -17,7 +17,7 @@ from rwt_client import connect
 from tests.rwt.gateways.mcp.agents import OPEN, Era, agent_at, done, refused, served, until, url_of
 from tests.rwt.gateways.mcp.robots import small_robot
 
-pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
 
 ERAS: tuple[Era, ...] = ("legacy", "auto")
 PILOT, GUEST = "the-token-of-a-pilot", "the-token-of-a-guest"

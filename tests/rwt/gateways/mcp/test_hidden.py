@@ -10,7 +10,7 @@ from rwt import Settings
 from tests.rwt.access.test_fail_closed import ABSENT, GUEST, HIDDEN
 from tests.rwt.gateways.mcp.agents import agent_at, served, text_of, url_of
 
-pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
 
 SETTINGS = Settings.model_validate(
     {

@@ -23,7 +23,6 @@ INSPECTOR = NODE / "@modelcontextprotocol" / "inspector" / "cli" / "build" / "in
 
 pytestmark = [
     pytest.mark.anyio,
-    pytest.mark.asyncio_only,
     pytest.mark.clients,
     pytest.mark.timeout(180),
     pytest.mark.skipif(

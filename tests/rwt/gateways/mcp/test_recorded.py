@@ -18,7 +18,7 @@ from tests.rwt.gateways.mcp.agents import (
     url_of,
 )
 
-pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
 
 
 async def _record(folder: Path) -> None:

@@ -15,7 +15,7 @@ from tests.rwt.gateways.mcp.agents import OPEN, agent_at, done, picture_of, serv
 if TYPE_CHECKING:
     from mcp.client import Client
 
-pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
 
 #: How near is at the object, metres from the middle of the robot.
 _NEAR = 0.7

@@ -26,7 +26,7 @@ from tests.rwt.gateways.mcp.robots import SmallRobot, small_robot
 if TYPE_CHECKING:
     from mcp.client import Client
 
-pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
 
 WAYS = ("gateway", "connection")
 

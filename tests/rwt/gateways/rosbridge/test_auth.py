@@ -375,7 +375,6 @@ def test_with_tokens_and_a_secret_a_client_may_use_either(graph: MemoryGraph) ->
 
 
 @pytest.mark.anyio
-@pytest.mark.parametrize("anyio_backend", ["asyncio"])
 async def test_a_replayed_auth_over_a_socket_closes_with_1008() -> None:
     async with Server("ws://127.0.0.1:0", settings=_settings()) as server:
         url = server.urls[0]

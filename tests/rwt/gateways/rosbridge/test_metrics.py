@@ -25,8 +25,6 @@ from rwt_transports.endpoint import DropReason, PeerInfo, Traffic
 from rwt_transports.http.routes import HttpRequest, HttpResponse
 from tests.rwt.gateways.rosbridge.recording_client import Client
 
-pytestmark = pytest.mark.asyncio_only
-
 INT = "std_msgs/Int32"
 
 

@@ -30,8 +30,6 @@ from rwt_transports.http.routes import (
 )
 from tests.rwt.gateways.rosbridge.recording_client import Client
 
-pytestmark = pytest.mark.asyncio_only
-
 TOKEN = "a-token-of-some-length"
 
 

@@ -18,7 +18,6 @@ MEBIBYTE = 1024 * 1024
 REASON = "a message of 99 bytes: the limit is 9 (max_message_size)"
 
 
-@pytest.mark.parametrize("anyio_backend", ["asyncio"])
 @pytest.mark.parametrize("size", [100 * 1000 * 1000, 64 * MEBIBYTE + 1])
 @pytest.mark.anyio
 async def test_a_message_of_100_mb_costs_nobody_anything(size: int) -> None:
@@ -39,7 +38,6 @@ async def test_a_message_of_100_mb_costs_nobody_anything(size: int) -> None:
                 assert json.loads(await wire.recv())["msg"] == {"data": "still here"}
 
 
-@pytest.mark.parametrize("anyio_backend", ["asyncio"])
 @pytest.mark.anyio
 async def test_a_caller_hears_of_it_and_whoever_cannot_be_answered_is_closed_with_1009() -> None:
     async with (

@@ -16,8 +16,6 @@ from rwt.nodes.rosapi import DISCLOSURES, Rosapi
 from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_graph.nodes.node import Node
-from rwt_interfaces.distro import DISTROS
-from rwt_interfaces.registry import Registry
 from tests.rwt.gateways.rosbridge.recording_client import Client
 
 SHARE = 4096
@@ -27,10 +25,10 @@ REFUSED = "(limits.parameter_bytes)"
 pytestmark = pytest.mark.anyio
 
 
-@pytest.fixture(params=["noetic", "jazzy"])
-async def graph(request: pytest.FixtureRequest) -> AsyncIterator[MemoryGraph]:
+@pytest.fixture
+async def graph() -> AsyncIterator[MemoryGraph]:
     """A running robot with rosapi and a node that has parameters."""
-    async with MemoryGraph(registry=Registry(DISTROS[request.param]), clock=SimulatedClock()) as graph:
+    async with MemoryGraph(clock=SimulatedClock()) as graph:
         Rosapi(graph)
         node = Node(graph, "arm")
         for name in "abcdefgh":

@@ -78,7 +78,6 @@ def test_nothing_is_encoded_for_gates_that_are_shut(encoded: list[Sample], clien
     assert len(encoded) == 1
 
 
-@pytest.mark.parametrize("anyio_backend", ["asyncio"])
 @pytest.mark.anyio
 async def test_no_task_per_message() -> None:
     created: list[str] = []
@@ -127,7 +126,6 @@ def writes(monkeypatch: pytest.MonkeyPatch) -> list[Call]:
     return calls
 
 
-@pytest.mark.parametrize("anyio_backend", ["asyncio"])
 @pytest.mark.anyio
 async def test_a_turn_costs_each_client_one_write_of_the_same_bytes(writes: list[Call]) -> None:
     async with Server("ws://127.0.0.1:0", nodes=()) as server, AsyncExitStack() as stack:
@@ -230,7 +228,6 @@ def test_every_client_counts_its_messages(crowd: list[Wired], client: Client, co
     assert [each.traffic.messages - was for each, was in zip(crowd, before, strict=True)] == [5 * count] * 20
 
 
-@pytest.mark.parametrize("anyio_backend", ["asyncio"])
 @pytest.mark.anyio
 async def test_a_large_message_is_written_in_one_call_of_the_same_bytes(
     monkeypatch: pytest.MonkeyPatch, writes: list[Call]

@@ -24,8 +24,6 @@ from websockets.asyncio.client import connect
 
 from rwt import Server, Settings, SettingsError
 
-pytestmark = pytest.mark.asyncio_only
-
 
 def _key_file(path: Path, key: ec.EllipticCurvePrivateKey, encryption: KeySerializationEncryption) -> Path:
     path.write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, encryption))

@@ -21,7 +21,6 @@ def _webrtc(server: Server, query: str = "") -> str:
 
 
 @pytest.mark.anyio
-@pytest.mark.asyncio_only
 async def test_calls_and_a_large_topic() -> None:
     async with Server("ws://127.0.0.1:0", webrtc=WEBRTC) as server:
         node = server.node("robot")
@@ -36,7 +35,6 @@ async def test_calls_and_a_large_topic() -> None:
 
 
 @pytest.mark.anyio
-@pytest.mark.asyncio_only
 async def test_a_token_is_asked_for() -> None:
     auth = AuthSettings(tokens={"ops": TokenSettings(token="operator-operator", role="admin")})
     async with Server("ws://127.0.0.1:0", webrtc=WEBRTC, auth=auth) as server:
@@ -48,7 +46,6 @@ async def test_a_token_is_asked_for() -> None:
 
 
 @pytest.mark.anyio
-@pytest.mark.asyncio_only
 async def test_a_server_without_it_says_what_is_missing() -> None:
     async with Server("ws://127.0.0.1:0") as server:
         with pytest.raises((ConnectError, ClientError), match=r"webrtc\.enabled"):

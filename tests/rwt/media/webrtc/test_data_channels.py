@@ -21,11 +21,6 @@ from tests.rwt.media.webrtc.peers import End, answering, other_side, received, t
 pytestmark = pytest.mark.anyio
 
 
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
-
-
 async def test_each_channel_is_a_connection_of_its_own_whatever_its_label() -> None:
     async with answering() as side, other_side() as other:
         one = other.connection.createDataChannel("ws://example.org:9090")

@@ -12,11 +12,6 @@ from rwt.media.webrtc.decoding import MOST_WAITING, DecoderQueue, bound_decoding
 pytestmark = pytest.mark.anyio
 
 
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
-
-
 def test_a_decoder_that_falls_behind_begins_anew_with_the_newest() -> None:
     lost = threading.Event()
     waiting = DecoderQueue(lost)

@@ -46,11 +46,6 @@ def why_not() -> str:
 pytestmark = [pytest.mark.anyio, pytest.mark.skipif(bool(why_not()), reason=why_not())]
 
 
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
-
-
 @contextmanager
 def peer(way: str, url: str) -> Iterator[subprocess.Popen[str]]:
     process = subprocess.Popen([PYTHON, str(PEER), way, url], stdout=subprocess.PIPE, text=True)

@@ -27,11 +27,6 @@ pytestmark = pytest.mark.anyio
 TURNSERVER = shutil.which("turnserver")
 
 
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
-
-
 @asynccontextmanager
 async def stun_server() -> AsyncIterator[str]:
     loop = asyncio.get_running_loop()

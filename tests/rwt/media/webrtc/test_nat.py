@@ -21,11 +21,6 @@ IN_CHROMIUM = (
 )
 
 
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
-
-
 @pytest.mark.parametrize(
     ("case", "by"),
     [

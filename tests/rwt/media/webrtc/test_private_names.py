@@ -20,11 +20,6 @@ ASYNC = (
 """Coroutines of the association that are called or replaced."""
 
 
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
-
-
 @pytest.mark.parametrize("name", ASYNC)
 def test_coroutines_of_the_association(name: str) -> None:
     assert inspect.iscoroutinefunction(getattr(RTCSctpTransport, name))

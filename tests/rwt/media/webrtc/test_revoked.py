@@ -24,11 +24,6 @@ pytestmark = pytest.mark.anyio
 TOKEN = "0123456789abcdef"
 
 
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
-
-
 def settings(token: str = TOKEN, *subscribe: str) -> Settings:
     """Two may come in: one always as it is, and one whose token and role are given."""
     return Settings.model_validate(

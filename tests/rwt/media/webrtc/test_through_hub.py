@@ -19,11 +19,6 @@ from tests.rwt.media.webrtc.peers import until
 pytestmark = pytest.mark.anyio
 
 
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
-
-
 async def test_a_robot_that_dials_in_is_reached_without_its_hub() -> None:
     async with open_hub("ws://127.0.0.1:0") as hub:
         dialing = DialSettings(urls=(f"{hub.url}/robots/rosie",))

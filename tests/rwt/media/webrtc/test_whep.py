@@ -37,11 +37,6 @@ WIDTH, HEIGHT = 64, 48
 TOPIC = "/camera/image_raw"
 
 
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
-
-
 class Camera:
     """A topic whose pictures are of one colour, as fast as it is asked for."""
 

@@ -30,11 +30,6 @@ pytestmark = pytest.mark.anyio
 TOPIC = "/microphone"
 
 
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
-
-
 class Robot:
     """A robot whose microphone hears a tone."""
 

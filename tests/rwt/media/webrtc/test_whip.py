@@ -30,11 +30,6 @@ WIDTH, HEIGHT = 64, 48
 TOPIC = "/operator/camera"
 
 
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
-
-
 class Picture(VideoStreamTrack):
     """A camera that sees one colour."""
 

@@ -21,11 +21,6 @@ pytestmark = pytest.mark.anyio
 TOPIC = "/operator/voice"
 
 
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
-
-
 def _server(**settings: Any) -> Server:
     return Server("ws://127.0.0.1:0", webrtc=WebRtcSettings(enabled=True), **settings)
 

@@ -14,11 +14,6 @@ from rwt_graph import MemoryGraph, Node, SimulatedClock
 from tests.conftest import REGISTRIES, START_NS
 
 
-@pytest.fixture
-def anyio_backend() -> str:
-    return "asyncio"
-
-
 @dataclass
 class Lab:
     """The robot's surroundings; messages are what ROS payloads are, so they are not typed."""

@@ -16,12 +16,6 @@ pytestmark = pytest.mark.anyio
 NAVIGATE = "/navigate_to_pose"
 
 
-@pytest.fixture(params=["asyncio", "trio"])
-def anyio_backend(request: pytest.FixtureRequest) -> str:
-    """Both: only here does the robot have coroutines of its own."""
-    return str(request.param)
-
-
 def pose(x: float, y: float, heading: float = 0.0, frame: str = "map") -> dict[str, object]:
     orientation = {"z": math.sin(heading / 2), "w": math.cos(heading / 2)}
     return {

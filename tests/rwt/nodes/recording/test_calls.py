@@ -22,8 +22,6 @@ from rwt_participant.goals import ReceivedGoal
 from rwt_participant.messages import Message
 from tests.rwt.nodes.recording.robots import OWN, START_NS, graph_at, of_topic, rows
 
-pytestmark = pytest.mark.asyncio_only
-
 EVENTS = "/add/_service_event"
 
 

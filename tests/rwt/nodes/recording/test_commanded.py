@@ -13,7 +13,7 @@ from rwt import Server, SettingsError, connect
 from rwt.nodes.recording import open_recording
 from rwt_client import Robot
 
-pytestmark = [pytest.mark.anyio, pytest.mark.asyncio_only]
+pytestmark = pytest.mark.anyio
 
 START, STOP, STATE = "/recorder/start", "/recorder/stop", "/recorder/state"
 STARTING, STOPPING = "rwt_recorder_msgs/StartRecording", "rwt_recorder_msgs/StopRecording"

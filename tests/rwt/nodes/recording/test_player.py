@@ -19,8 +19,6 @@ from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_interfaces import JAZZY, Registry
 from rwt_participant.messages import Message
 
-pytestmark = pytest.mark.asyncio_only
-
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
 

@@ -18,11 +18,6 @@ from tests.conftest import REGISTRIES, START_NS
 from tests.rwt.gateways.rosbridge.recording_client import Client
 
 
-@pytest.fixture
-def distro() -> str:
-    return "jazzy"
-
-
 @dataclass
 class Lab:
     """The republisher's surroundings."""

@@ -21,11 +21,6 @@ REQUEST: dict[str, object] = {
 }
 
 
-@pytest.fixture(params=["jazzy", "noetic"])
-def distro(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
-
-
 async def topic_of(page: Asking, **fields: object) -> str:
     answer = await page.call({**REQUEST, **fields})
     assert answer["result"] is True, answer
