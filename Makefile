@@ -1,6 +1,6 @@
-# `make demo` needs Python 3.11 or later; with Node 20 and npm it builds the robot's page, too. `make test` needs Node 20 and npm too, and from Python 3.12 on a C++ compiler,
-# since PyBullet has no wheels there. With Chromium (Debian's package, or what the variable CHROMIUM names) `make test` runs
-# the browser tests too.
+# `make demo` and `make test` need Python 3.11 or later. With Node 20 and npm, `make demo` builds the dashboard.
+# `make test-all` needs Node 20 and npm, from Python 3.12 on a C++ compiler, since PyBullet has no wheels there, and
+# Chromium (Debian's package, or the program in the variable CHROMIUM) and others that `.ci/run` installs.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -15,7 +15,7 @@ PAGE := src/rwt/web/static/manifest.json
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/*.mjs $(WEB)/*.json -type f)
 NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/dev/null)
 
-.PHONY: demo test quick lowest pythons matrix docs site dist release lint types unit web firefox bench bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
+.PHONY: demo test test-all unit-all quick lowest pythons matrix docs site dist release lint types unit web firefox bench bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
 proxies ros-mcp fuzz mutants conformance \
 client-grades size clean
 
@@ -28,10 +28,15 @@ $(STAMP): pyproject.toml conformance/pyproject.toml rwt-rclpy/pyproject.toml | $
 	$(BIN)/python -m pip install --quiet --editable . --editable ./conformance --editable ./rwt-rclpy
 	touch $@
 
-# What the checks and the tests need on top of it.
+# Requirements of `make test`: wheels only.
+$(STAMP)-test: pyproject.toml $(STAMP)
+	$(BIN)/python -m pip install --quiet --group test
+	touch $@
+
+# Requirements of `make test-all` and of the development tools.
 $(STAMP)-dev: pyproject.toml $(STAMP)
 	$(BIN)/python -m pip install --quiet --group dev
-	touch $@
+	touch $@ $(STAMP)-test
 
 # The npm releases of the client libraries that the tests drive, exactly as the lock file names them.
 $(CLIENTS)/node_modules/.installed $(BROWSER)/node_modules/.installed $(GENERATED)/node_modules/.installed \
@@ -48,12 +53,12 @@ $(PAGE): $(WEB)/node_modules/.installed $(PAGE_SOURCES)
 demo: $(STAMP) $(if $(NODE_20),$(PAGE))
 	$(BIN)/rwt serve --demo
 
-lint: $(STAMP)-dev
+lint: $(STAMP)-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports
 
-types: $(STAMP)-dev
+types: $(STAMP)-test
 	$(BIN)/mypy
 
 # Style, types and tests of the page; what needs a browser is in tests/browser.
@@ -62,11 +67,19 @@ web: $(PAGE)
 	npm run --silent --prefix $(WEB) types
 	npm test --silent --prefix $(WEB)
 
-unit: $(STAMP)-dev $(CLIENTS)/node_modules/.installed $(BROWSER)/node_modules/.installed \
-$(GENERATED)/node_modules/.installed $(INSPECTOR)/node_modules/.installed $(PAGE)
+# The tests of `make test`, or those of ARGS; tests/__main__.py lists what is left to `make test-all`.
+unit: $(STAMP)-test
 	$(BIN)/python -m tests $(ARGS)
 
-test: lint types web unit
+unit-all: $(STAMP)-dev $(CLIENTS)/node_modules/.installed $(BROWSER)/node_modules/.installed \
+$(GENERATED)/node_modules/.installed $(INSPECTOR)/node_modules/.installed $(PAGE)
+	$(BIN)/python -m tests --all $(ARGS)
+
+# Tests of the Python product: style, layers, types and tests, in ten minutes on two cores.
+test: lint types unit
+
+# Everything: also browsers, clients in other languages, rwt-rclpy, releases, docs, faults and conformance.
+test-all: $(STAMP)-dev lint types web unit-all
 
 # The tests of tests/browser in Firefox, which needs Debian's packages firefox-esr, xvfb, libegl1 and libgl1-mesa-dri,
 # and pulseaudio for those of sound.
@@ -96,7 +109,7 @@ proxies: $(STAMP)-dev
 	$(BIN)/pytest -q tests/rwt/access/test_reverse_proxy.py
 
 # What to run all the time: under a minute, once what it needs is installed.
-quick: $(STAMP)-dev
+quick: $(STAMP)-test
 	$(BIN)/ruff check .
 	$(BIN)/lint-imports
 	$(BIN)/pytest -q -m 'not slow' tests/rwt/access tests/rwt/gateways/rosbridge tests/graph tests/participant tests/tf2

@@ -1,29 +1,76 @@
-"""Runs all tests: in several programs beside each other, and those that failed once more, alone.
+"""Run the tests in several processes, and those that fail a second time, alone.
 
-A machine that does other things at the same time may starve a real browser or a real client until its test
-gives up. So whatever failed is asked again with nothing beside it. The run fails with what fails then, or if
-much failed at first; its end says what was asked again.
+A busy machine may starve a browser or a client until its test gives up. A failed test is therefore run again
+with nothing beside it. The run fails if a test fails twice, or if many fail at first. Its end lists the tests
+that needed a retry, the skipped tests, and what was left to `make test-all`.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import time
+import tomllib
+from collections import Counter
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from threading import Timer
 from typing import Final
 from xml.etree import ElementTree
 
+from packaging.requirements import Requirement
+
 TESTS: Final = Path(__file__).parent
-RCLPY_TESTS: Final = TESTS.parent / "rwt-rclpy" / "tests"
+ROOT: Final = TESTS.parent
+RCLPY_TESTS: Final = ROOT / "rwt-rclpy" / "tests"
+
+EXTENDED: Final = {
+    "../rwt-rclpy/tests": "the distribution rwt-rclpy",
+    "bench": "needs plots and peers",
+    "browser": "needs Chromium and Node",
+    "clients": "needs Node and the clients of others",
+    "conformance": "takes minutes",
+    "docs": "needs Node, takes minutes",
+    "examples": "needs PyBullet",
+    "faults": "takes minutes",
+    "fuzz": "takes minutes",
+    "graph/zenoh/test_pyzeros.py": "needs a C compiler",
+    "graph/zenoh/test_ros2_sdk.py": "needs zenoh-ros2-sdk",
+    "release": "builds wheels, needs Node",
+    "rwt/gateways/foxglove/test_beside_the_sdk.py": "needs the Foxglove SDK",
+    "rwt/gateways/mcp/test_inspector.py": "needs Node",
+    "rwt/media/webrtc/test_gstreamer.py": "needs GStreamer",
+    "rwt/media/webrtc/test_nat.py": "needs Chromium, root and nft",
+    "tools": "takes minutes",
+    "transports/asgi/test_servers.py": "needs ASGI servers and Django",
+}
+"""Folders and files that `make test` leaves to `make test-all`, each with the reason.
+
+`make test` needs only Python and the dependency group `test`. Single tests of other files are left out by the
+marker `extended`.
+"""
+
+PROGRAMS: Final = {
+    "C compiler": ("cc",),
+    "Caddy": ("caddy",),
+    "Chromium": ("chromium", "chromium-browser", "google-chrome"),
+    "coturn": ("turnserver",),
+    "iproute2": ("ip",),
+    "nftables": ("nft",),
+    "nginx": ("nginx",),
+    "Node": ("node",),
+    "tmux": ("tmux",),
+}
+"""Programs that `make test-all` uses, each with the names of its command; `.ci/run` installs them."""
 
 LONG: Final = (
     "faults/attacks",
@@ -41,37 +88,46 @@ LONG: Final = (
     "rwt/testing/pytest_plugin",
     "rwt/media/webrtc",
 )
-"""Folders whose tests start servers, clients, browsers and compilers, the longest first: they are begun
-before the others, so that no core is idle while the last one runs."""
+"""Folders whose tests start servers, clients, browsers and compilers, the longest first.
 
-FILES: Final = 6
-"""Files of such a folder in one program."""
+They start before the others, so that no core is idle while the last one runs.
+"""
+
+LONG_FILES: Final = 6
+"""Files of such a folder per process."""
 
 SHORT_FILES: Final = 18
-"""Files of another folder in one program, whose start takes longer than many a file."""
+"""Files of any other folder per process; starting a process takes longer than many of them."""
 
-MANY: Final = 25
-"""Failures that no busy machine explains."""
+MAX_RETRIES: Final = 25
+"""More failures than a busy machine explains."""
 
-PATIENCE: Final = 1800.0
-"""Seconds after which a program hangs; each test has a limit of its own, but what is around them has none."""
+PROCESS_TIMEOUT_SECONDS: Final = 1800.0
+"""Limit for one process. Each test has a timeout of its own; what surrounds the tests has none."""
 
 NO_TESTS: Final = 5
-"""The exit code of pytest where no test is as asked."""
+"""Exit code of pytest if all tests are deselected."""
+
+RETRIED: Final = ROOT / "build" / "retried.txt"
+"""The tests of the last run that needed a retry, one a line."""
+
+KNOWN_RETRIED: Final = TESTS / "retried.toml"
+"""Tests that are known to need a retry."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one program.
+    """Result of one process.
 
     Attributes:
-        files: whose tests it ran.
-        output: what it printed.
-        seconds: how long it took.
-        cpu: seconds that processors worked for it and for what it started and waited for.
-        tests: how many it ran.
-        failed: those of them that failed, as pytest names them; of a program that did not come to its end,
-            its files.
+        files: files whose tests it ran.
+        output: its output.
+        seconds: wall time.
+        cpu: CPU seconds, including those of its children.
+        tests: number of tests run.
+        failed: IDs of the failed tests; the files if the process did not finish.
+        skipped: number of skipped tests by reason.
+        deselected: number of tests deselected by marker.
     """
 
     files: tuple[str, ...]
@@ -80,54 +136,66 @@ class Outcome:
     cpu: float
     tests: int
     failed: tuple[str, ...]
+    skipped: Counter[str]
+    deselected: int
 
     @property
     def name(self) -> str:
-        """What to call it."""
+        """Label in the output."""
         first = self.files[0].partition("::")[0]
         return first if len(self.files) == 1 else f"{first} and {len(self.files) - 1} more"
 
     def show(self) -> None:
-        """Print how it ended, and of what failed everything."""
+        """Print a summary line, and the output of a process with failures."""
         failed = f", {len(self.failed)} FAILED" if self.failed else ""
         took = f"{self.seconds:6.1f} s {self.cpu:6.1f} s CPU"
         print(f"{took} {self.tests:5} tests  {self.name}{failed}", flush=True)
         if self.failed:
-            # Those that passed are not worth a line each; the last one that began may be the one that hung.
+            # The last test that started may be the one that hung; those that passed only hide it.
             lines = self.output.splitlines()
             print("\n".join(line for line in lines if " PASSED " not in line), flush=True)
 
 
-def programs(paths: Iterable[Path]) -> list[tuple[str, ...]]:
-    """The files of each program, those that take longest first."""
+def is_extended(file: Path) -> bool:
+    """True if `make test` leaves the file to `make test-all`."""
+    name = Path(os.path.relpath(file, TESTS))
+    return any(name.is_relative_to(each) for each in EXTENDED)
+
+
+def test_files(paths: Iterable[Path]) -> list[Path]:
+    """Return the test files in some folders, and the given files."""
+    return [file for path in paths for file in (sorted(path.rglob("test_*.py")) if path.is_dir() else [path])]
+
+
+def batches(files: Iterable[Path]) -> list[tuple[str, ...]]:
+    """Return the files of each process, those of the longest folders first."""
     found: list[tuple[int, int, tuple[str, ...]]] = []
     by_folder: dict[Path, list[Path]] = {}
-    for path in paths:
-        for file in sorted(path.rglob("test_*.py")) if path.is_dir() else [path]:
-            by_folder.setdefault(file.parent, []).append(file)
-    for folder, files in by_folder.items():
+    for file in files:
+        by_folder.setdefault(file.parent, []).append(file)
+    for folder, here in by_folder.items():
         name = os.path.relpath(folder, TESTS)
-        rank, most = (LONG.index(name), FILES) if name in LONG else (len(LONG), SHORT_FILES)
-        for start in range(0, len(files), most):
-            chosen = files[start : start + most]
+        rank, most = (LONG.index(name), LONG_FILES) if name in LONG else (len(LONG), SHORT_FILES)
+        for start in range(0, len(here), most):
+            chosen = here[start : start + most]
             size = sum(file.stat().st_size for file in chosen)
             found.append((rank, -size, tuple(os.path.relpath(file) for file in chosen)))
     return [names for _, _, names in sorted(found)]
 
 
 _running: set[int] = set()
-"""Ids of the programs that run now, each of which leads a group of processes."""
+"""IDs of the running processes; each leads a process group."""
 
 
 def _end(number: int, frame: object) -> None:
-    """Ctrl-C or a supervisor: let the programs end what they have started, and begin no more."""
-    for program in tuple(_running):
-        os.killpg(program, signal.SIGINT)
+    """On Ctrl-C and SIGTERM, interrupt the running processes and start no more."""
+    for process in tuple(_running):
+        os.killpg(process, signal.SIGINT)
     raise SystemExit(128 + number)
 
 
 def run(files: tuple[str, ...], further: list[str]) -> Outcome:
-    """Run some tests in a program of their own."""
+    """Run some tests in a process of their own."""
     began = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder, "report.xml")
@@ -135,31 +203,44 @@ def run(files: tuple[str, ...], further: list[str]) -> Outcome:
         command += ["-o", f"cache_dir={folder}/cache", *further, *files]
         with subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True
-        ) as program:
-            ends = Timer(PATIENCE, os.killpg, (program.pid, signal.SIGKILL))
+        ) as process:
+            ends = Timer(PROCESS_TIMEOUT_SECONDS, os.killpg, (process.pid, signal.SIGKILL))
             ends.start()
-            _running.add(program.pid)
-            assert program.stdout is not None
-            output = program.stdout.read().decode(errors="replace")
-            _, status, used = os.wait4(program.pid, 0)
-            program.returncode = os.waitstatus_to_exitcode(status)
-            _running.discard(program.pid)
+            _running.add(process.pid)
+            assert process.stdout is not None
+            output = process.stdout.read().decode(errors="replace")
+            _, status, used = os.wait4(process.pid, 0)
+            process.returncode = os.waitstatus_to_exitcode(status)
+            _running.discard(process.pid)
             ends.cancel()
         seconds = time.monotonic() - began
-        if program.returncode in (0, NO_TESTS):
+        cases = list(ElementTree.parse(report).iter("testcase")) if report.exists() else []
+        if process.returncode in (0, NO_TESTS):
             failed: tuple[str, ...] = ()
-        elif report.exists() and program.returncode == 1:
-            failed = _failed(report)
+        elif report.exists() and process.returncode == 1:
+            failed = _failed(cases)
         else:
             failed = files
-        tests = len(list(ElementTree.parse(report).iter("testcase"))) if report.exists() else 0
-    return Outcome(files, output, seconds, used.ru_utime + used.ru_stime, tests, failed)
+    skipped = Counter(
+        each.get("message", "").removeprefix("Skipped: ") for case in cases for each in case.iter("skipped")
+    )
+    deselected = re.search(r"(\d+) deselected", output.rpartition("\n=")[2])
+    return Outcome(
+        files,
+        output,
+        seconds,
+        used.ru_utime + used.ru_stime,
+        len(cases),
+        failed,
+        skipped,
+        int(deselected[1]) if deselected else 0,
+    )
 
 
-def _failed(report: Path) -> tuple[str, ...]:
-    """The tests that a report in JUnit's form has as failed, as pytest takes them."""
+def _failed(cases: Iterable[ElementTree.Element]) -> tuple[str, ...]:
+    """Return the IDs of the failed tests of a JUnit report, as pytest accepts them."""
     found: dict[str, None] = {}
-    for case in ElementTree.parse(report).iter("testcase"):
+    for case in cases:
         if case.find("failure") is not None or case.find("error") is not None:
             file, name, owner = case.get("file", ""), case.get("name", ""), case.get("classname", "")
             stem = file.removesuffix(".py").replace("/", ".")
@@ -168,64 +249,144 @@ def _failed(report: Path) -> tuple[str, ...]:
     return tuple(found)
 
 
-def main() -> int:
-    """Run, and return the exit code."""
-    parser = argparse.ArgumentParser(
-        prog="python -m tests",
-        description=__doc__,
-        epilog="example: python -m tests --processes 4 tests/rwt/gateways/rosbridge tests/rwt/access -- -x",
-    )
-    beside = max(3, 2 * (os.cpu_count() or 1))
-    parser.add_argument(
-        "--processes",
-        type=int,
-        default=beside,
-        help=f"programs that run beside each other, and wait much of their time [two a core, {beside}]",
-    )
-    parser.add_argument(
-        "paths", nargs="*", type=Path, default=[TESTS, RCLPY_TESTS], help="files and folders [all]"
-    )
-    given, further = sys.argv[1:], []
-    if "--" in given:
-        given, further = given[: given.index("--")], given[given.index("--") + 1 :]
-    options = parser.parse_args(given)
-    # In a shell's background Ctrl-C is ignored, and under nohup a hangup, by all that the tests start, too.
-    signal.signal(signal.SIGINT, _end)
-    signal.signal(signal.SIGTERM, _end)
-    if hasattr(signal, "SIGHUP"):
-        signal.signal(signal.SIGHUP, lambda *_: None)
-    began = time.monotonic()
+def missing_packages(group: str) -> list[str]:
+    """Return the requirements of a dependency group that are not installed."""
+    groups = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["dependency-groups"]
+    found: list[str] = []
+    for each in groups[group]:
+        if isinstance(each, dict):
+            found += missing_packages(each["include-group"])
+            continue
+        requirement = Requirement(each)
+        if requirement.marker is None or requirement.marker.evaluate():
+            try:
+                version(requirement.name)
+            except PackageNotFoundError:
+                found.append(requirement.name)
+    return found
+
+
+def missing_programs() -> list[str]:
+    """Return the names of the programs that are not installed."""
+    places = f"{os.environ.get('PATH', '')}:/usr/sbin:/sbin"
+    given = {"Chromium": os.environ.get("CHROMIUM")}
+    return [
+        name
+        for name, commands in PROGRAMS.items()
+        if not given.get(name) and not any(shutil.which(command, path=places) for command in commands)
+    ]
+
+
+def show_list(heading: str, lines: Iterable[str]) -> None:
+    """Print a heading and its lines, if there are any."""
+    if listed := list(lines):
+        print("\n".join([heading, *(f"  {line}" for line in listed)]), flush=True)
+
+
+def run_all(files: Iterable[Path], processes: int, further: list[str]) -> list[Outcome]:
+    """Run some files, `processes` at a time."""
     outcomes: list[Outcome] = []
 
-    def done(files: tuple[str, ...]) -> None:
-        outcome = run(files, further)
+    def done(batch: tuple[str, ...]) -> None:
+        outcome = run(batch, further)
         outcome.show()
         outcomes.append(outcome)
 
-    with ThreadPoolExecutor(options.processes) as pool:
-        list(pool.map(done, programs(options.paths)))
-    failed = [test for outcome in outcomes for test in outcome.failed]
-    minutes, cpu = (time.monotonic() - began) / 60, sum(outcome.cpu for outcome in outcomes) / 60
-    took = f"in {minutes:.1f} minutes, {cpu:.1f} minutes of CPU"
-    print(f"{sum(outcome.tests for outcome in outcomes)} tests, {len(failed)} failed, {took}")
-    if not failed:
-        return 0
-    if len(failed) > MANY:
-        print("so many are not asked again")
-        return 1
+    with ThreadPoolExecutor(processes) as pool:
+        list(pool.map(done, batches(files)))
+    return outcomes
+
+
+def retry(failed: list[str], further: list[str], strict: bool) -> bool:
+    """Run failed tests again, one by one; return True if all pass now and no retry is an error."""
     print("asking again, alone:\n" + "\n".join(f"  {test}" for test in failed), flush=True)
     still: list[str] = []
     for test in failed:
         again = run((test,), further)
         again.show()
         still += again.failed
-    for heading, tests in (
-        ("passed when asked again:", [test for test in failed if test not in still]),
-        ("FAILED:", still),
-    ):
-        if tests:
-            print("\n".join([heading, *(f"  {test}" for test in tests)]))
-    return 1 if still else 0
+    retried = [test for test in failed if test not in still]
+    RETRIED.write_text("".join(f"{test}\n" for test in retried), encoding="utf-8")
+    show_list("needed a retry:", retried)
+    show_list("FAILED:", still)
+    known = tomllib.loads(KNOWN_RETRIED.read_text(encoding="utf-8"))["tests"]
+    unlisted = [test for test in retried if test not in known]
+    if strict:
+        show_list(
+            f"FAILED: these tests needed a retry and are not in {os.path.relpath(KNOWN_RETRIED)}:", unlisted
+        )
+    return not still and not (strict and unlisted)
+
+
+def _arguments() -> tuple[argparse.Namespace, list[str]]:
+    """Return the options, and the arguments for pytest, which follow `--`."""
+    parser = argparse.ArgumentParser(
+        prog="python -m tests",
+        description=__doc__,
+        epilog="example: python -m tests --processes 4 tests/rwt/gateways/rosbridge tests/rwt/access -- -x",
+    )
+    default = max(3, 2 * (os.cpu_count() or 1))
+    parser.add_argument(
+        "--processes",
+        type=int,
+        default=default,
+        help=f"processes at a time; they wait much of their time [two per core, {default}]",
+    )
+    parser.add_argument("--all", action="store_true", help="run all tests, as `make test-all` does")
+    parser.add_argument(
+        "--strict-retries",
+        action="store_true",
+        default=os.environ.get("STRICT_RETRIES", "") not in ("", "0"),
+        help="fail if a test needs a retry that tests/retried.toml does not list [STRICT_RETRIES=1]",
+    )
+    parser.add_argument(
+        "paths", nargs="*", type=Path, help="files and folders [those of `make test`; with --all, all]"
+    )
+    given, further = sys.argv[1:], []
+    if "--" in given:
+        given, further = given[: given.index("--")], given[given.index("--") + 1 :]
+    return parser.parse_args(given), further
+
+
+def main() -> int:
+    """Run the tests and return the exit code."""
+    options, further = _arguments()
+    # A shell's background ignores Ctrl-C, and nohup a hangup; so would all processes that the tests start.
+    signal.signal(signal.SIGINT, _end)
+    signal.signal(signal.SIGTERM, _end)
+    if hasattr(signal, "SIGHUP"):
+        signal.signal(signal.SIGHUP, lambda *_: None)
+    files = test_files(options.paths or (TESTS, RCLPY_TESTS))
+    reduced = not options.paths and not options.all
+    if reduced:
+        files = [file for file in files if not is_extended(file)]
+        further = ["-m", "not extended", *further]
+    absent = missing_programs() if options.all else []
+    if options.all and (packages := missing_packages("dev")):
+        show_list("FAILED: install the dependency group dev; these packages are missing:", packages)
+        return 1
+    if absent and os.environ.get("CI"):
+        show_list("FAILED: these programs are missing, .ci/run installs them:", absent)
+        return 1
+    RETRIED.parent.mkdir(exist_ok=True)
+    RETRIED.write_text("", encoding="utf-8")
+    began = time.monotonic()
+    outcomes = run_all(files, options.processes, further)
+    failed = [test for outcome in outcomes for test in outcome.failed]
+    minutes, cpu = (time.monotonic() - began) / 60, sum(outcome.cpu for outcome in outcomes) / 60
+    took = f"in {minutes:.1f} minutes, {cpu:.1f} minutes of CPU"
+    skipped = sum((outcome.skipped for outcome in outcomes), Counter[str]())
+    show_list("skipped:", (f"{count:4} {reason}" for reason, count in sorted(skipped.items())))
+    if reduced:
+        count = sum(outcome.deselected for outcome in outcomes)
+        left = [f"tests/{name}: {reason}" for name, reason in EXTENDED.items()]
+        show_list("left to `make test-all`:", [*left, f"{count} tests marked extended"])
+    show_list("not tested, for want of these programs:", absent)
+    print(f"{sum(outcome.tests for outcome in outcomes)} tests, {len(failed)} failed, {took}")
+    if len(failed) > MAX_RETRIES:
+        print("too many failures for a retry")
+        return 1
+    return 0 if not failed or retry(failed, further, options.strict_retries) else 1
 
 
 if __name__ == "__main__":

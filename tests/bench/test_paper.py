@@ -19,6 +19,7 @@ from bench.paper.fig3 import ANGULAR, LINEAR, PAPER_SAVED, Viewer, play, viewers
 from bench.paper.report import Report
 from bench.paper.text_messages import samples
 from rwt.nodes.depth_cloud.depth_image import decode_picture, encode_picture
+from rwt.nodes.tf.streams import CpuBudget
 from rwt_protocol.codecs import png
 from rwt_protocol.codecs.json import publish_frame, publish_prefix
 
@@ -41,7 +42,10 @@ def test_the_robot_has_52_frames_in_one_tree() -> None:
 def played() -> dict[str, Viewer]:
     """Five seconds, two of them driving."""
     watching = viewers()
-    anyio.run(play, watching, 5.0)
+    with pytest.MonkeyPatch.context() as patch:
+        # Above a budget of CPU time the republisher skips messages; without it the bytes are always the same.
+        patch.setattr(CpuBudget.__init__, "__defaults__", (lambda: 0.0,))
+        anyio.run(play, watching, 5.0)
     return {viewer.name: viewer for viewer in watching}
 
 
@@ -53,9 +57,7 @@ def test_fig_3_saves_more_than_the_paper_did(played: dict[str, Viewer]) -> None:
     for encoding in ("json", "cbor"):
         assert saved[f"republished, {encoding}"] > PAPER_SAVED
         assert saved[f"only changes, {encoding}"] > 0.85
-    # The republisher of a busy machine, whose budget is processor time, may leave out messages of either.
-    ways = ("republished", "only changes")
-    assert all(saved[f"{way}, cbor"] > saved[f"{way}, json"] - 0.02 for way in ways)
+    assert all(saved[f"{way}, cbor"] > saved[f"{way}, json"] for way in ("republished", "only changes"))
 
 
 def test_changes_alone_keep_every_frame_within_the_thresholds(played: dict[str, Viewer]) -> None:
@@ -73,26 +75,27 @@ def test_headers_are_counted(payload: int, header: int) -> None:
 # -- Table II ----------------------------------------------------------------------------------------------
 
 
-CHOSEN = ("MJPEG q90", "VP8 4 Mbit/s", "H.264 4 Mbit/s", "VP8 4 Mbit/s, rainbow", "PNG")
+CHOSEN = ("MJPEG q90", "VP8 4 Mbit/s", "H.264 4 Mbit/s", "PNG")
 
 
 @pytest.fixture(scope="module")
 def videos() -> dict[str, table2.Way]:
     """Less than a second, by some of the ways."""
     watched = {way.name: way for way in table2.ways() if way.name in CHOSEN}
+    # JPEG, since the quality of a video in real time depends on the load of the machine.
+    watched["rainbow"] = table2.Way("rainbow", watched["MJPEG q90"].query, table2.rainbow)
     table2.play(list(watched.values()), VIDEO)
     return watched
 
 
 def test_a_video_loses_little_and_saves_much(videos: dict[str, table2.Way]) -> None:
-    jpeg, vp8, h264, rainbow, exact = (videos[name] for name in CHOSEN)
+    jpeg, vp8, h264, exact = (videos[name] for name in CHOSEN)
     assert max(map(np.max, exact.errors)) <= 0.501 * table2.METRES_PER_TILE / 765
     for way in (jpeg, vp8, h264):
         assert way.rate(VIDEO) < 0.1 * table2.RAW
         assert table2._errors(way)[1] < 0.1
         assert max(way.lost) < 0.01
-    # Usually 0.85 of it or less; VP8 in real time is coarser where it has less of the processor.
-    assert table2._errors(vp8)[0] < table2._errors(rainbow)[0]
+    assert table2._errors(jpeg)[0] < 0.7 * table2._errors(videos["rainbow"])[0]
 
 
 def test_table_2_counts_bytes_by_the_second(videos: dict[str, table2.Way]) -> None:

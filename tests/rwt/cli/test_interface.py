@@ -162,6 +162,7 @@ def _tricky_messages_fit(module: ModuleType, folder: Path) -> None:
             module.All.model_validate(wrong)
 
 
+@pytest.mark.extended
 def test_generated_typescript_satisfies_tsc(rwt: Rwt, tricky: Path, tmp_path: Path) -> None:
     compiler = _NODE_CLIENTS / "node_modules" / "typescript" / "bin" / "tsc"
     if not compiler.is_file():

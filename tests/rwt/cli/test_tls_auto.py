@@ -11,7 +11,6 @@ import sys
 import urllib.request
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -24,6 +23,8 @@ _LIGHT = {"█": (1, 1), "▀": (1, 0), "▄": (0, 1), " ": (0, 0)}
 
 def _read_code(lines: list[str]) -> str:
     """What a camera reads of a QR code of blocks, light ones on a dark terminal."""
+    import cv2  # Not in the dependency group test.
+
     width = max(map(len, lines))
     rows = []
     for line in lines:
@@ -34,6 +35,7 @@ def _read_code(lines: list[str]) -> str:
     return text
 
 
+@pytest.mark.extended
 def test_a_camera_reads_the_address() -> None:
     address = "https://192.168.178.42:9090/"
     assert _read_code(qr_code(address).splitlines()) == address
@@ -55,6 +57,7 @@ def test_the_page_and_the_authority_are_had_by_https(tmp_path: Path) -> None:
             assert answer.read() == authority.read_bytes()
 
 
+@pytest.mark.extended
 def test_a_terminal_is_shown_a_code(tmp_path: Path) -> None:
     reached_at = next((str(each) for each in machine_addresses() if not each.is_loopback), "")
     if ":" in reached_at or not reached_at:

@@ -138,6 +138,7 @@ async def described(robot: Robot, client: httpx.AsyncClient, tmp_path: Path) -> 
     return path
 
 
+@pytest.mark.extended
 @pytest.mark.timeout(300)  # The generators are programs of their own.
 async def test_a_generated_client_in_python_works(
     described: Path, client: httpx.AsyncClient, robot: Robot, monkeypatch: pytest.MonkeyPatch
@@ -185,6 +186,7 @@ async def test_a_generated_client_in_python_works(
             del sys.modules[name]
 
 
+@pytest.mark.extended
 @pytest.mark.timeout(300)  # The generators are programs of their own.
 async def test_a_generated_client_in_typescript_works(
     described: Path, client: httpx.AsyncClient, robot: Robot

@@ -134,6 +134,7 @@ def test_coroutines_on_asyncio_and_trio(suite: Suite) -> None:
     )
 
 
+@pytest.mark.extended
 def test_plain_tests_with_roslibpy(suite: Suite) -> None:
     said = suite.run(
         """
