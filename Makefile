@@ -151,7 +151,6 @@ release: $(STAMP)-dev
 
 # Whole-process figures beside a yardstick, as ratios; needs Linux. `make bench ARGS=--quick` is the short run.
 bench: $(STAMP)-dev
-	$(BIN)/python -m pip install --quiet --group bench
 	$(BIN)/python -m bench $(ARGS)
 
 # How old /cmd_vel and /odom are over a bad line, by WebSocket and by WebRTC; needs Linux, root and /dev/net/tun.
@@ -165,12 +164,10 @@ nat: $(STAMP)-dev
 
 # What more of everything costs, and the plots of docs/explanation/performance.md; some minutes.
 growth: $(STAMP)-dev
-	$(BIN)/python -m pip install --quiet --group bench
 	$(BIN)/python -m bench --growth --plots docs/images $(ARGS)
 
 # The paper's figures beside ours, and plots in build/paper; `make paper ARGS=fig3` is one of them.
 paper: $(STAMP)-dev
-	$(BIN)/python -m pip install --quiet --group paper
 	$(BIN)/python -m bench.paper $(ARGS)
 
 # A thousand clients, ten of them stopped dead; about a minute, needs Linux.

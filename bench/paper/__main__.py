@@ -41,7 +41,7 @@ def draw(report: Report, file: Path) -> str:
     try:
         import_module("matplotlib").use("Agg")
     except ModuleNotFoundError:
-        return "no plot: it needs matplotlib (`pip install --group paper`)"
+        return "no plot: it needs matplotlib (`pip install --group dev`)"
     file.parent.mkdir(parents=True, exist_ok=True)
     report.plot(file)
     return f"plot: {file}"
