@@ -47,8 +47,8 @@ class Witness:
     Attributes:
         told: times, speeds and nodes of `/cmd_vel`.
         moved: times and speeds of `/odom`.
-        lateness: by how much this process was late at most since :meth:`begin` because it was not given a
-            processor: what the machine itself has cost, and not the server's own work.
+        lateness: seconds since :meth:`begin` for which this process was not given a processor. Several delays
+            may add up between a message and the stop.
     """
 
     def __init__(self, server: Server) -> None:
@@ -68,7 +68,7 @@ class Witness:
 
     def _look(self) -> None:
         now, worked = time.monotonic(), time.thread_time()
-        self.lateness = max(self.lateness, now - self._due - (worked - self._worked))
+        self.lateness += max(0.0, now - self._due - (worked - self._worked))
         self._due, self._worked = now + 0.01, worked
         self._clock.call_later(0.01, self._look)
 

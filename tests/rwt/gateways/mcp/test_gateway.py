@@ -176,7 +176,7 @@ async def test_the_robot_stops_when_whoever_drives_it_is_gone(era: Era) -> None:
             tasks.cancel_scope.cancel()
         with anyio.fail_after(20):
             await robot.stopped.wait()
-        await anyio.sleep(0.3)
+        await until(lambda: "rwt_mcp_requests 0" in server.metrics.text().decode())
         assert robot.heard[-1] == 0.0
 
 

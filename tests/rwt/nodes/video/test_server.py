@@ -406,7 +406,7 @@ async def test_a_topic_that_is_not_there_is_waited_for_and_then_refused(
             got.append(await theatre.gets("/snapshot?topic=/late"))
 
         tasks.start_soon(ask)
-        await anyio.sleep(0.05)
+        await anyio.wait_all_tasks_blocked()
         late = theatre.camera.advertise("/late", "sensor_msgs/Image", latch=True)
         late.publish(image(scene(), "rgb8"))
     assert got[0].status == 200

@@ -169,8 +169,6 @@ def test_plain_tests_with_roslibpy(suite: Suite) -> None:
 def test_virtual_time_runs_everything_in_order(suite: Suite) -> None:
     suite.passes(
         """
-        import time
-
         def test_ten_seconds(rwt_clock, rwt_robot, rwt_graph):
             seen = []
 
@@ -181,10 +179,8 @@ def test_virtual_time_runs_everything_in_order(suite: Suite) -> None:
 
             rwt_graph.spawn(walk, "walk")
             rwt_robot.create_timer(0.25, lambda: seen.append(("timer", rwt_clock.monotonic())))
-            began = time.monotonic()
             start_ns = rwt_clock.time_ns()
             rwt_clock.advance(10.0)
-            assert time.monotonic() - began < 5.0
             assert rwt_clock.time_ns() - start_ns == 10_000_000_000
             assert [at for _, at in seen] == sorted(at for _, at in seen)
             assert [at for who, at in seen if who == "walk"] == [n / 2 for n in range(1, 21)]
