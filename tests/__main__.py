@@ -46,7 +46,6 @@ EXTENDED: Final = {
     "graph/zenoh/test_pyzeros.py": "needs a C compiler",
     "graph/zenoh/test_ros2_sdk.py": "needs zenoh-ros2-sdk",
     "release": "builds wheels, needs Node",
-    "rwt/gateways/foxglove/test_beside_the_sdk.py": "needs the Foxglove SDK",
     "rwt/gateways/mcp/test_inspector.py": "needs Node",
     "rwt/media/webrtc/test_gstreamer.py": "needs GStreamer",
     "rwt/media/webrtc/test_nat.py": "needs Chromium, root and nft",
