@@ -164,7 +164,7 @@ class Program:
 
 @pytest.fixture(scope="session")
 def client_packages() -> None:
-    """The npm packages are there; `make test` installs them."""
+    """The npm packages are there; `make test-all` installs them."""
     if not (NODE / "node_modules" / "roslib1").is_dir():
         pytest.fail(
             "the npm clients are not installed: run `npm ci --prefix tests/clients/node`", pytrace=False

@@ -185,6 +185,7 @@ def test_the_readme_says_what_make_needs() -> None:
     assert "the dashboard also needs Node 20 and npm" in " ".join(needs[0].split())
     assert "npm" in _programs("demo")
     assert not {"npm", "node"} & _programs("test")
+    assert "npm" in _programs("test-all")
 
 
 def _programs(target: str) -> set[str]:

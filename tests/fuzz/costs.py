@@ -1,7 +1,7 @@
 """What a message costs the server: milliseconds and memory for each byte sent, by encoding.
 
 A case repeats one small value at some place of an op until the message is large. The values come from a seed,
-so that a run can be repeated; the worst that were found are kept here and played by `make test`.
+so that a run can be repeated; the worst that were found are kept here and played by `make test-all`.
 """
 
 from __future__ import annotations
