@@ -360,6 +360,9 @@ def main() -> int:
     if reduced:
         files = [file for file in files if not is_extended(file)]
         further = ["-m", "not extended", *further]
+    if gone := [name for name in EXTENDED if not (TESTS / name).exists()]:
+        show_list("FAILED: EXTENDED lists what does not exist:", gone)
+        return 1
     absent = missing_programs() if options.all else []
     if options.all and (packages := missing_packages("dev")):
         show_list("FAILED: install the dependency group dev; these packages are missing:", packages)
