@@ -16,7 +16,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, TextIO
 
 from rwt.cli.console.output import OutputClosed, OutputFailed, failure_line
 from rwt.cli.errors import CALLED_WRONGLY, INTERRUPTED, PIPE_CLOSED, CommandError
@@ -162,12 +162,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     except CommandError as error:
         print(failure_line(error), file=sys.stderr)
         if isinstance(error, OutputFailed):
-            _forget_output()
+            _discard(sys.stdout)
         return error.exit_code
     except KeyboardInterrupt:
         return INTERRUPTED
     except (OutputClosed, BrokenPipeError):
-        _forget_output()
+        _discard(sys.stdout)
         return PIPE_CLOSED
 
 
@@ -195,8 +195,12 @@ def _log_of_the_command() -> Iterator[None]:
         for handler in {*root.handlers}.difference(handlers):
             root.removeHandler(handler)
         root.setLevel(level)
+        try:
+            sys.stderr.flush()
+        except OSError:  # A full disk: Python would fail to flush at exit, too, and exit with 120.
+            _discard(sys.stderr)
 
 
-def _forget_output() -> None:
-    """Point stdout at the null device: what is still buffered cannot be written, and would raise at exit."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def _discard(stream: TextIO) -> None:
+    """Point a standard stream at the null device: its buffer cannot be written, and would raise at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
