@@ -11,31 +11,15 @@ import zenoh
 
 from rwt_graph.zenoh import ZenohGraph
 from tests.processes import free_port
+from tests.waiting import PATIENCE
 
 #: Where tests need not wait for peers to turn up.
 QUICK = Path(__file__).parent / "quick.zenoh.json5"
-
-#: Far more than anything takes; a test that waits so long has failed.
-PATIENCE = 60.0
 
 
 def free_endpoint() -> str:
     """An endpoint on loopback that nobody listens on now."""
     return f"tcp/127.0.0.1:{free_port()}"
-
-
-async def until(condition: Callable[[], bool], what: str = "") -> None:
-    """Wait until something is so.
-
-    Raises:
-        TimeoutError: it does not become so; says what.
-    """
-    try:
-        with anyio.fail_after(PATIENCE):
-            while not condition():  # noqa: ASYNC110 - Any condition, of which nobody tells.
-                await anyio.sleep(0.005)
-    except TimeoutError:
-        raise TimeoutError(what or "what was waited for did not happen") from None
 
 
 class Counting:

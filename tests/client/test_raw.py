@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from rwt_client import RawMessage
 from rwt_client.wire.cbor import read_cbor, read_raw
 from rwt_protocol.codecs.cbor import publish_prefix, raw_publish_frame
-from tests.client.worlds import until, world
+from tests.client.worlds import world
+from tests.waiting import until
 
 
 @pytest.mark.anyio

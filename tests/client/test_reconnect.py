@@ -13,7 +13,8 @@ from rwt_client import Backoff, CannotConnect, ConnectionEvent, ConnectionLost, 
 from rwt_client.connection import ConnectKeywords
 from rwt_graph import MemoryGraph, Node
 from rwt_participant.errors import TimedOut
-from tests.client.worlds import AT_ONCE, ScriptedServer, scripted, until
+from tests.client.worlds import AT_ONCE, ScriptedServer, scripted
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 

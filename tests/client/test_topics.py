@@ -14,7 +14,8 @@ import pytest
 from rwt_client import ServerRefused
 from rwt_participant.errors import InvalidMessage, NotFound, RobotError, UnknownType
 from rwt_participant.qos import QoS
-from tests.client.worlds import scripted, until, world
+from tests.client.worlds import scripted, world
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 

@@ -17,7 +17,8 @@ from rwt_client.blocking import connect as connect_blocking
 from rwt_graph import Node
 from rwt_participant.errors import CallFailed, TransformUnavailable
 from rwt_tf2 import StampedTransform, Transform, write_transform
-from tests.client.worlds import AT_ONCE, World, scripted, until, world
+from tests.client.worlds import AT_ONCE, World, scripted, world
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 

@@ -9,8 +9,6 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import Any, Unpack
 
-import anyio
-
 from rwt import Server, Settings
 from rwt.gateways.rosbridge import Bridge
 from rwt.nodes import Rosapi
@@ -21,17 +19,11 @@ from rwt_interfaces import DISTROS, Payload, Registry
 from rwt_protocol.codecs import cbor
 from rwt_protocol.frames import Frame
 from rwt_transports.endpoint import PeerInfo, Sink
+from tests.waiting import until
 
 Sent = dict[str, Any]
 
 AT_ONCE = Backoff(first=0.0, longest=0.0, jitter=0.0)
-
-
-async def until(condition: Callable[[], object]) -> None:
-    """Wait until something has become true that tells nobody."""
-    with anyio.fail_after(10):
-        while not condition():  # noqa: ASYNC110 - there is no event to wait for
-            await anyio.sleep(0.001)
 
 
 @dataclass(frozen=True, slots=True)

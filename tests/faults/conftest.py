@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -13,7 +12,8 @@ from anyio.from_thread import BlockingPortal, start_blocking_portal
 from rwt import Server, Settings
 from rwt.gateways.rosbridge.bridge import Bridge
 from rwt.settings.models import LimitSettings
-from tests.faults.blocking_client import PATIENCE, BlockingClient
+from tests.faults.blocking_client import BlockingClient
+from tests.waiting import wait_until
 
 MIB = 1 << 20
 
@@ -40,10 +40,7 @@ class Robot:
 
     def wait_for_clients(self, count: int) -> None:
         """Wait until so many are connected."""
-        deadline = time.monotonic() + PATIENCE
-        while (found := self.clients) != count:
-            assert time.monotonic() < deadline, f"{found} clients are connected, not {count}"
-            time.sleep(0.02)
+        wait_until(lambda: self.clients == count, lambda: f"{self.clients} clients, not {count}")
 
 
 Start = Callable[[Settings], Robot]

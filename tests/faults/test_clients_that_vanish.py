@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from tests.docs.blocks import ROOT
 from tests.faults.blocking_client import BlockingClient
 from tests.faults.conftest import Robot
+from tests.waiting import PATIENCE
 
 
 @contextmanager
@@ -70,7 +71,7 @@ def test_a_stopped_client_that_is_talked_to_is_counted_as_gone(robot: Robot) -> 
     with robot.connect() as other, program(robot, "be stopped") as pid:
         other.say("advertise", topic="/talk", type="std_msgs/String")
         os.kill(pid, signal.SIGSTOP)
-        deadline = time.monotonic() + 4.0
+        deadline = time.monotonic() + PATIENCE
         while robot.clients > 1:
             assert time.monotonic() < deadline, "it still counts as alive"
             other.say("publish", topic="/talk", msg={"data": "x" * 100_000})

@@ -6,7 +6,6 @@ from __future__ import annotations
 import os
 import re
 import socket
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
@@ -21,6 +20,7 @@ from rwt.nodes.video import server as video
 from rwt_graph import Node
 from rwt_graph.api import Graph
 from tests.faults.server_log import Failures
+from tests.waiting import wait_until
 
 PATIENCE: Final = 20.0
 EXAMPLES: Final = int(os.environ.get("SWEEP_EXAMPLES", "200"))
@@ -210,8 +210,5 @@ def _ask_anything(asked: Asked, request: bytes) -> None:
 def test_a_request_is_answered_or_refused_and_leaves_nothing(asked: Asked) -> None:
     before = asked.endpoints()
     _ask_anything(asked)
-    deadline = time.monotonic() + PATIENCE
-    while (now := asked.endpoints()) != before:
-        assert time.monotonic() < deadline, (before, now)
-        time.sleep(0.02)
+    wait_until(lambda: asked.endpoints() == before, lambda: f"{asked.endpoints()}, not {before}")
     asked.failures.check()

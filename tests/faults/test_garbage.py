@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import gc
 import socket
-import time
 from collections.abc import Callable, Iterator
 from typing import Final
 
@@ -25,6 +24,7 @@ from rwt_transports.websocket.wire import WebSocketWire
 from tests.faults.blocking_client import PATIENCE, BlockingClient
 from tests.faults.conftest import Robot
 from tests.transports.rfc6455.frames import TEXT, frame
+from tests.waiting import wait_until
 
 COUNT = 200
 """Of what each client has."""
@@ -87,10 +87,7 @@ def test_what_a_client_has_is_freed_with_it(act: object, robot: Robot, uncollect
             act(client)
             client.ask_something()
         robot.wait_for_clients(0)
-    deadline = time.monotonic() + PATIENCE
-    while left := robot.portal.call(_owned) - others:
-        assert time.monotonic() < deadline, f"{left} are left"
-        time.sleep(0.02)
+    wait_until(lambda: robot.portal.call(_owned) == others, lambda: "some are left")
     assert robot.portal.call(gc.collect) < FEW
 
 
@@ -124,10 +121,7 @@ def test_a_connection_is_freed_with_what_it_has_received(
     others = _left_behind()
     for _ in range(5):
         act(robot)
-    deadline = time.monotonic() + PATIENCE
-    while left := _left_behind() - others:
-        assert time.monotonic() < deadline, f"{left} are left"
-        time.sleep(0.02)
+    wait_until(lambda: _left_behind() == others, lambda: "some are left")
 
 
 class _Cycle:

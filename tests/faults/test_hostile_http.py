@@ -5,12 +5,12 @@ from __future__ import annotations
 import http.client
 import json
 import socket
-import time
 
 from rwt import Settings
 from rwt_graph import Node
 from rwt_graph.api import Graph
 from tests.faults.conftest import BRIEF, MIB, Robot, Start
+from tests.waiting import wait_until
 
 PATIENCE = 60.0
 
@@ -48,10 +48,7 @@ def streams(robot: Robot) -> int:
 
 
 def wait_for_streams(robot: Robot, count: int) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while (found := streams(robot)) != count:
-        assert time.monotonic() < deadline, f"{found} streams are open, not {count}"
-        time.sleep(0.02)
+    wait_until(lambda: streams(robot) == count, lambda: f"{streams(robot)} streams are open, not {count}")
 
 
 def flood(robot: Robot, graph: Graph) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 from typing import Any
@@ -23,6 +23,7 @@ from rwt_transports.http.routes import Proxies
 from rwt_transports.relay.dial import dial
 from tests.faults.server_log import Failures
 from tests.transports.test_hub import AT_ONCE, SHORT, Mailbox, Program, client, robot, upgraded
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 
@@ -40,13 +41,6 @@ async def hub_with_robot(**settings: Any) -> AsyncIterator[tuple[OpenHub, Server
         async with Server(dial=urls, web={"enabled": False}, **settings) as server:
             await until(lambda: server.dials[0].connected)
             yield hub, server
-
-
-async def until(condition: Callable[[], object]) -> None:
-    """Wait for something, however slow the machine is."""
-    with anyio.fail_after(PATIENCE):
-        while not condition():  # noqa: ASYNC110 - what is waited for tells nobody
-            await anyio.sleep(0.005)
 
 
 def _are(boxes: Sequence[Mailbox], count: int) -> bool:

@@ -13,7 +13,8 @@ import pytest
 from rwt import Server
 from rwt.settings.webrtc import WebRtcSettings
 from rwt_client import connect
-from tests.rwt.media.webrtc.peers import OtherSide, other_side, until
+from tests.rwt.media.webrtc.peers import OtherSide, other_side
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 

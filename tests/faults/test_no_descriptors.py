@@ -7,8 +7,6 @@ import resource
 import socket
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -17,6 +15,7 @@ import pytest
 
 from tests.faults.blocking_client import PATIENCE, BlockingClient
 from tests.processes import ROOT
+from tests.waiting import wait_until
 
 LEFT = 64
 """Descriptors that the server may have."""
@@ -50,10 +49,10 @@ def test_a_server_out_of_descriptors_says_so_once_and_takes_clients_when_there_a
         with ExitStack() as crowd:
             for _ in range(2 * LEFT):
                 crowd.enter_context(socket.create_connection(("127.0.0.1", port), PATIENCE))
-            _wait_until(lambda: "no connection can be accepted" in log.read_text())
+            wait_until(lambda: "no connection can be accepted" in log.read_text())
             size = log.stat().st_size
             # The kernel keeps who came last; the server tries again, and says nothing more.
-            _wait_until(lambda: _descriptors(server.pid) == LEFT)
+            wait_until(lambda: _descriptors(server.pid) == LEFT)
             assert log.stat().st_size == size
         with BlockingClient(port) as client:
             client.say("call_service", id="x", service="/rosapi/get_time")
@@ -65,10 +64,3 @@ def test_a_server_out_of_descriptors_says_so_once_and_takes_clients_when_there_a
 
 def _descriptors(pid: int) -> int:
     return len(list(Path(f"/proc/{pid}/fd").iterdir()))
-
-
-def _wait_until(true: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not true():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)

@@ -12,7 +12,8 @@ from rwt import DiagnosticLevel, DiagnosticStatus, DiagnosticUpdater
 from rwt_client import ConnectionEvent, NotConnected
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_interfaces import NOETIC, Registry
-from tests.client.worlds import scripted, until
+from tests.client.worlds import scripted
+from tests.waiting import until
 
 
 class Report:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ import pytest
 from rwt import Server
 from rwt_client.blocking import BlockingRobot, connect
 from rwt_participant.errors import CallFailed, TimedOut
+from tests.waiting import wait_until
 
 LAB = """
 name = "lab"
@@ -98,13 +98,6 @@ def received(app: BlockingRobot) -> dict[str, Any]:
     return answer
 
 
-def until(condition: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 15
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-
-
 def test_topics(app: BlockingRobot) -> None:
     assert app.once("/map_name").data == "lab"
     assert app.once("/count").data in (1, 2)
@@ -131,7 +124,7 @@ def test_a_goal(app: BlockingRobot) -> None:
 def test_parameters_and_reset(app: BlockingRobot) -> None:
     app.params.set("/lab:max_speed", 2.0)
     app.publish("/cmd_vel", {"linear": {"x": 0.5}}, "geometry_msgs/Twist")
-    until(lambda: "/cmd_vel" in received(app)["published"])
+    wait_until(lambda: "/cmd_vel" in received(app)["published"])
     assert received(app)["published"]["/cmd_vel"][0]["linear"]["x"] == 0.5
     assert app.call("/rwt_script/reset").success
     assert received(app) == {"published": {}, "called": {}, "goals": {}, "clients": 1}
@@ -212,9 +205,9 @@ async def robot(robot):
 
 def test_a_coroutine_begins_anew_with_reset(tmp_path: Path) -> None:
     with served(tmp_path, "robot.py", ASYNC_PROGRAM) as url, connect(url) as app:
-        until(lambda: app.once("/count").data > 20)
+        wait_until(lambda: app.once("/count").data > 20)
         app.call("/rwt_script/reset")
         first = app.once("/count").data
-        until(lambda: app.once("/count").data > first)
+        wait_until(lambda: app.once("/count").data > first)
         counts = [app.once("/count").data for _ in range(5)]
         assert counts == sorted(counts), "the one from before has ended"

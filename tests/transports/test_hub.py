@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import socket
 import struct
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 import anyio
@@ -31,6 +31,7 @@ from rwt_transports.relay.protocol import (
     encode_assignment,
     split_client_path,
 )
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 
@@ -39,14 +40,6 @@ SHORT = Limits(close_seconds=0.5)
 #: What is said of a peer that ends without a close frame: whether its connection is reset or ends is up to
 #: the library that closes it.
 CUT_OFF = ("the connection was lost", "the peer went away without a word")
-
-
-async def until(condition: Callable[[], object]) -> None:
-    with anyio.fail_after(5):
-        while True:
-            if condition():
-                return
-            await anyio.sleep(0.005)
 
 
 class Mailbox:

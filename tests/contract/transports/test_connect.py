@@ -6,7 +6,7 @@ import socket
 import ssl
 import sys
 import threading
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from rwt_transports.endpoint import PeerInfo, Sink
 from rwt_transports.errors import ConnectError
 from rwt_transports.schemes import parse_connect_url
 from tests.contract.transports import test_listen
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 
@@ -82,12 +83,6 @@ class Place:
         ):
             await until(lambda: self.far)
             yield self.near[0], self.far[0]
-
-
-async def until(condition: Callable[[], object]) -> None:
-    with anyio.fail_after(10):
-        while not condition():  # noqa: ASYNC110 - there is no event to wait for
-            await anyio.sleep(0.001)
 
 
 @pytest.fixture(params=SCHEMES)

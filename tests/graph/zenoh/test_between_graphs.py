@@ -17,7 +17,8 @@ from rwt_participant.errors import CallFailed, GoalCanceled, ParameterRejected, 
 from rwt_participant.goals import GoalStatus, ReceivedGoal
 from rwt_participant.messages import Message
 from rwt_participant.qos import DEFAULT_QOS, History, QoS
-from tests.zenoh_links import PATIENCE, QUICK, free_endpoint, until
+from tests.waiting import PATIENCE, until
+from tests.zenoh_links import QUICK, free_endpoint
 
 pytestmark = pytest.mark.anyio
 

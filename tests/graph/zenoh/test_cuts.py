@@ -11,7 +11,8 @@ import pytest
 from rwt_graph.zenoh import ZenohGraph
 from rwt_participant.errors import ProviderGone
 from rwt_participant.qos import LATCHED
-from tests.zenoh_links import PATIENCE, QUICK, free_endpoint, until
+from tests.waiting import PATIENCE, until
+from tests.zenoh_links import QUICK, free_endpoint
 
 pytestmark = pytest.mark.anyio
 

@@ -10,7 +10,7 @@ import zenoh
 from rwt import Server
 from rwt_graph.zenoh import ZenohGraph
 from tests.rwt.gateways.rosbridge.recording_client import Client
-from tests.zenoh_links import until
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 

@@ -16,7 +16,8 @@ from rwt_graph.zenoh import ZenohError, ZenohGraph, ZenohOptions
 from rwt_graph.zenoh.session import configuration
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.registry import Registry
-from tests.zenoh_links import PATIENCE, QUICK, free_endpoint, until
+from tests.waiting import PATIENCE, until
+from tests.zenoh_links import QUICK, free_endpoint
 
 
 def setting(options: ZenohOptions, key: str) -> object:

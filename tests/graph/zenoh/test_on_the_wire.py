@@ -20,7 +20,8 @@ from rwt_interfaces.payload import Payload
 from rwt_participant.errors import ServiceFailed
 from rwt_participant.messages import Message
 from rwt_participant.qos import LATCHED, Durability, QoS
-from tests.zenoh_links import PATIENCE, session_of, until
+from tests.waiting import PATIENCE, until
+from tests.zenoh_links import session_of
 
 pytestmark = pytest.mark.anyio
 

@@ -22,7 +22,7 @@ from rwt_graph.zenoh import ZenohGraph
 from rwt_participant.errors import CallFailed, ProviderNotFound, ServiceFailed
 from rwt_participant.messages import Message
 from rwt_participant.qos import SENSOR_DATA
-from tests.zenoh_links import PATIENCE, until
+from tests.waiting import PATIENCE, until
 
 #: Their parts are made at run time, which checkers cannot follow.
 SetBool: Any = all_srvs.SetBool

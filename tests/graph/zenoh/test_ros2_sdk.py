@@ -15,7 +15,8 @@ from zenoh_ros2_sdk.qos import QosDurability, QosProfile
 from rwt_graph.zenoh import ZenohGraph
 from rwt_participant.messages import Message
 from rwt_participant.qos import LATCHED
-from tests.zenoh_links import PATIENCE, QUICK, free_endpoint, until
+from tests.waiting import PATIENCE, until
+from tests.zenoh_links import QUICK, free_endpoint
 
 pytestmark = pytest.mark.anyio
 

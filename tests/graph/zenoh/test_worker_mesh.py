@@ -8,7 +8,8 @@ import pytest
 
 from rwt_graph.zenoh import ZenohError, ZenohGraph, ZenohOptions
 from rwt_graph.zenoh.worker_mesh import mesh_options
-from tests.zenoh_links import QUICK, free_endpoint, until
+from tests.waiting import until
+from tests.zenoh_links import QUICK, free_endpoint
 
 
 def socket_of(folder: Path, number: int) -> str:

@@ -18,7 +18,8 @@ from rwt.nodes.recording.remote_recorder import EARLIER_NS, RemoteRecorder
 from rwt_client import connect
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
-from tests.client.worlds import AT_ONCE, until
+from tests.client.worlds import AT_ONCE
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 START = 1_700_000_000_000_000_000

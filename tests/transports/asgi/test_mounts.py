@@ -15,6 +15,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
 
 from rwt import Server, SettingsError
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 
@@ -128,9 +129,7 @@ async def test_a_stream_without_end_ends_with_its_reader(client: httpx.AsyncClie
     async with client.stream("GET", "/shop/for-ever") as answer:
         async for _ in answer.aiter_bytes():
             break
-    with anyio.fail_after(20):
-        while "left" not in LIVED:  # noqa: ASYNC110 - the app is what is waited for
-            await anyio.sleep(0.01)
+    await until(lambda: "left" in LIVED)
 
 
 async def test_a_websocket_of_the_app(server: Server) -> None:

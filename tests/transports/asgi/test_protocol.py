@@ -21,6 +21,7 @@ from rwt_transports.asgi.messages import (
     close_bytes,
     close_of,
 )
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 
@@ -208,8 +209,7 @@ async def test_a_slow_reader_holds_up_its_own_outbox_alone(server: Server) -> No
         tasks.start_soon(server.asgi(), socket.scope, socket.receive, socket.send)  # type: ignore[arg-type]  # plain dicts
         socket.feed(type="websocket.connect")
         socket.feed(type="websocket.receive", text='{"op": "subscribe", "topic": "/talk"}')
-        while not talker.subscriber_count:  # noqa: ASYNC110 - the server is what is waited for
-            await anyio.sleep(0.01)
+        await until(lambda: talker.subscriber_count)
         socket.may_send = anyio.Event()
         for number in range(300):
             talker.publish({"data": f"{number:03d}" * 10_000})

@@ -7,11 +7,10 @@ import io
 import json
 import os
 import sys
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-import anyio
 import httpx2
 from mcp.client import Client
 from mcp.client.stdio import StdioServerParameters, stdio_client
@@ -102,13 +101,6 @@ async def done(client: Client, tool: str, **arguments: Any) -> str:
     assert isinstance(result, CallToolResult)
     assert not result.is_error, text_of(result)
     return text_of(result)
-
-
-async def until(holds: Callable[[], bool]) -> None:
-    """Wait for something that the server tells in its own time."""
-    with anyio.fail_after(20):
-        while not holds():  # noqa: ASYNC110 - what is waited for sets no event
-            await anyio.sleep(0.01)
 
 
 async def value(client: Client, tool: str, **arguments: Any) -> Any:

@@ -11,8 +11,9 @@ from mcp_types import CallToolResult, ElicitRequestFormParams, ElicitResult, Inp
 from rwt import Settings
 from rwt.gateways.mcp.approvals import Question, Questions
 from rwt_client import connect
-from tests.rwt.gateways.mcp.agents import Era, agent_at, agent_of_connection, done, refused, until, url_of
+from tests.rwt.gateways.mcp.agents import Era, agent_at, agent_of_connection, done, refused, url_of
 from tests.rwt.gateways.mcp.robots import small_robot
+from tests.waiting import until
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
 

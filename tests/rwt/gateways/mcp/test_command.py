@@ -11,8 +11,9 @@ import pytest
 from rwt import Server
 from rwt_client import Robot, connect
 from tests.processes import LONGEST, ended, rwt_command
-from tests.rwt.gateways.mcp.agents import Era, agent_of_command, agent_of_connection, done, refused, until
+from tests.rwt.gateways.mcp.agents import Era, agent_of_command, agent_of_connection, done, refused
 from tests.rwt.gateways.mcp.robots import small_robot
+from tests.waiting import until
 
 pytestmark = pytest.mark.timeout(120)
 

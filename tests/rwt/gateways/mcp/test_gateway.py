@@ -14,8 +14,9 @@ import pytest
 
 from rwt import Settings
 from rwt_client import connect
-from tests.rwt.gateways.mcp.agents import OPEN, Era, agent_at, done, refused, served, until, url_of
+from tests.rwt.gateways.mcp.agents import OPEN, Era, agent_at, done, refused, served, url_of
 from tests.rwt.gateways.mcp.robots import small_robot
+from tests.waiting import until
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
 

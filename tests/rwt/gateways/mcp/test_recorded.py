@@ -14,9 +14,9 @@ from tests.rwt.gateways.mcp.agents import (
     refused,
     served,
     text_of,
-    until,
     url_of,
 )
+from tests.waiting import until
 
 pytestmark = [pytest.mark.anyio, pytest.mark.timeout(120)]
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 
-import anyio
 from aiortc import RTCConfiguration, RTCDataChannel, RTCPeerConnection, RTCSessionDescription
 
 from rwt_transports.api import FlowControl
@@ -19,14 +18,7 @@ from rwt_transports.webrtc.peer import PeerTerms
 from rwt_transports.webrtc.signalling import PeerBounds, Peers, data_routes, open_peers
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from tests.rwt.nodes.readers import NobodyInParticular
-
-PATIENCE = 60.0
-
-
-async def until(condition: Callable[[], object]) -> None:
-    with anyio.fail_after(PATIENCE):
-        while not condition():  # noqa: ASYNC110 - there is no event to wait for
-            await anyio.sleep(0.005)
+from tests.waiting import until
 
 
 @dataclass(eq=False)

@@ -16,7 +16,8 @@ from rwt_transports.webrtc.association import WINDOW_BYTES
 from rwt_transports.webrtc.ice import CONSENT_ASKED, CONSENT_EXPIRES_SECONDS, CONSENT_SECONDS, IceServer
 from rwt_transports.webrtc.peer import Peer
 from rwt_transports.webrtc.signalling import PeerBounds
-from tests.rwt.media.webrtc.peers import End, answering, other_side, received, text_of, until
+from tests.rwt.media.webrtc.peers import End, answering, other_side, received, text_of
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 

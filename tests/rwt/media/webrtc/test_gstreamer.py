@@ -12,9 +12,9 @@ from typing import Any
 import anyio.to_thread
 import pytest
 
-from tests.rwt.media.webrtc.peers import until
 from tests.rwt.media.webrtc.test_whep import TOPIC, _near, camera
 from tests.rwt.media.webrtc.test_whip import _colour, _server, _url
+from tests.waiting import until
 
 PEER = Path(__file__).with_name("gstreamer_peer.py")
 PYTHON = "/usr/bin/python3"

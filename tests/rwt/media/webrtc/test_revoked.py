@@ -16,8 +16,9 @@ from rwt.access.access import Access
 from rwt_graph import MemoryGraph
 from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused
-from tests.rwt.media.webrtc.peers import OtherSide, until
+from tests.rwt.media.webrtc.peers import OtherSide
 from tests.rwt.media.webrtc.test_whep import TOPIC, Camera, Watcher, _post
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 

@@ -14,7 +14,7 @@ from rwt.settings.webrtc import WebRtcSettings
 from rwt_client import connect
 from rwt_transports.http.routes import HttpRequest
 from rwt_transports.relay.protocol import decode_assignment, encode_request
-from tests.rwt.media.webrtc.peers import until
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 

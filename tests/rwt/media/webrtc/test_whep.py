@@ -29,7 +29,7 @@ from rwt.media.encoders.video import VideoEncoder
 from rwt.settings.webrtc import WebRtcSettings
 from rwt_graph import Node
 from rwt_interfaces.payload import Payload
-from tests.rwt.media.webrtc.peers import until
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 

@@ -21,9 +21,9 @@ from rwt.settings.webrtc import WebRtcSettings
 from rwt_interfaces import JAZZY
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
-from tests.rwt.media.webrtc.peers import until
 from tests.rwt.media.webrtc.sounds import pitch, sound_peer, tone
 from tests.rwt.media.webrtc.test_whep import Camera
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 

@@ -21,8 +21,8 @@ from rwt.access.settings import AuthSettings, RoleSettings, TokenSettings
 from rwt.media.webrtc.senders import TOPIC as SENDERS
 from rwt.settings.webrtc import WebRtcSettings
 from rwt_participant.qos import LATCHED
-from tests.rwt.media.webrtc.peers import until
 from tests.rwt.media.webrtc.test_whep import _post
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 

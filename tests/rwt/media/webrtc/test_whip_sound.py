@@ -12,9 +12,9 @@ from rwt import Server
 from rwt.access.settings import AuthSettings, RoleSettings
 from rwt.media.webrtc.audio import AudioBudget
 from rwt.settings.webrtc import WebRtcSettings
-from tests.rwt.media.webrtc.peers import until
 from tests.rwt.media.webrtc.sounds import Singer, pitch, sound_peer
 from tests.rwt.media.webrtc.test_whip import Picture
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 

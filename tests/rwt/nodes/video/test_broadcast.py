@@ -19,6 +19,7 @@ from rwt.media.stream_metrics import MOST_STREAMS, Counts, StreamMetrics
 from rwt.media.stream_request import read_request
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from tests.rwt.nodes.readers import CountedWork
+from tests.waiting import until
 
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
@@ -66,12 +67,6 @@ class Studio:
     def listeners(self) -> int:
         topic = self.graph.topic("/a")
         return len(topic.subscribers) if topic else 0
-
-
-async def _eventually(true: Callable[[], bool]) -> None:
-    with anyio.fail_after(20):
-        while not true():  # noqa: ASYNC110 - a worker thread is waited for, which sets no event
-            await anyio.sleep(0.001)
 
 
 async def _settle() -> None:
@@ -136,7 +131,7 @@ async def test_many_viewers_and_one_encode_off_the_loops_thread(stills: Studio) 
 async def test_a_slow_viewer_gets_the_newest_and_costs_no_encodes(stills: Studio) -> None:
     viewer = stills.join()
     stills.publish(0)
-    await _eventually(lambda: stills.counts.encoded == 1)
+    await until(lambda: stills.counts.encoded == 1)
     for number in range(1, 100):
         stills.publish(number)
         if number % 10 == 0:
@@ -203,7 +198,7 @@ async def test_an_unreadable_first_picture_is_the_end_and_a_later_one_is_left_ou
     assert await _next(viewer) == 1
     for count in (1, 2):
         stills.publish(255)
-        await _eventually(lambda count=count: stills.counts.failed == count)  # type: ignore[misc]  # default
+        await until(lambda count=count: stills.counts.failed == count)  # type: ignore[misc]  # default
     stills.publish(2)
     assert await _next(viewer) == 2
     assert [record.getMessage() for record in caplog.records].count("/a: torn") == 1
@@ -238,7 +233,7 @@ async def test_a_slow_viewer_of_a_video_gets_fewer_pictures_and_no_gap(video: St
     viewer = video.join()
     for number in range(4):
         video.publish(number)
-        await _eventually(lambda number=number: video.counts.encoded == number + 1)  # type: ignore[misc]  # default
+        await until(lambda number=number: video.counts.encoded == number + 1)  # type: ignore[misc]  # default
     for number in range(4, 20):
         video.publish(number)
     assert [await _next(viewer) for _ in range(4)] == [0, 1, 2, 3]
@@ -281,7 +276,7 @@ async def test_a_picture_that_the_codec_leaves_out_is_missed_by_nobody(video: St
     video.publish(0)
     assert await _next(viewer) == 0
     video.publish(254)
-    await _eventually(lambda: video.counts.skipped == 1)
+    await until(lambda: video.counts.skipped == 1)
     video.publish(1)
     assert await _next(viewer) == 1
 

@@ -26,6 +26,7 @@ from rwt.media.broadcast import STALLED_SECONDS
 from rwt.nodes.video import WebVideoServer
 from rwt_graph import MemoryGraph, Node, TopicPublisher
 from tests.rwt.nodes.video.conftest import image, scene
+from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
 
@@ -122,9 +123,7 @@ class Theatre:
 
     async def listeners(self, count: int, topic: str = "/cam/image") -> None:
         """Wait until so many listen to the topic."""
-        with anyio.fail_after(20):
-            while len(getattr(self.graph.topic(topic), "subscribers", ())) != count:  # noqa: ASYNC110 - no event
-                await anyio.sleep(0.002)
+        await until(lambda: len(getattr(self.graph.topic(topic), "subscribers", ())) == count)
 
     def value(self, name: str, type_: str = "mjpeg") -> float:
         assert self.video.http.metrics is not None
