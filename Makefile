@@ -78,7 +78,7 @@ $(GENERATED)/node_modules/.installed $(INSPECTOR)/node_modules/.installed $(PAGE
 # Tests of the Python product: style, layers, types and tests, in ten minutes on two cores.
 test: lint types unit
 
-# Everything: also browsers, clients in other languages, rwt-rclpy, releases, docs, faults and conformance.
+# Everything: also browsers, clients in other languages, rwt-rclpy, releases, docs, faults and fuzzing.
 test-all: $(STAMP)-dev lint types web unit-all
 
 # The tests of tests/browser in Firefox, which needs Debian's packages firefox-esr, xvfb, libegl1 and libgl1-mesa-dri,

@@ -38,7 +38,6 @@ EXTENDED: Final = {
     "bench": "needs plots and peers",
     "browser": "needs Chromium and Node",
     "clients": "needs Node and the clients of others",
-    "conformance": "takes minutes",
     "docs": "needs Node, takes minutes",
     "examples": "needs PyBullet",
     "faults": "takes minutes",

@@ -26,6 +26,7 @@ def test_our_client_passes_every_case() -> None:
     assert sum(result.verdict == "pass" for result in run.results) > 120
 
 
+@pytest.mark.extended
 def test_the_suite_finds_every_fault_of_a_client() -> None:
     cases = load_cases(CLIENT_CASES)
     missed: list[str] = []

@@ -87,6 +87,7 @@ async def _over_zenoh() -> Run:
         return await server.play(select(load_cases(), target), target)
 
 
+@pytest.mark.extended
 def test_every_case_with_a_graph_over_zenoh() -> None:
     run = asyncio.run(_over_zenoh())
     assert len(run.results) > 500
@@ -100,6 +101,7 @@ async def _between_two_servers() -> Run:
         return await servers.play(select(load_cases(), target), target, jobs=24)
 
 
+@pytest.mark.extended
 @pytest.mark.timeout(900)
 def test_every_case_between_two_servers_of_one_graph() -> None:
     """In real time, most of which is waiting."""
@@ -124,6 +126,7 @@ async def _over(transport: Transport, distro: str, folder: Path) -> Run:
         return await server.play(cases, target, url, dial)
 
 
+@pytest.mark.extended
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize(
     ("transport", "distro"),
@@ -137,6 +140,7 @@ def test_every_case_over_every_transport(transport: Transport, distro: str, tmp_
     assert not run.stale
 
 
+@pytest.mark.extended
 @pytest.mark.timeout(300)
 def test_the_suite_finds_every_fault() -> None:
     names = [fault.name for fault in FAULTS]
@@ -145,6 +149,7 @@ def test_the_suite_finds_every_fault() -> None:
     assert not [one.fault.name for one in hunts if not one.found], table(hunts)
 
 
+@pytest.mark.extended
 def test_over_websockets_with_every_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     files = {kind: tmp_path / kind for kind in ("json", "junit", "html", "badge", "summary")}
     options = [part for kind, path in files.items() for part in (f"--{kind}", str(path))]
@@ -172,12 +177,14 @@ def _globs(*names: str) -> list[str]:
     return [part for name in names for part in ("--run", name)]
 
 
+@pytest.mark.extended
 def test_over_tcp(capsys: pytest.CaptureFixture[str]) -> None:
     with server("tcp://127.0.0.1:0") as url:
         code = main([url, "--target", "rwt-jazzy", *_globs("tcp/*", "fragments/*", "services/*", "json/*")])
     assert code == 0, capsys.readouterr().err
 
 
+@pytest.mark.extended
 def test_over_the_pipes_of_a_program(capsys: pytest.CaptureFixture[str]) -> None:
     globs = _globs("publish/subset", "services/unknown", "providers/request", "providers/result-*")
     code = main([PIPES, "--target", "rwt-jazzy", "--jobs", "2", *globs])
