@@ -23,7 +23,9 @@ from PIL import Image
 
 from rwt import Server, Settings
 from rwt.media.broadcast import STALLED_SECONDS
+from rwt.media.stream_request import StreamRequest
 from rwt.nodes.video import WebVideoServer
+from rwt.nodes.video.topics import VisibleTopics
 from rwt_graph import MemoryGraph, Node, TopicPublisher
 from tests.rwt.nodes.video.conftest import image, scene
 from tests.waiting import until
@@ -398,6 +400,13 @@ async def test_a_wrong_request_is_told_what_is_right(
 async def test_a_topic_that_is_not_there_is_waited_for_and_then_refused(
     theatre: Theatre, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    resolve, looked = VisibleTopics.resolve, anyio.Event()
+
+    def look(topics: VisibleTopics, request: StreamRequest) -> StreamRequest | None:
+        looked.set()
+        return resolve(topics, request)
+
+    monkeypatch.setattr(VisibleTopics, "resolve", look)
     async with anyio.create_task_group() as tasks:
         got: list[Answer] = []
 
@@ -405,7 +414,7 @@ async def test_a_topic_that_is_not_there_is_waited_for_and_then_refused(
             got.append(await theatre.gets("/snapshot?topic=/late"))
 
         tasks.start_soon(ask)
-        await anyio.wait_all_tasks_blocked()
+        await looked.wait()
         late = theatre.camera.advertise("/late", "sensor_msgs/Image", latch=True)
         late.publish(image(scene(), "rgb8"))
     assert got[0].status == 200
