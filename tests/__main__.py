@@ -35,20 +35,20 @@ RCLPY_TESTS: Final = ROOT / "rwt-rclpy" / "tests"
 
 EXTENDED: Final = {
     "../rwt-rclpy/tests": "the distribution rwt-rclpy",
-    "bench": "needs plots and peers",
+    "bench": "tests of the benchmarks",
     "browser": "needs Chromium and Node",
     "clients": "needs Node and the clients of others",
     "docs": "needs Node, takes minutes",
     "examples": "needs PyBullet",
     "faults": "takes minutes",
-    "fuzz": "takes minutes",
+    "fuzz": "replays the corpus, takes minutes",
     "graph/zenoh/test_pyzeros.py": "needs a C compiler",
     "graph/zenoh/test_ros2_sdk.py": "needs zenoh-ros2-sdk",
     "release": "builds wheels, needs Node",
     "rwt/gateways/mcp/test_inspector.py": "needs Node",
     "rwt/media/webrtc/test_gstreamer.py": "needs GStreamer",
     "rwt/media/webrtc/test_nat.py": "needs Chromium, root and nft",
-    "tools": "takes minutes",
+    "tools": "tests of the development tools",
     "transports/asgi/test_servers.py": "needs ASGI servers and Django",
 }
 """Folders and files that `make test` leaves to `make test-all`, each with the reason.
