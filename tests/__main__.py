@@ -85,6 +85,7 @@ LONG: Final = (
     "graph/zenoh",
     "rwt/testing/pytest_plugin",
     "rwt/media/webrtc",
+    "interfaces",
 )
 """Folders whose tests start servers, clients, browsers and compilers, the longest first.
 
