@@ -149,7 +149,6 @@ async def test_nothing_is_imported_because_it_is_installed(stage: Path) -> None:
 
 
 @pytest.mark.anyio
-@pytest.mark.asyncio_only
 async def test_a_gateway(stage: Path) -> None:
     from websockets.asyncio.client import connect as connect_websocket
 
