@@ -200,7 +200,7 @@ VERBS = (
         "list the actions",
         _list,
         "rwt action list -t",
-        '[{"name": "/fibonacci", "type": "example_interfaces/action/Fibonacci"}, …]; with -c {"count": 2}',
+        '[{"name": "/fibonacci", "type": "example_interfaces/action/Fibonacci"}, …]; with -c {"count": …}',
         _list_arguments,
     ),
     Verb(

@@ -23,8 +23,8 @@ def add_node_command(commands: Commands) -> None:
 
 
 def _list_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("-a", "--all", action="store_true", help="also those whose name begins with _")
     parser.add_argument("-c", "--count-nodes", action="store_true", help="only how many there are")
+    parser.add_argument("-a", "--all", action="store_true", help="also those with a part that begins with _")
 
 
 async def _list(robot: Robot, arguments: Arguments, output: Output) -> None:
@@ -85,7 +85,7 @@ VERBS = (
         "list the nodes",
         _list,
         "rwt node list",
-        '["/demo_robot", …]; with -c {"count": 3}',
+        '["/demo_robot", …]; with -c {"count": …}',
         _list_arguments,
     ),
     Verb(

@@ -103,7 +103,7 @@ async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 def _find_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("type", metavar="TYPE", help="for example std_srvs/srv/Trigger")
+    parser.add_argument("type", metavar="TYPE", help="for example example_interfaces/srv/AddTwoInts")
     parser.add_argument("-c", "--count-services", action="store_true", help="only how many there are")
     parser.add_argument(
         "--include-hidden-services", action="store_true", help="also those with a part that begins with _"
@@ -167,7 +167,7 @@ VERBS = (
         "list the services",
         _list,
         "rwt service list -t",
-        '[{"name": "/add_two_ints", "type": "example_interfaces/srv/AddTwoInts"}, …]; with -c {"count": 46}',
+        '[{"name": "/add_two_ints", "type": "example_interfaces/srv/AddTwoInts"}, …]; with -c {"count": …}',
         _list_arguments,
     ),
     Verb(
@@ -182,8 +182,8 @@ VERBS = (
         "find",
         "list the services of a type",
         _find,
-        "rwt service find std_srvs/srv/SetBool",
-        '["/enable_motors"]; with -c {"count": 1}',
+        "rwt service find example_interfaces/srv/AddTwoInts",
+        '["/add_two_ints"]; with -c {"count": 1}',
         _find_arguments,
     ),
     Verb(

@@ -113,7 +113,7 @@ async def _type(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 def _find_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("type", metavar="TYPE", help="for example sensor_msgs/msg/LaserScan")
+    parser.add_argument("type", metavar="TYPE", help="for example nav_msgs/msg/Odometry")
     parser.add_argument("-c", "--count-topics", action="store_true", help="only how many there are")
     parser.add_argument(
         "--include-hidden-topics", action="store_true", help="also those with a part that begins with _"
@@ -133,14 +133,14 @@ VERBS = (
         _list,
         "rwt topic list -t",
         '[{"name": "/odom", "type": "nav_msgs/msg/Odometry"}, …]; with -v also "publishers" and\n'
-        '"subscribers", how many; with -c {"count": 16}',
+        '"subscribers", how many; with -c {"count": …}',
         _list_arguments,
     ),
     Verb(
         "info",
         "print a topic's type, publishers and subscribers",
         _info,
-        "rwt topic info /odom -v",
+        "rwt topic info /odom",
         '{"name": "/odom", "type": "nav_msgs/msg/Odometry", "publishers": ["/demo_robot"],\n'
         '"subscribers": []}',
         _info_arguments,
@@ -157,8 +157,8 @@ VERBS = (
         "find",
         "list the topics of a type",
         _find,
-        "rwt topic find sensor_msgs/msg/LaserScan",
-        '["/scan"]; with -c {"count": 1}',
+        "rwt topic find nav_msgs/msg/Odometry",
+        '["/odom"]; with -c {"count": 1}',
         _find_arguments,
     ),
     topic_echo.ECHO,
