@@ -45,7 +45,7 @@ Arguments = argparse.Namespace
 AddArguments = Callable[[argparse.ArgumentParser], None]
 
 
-def _no_arguments(parser: argparse.ArgumentParser) -> None:
+def no_arguments(parser: argparse.ArgumentParser) -> None:
     """Add nothing: for verbs without arguments of their own."""
 
 
@@ -70,7 +70,7 @@ class Verb:
     run: Callable[[Robot, Arguments, Output], Awaitable[None]]
     example: str
     json: str
-    add_arguments: AddArguments = _no_arguments
+    add_arguments: AddArguments = no_arguments
     definitions: bool = False
     lasting: bool = False
 

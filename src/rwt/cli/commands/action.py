@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 from rwt.cli.console.message_argument import type_and_message, with_stamps
 from rwt.cli.console.message_format import Formatting, plain
 from rwt.cli.console.output import Output, note
-from rwt.cli.console.printing import print_count, print_found, print_names, print_type
+from rwt.cli.entities import ACTION
 from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
-from rwt.cli.graph_lookup import absolute_name, ask_rosapi, known_action, same_type
+from rwt.cli.graph_lookup import absolute_name, ask_rosapi
 from rwt.cli.parser import Commands, add_unavailable
 from rwt.cli.verbs import Arguments, Verb, add_family, gather
 
@@ -34,64 +34,26 @@ def add_action_command(commands: Commands) -> None:
     )
 
 
-def _list_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("-t", "--show-types", action="store_true", help="with each action's type")
-    parser.add_argument("-c", "--count-actions", action="store_true", help="only how many there are")
-
-
-async def _list(robot: Robot, arguments: Arguments, output: Output) -> None:
-    names = sorted(await ask_rosapi(robot.api.action_servers))
-    if arguments.count_actions:
-        print_count(len(names), output)
-    elif arguments.show_types or output.json:
-        types = await gather([partial(robot.api.action_type, name) for name in names])
-        print_names(list(zip(names, types, strict=True)), output, types=True)
-    else:
-        print_names([(name, "") for name in names], output, types=False)
-
-
-def _action_argument(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("action", metavar="ACTION", help="for example /fibonacci")
-
-
-async def _type(robot: Robot, arguments: Arguments, output: Output) -> None:
-    name = absolute_name(arguments.action)
-    print_type(name, await known_action(robot, name), output)
-
-
-def _find_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("type", metavar="TYPE", help="for example example_interfaces/action/Fibonacci")
-    parser.add_argument("-c", "--count-actions", action="store_true", help="only how many there are")
-
-
-async def _find(robot: Robot, arguments: Arguments, output: Output) -> None:
-    names = sorted(await ask_rosapi(robot.api.action_servers))
-    types = await gather([partial(robot.api.action_type, name) for name in names])
-    found = [name for name, kind in zip(names, types, strict=True) if same_type(kind, arguments.type)]
-    print_found(found, output, only_count=arguments.count_actions)
-
-
-def _info_arguments(parser: argparse.ArgumentParser) -> None:
-    _action_argument(parser)
+def _info_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-t", "--show-types", action="store_true", help="with the type beside each node")
     parser.add_argument("-c", "--count", action="store_true", help="only how many nodes take part")
 
 
-async def _info(robot: Robot, arguments: Arguments, output: Output) -> None:
-    name = absolute_name(arguments.action)
-    kind = await known_action(robot, name)
+async def _ask_info(robot: Robot, name: str, arguments: Arguments) -> dict[str, Any]:
     nodes = await gather([partial(robot.api.node, node) for node in await ask_rosapi(robot.api.nodes)])
-    clients = sorted(node.name for node in nodes if _follows(name, node.subscribing))
-    servers = sorted(node.name for node in nodes if offers(name, node.services, node.publishing))
-    if output.json:
-        output.record({"name": name, "type": kind, "clients": clients, "servers": servers})
-        return
-    output.line(f"Action: {output.styled(name, 'name')}")
-    output.line(f"Type: {output.styled(kind, 'type')}")
-    for heading, found in (("Action clients", clients), ("Action servers", servers)):
-        output.line(f"{heading}: {len(found)}")
-        for node in () if arguments.count else found:
-            shown = f" [{output.styled(kind, 'type')}]" if arguments.show_types else ""
+    return {
+        "clients": sorted(node.name for node in nodes if _follows(name, node.subscribing)),
+        "servers": sorted(node.name for node in nodes if offers(name, node.services, node.publishing)),
+    }
+
+
+def _show_info(info: dict[str, Any], arguments: Arguments, output: Output) -> None:
+    output.line(f"Action: {output.styled(info['name'], 'name')}")
+    output.line(f"Type: {output.styled(info['type'], 'type')}")
+    for role in ("clients", "servers"):
+        output.line(f"Action {role}: {len(info[role])}")
+        for node in () if arguments.count else info[role]:
+            shown = f" [{output.styled(info['type'], 'type')}]" if arguments.show_types else ""
             output.line(f"    {output.styled(node, 'name')}{shown}")
 
 
@@ -107,7 +69,7 @@ def offers(action: str, services: tuple[str, ...], publishing: tuple[str, ...]) 
 
 
 def _goal_arguments(parser: argparse.ArgumentParser) -> None:
-    _action_argument(parser)
+    ACTION.add_argument(parser)
     parser.add_argument(
         "goal",
         metavar="TYPE GOAL",
@@ -125,7 +87,7 @@ async def _send_goal(robot: Robot, arguments: Arguments, output: Output) -> None
     if len(arguments.goal) > 2:
         raise CommandError("expected TYPE and GOAL; the goal goes in quotes", CALLED_WRONGLY)
     kind, given = type_and_message(arguments.goal)
-    action_type = await robot.types.action(kind or await known_action(robot, name))
+    action_type = await robot.types.action(kind or await ACTION.known(robot, name))
     request = to_payload(action_type.goal, with_stamps(action_type.goal, given))
     printer = _GoalPrinter(action_type, output)
     printer.goal(request)
@@ -195,39 +157,17 @@ def _style(status: str) -> Any:
 
 
 VERBS = (
-    Verb(
-        "list",
-        "list the actions",
-        _list,
-        "rwt action list -t",
-        '[{"name": "/fibonacci", "type": "example_interfaces/action/Fibonacci"}, …]; with -c {"count": …}',
-        _list_arguments,
-    ),
-    Verb(
-        "info",
+    ACTION.list_verb(),
+    ACTION.info_verb(
         "print an action's type, clients and servers",
-        _info,
-        "rwt action info /fibonacci",
+        _ask_info,
+        _show_info,
         '{"name": "/fibonacci", "type": "example_interfaces/action/Fibonacci", "clients": [],\n'
         '"servers": ["/demo_robot"]}; the clients are nodes: rosbridge clients are none',
-        _info_arguments,
+        _info_options,
     ),
-    Verb(
-        "find",
-        "list the actions of a type",
-        _find,
-        "rwt action find example_interfaces/action/Fibonacci",
-        '["/fibonacci"]; with -c {"count": 1}',
-        _find_arguments,
-    ),
-    Verb(
-        "type",
-        "print an action's type",
-        _type,
-        "rwt action type /fibonacci",
-        '{"name": "/fibonacci", "type": "example_interfaces/action/Fibonacci"}',
-        _action_argument,
-    ),
+    ACTION.find_verb(),
+    ACTION.type_verb(),
     Verb(
         "send_goal",
         "send a goal and wait for its result; Ctrl-C cancels it",

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import argparse
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from rwt.cli.commands.topic.echo import add_echo_arguments, echo_messages
 from rwt.cli.console.message_argument import type_and_message, with_stamps
 from rwt.cli.console.message_format import Formatting, constructor, plain
 from rwt.cli.console.output import Output, note
-from rwt.cli.console.printing import print_count, print_found, print_names, print_type
+from rwt.cli.entities import SERVICE
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
-from rwt.cli.graph_lookup import absolute_name, ask_rosapi, is_hidden, known_service, same_type
+from rwt.cli.graph_lookup import absolute_name, ask_rosapi
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import USUAL_TIMEOUT, Arguments, Verb, add_family, gather, hertz
 
@@ -28,72 +28,32 @@ def add_service_command(commands: Commands) -> None:
     add_family(commands, "service", "The robot's services.", VERBS)
 
 
-def _list_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("-t", "--show-types", action="store_true", help="with each service's type")
-    parser.add_argument("-c", "--count-services", action="store_true", help="only how many there are")
-    parser.add_argument(
-        "--include-hidden-services", action="store_true", help="also those with a part that begins with _"
-    )
-
-
-async def _services(robot: Robot, *, hidden: bool) -> list[str]:
-    return sorted(name for name in await ask_rosapi(robot.api.services) if hidden or not is_hidden(name))
-
-
-async def _with_types(robot: Robot, names: list[str]) -> list[tuple[str, str]]:
-    types = await gather([partial(robot.api.service_type, name) for name in names])
-    return list(zip(names, types, strict=True))
-
-
-async def _list(robot: Robot, arguments: Arguments, output: Output) -> None:
-    names = await _services(robot, hidden=arguments.include_hidden_services)
-    if arguments.count_services:
-        print_count(len(names), output)
-    elif arguments.show_types or output.json:
-        print_names(await _with_types(robot, names), output, types=True)
-    else:
-        print_names([(name, "") for name in names], output, types=False)
-
-
-def _service_argument(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("service", metavar="SERVICE", help="for example /add_two_ints")
-
-
-async def _type(robot: Robot, arguments: Arguments, output: Output) -> None:
-    name = absolute_name(arguments.service)
-    kind = await known_service(robot, name)
-    print_type(name, kind, output)
-
-
-async def _info(robot: Robot, arguments: Arguments, output: Output) -> None:
-    name = absolute_name(arguments.service)
-    kind = await known_service(robot, name)
-    nodes = await gather([partial(robot.api.node, node) for node in await ask_rosapi(robot.api.nodes)])
-    servers = sorted(node.name for node in nodes if name in node.services)
-    if output.json:
-        output.record({"name": name, "type": kind, "servers": servers})
-        return
-    output.line(f"Type: {output.styled(kind, 'type')}")
-    output.line("Clients count: not known, rosapi does not tell")
-    output.line(f"Services count: {len(servers)}")
-    for node in servers if arguments.verbose else ():
-        output.line(f"    {output.styled(node, 'name')}")
-
-
-def _info_arguments(parser: argparse.ArgumentParser) -> None:
-    _service_argument(parser)
+def _info_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-v", "--verbose", action="store_true", help="with the nodes that offer it")
 
 
+async def _ask_info(robot: Robot, name: str, arguments: Arguments) -> dict[str, Any]:
+    nodes = await gather([partial(robot.api.node, node) for node in await ask_rosapi(robot.api.nodes)])
+    return {"servers": sorted(node.name for node in nodes if name in node.services)}
+
+
+def _show_info(info: dict[str, Any], arguments: Arguments, output: Output) -> None:
+    output.line(f"Type: {output.styled(info['type'], 'type')}")
+    output.line("Clients count: not known, rosapi does not tell")
+    output.line(f"Services count: {len(info['servers'])}")
+    for node in info["servers"] if arguments.verbose else ():
+        output.line(f"    {output.styled(node, 'name')}")
+
+
 def _echo_arguments(parser: argparse.ArgumentParser) -> None:
-    _service_argument(parser)
+    SERVICE.add_argument(parser)
     parser.add_argument("type", metavar="TYPE", nargs="?", help="its type, where the robot does not know it")
     add_echo_arguments(parser)
 
 
 async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
     name = absolute_name(arguments.service)
-    kind = arguments.type or await known_service(robot, name)
+    kind = arguments.type or await SERVICE.known(robot, name)
     topic = f"{name}{_EVENTS}"
     if not await ask_rosapi(lambda: robot.api.publishers(topic)):
         note(
@@ -102,22 +62,8 @@ async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
     await echo_messages(robot, topic, f"{kind}_Event", arguments, output)
 
 
-def _find_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("type", metavar="TYPE", help="for example example_interfaces/srv/AddTwoInts")
-    parser.add_argument("-c", "--count-services", action="store_true", help="only how many there are")
-    parser.add_argument(
-        "--include-hidden-services", action="store_true", help="also those with a part that begins with _"
-    )
-
-
-async def _find(robot: Robot, arguments: Arguments, output: Output) -> None:
-    named = await _with_types(robot, await _services(robot, hidden=arguments.include_hidden_services))
-    found = [name for name, kind in named if same_type(kind, arguments.type)]
-    print_found(found, output, only_count=arguments.count_services)
-
-
 def _call_arguments(parser: argparse.ArgumentParser) -> None:
-    _service_argument(parser)
+    SERVICE.add_argument(parser)
     parser.add_argument(
         "request",
         metavar="TYPE REQUEST",
@@ -143,7 +89,7 @@ async def _call(robot: Robot, arguments: Arguments, output: Output) -> None:
     if len(arguments.request) > 2:
         raise CommandError("expected TYPE and REQUEST; the request goes in quotes", CALLED_WRONGLY)
     kind, given = type_and_message(arguments.request)
-    service_type = await robot.types.service(kind or await known_service(robot, name))
+    service_type = await robot.types.service(kind or await SERVICE.known(robot, name))
     request = to_payload(service_type.request, with_stamps(service_type.request, given)).value()
     while True:
         if not output.json:
@@ -162,37 +108,15 @@ async def _call(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 VERBS = (
-    Verb(
-        "list",
-        "list the services",
-        _list,
-        "rwt service list -t",
-        '[{"name": "/add_two_ints", "type": "example_interfaces/srv/AddTwoInts"}, …]; with -c {"count": …}',
-        _list_arguments,
-    ),
-    Verb(
-        "type",
-        "print a service's type",
-        _type,
-        "rwt service type /add_two_ints",
-        '{"name": "/add_two_ints", "type": "example_interfaces/srv/AddTwoInts"}',
-        _service_argument,
-    ),
-    Verb(
-        "find",
-        "list the services of a type",
-        _find,
-        "rwt service find example_interfaces/srv/AddTwoInts",
-        '["/add_two_ints"]; with -c {"count": 1}',
-        _find_arguments,
-    ),
-    Verb(
-        "info",
+    SERVICE.list_verb(),
+    SERVICE.type_verb(),
+    SERVICE.find_verb(),
+    SERVICE.info_verb(
         "print a service's type and how many servers it has",
-        _info,
-        "rwt service info /add_two_ints",
+        _ask_info,
+        _show_info,
         '{"name": "/add_two_ints", "type": "example_interfaces/srv/AddTwoInts", "servers": ["/demo_robot"]}',
-        _info_arguments,
+        _info_options,
     ),
     Verb(
         "echo",

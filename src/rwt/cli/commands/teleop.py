@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Final
 
 from rwt.cli.console.key_presses import Key, can_press_keys, key_presses
 from rwt.cli.console.output import Output, note
+from rwt.cli.entities import TOPIC
 from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
-from rwt.cli.graph_lookup import absolute_name, topic_type
+from rwt.cli.graph_lookup import absolute_name
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import Arguments, Verb, add_verb, hertz, number_within
 from rwt.signals import HANGUP, STOP_SIGNALS, on_signals
@@ -83,7 +84,7 @@ async def _teleop(robot: Robot, arguments: Arguments, output: Output) -> None:
             CALLED_WRONGLY,
         )
     topic = absolute_name(arguments.topic)
-    kind = await topic_type(robot, topic)
+    kind = await TOPIC.known(robot, topic)
     publisher = await robot.advertise(topic, kind)
     if publisher.type.name not in _TWISTS:
         raise CommandError(f"{topic} is of {kind}; teleop publishes {' or '.join(_TWISTS)}", FAILED)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rwt.cli.commands.topic.rates import in_bytes
 from rwt.cli.console.output import Output
-from rwt.cli.graph_lookup import ask_rosapi, topics_of
+from rwt.cli.entities import TOPIC
+from rwt.cli.graph_lookup import ask_rosapi
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import Arguments, Verb, add_verb, count, seconds, tls_of, topic_glob, url_of
 
@@ -92,7 +93,7 @@ class _Look:
 
     async def begin(self) -> None:
         """Listen to the number of clients, which servers of this project publish."""
-        if any(topic.name == _CLIENTS for topic in await topics_of(self._robot)):
+        if any(name == _CLIENTS for name, _ in await TOPIC.found(self._robot)):
             await self._robot.subscribe(_CLIENTS, self._count_clients)
 
     def _count_clients(self, message: Any) -> None:
@@ -102,7 +103,7 @@ class _Look:
         """Listen to topics that are new, and forget those that have gone."""
         from rwt_participant.errors import UnknownType
 
-        topics = {topic.name: topic.type for topic in await topics_of(self._robot)}
+        topics = dict(await TOPIC.found(self._robot))
         since_ns = await ask_rosapi(self._robot.time_ns)
         for name in self._counted.keys() - topics.keys():
             gone = self._counted.pop(name).subscription

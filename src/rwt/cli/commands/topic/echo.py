@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any, Final
 from rwt.cli.commands.topic.qos import add_qos_options, qos_from
 from rwt.cli.console.message_format import Formatting, csv_line, field_path, plain, plain_value
 from rwt.cli.console.output import Output
+from rwt.cli.entities import TOPIC
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
-from rwt.cli.graph_lookup import absolute_name, topic_type
+from rwt.cli.graph_lookup import absolute_name
 from rwt.cli.verbs import Arguments, Verb, count, count_or_none, hertz
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ _MOST_WAITING: Final = 100
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("topic", metavar="TOPIC", help="for example /odom")
+    TOPIC.add_argument(parser)
     parser.add_argument(
         "type", metavar="TYPE", nargs="?", help="its type, where the robot does not know it yet"
     )
@@ -81,7 +82,7 @@ def expression(text: str) -> CodeType:
 
 async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
     name = absolute_name(arguments.topic)
-    kind = arguments.type or await topic_type(robot, name)
+    kind = arguments.type or await TOPIC.known(robot, name)
     if arguments.raw:
         await _echo_raw(robot, name, kind, arguments, output)
     else:

@@ -10,8 +10,9 @@ from rwt.cli.commands.topic.qos import add_qos_options, qos_from
 from rwt.cli.console.message_argument import type_and_message, with_stamps
 from rwt.cli.console.message_format import Formatting, constructor, plain
 from rwt.cli.console.output import Output, note
+from rwt.cli.entities import TOPIC
 from rwt.cli.errors import CALLED_WRONGLY, TIMED_OUT, CommandError
-from rwt.cli.graph_lookup import absolute_name, ask_rosapi, topic_type
+from rwt.cli.graph_lookup import absolute_name, ask_rosapi
 from rwt.cli.verbs import Arguments, Verb, count, count_or_none, hertz, seconds_or_none
 
 if TYPE_CHECKING:
@@ -71,7 +72,7 @@ async def _pub(robot: Robot, arguments: Arguments, output: Output) -> None:
         raise CommandError("expected TYPE and MESSAGE; the message goes in quotes", CALLED_WRONGLY)
     kind, message = type_and_message(arguments.message)
     with await robot.advertise(
-        name, kind or await topic_type(robot, name), latch=arguments.latch, qos=qos_from(arguments)
+        name, kind or await TOPIC.known(robot, name), latch=arguments.latch, qos=qos_from(arguments)
     ) as publisher:
         given = with_stamps(publisher.type, message)
         to_payload(publisher.type, given)  # What does not fit is refused before the wait.

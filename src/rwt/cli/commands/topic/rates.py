@@ -12,8 +12,9 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 from rwt.cli.console.output import Output, note
+from rwt.cli.entities import TOPIC
 from rwt.cli.errors import CommandError
-from rwt.cli.graph_lookup import absolute_name, topic_type
+from rwt.cli.graph_lookup import absolute_name
 from rwt.cli.verbs import Arguments, Verb, count, seconds
 from rwt_interfaces import field_types
 from rwt_interfaces.times import NANOSECONDS
@@ -204,7 +205,7 @@ async def _listen(
     import anyio
 
     seen = Window(window)
-    kind = await topic_type(robot, name)
+    kind = await TOPIC.known(robot, name)
 
     def hear(message: Any) -> None:
         seen.add(anyio.current_time(), value(subscription, message))
@@ -322,7 +323,7 @@ def _stamp(time: Any) -> float:
 
 
 async def _check_header(robot: Robot, name: str) -> None:
-    kind = await topic_type(robot, name)
+    kind = await TOPIC.known(robot, name)
     message_type = await robot.types.message(kind)
     for slot in message_type.slots:
         if (

@@ -1,0 +1,271 @@
+"""Table of the entities of a robot's graph, and the verbs that they share: list, info, type and find.
+
+A row says how the entities of one kind are looked up. Each verb is implemented once, for all rows.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
+
+from rwt.cli.console.output import Output
+from rwt.cli.errors import FAILED, CommandError
+from rwt.cli.graph_lookup import NO_ROSAPI, absolute_name, ask_rosapi, is_hidden, same_type, unknown
+from rwt.cli.verbs import AddArguments, Arguments, Verb, gather, no_arguments
+
+if TYPE_CHECKING:
+    from rwt_client import Robot
+
+Named: TypeAlias = "list[tuple[str, str]]"
+"""Names with their types, sorted."""
+
+ShowVerbose: TypeAlias = "Callable[[Robot, Named, Output], Awaitable[None]]"
+AskInfo: TypeAlias = "Callable[[Robot, str, Arguments], Awaitable[dict[str, Any]]]"
+ShowInfo: TypeAlias = Callable[[dict[str, Any], Arguments, Output], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Entity:
+    """A kind of named things in a robot's graph.
+
+    Attributes:
+        noun: name of the kind, and of its command.
+        example: name in the demo robot, for the help.
+        example_type: type of the example; empty if things of this kind have no types.
+        names: asks for all names, with their types where the answer has these.
+        type_of: asks for the type of one name, where the answer of `names` has no types.
+        hidden_options: options that include hidden names; empty if no name of this kind is hidden.
+    """
+
+    noun: str
+    example: str
+    example_type: str
+    names: Callable[[Robot], Awaitable[dict[str, str]]]
+    type_of: Callable[[Robot, str], Awaitable[str]] | None = None
+    hidden_options: tuple[str, ...] = ()
+
+    async def known(self, robot: Robot, name: str) -> str:
+        """Return the type of an entity that exists.
+
+        Raises:
+            CommandError: there is no such entity (names the nearest one), or its type is unknown.
+        """
+        from rwt_participant.errors import ProviderNotFound, ServiceFailed
+
+        failure = f"the type of {name} is not known to the robot yet; give it"
+        if self.type_of is not None:
+            try:
+                if kind := await self.type_of(robot, name):
+                    return kind
+            except (ServiceFailed, ProviderNotFound) as error:  # Some rosapi answer so for unknown names.
+                failure = f"{NO_ROSAPI}: {error}"
+        names = await ask_rosapi(lambda: self.names(robot))
+        if name not in names:
+            raise unknown(self.noun, name, names)
+        if self.example_type and not names[name]:
+            raise CommandError(failure, FAILED)
+        return names[name]
+
+    async def found(self, robot: Robot, *, hidden: bool = False, types: bool = True) -> Named:
+        """Return the entities with their types, sorted by name.
+
+        Args:
+            hidden: include names that ROS 2 hides.
+            types: ask for types that the answer to the names lacks.
+        """
+        names = await ask_rosapi(lambda: self.names(robot))
+        shown = [name for name in sorted(names) if hidden or not self.hidden_options or not is_hidden(name)]
+        if not types or self.type_of is None:
+            return [(name, names[name]) for name in shown]
+        kinds = await gather([partial(self.type_of, robot, name) for name in shown])
+        return list(zip(shown, kinds, strict=True))
+
+    def add_argument(self, parser: argparse.ArgumentParser) -> None:
+        """Add the argument for a name."""
+        parser.add_argument(self.noun, metavar=self.noun.upper(), help=f"for example {self.example}")
+
+    def list_verb(self, show_verbose: ShowVerbose | None = None, verbose_json: str = "") -> Verb:
+        """Return the verb that lists names.
+
+        Args:
+            show_verbose: prints the list where ``--verbose`` is given; None for no such option.
+            verbose_json: what it prints with ``--json``, for the help.
+        """
+        typed = bool(self.example_type)
+
+        def add_arguments(parser: argparse.ArgumentParser) -> None:
+            if typed:
+                parser.add_argument(
+                    "-t", "--show-types", action="store_true", help=f"with each {self.noun}'s type"
+                )
+            self._add_count(parser)
+            if show_verbose:
+                parser.add_argument(
+                    "-v", "--verbose", action="store_true", help="with types and how many take part"
+                )
+            self._add_hidden(parser)
+
+        async def run(robot: Robot, arguments: Arguments, output: Output) -> None:
+            types = typed and not arguments.count and (arguments.show_types or output.json)
+            found = await self.found(robot, hidden=arguments.hidden, types=types)
+            if arguments.count or not typed:
+                _print_names(found, output, only_count=arguments.count)
+            elif show_verbose and arguments.verbose:
+                await show_verbose(robot, found, output)
+            elif output.json:
+                output.record([{"name": name, "type": kind} for name, kind in found])
+            elif types and output.people:
+                output.columns(found, ("name", "type"))
+            elif types:
+                for name, kind in found:
+                    output.line(f"{output.styled(name, 'name')} [{output.escape_terminal(kind)}]")
+            else:
+                _print_names(found, output)
+
+        shape = self._typed_example if typed else f'"{self.example}"'
+        return Verb(
+            "list",
+            f"list the {self.noun}s",
+            run,
+            f"rwt {self.noun} list{' -t' if typed else ''}",
+            f'[{shape}, …];{verbose_json} with -c {{"count": …}}',
+            add_arguments,
+        )
+
+    def type_verb(self) -> Verb:
+        """Return the verb that prints a type."""
+
+        async def run(robot: Robot, arguments: Arguments, output: Output) -> None:
+            name = absolute_name(getattr(arguments, self.noun))
+            kind = await self.known(robot, name)
+            if output.json:
+                output.record({"name": name, "type": kind})
+            else:
+                output.line(output.styled(kind, "type"))
+
+        return Verb(
+            "type",
+            f"print {self._article} {self.noun}'s type",
+            run,
+            f"rwt {self.noun} type {self.example}",
+            self._typed_example,
+            self.add_argument,
+        )
+
+    def find_verb(self) -> Verb:
+        """Return the verb that lists the names of a type."""
+
+        def add_arguments(parser: argparse.ArgumentParser) -> None:
+            parser.add_argument("type", metavar="TYPE", help=f"for example {self.example_type}")
+            self._add_count(parser)
+            self._add_hidden(parser)
+
+        async def run(robot: Robot, arguments: Arguments, output: Output) -> None:
+            found = await self.found(robot, hidden=arguments.hidden)
+            found = [(name, kind) for name, kind in found if same_type(kind, arguments.type)]
+            _print_names(found, output, only_count=arguments.count)
+
+        return Verb(
+            "find",
+            f"list the {self.noun}s of a type",
+            run,
+            f"rwt {self.noun} find {self.example_type}",
+            f'["{self.example}"]; with -c {{"count": 1}}',
+            add_arguments,
+        )
+
+    def info_verb(
+        self, help: str, ask: AskInfo, show: ShowInfo, json: str, add_options: AddArguments = no_arguments
+    ) -> Verb:
+        """Return the verb that prints what is known about one entity.
+
+        Args:
+            help: what it prints, in one line.
+            ask: asks the robot; the answer follows name and type in the output of ``--json``.
+            show: prints all of it for people.
+            json: what ``--json`` prints, for the help.
+            add_options: adds options of its own.
+        """
+
+        def add_arguments(parser: argparse.ArgumentParser) -> None:
+            self.add_argument(parser)
+            add_options(parser)
+
+        async def run(robot: Robot, arguments: Arguments, output: Output) -> None:
+            name = absolute_name(getattr(arguments, self.noun))
+            kind = await self.known(robot, name)
+            typed = {"type": kind} if self.example_type else {}
+            found = {"name": name, **typed, **await ask(robot, name, arguments)}
+            if output.json:
+                output.record(found)
+            else:
+                show(found, arguments, output)
+
+        return Verb("info", help, run, f"rwt {self.noun} info {self.example}", json, add_arguments)
+
+    @property
+    def _typed_example(self) -> str:
+        return f'{{"name": "{self.example}", "type": "{self.example_type}"}}'
+
+    @property
+    def _article(self) -> str:
+        return "an" if self.noun[0] in "aeiou" else "a"
+
+    def _add_count(self, parser: argparse.ArgumentParser) -> None:
+        option = f"--count-{self.noun}s"
+        parser.add_argument("-c", option, dest="count", action="store_true", help="only how many there are")
+
+    def _add_hidden(self, parser: argparse.ArgumentParser) -> None:
+        if not self.hidden_options:
+            parser.set_defaults(hidden=False)
+            return
+        help = "also those with a part that begins with _"
+        parser.add_argument(*self.hidden_options, dest="hidden", action="store_true", help=help)
+
+
+def _print_names(found: Sequence[tuple[str, str]], output: Output, *, only_count: bool = False) -> None:
+    if output.json:
+        output.record({"count": len(found)} if only_count else [name for name, _ in found])
+    elif only_count:
+        output.line(str(len(found)))
+    else:
+        for name, _ in found:
+            output.line(output.styled(name, "name"))
+
+
+async def _topics(robot: Robot) -> dict[str, str]:
+    return {topic.name: topic.type for topic in await robot.api.topics()}
+
+
+async def _services(robot: Robot) -> dict[str, str]:
+    return dict.fromkeys(await robot.api.services(), "")
+
+
+async def _actions(robot: Robot) -> dict[str, str]:
+    return dict.fromkeys(await robot.api.action_servers(), "")
+
+
+async def _nodes(robot: Robot) -> dict[str, str]:
+    return dict.fromkeys(await robot.api.nodes(), "")
+
+
+TOPIC: Final = Entity("topic", "/odom", "nav_msgs/msg/Odometry", _topics, None, ("--include-hidden-topics",))
+SERVICE: Final = Entity(
+    "service",
+    "/add_two_ints",
+    "example_interfaces/srv/AddTwoInts",
+    _services,
+    lambda robot, name: robot.api.service_type(name),
+    ("--include-hidden-services",),
+)
+ACTION: Final = Entity(
+    "action",
+    "/fibonacci",
+    "example_interfaces/action/Fibonacci",
+    _actions,
+    lambda robot, name: robot.api.action_type(name),
+)
+NODE: Final = Entity("node", "/demo_robot", "", _nodes, hidden_options=("-a", "--all"))
