@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from rwt.cli import main
-from tests.processes import running, rwt_command
+from tests.processes import running, start
 
 ROOT = Path(__file__).parents[3]
 
@@ -84,13 +84,6 @@ def impatient(rwt: Rwt, *words: str, seconds: float = 0.2) -> tuple[Ended, str]:
 
 
 def process(*words: str, url: str, **options: Any) -> subprocess.Popen[str]:
-    """`rwt …` in a process of its own."""
+    """Start `rwt …` in a process of its own, with the options of :func:`tests.processes.start`."""
     environment = {**os.environ, "RWT_URL": url, "PYTHONUNBUFFERED": "1"}
-    return subprocess.Popen(
-        rwt_command(*words),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=environment,
-        **options,
-    )
+    return start(*words, environment=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, **options)

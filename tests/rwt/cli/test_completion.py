@@ -13,14 +13,15 @@ from pathlib import Path
 import pytest
 from websockets.sync.server import ServerConnection, serve
 
+from tests.processes import ended
+
 
 def candidates(url: str, *words: str) -> list[str]:
     """What the last word of a line may become, with a robot at some URL."""
     line = " ".join(("rwt", *words))
-    command = [sys.executable, "-m", "rwt.cli"]
     asked = {"RWT_URL": url, "COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE": "1"}
     asked |= {"_ARGCOMPLETE_STDOUT_FILENAME": "/dev/stdout", "_ARGCOMPLETE_SUPPRESS_SPACE": "1"}
-    answer = subprocess.run(command, capture_output=True, text=True, timeout=30, env={**os.environ, **asked})
+    answer = ended(environment={**os.environ, **asked})
     return sorted(answer.stdout.split("\v")) if answer.stdout else []
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.processes import ended
 from tests.rwt.cli.conftest import demo_server, process
 
 
@@ -23,7 +24,7 @@ from tests.rwt.cli.conftest import demo_server, process
     ids=lambda words: words[1],
 )
 def test_ctrl_c_is_a_silent_good_end_of_what_goes_on_for_ever(demo: str, words: tuple[str, ...]) -> None:
-    with process(*words, url=demo) as running:
+    with process(*words, url=demo, real=words[1] == "echo") as running:
         assert running.stdout is not None
         assert running.stdout.readline()
         running.send_signal(signal.SIGINT)
@@ -53,16 +54,14 @@ def test_a_reader_that_has_gone_is_a_silent_end(demo: str) -> None:
 def test_a_reader_that_was_never_there(demo: str) -> None:
     reading, writing = os.pipe()
     os.close(reading)
-    command = [sys.executable, "-m", "rwt.cli", "topic", "list", "--url", demo]
-    done = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, timeout=20)
+    done = ended("topic", "list", "--url", demo, stdout=writing, real=True)
     os.close(writing)
-    assert (done.returncode, done.stderr) == (141, b"")
+    assert (done.returncode, done.stderr) == (141, "")
 
 
 def test_a_full_disk_is_one_line(demo: str) -> None:
-    command = [sys.executable, "-m", "rwt.cli", "topic", "list", "--url", demo]
     with open("/dev/full", "wb") as full:
-        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=20)
+        done = ended("topic", "list", "--url", demo, stdout=full)
     said = "rwt: the output cannot be written: No space left on device\n"
     assert (done.returncode, done.stderr) == (1, said)
 
@@ -79,8 +78,9 @@ def test_a_lost_connection_ends_what_waits_for_an_answer() -> None:
     assert len(errors.splitlines()) == 1
 
 
-def _loaded_by(*words: str, url: str) -> set[str]:
-    code = f"import sys; from rwt.cli import main; main({list(words)!r}); print('\\n', *sys.modules)"
+def _loaded_by(*commands: tuple[str, ...], url: str) -> set[str]:
+    code = "import sys; from rwt.cli import main\n"
+    code += f"for words in {commands!r}: main(words)\nprint('\\n', *sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", code],
         capture_output=True,
@@ -118,37 +118,25 @@ def test_help_loads_nothing_that_takes_time(demo: str) -> None:
 
 
 def test_a_verb_loads_no_server_and_no_arrays(demo: str) -> None:
-    for words in (("topic", "list"), ("topic", "echo", "/scan", "--once"), ("service", "list")):
-        loaded = _loaded_by(*words, url=demo)
-        assert "rwt_client" in loaded
-        assert not loaded & {
-            "numpy",
-            "PIL",
-            "rwt.gateways.rosbridge",
-            "rwt_graph",
-            "rwt.nodes",
-            "trio",
-            "rwt.cli.commands.doctor",
-        }
+    commands = ("topic", "list"), ("topic", "echo", "/scan", "--once"), ("service", "list")
+    loaded = _loaded_by(*commands, url=demo)
+    assert "rwt_client" in loaded
+    assert not loaded & {
+        "numpy",
+        "PIL",
+        "rwt.gateways.rosbridge",
+        "rwt_graph",
+        "rwt.nodes",
+        "trio",
+        "rwt.cli.commands.doctor",
+    }
 
 
 def test_output_survives_a_terminal_without_unicode(demo: str, tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONIOENCODING": "ascii", "RWT_URL": demo}
-    command = [
-        sys.executable,
-        "-m",
-        "rwt.cli",
-        "topic",
-        "pub",
-        "--once",
-        "-w",
-        "0",
-        "/a",
-        "std_msgs/String",
-        "data: é",
-    ]
-    done = subprocess.run(command, capture_output=True, timeout=20, env=environment)
-    assert (done.returncode, done.stderr) == (0, b"")
+    words = ("topic", "pub", "--once", "-w", "0", "/a", "std_msgs/String", "data: é")
+    done = ended(*words, environment=environment, real=True)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_what_goes_on_for_ever_waits_for_a_lost_robot() -> None:

@@ -98,12 +98,10 @@ def test_record_play_record_is_the_same_message_for_message_and_stamp_for_stamp(
     assert sorted(rows(second)) == sorted(recorded)
 
 
-def test_a_recording_survives_kill_9(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_survives_kill_9(tmp_path: Path, demo: str, capsys: pytest.CaptureFixture[str]) -> None:
     path, whole = tmp_path / "run.mcap", tmp_path / "whole.mcap"
-    with (
-        running("serve", "ws://127.0.0.1:0", "--demo") as (_, url),
-        running("bag", "record", "--url", url, "-o", str(path), *OWN, ready="recording ") as (recorder, _),
-    ):
+    words = ("bag", "record", "--url", demo, "-o", str(path), *OWN)
+    with running(*words, ready="recording ") as (recorder, _):
         began = path.stat().st_size
         until(lambda: path.stat().st_size > began + 50_000)
         recorder.send_signal(signal.SIGKILL)
@@ -145,15 +143,10 @@ def test_of_a_damaged_recording_the_rest_is_played_and_recovered_and_the_end_is_
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_a_recording_cleanly(tmp_path: Path, how: signal.Signals) -> None:
+def test_a_signal_ends_a_recording_cleanly(tmp_path: Path, demo: str, how: signal.Signals) -> None:
     path = tmp_path / "run.mcap"
-    with (
-        running("serve", "ws://127.0.0.1:0", "--demo") as (_, url),
-        running("bag", "record", "/odom", "tf*", "--url", url, "-o", str(path), ready="recording ") as (
-            recorder,
-            _,
-        ),
-    ):
+    words = ("bag", "record", "/odom", "tf*", "--url", demo, "-o", str(path))
+    with running(*words, ready="recording ", real=how is signal.SIGINT) as (recorder, _):
         time.sleep(0.3)
         recorder.send_signal(how)
         output, _ = recorder.communicate(timeout=10)
@@ -202,16 +195,14 @@ def test_topics_that_come_later_are_recorded_and_service_events_if_asked_for(tmp
     assert topics.count("/add_two_ints/_service_event") == 2
 
 
-def test_what_ends_a_recording_is_one_line(tmp_path: Path) -> None:
+def test_what_ends_a_recording_is_one_line(tmp_path: Path, demo: str) -> None:
     path, there = tmp_path / "run.mcap", tmp_path / "there.mcap"
     there.touch()
-    with running("serve", "ws://127.0.0.1:0", "--demo") as (_, url):
-        # The shell's limit on a file's size stands for a full disk: the kernel refuses to write.
-        limited = f"ulimit -f 40; exec {sys.executable} -m rwt.cli bag record"
-        limited += f" --url {url} --compression none -o {path}"
-        full = subprocess.run(["sh", "-c", limited], capture_output=True, text=True, timeout=100)
-        again = [sys.executable, "-m", "rwt.cli", "bag", "record", "--url", url, "-o", str(there)]
-        refused = subprocess.run(again, capture_output=True, text=True, timeout=100)
+    # The shell's limit on a file's size stands for a full disk: the kernel refuses to write.
+    limited = f"ulimit -f 40; exec {sys.executable} -m rwt.cli bag record"
+    limited += f" --url {demo} --compression none -o {path}"
+    full = subprocess.run(["sh", "-c", limited], capture_output=True, text=True, timeout=100)
+    refused = processes.ended("bag", "record", "--url", demo, "-o", str(there))
     assert full.returncode == 1
     assert (
         "cannot be written any more: File too large; what was written until then can be played" in full.stderr
@@ -225,18 +216,7 @@ def test_what_ends_a_recording_is_one_line(tmp_path: Path) -> None:
 
 def test_a_robot_without_rosapi_cannot_be_recorded(tmp_path: Path) -> None:
     with running("serve", "ws://127.0.0.1:0", "--set", "nodes=[]") as (_, url):
-        command = [
-            sys.executable,
-            "-m",
-            "rwt.cli",
-            "bag",
-            "record",
-            "--url",
-            url,
-            "-o",
-            str(tmp_path / "run.mcap"),
-        ]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=100)
+        done = processes.ended("bag", "record", "--url", url, "-o", str(tmp_path / "run.mcap"))
     assert done.returncode == 1
     assert "does not answer rosapi's questions" in done.stderr
     assert "Traceback" not in done.stderr
@@ -338,31 +318,12 @@ def test_space_in_a_terminal_goes_on_until_the_end(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     RecordingWriter(path, JAZZY).close()
     ours, theirs = pty.openpty()
-    command = [
-        sys.executable,
-        "-m",
-        "rwt.cli",
-        "bag",
-        "play",
-        str(path),
-        "ws://127.0.0.1:0",
-        "--start-paused",
-    ]
-    # A session of its own, with the terminal in its foreground, as a shell would start it.
-    program = (
-        "import fcntl, os, sys, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0);"
-        "os.execv(sys.argv[1], sys.argv[1:])"
-    )
-    process = subprocess.Popen(
-        [sys.executable, "-c", program, *command],
-        stdin=theirs,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-    )
+    words = ("bag", "play", str(path), "ws://127.0.0.1:0", "--start-paused")
+    process = processes.start(*words, terminal=theirs, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     try:
         assert process.stdout is not None
-        assert process.stdout.readline().startswith(b"listening on ")
-        assert process.stdout.readline().startswith(b"playing 0 messages")
+        assert process.stdout.readline().startswith("listening on ")
+        assert process.stdout.readline().startswith("playing 0 messages")
         # Until it reads keys it takes lines, and keeps what was typed.
         os.write(ours, b" ")
         process.wait(timeout=20)

@@ -8,9 +8,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
+from tests.processes import ended, start
 
-_COMMAND = [sys.executable, "-m", "rwt.cli", "serve", "stdio:"]
+_COMMAND = ("serve", "stdio:")
 
 _NOISY = """
 import os, sys, anyio
@@ -25,18 +25,13 @@ async def main():
         assert graph_is_up
         await server.ended()
     print("printed after", flush=True)
-anyio.run(main, backend=sys.argv[1])
+anyio.run(main)
 """
 
 
 def test_one_json_stream_each_way_and_nothing_else_on_stdout() -> None:
-    with subprocess.Popen(
-        [*_COMMAND, "--demo"],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as process:
+    pipe = subprocess.PIPE
+    with start(*_COMMAND, "--demo", stdin=pipe, stdout=pipe, stderr=pipe) as process:
         assert process.stdin and process.stdout and process.stderr
         assert process.stderr.readline() == "listening on stdio:\n"
         call = {"op": "call_service", "id": "1", "service": "/add_two_ints", "args": {"a": 20, "b": 22}}
@@ -59,7 +54,8 @@ def test_the_answers_to_what_was_piped_in_are_all_there() -> None:
     calls = "".join(
         json.dumps({"op": "call_service", "id": str(at), "service": "/rosapi/get_time"}) for at in range(20)
     )
-    done = subprocess.run(_COMMAND, input=calls, capture_output=True, text=True, timeout=20, check=True)
+    done = ended(*_COMMAND, stdin_text=calls)
+    assert done.returncode == 0
     assert [json.loads(line)["id"] for line in done.stdout.splitlines()] == [str(at) for at in range(20)]
 
 
@@ -67,18 +63,15 @@ def test_input_from_a_file_and_from_nowhere(tmp_path: Path) -> None:
     call = tmp_path / "call.json"
     call.write_text('{"op":"call_service","id":"f","service":"/rosapi/get_time"}')
     with call.open() as file:
-        done = subprocess.run(_COMMAND, stdin=file, capture_output=True, text=True, timeout=20, check=True)
+        done = ended(*_COMMAND, stdin=file)
     assert json.loads(done.stdout)["id"] == "f"
-    nothing = subprocess.run(
-        _COMMAND, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=20, check=True
-    )
-    assert nothing.stdout == ""
+    nothing = ended(*_COMMAND, stdin=subprocess.DEVNULL)
+    assert (nothing.returncode, nothing.stdout) == (0, "")
 
 
-@pytest.mark.parametrize("backend", ["asyncio", "trio"])
-def test_what_the_program_prints_goes_to_stderr_meanwhile(backend: str) -> None:
+def test_what_the_program_prints_goes_to_stderr_meanwhile() -> None:
     done = subprocess.run(
-        [sys.executable, "-c", _NOISY, backend],
+        [sys.executable, "-c", _NOISY],
         # What is printed before waits in a buffer.
         env={name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"},
         input='{"op":"call_service","id":"1","service":"/nope"}',
@@ -95,9 +88,7 @@ def test_what_the_program_prints_goes_to_stderr_meanwhile(backend: str) -> None:
 
 
 def test_standard_streams_are_served_once() -> None:
-    done = subprocess.run(
-        [*_COMMAND, "stdio:"], input="", capture_output=True, text=True, timeout=20, check=False
-    )
+    done = ended(*_COMMAND, "stdio:", stdin_text="")
     assert done.returncode == 1
     assert "stdio: can be named once" in done.stderr.splitlines()[-1]
     assert "Traceback" not in done.stderr

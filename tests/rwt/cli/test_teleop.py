@@ -7,8 +7,6 @@ import os
 import pty
 import queue
 import signal
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -17,7 +15,7 @@ import pytest
 
 from rwt import Server
 from rwt.cli.commands.teleop import HeldKey
-from tests.rwt.cli.conftest import ROOT, Rwt
+from tests.rwt.cli.conftest import Rwt, process
 
 _UP = b"\x1b[A"
 _LIMIT = 20.0
@@ -41,16 +39,7 @@ class Driven:
     def __init__(self, url: str, commands: queue.SimpleQueue[tuple[float, float]]) -> None:
         self._commands = commands
         self.terminal, inner = pty.openpty()
-        environment = {**os.environ, "PYTHONPATH": str(ROOT / "src"), "RWT_URL": url}
-        self.process = subprocess.Popen(
-            [sys.executable, "-c", _IN_TERMINAL, os.ttyname(inner)],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            start_new_session=True,
-            env=environment,
-            text=True,
-        )
+        self.process = process("teleop", "--json", url=url, terminal=inner)
         os.close(inner)
         assert self.process.stderr is not None
         assert "hold an arrow key" in self.process.stderr.readline()
@@ -80,15 +69,6 @@ class Driven:
         self.process.communicate()
         if self.terminal >= 0:
             os.close(self.terminal)
-
-
-#: Opening a terminal makes it that of a session that has none.
-_IN_TERMINAL = """
-import os, sys
-os.dup2(os.open(sys.argv[1], os.O_RDWR), 0)
-from rwt.cli import main
-sys.exit(main(["teleop", "--json"]))
-"""
 
 
 @contextmanager

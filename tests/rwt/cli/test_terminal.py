@@ -99,15 +99,6 @@ def test_the_robot_is_driven_from_a_terminal(terminal: Terminal) -> None:
     terminal.run("rwt topic pub -t 8 -r 10 /cmd_vel geometry_msgs/msg/Twist '{linear: {x: 0.5}}'")
     assert _x(terminal) > before + 0.1
 
-    terminal.run("rwt param dump /demo_robot > robot.yaml")
-    terminal.run("rwt param set /demo_robot max_speed 0.3")
-    assert "Double value is: 0.3" in terminal.run("rwt param get /demo_robot max_speed")
-    assert "Set parameter max_speed successful" in terminal.run("rwt param load /demo_robot robot.yaml")
-    assert "Double value is: 0.8" in terminal.run("rwt param get /demo_robot max_speed")
-
-    said = terminal.run("rwt service call /add_two_ints example_interfaces/srv/AddTwoInts '{a: 40, b: 2}'")
-    assert "AddTwoInts_Response(sum=42)" in said
-
     terminal.run("rwt service call /reset std_srvs/srv/Empty")
     goal = "{pose: {header: {frame_id: map}, pose: {position: {x: -3.0, y: -2.5}, orientation: {w: 1.0}}}}"
     said = terminal.run(

@@ -16,7 +16,7 @@ import pytest
 
 from rwt.cli.commands.serve.tls import qr_code
 from rwt.tls.machine import machine_addresses
-from tests.processes import LONGEST, ROOT, ended, running, rwt_command
+from tests.processes import LONGEST, ROOT, ended, running, start
 
 _LIGHT = {"█": (1, 1), "▀": (1, 0), "▄": (0, 1), " ": (0, 0)}
 
@@ -63,12 +63,8 @@ def test_a_terminal_is_shown_a_code(tmp_path: Path) -> None:
     if ":" in reached_at or not reached_at:
         pytest.skip("this machine is in no network of IPv4")
     own, other = pty.openpty()
-    process = subprocess.Popen(
-        rwt_command("serve", "--tls", "auto", "wss://0.0.0.0:0", *_settings(tmp_path, reached_at)),
-        stdout=other,
-        stderr=subprocess.DEVNULL,
-        env={**os.environ, "PYTHONPATH": str(ROOT / "src")},
-    )
+    words = ("serve", "--tls", "auto", "wss://0.0.0.0:0", *_settings(tmp_path, reached_at))
+    process = start(*words, stdout=other, stderr=subprocess.DEVNULL)
     os.close(other)
     try:
         with os.fdopen(own, encoding="utf-8") as terminal:

@@ -24,6 +24,7 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
 from rwt.cli import main
+from tests.processes import ended, start
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="workers share ports as Linux does")
 
@@ -68,8 +69,8 @@ class Running:
 
 @contextmanager
 def workers(*arguments: str, urls: tuple[str, ...] = ("ws://127.0.0.1:0",)) -> Iterator[Running]:
-    command = [sys.executable, "-m", "rwt.cli", "serve", *urls, "--workers", "2", *arguments]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    words = ("serve", *urls, "--workers", "2", *arguments)
+    process = start(*words, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     watchdog = threading.Timer(1.5 * _LONGEST, process.kill)
     watchdog.start()
     running = Running(process)
@@ -227,9 +228,8 @@ def test_a_port_that_is_taken_is_said_once(capfd: pytest.CaptureFixture[str]) ->
 
 
 def test_a_worker_that_cannot_start_ends_the_command() -> None:
-    command = [sys.executable, "-m", "rwt.cli", "serve", "ws://127.0.0.1:0", "--workers", "2"]
-    command += ["--graph", "zenoh", "--zenoh-listen", "here"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=_LONGEST, check=False)
+    words = ("serve", "ws://127.0.0.1:0", "--workers", "2", "--graph", "zenoh", "--zenoh-listen", "here")
+    done = ended(*words, timeout=_LONGEST)
     assert (done.returncode, done.stdout) == (1, "")
     assert "Zenoh does not take" in done.stderr
     assert "Traceback" not in done.stderr
