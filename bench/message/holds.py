@@ -31,7 +31,7 @@ import anyio.to_thread
 from bench.traffic.messages import Stream
 from bench.traffic.wire import BINARY, TEXT, Connection, ConnectionLost, Loop, masked
 from rwt import Server
-from rwt.cli.commands.serve.garbage_collection import BoundedGarbageCollection
+from rwt.cli.commands.serve import BoundedGarbageCollection
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_protocol.codecs import bson_codec

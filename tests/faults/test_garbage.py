@@ -10,7 +10,7 @@ from typing import Final
 
 import pytest
 
-from rwt.cli.commands.serve.garbage_collection import MOST_LOOKED_AT, BoundedGarbageCollection
+from rwt.cli.commands.serve import MAX_SCANNED, BoundedGarbageCollection
 from rwt.delivery.throttle import Throttle
 from rwt.gateways.rosbridge.ops.actions import SentGoal
 from rwt.gateways.rosbridge.ops.offers import Offer
@@ -140,7 +140,7 @@ def test_full_collections_are_made_by_the_loop_and_look_at_few_objects() -> None
         while not due:
             kept.append([object()])
         assert len(kept) < 10 * before[0] * before[1]
-        while len(kept) < 2 * MOST_LOOKED_AT:
+        while len(kept) < 2 * MAX_SCANNED:
             kept.append([object()])
         garbage = _Cycle()
         del garbage

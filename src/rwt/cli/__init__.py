@@ -89,8 +89,8 @@ COMMANDS: Final = (
     Command(
         "interface", "messages, services and actions: list, show, generate types for Python and TypeScript"
     ),
-    Command("stop", "press a robot's emergency stop, or release it", "gate.stop"),
-    Command("approve", "answer what waits for a person's yes", "gate.approve"),
+    Command("stop", "press a robot's emergency stop, or release it", "gate"),
+    Command("approve", "answer what waits for a person's yes", "gate"),
     Command("audit", "read who did what to a robot", "gate.audit"),
     Command("bag", "recordings: record, play, info, recover"),
     Command("mcp", "give an agent the tools for a robot, on standard input and output"),

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from rwt.cli.commands.doctor.wire_probe import ReceivedFrame, WireProbe
+    from rwt_transports.webrtc.ice_servers import Probe
 
 Verdict = Literal["ok", "note", "warning", "problem"]
 
@@ -158,19 +159,45 @@ async def _examine(arguments: Arguments, report: Callable[[Finding], None]) -> N
 async def _ice_servers(
     url: str, headers: Mapping[str, str] | None, tls: ssl.SSLContext | None
 ) -> list[Finding]:
-    """Whether the STUN and TURN servers that a robot names help; none where the URL is not WebRTC's.
+    """Probe the STUN and TURN servers that a robot names; no findings for URLs other than WebRTC's.
 
     Raises:
-        TransportError: nothing is answered to the question for them.
+        TransportError: the robot does not answer, or names servers that cannot be used.
     """
     if not url.lower().startswith("webrtc+"):
         return []
-    from rwt.cli.commands.doctor.ice import examine_servers  # aiortc, which is an extra
+    import asyncio
+    import ssl
 
-    return [
-        Finding("ICE server", verdict, text, advice)
-        for verdict, text, advice in await examine_servers(url, headers, tls)
-    ]
+    from rwt_transports.connect import explained
+    from rwt_transports.schemes import parse_connect_url
+    from rwt_transports.webrtc.connector import find_servers, require_asyncio  # aiortc, which is an extra
+    from rwt_transports.webrtc.ice_servers import probe
+
+    require_asyncio()
+    target = parse_connect_url(url)
+    context = (tls or ssl.create_default_context()) if target.scheme.tls else None
+    address = replace(target.address, tls=context, target=target.path, headers=headers or {})
+    with explained(target):
+        servers = await find_servers(address)
+    if not servers:
+        text = "the robot names no STUN or TURN server: it is reached where no NAT is between"
+        return [Finding("ICE server", "note", text)]
+    return [_ice_finding(each) for each in await asyncio.gather(*(probe(server) for server in servers))]
+
+
+def _ice_finding(seen: Probe) -> Finding:
+    text = f"{seen.url}: {seen.text}"
+    if seen.works:
+        return Finding("ICE server", "ok", text)
+    if "refuses" in seen.text:
+        advice = (
+            "compare `webrtc.username` and `webrtc.credential` of the robot, or what `credential_command`"
+            " prints"
+        )
+    else:
+        advice = "compare `webrtc.servers` of the robot, and let UDP to it through firewalls"
+    return Finding("ICE server", "warning", text, advice)
 
 
 def _connected(url: str, token: bool, path: str) -> Finding:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import gc
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final, Literal
 
 from rwt.access.settings import SettingsError
 from rwt.cli.commands.config import add_settings_options, settings_of
@@ -235,7 +237,6 @@ def _settings(arguments: argparse.Namespace) -> Settings:
 
 def _on_up(server: Server) -> str:
     """Where the server is reached and, for the demo robot, what to do next."""
-    from rwt.cli.commands.serve.garbage_collection import BoundedGarbageCollection
     from rwt.server import listening
 
     BoundedGarbageCollection(partial(server.graph.clock.call_later, 0.0)).begin()
@@ -258,3 +259,61 @@ The demo robot is up. Point any rosbridge client at {url}, or open {page} in a b
 
 Publish geometry_msgs/Twist on /cmd_vel to drive, subscribe to /odom, /scan and /map, call /add_two_ints,
 or send a goal to /navigate_to_pose. Ctrl-C ends it."""
+
+
+MAX_SCANNED: Final = 10_000
+"""Surviving objects above which they are frozen, and so not scanned again."""
+
+_MIDDLE_COLLECTIONS: Final = 2
+"""Collections of the middle generation, of some thousand objects each, per full collection."""
+
+_NEVER: Final = 1 << 30
+
+
+class BoundedGarbageCollection:
+    """Short full collections of cyclic garbage, made between two messages.
+
+    Python's own full collection scans every object of the process (half a second for a million) and may
+    start in the middle of a client's message. This one freezes the survivors when there are many:
+    :func:`gc.freeze` excludes them from later collections.
+
+    Reference counting still frees frozen objects; only cycles that become garbage after they were frozen
+    would stay. Objects of clients form no cycles, or these are cut when they end
+    (`tests/faults/test_garbage.py` checks this).
+
+    Args:
+        call_soon: calls a function on the event loop, after what runs there now.
+    """
+
+    def __init__(self, call_soon: Callable[[Callable[[], None]], object]) -> None:
+        self._call_soon = call_soon
+        self._loop_thread = threading.get_ident()
+        self._is_due = False
+
+    def begin(self) -> None:
+        """Collect and freeze everything once, on the event loop, and take over full collections."""
+        young, middle, _ = gc.get_threshold()
+        gc.set_threshold(young, middle, _NEVER)
+        gc.collect()
+        gc.freeze()
+        gc.callbacks.append(self._note)
+
+    def end(self) -> None:
+        """Leave full collections to Python again."""
+        gc.callbacks.remove(self._note)
+        young, middle, _ = gc.get_threshold()
+        gc.set_threshold(young, middle, 10)
+        gc.unfreeze()
+
+    def _note(self, phase: Literal["start", "stop"], info: dict[str, int]) -> None:
+        # Other threads trigger collections, too; the next one on this thread counts.
+        if phase == "stop" and not self._is_due and threading.get_ident() == self._loop_thread:
+            self._is_due = gc.get_count()[2] >= _MIDDLE_COLLECTIONS
+            if self._is_due:
+                self._call_soon(self._collect)
+
+    def _collect(self) -> None:
+        self._is_due = False
+        gc.collect()
+        if len(gc.get_objects(2)) > MAX_SCANNED:
+            gc.freeze()
