@@ -18,7 +18,7 @@ from rwt_transports.api import Connector, FindsPath, Link
 from rwt_transports.background import background_tasks
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.endpoint import Accept
-from rwt_transports.errors import ConnectError, TransportError
+from rwt_transports.errors import ConnectCause, ConnectError, TransportError
 from rwt_transports.limits import Limits
 from rwt_transports.schemes import ConnectUrl, parse_connect_url
 from rwt_transports.websocket.client_handshake import ClientHandshake
@@ -235,7 +235,7 @@ def explained(target: ConnectUrl) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise ConnectError(_explain(target, error)) from error
+        raise _explained(target, error) from error
 
 
 _NO_TLS: Final = "it does not speak TLS there; is it ws:// or tcp://, without an s?"
@@ -247,19 +247,21 @@ _TLS_REASONS: Final = {
 """OpenSSL's names of what happens where something else than TLS answers."""
 
 
-def _explain(target: ConnectUrl, error: OSError) -> str:
-    """One line that says why there is no connection."""
+def _explained(target: ConnectUrl, error: OSError) -> ConnectError:
+    """Return the error that says in one line why there is no connection."""
     if isinstance(error, ssl.SSLError):
         reason = getattr(error, "verify_message", "") or _TLS_REASONS.get(error.reason or "", error.reason)
-        return f"cannot connect to {target.address} in TLS: {reason or 'the handshake failed'}"
-    cause = error.__cause__
-    number = error.errno or (cause.errno if isinstance(cause, OSError) else None)
+        text = f"cannot connect to {target.address} in TLS: {reason or 'the handshake failed'}"
+        return ConnectError(text, "tls")
+    original = error.__cause__
+    number = error.errno or (original.errno if isinstance(original, OSError) else None)
+    cause: ConnectCause = "other"
     if number == errno.ENOENT:
         reason = "there is no such file"
     elif isinstance(error, socket.gaierror):
-        reason = "the host is not known"
+        reason, cause = "the host is not known", "unknown_host"
     elif number == errno.ECONNREFUSED or not number or number < 0:
-        reason = "nobody listens there; is the server running?"
+        reason, cause = "nobody listens there; is the server running?", "refused"
     else:
         reason = os.strerror(number)
-    return f"cannot connect to {target.address}: {reason}"
+    return ConnectError(f"cannot connect to {target.address}: {reason}", cause)

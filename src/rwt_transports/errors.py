@@ -12,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import logging
 from collections.abc import Mapping
+from typing import Literal, TypeAlias
 
 logger = logging.getLogger("rwt_transports")
 
@@ -28,8 +29,25 @@ class ListenError(TransportError):
     """The address could not be opened: in use, not ours, or not permitted."""
 
 
+ConnectCause: TypeAlias = Literal["refused", "unknown_host", "tls", "unauthorized", "no_path", "other"]
+"""Why a connection could not be opened; `no_path`: no pair of ICE candidates works."""
+
+
 class ConnectError(TransportError):
-    """No server answers at the address, or it refuses the connection."""
+    """No server answers at the address, or it refuses the connection.
+
+    Attributes:
+        cause: category of the failure, for programs that give advice.
+    """
+
+    def __init__(self, text: str, cause: ConnectCause = "other") -> None:
+        super().__init__(text)
+        self.cause = cause
+
+    @staticmethod
+    def cause_of(status: int) -> ConnectCause:
+        """Return the cause for an HTTP status other than success."""
+        return "unauthorized" if status in (401, 403) else "other"
 
 
 class Refused(TransportError):

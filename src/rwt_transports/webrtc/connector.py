@@ -94,7 +94,8 @@ class DataChannelConnector:
             asked = ", ".join(server.url for server in servers) or "no STUN or TURN server"
             raise ConnectError(
                 f"{address}: {peer.reason}; this side: {kinds_of(offer)}; the robot: "
-                f"{kinds_of(answer.decode('utf-8', 'replace'))}; asked: {asked}"
+                f"{kinds_of(answer.decode('utf-8', 'replace'))}; asked: {asked}",
+                "no_path",
             )
 
 
@@ -145,7 +146,8 @@ def _post(address: RemoteAddress, offer: bytes) -> bytes:
     """Send an offer; returns the answer. Blocks; raises OSError and ConnectError."""
     status, body = _ask(address, "POST", offer)
     if status != 201:
-        raise ConnectError(f"{address} refuses the offer: {_why(status, body)}")
+        text = f"{address} refuses the offer: {_why(status, body)}"
+        raise ConnectError(text, ConnectError.cause_of(status))
     return body
 
 

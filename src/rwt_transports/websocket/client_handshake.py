@@ -91,6 +91,7 @@ class ClientHandshake:
             if isinstance(event, Response):
                 said = (event.body or b"").decode("utf-8", "replace").strip()[:200]
                 text = f": {said}" if said else f" {event.reason_phrase}".rstrip()
-                raise ConnectError(f"{self._where} answers {event.status_code}{text}")
+                cause = ConnectError.cause_of(event.status_code)
+                raise ConnectError(f"{self._where} answers {event.status_code}{text}", cause)
         if self._protocol.handshake_exc is not None:
             raise ConnectError(f"{self._where} does not speak WebSocket")

@@ -99,6 +99,15 @@ def test_nobody_there(rwt: Rwt) -> None:
     assert rwt("doctor", "nonsense").code == 2
 
 
+@pytest.mark.parametrize(
+    ("url", "advice"),
+    [("ws://no.such.host.invalid:1", "check the host's name"), ("wss", "check that the certificate names")],
+)
+def test_advice_is_about_the_cause(rwt: Rwt, demo: str, url: str, advice: str) -> None:
+    ended = rwt("doctor", demo.replace("ws", url, 1) if url == "wss" else url)
+    assert (ended.code, advice in ended.out) == (3, True)
+
+
 @contextmanager
 def _scripted(answer: Any) -> Iterator[str]:
     """A server that answers each op with what `answer` makes of it."""

@@ -15,7 +15,7 @@ import pytest
 
 from bench.network.nat import StunServer
 from rwt import Server
-from rwt.cli.commands.doctor.ice import examine_servers
+from rwt.cli.commands.doctor import examine_ice_servers
 from rwt.settings.webrtc import WebRtcSettings
 from rwt_transports.errors import ConnectError
 from rwt_transports.webrtc import ice_servers
@@ -109,23 +109,20 @@ async def test_what_the_doctor_says_of_the_servers(monkeypatch: pytest.MonkeyPat
             settings = WebRtcSettings(enabled=True, servers=(good, bad))
             async with Server("ws://127.0.0.1:0", webrtc=settings) as server:
                 url = server.urls[0].replace("ws", "webrtc+http", 1)
-                found = await examine_servers(url, None, None)
-    assert [
-        (verdict, text.startswith(of)) for (verdict, text, _), of in zip(found, (good, bad), strict=True)
-    ] == [
-        ("ok", True),
-        ("warning", True),
-    ]
-    assert "webrtc.servers" in found[1][2]
+                found = await examine_ice_servers(url, None, None)
+    assert [each.verdict for each in found] == ["ok", "warning"]
+    assert [each.text.startswith(of) for each, of in zip(found, (good, bad), strict=True)] == [True, True]
+    assert "webrtc.servers" in found[1].advice
 
 
 async def test_the_doctor_says_where_there_are_none_and_where_nobody_answers() -> None:
     async with Server("ws://127.0.0.1:0", webrtc=WebRtcSettings(enabled=True)) as server:
         url = server.urls[0].replace("ws", "webrtc+http", 1)
-        ((verdict, text, _),) = await examine_servers(url, None, None)
-    assert (verdict, "names no STUN or TURN server" in text) == ("note", True)
-    with pytest.raises(ConnectError, match="nobody listens there"):
-        await examine_servers(url, None, None)
+        (finding,) = await examine_ice_servers(url, None, None)
+    assert (finding.verdict, "names no STUN or TURN server" in finding.text) == ("note", True)
+    with pytest.raises(ConnectError) as failed:
+        await examine_ice_servers(url, None, None)
+    assert failed.value.cause == "refused"
 
 
 @pytest.mark.parametrize(

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from rwt.cli.commands.doctor.wire_probe import ReceivedFrame, WireProbe
+    from rwt_transports.errors import ConnectCause
     from rwt_transports.webrtc.ice_servers import Probe
 
 Verdict = Literal["ok", "note", "warning", "problem"]
@@ -49,6 +50,14 @@ _ROSAPI_MISSING: Final = (
     "start rosapi beside the server (`rosapi_node`; rosbridge's launch file does): without it types must be"
     " named, and no list can be made"
 )
+_CONNECT_ADVICE: Final[dict[ConnectCause, str]] = {
+    "refused": "start the server (`rwt serve`, or rosbridge's launch file), and compare port and address",
+    "unknown_host": "check the host's name, or use its address",
+    "tls": "check that the certificate names this host, and name its authority's file by --cafile",
+    "no_path": "of these candidates none reaches the other: with a NAT between them set `webrtc.servers` of"
+    " the robot to a STUN server, and where that is not enough to a TURN server; let UDP through firewalls",
+    "other": "check address, port and firewall; a server on 127.0.0.1 is reached from its own machine only",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +138,7 @@ def _print(finding: Finding, output: Output) -> None:
 async def _examine(arguments: Arguments, report: Callable[[Finding], None]) -> None:
     from rwt.cli.commands.doctor.wire_probe import WireProbe
     from rwt_transports.connect import connect
-    from rwt_transports.errors import BadUrl, TransportError
+    from rwt_transports.errors import BadUrl, ConnectError, TransportError
     from rwt_transports.schemes import carries_binary
 
     url, limit = url_of(arguments), arguments.timeout or USUAL_TIMEOUT
@@ -138,7 +147,7 @@ async def _examine(arguments: Arguments, report: Callable[[Finding], None]) -> N
         for finding in await _over_http(url, min(limit, _PATIENCE), tls):
             report(finding)
         headers = request_headers(arguments)
-        for finding in await _ice_servers(url, headers, tls):
+        for finding in await examine_ice_servers(url, headers, tls):
             report(finding)
         probe = WireProbe()
         async with connect(url, probe.accept, headers=headers, timeout=limit, tls=tls) as connection:
@@ -149,14 +158,12 @@ async def _examine(arguments: Arguments, report: Callable[[Finding], None]) -> N
     except BadUrl as error:
         raise CommandError(str(error), CALLED_WRONGLY) from error
     except TransportError as error:
-        report(
-            Finding(
-                "connection", "problem", str(error), _how_to_connect(str(error), bool(token_of(arguments)))
-            )
-        )
+        cause = error.cause if isinstance(error, ConnectError) else "other"
+        advice = _how_to_connect(cause, bool(token_of(arguments)))
+        report(Finding("connection", "problem", str(error), advice))
 
 
-async def _ice_servers(
+async def examine_ice_servers(
     url: str, headers: Mapping[str, str] | None, tls: ssl.SSLContext | None
 ) -> list[Finding]:
     """Probe the STUN and TURN servers that a robot names; no findings for URLs other than WebRTC's.
@@ -205,27 +212,15 @@ def _connected(url: str, token: bool, path: str) -> Finding:
     return Finding("connection", "ok", f"{text}; the token was not refused" if token else text)
 
 
-def _how_to_connect(error: str, token: bool) -> str:
-    if "401" in error or "403" in error:
+def _how_to_connect(cause: ConnectCause, token: bool) -> str:
+    if cause == "unauthorized":
         advice = (
             "this token is not good: ask who runs the server"
             if token
             else "it wants a token: --token or RWT_TOKEN"
         )
         return f"{advice}; or it does not let in this address or origin"
-    if "no path was found" in error:
-        return (
-            "of these candidates none reaches the other: with a NAT between them set `webrtc.servers` of the"
-            " robot to a STUN server, and where that is not enough to a TURN server; let UDP through"
-            " firewalls"
-        )
-    if "nobody listens" in error or "refused" in error:
-        return "start the server (`rwt serve`, or rosbridge's launch file), and compare port and address"
-    if "name" in error or "resolve" in error:
-        return "check the host's name, or use its address"
-    if "certificate" in error.lower() or "tls" in error.lower():
-        return "check that the certificate names this host, and name its authority's file by --cafile"
-    return "check address, port and firewall; a server on 127.0.0.1 is reached from its own machine only"
+    return _CONNECT_ADVICE[cause]
 
 
 async def _over_http(url: str, patience: float, tls: ssl.SSLContext | None) -> list[Finding]:

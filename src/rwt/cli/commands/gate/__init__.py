@@ -33,16 +33,14 @@ async def _ask_gate(robot: Robot, service: str, type: str, request: MessageLike)
     Raises:
         CommandError: the robot has no gate, or the gate refuses.
     """
-    from rwt_participant.errors import CallFailed
+    from rwt_participant.errors import ProviderNotFound
 
     try:
         answer: Any = await robot.call(service, request, type)
-    except CallFailed as failed:
-        if f"{service} does not exist" in str(failed):
-            raise CommandError(
-                f"this robot has no gate: there is no {service}; its server's settings name no gate.rules"
-            ) from None
-        raise
+    except ProviderNotFound:
+        raise CommandError(
+            f"this robot has no gate: there is no {service}; its server's settings name no gate.rules"
+        ) from None
     if not answer.success:
         raise CommandError(answer.message)
     return str(answer.message)
