@@ -146,7 +146,7 @@ def parser_for(wanted: str | None) -> Parser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code, see :mod:`rwt.cli.errors`."""
+    """Run the command line, and return its exit code (see :mod:`rwt.cli.errors`)."""
     if "_ARGCOMPLETE" in os.environ:
         from rwt.cli.commands.completion import complete
 
@@ -172,7 +172,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _point_to_groups(word: str) -> None:
-    """Raise CommandError for a word that is no command, and is a verb of some; return if it is none."""
+    """Raise CommandError for an unknown command that is a verb of another command."""
     groups = commands_of(parser_for("*"))
     for group in groups.values():
         leave_out_unavailable(group)
@@ -183,9 +183,8 @@ def _point_to_groups(word: str) -> None:
 
 @contextmanager
 def _log_of_the_command() -> Iterator[None]:
-    """Remove the log handlers of a command when it ends: what runs after it in this process may have another
-    stderr."""
-    import logging  # `--help` needs none of it
+    """Remove the log handlers of a command when it ends: this process may replace its stderr afterwards."""
+    import logging  # `--help` does not need it
 
     root = logging.getLogger()
     handlers, level = [*root.handlers], root.level

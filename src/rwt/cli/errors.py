@@ -1,25 +1,25 @@
-"""What ends a command with one line on stderr instead of a traceback, and the exit codes."""
+"""Exit codes, and the error that ends a command with one line on stderr."""
 
 from __future__ import annotations
 
 from typing import Final
 
 FAILED: Final = 1
-"""The command line was right, but the command did not succeed, or the robot refused."""
+"""The command was valid but failed, or the robot rejected it."""
 CALLED_WRONGLY: Final = 2
-"""An unknown option, a name or a message that cannot be read or does not fit its type."""
+"""Incorrect use: an unknown option, or a name or message that is invalid or does not match its type."""
 CANNOT_CONNECT: Final = 3
-"""There is no connection to the robot, or it was lost."""
+"""The connection to the robot failed or was lost."""
 TIMED_OUT: Final = 4
-"""Nothing came in time."""
+"""Timeout."""
 INTERRUPTED: Final = 130
-"""Ctrl-C ended a command that ends by itself; as in shells, 128 + SIGINT."""
+"""Ctrl-C interrupted a command that ends by itself; 128 + SIGINT, as in shells."""
 PIPE_CLOSED: Final = 141
-"""The reader of the output has closed the pipe; as in shells, 128 + SIGPIPE."""
+"""The reader of the output has closed the pipe; 128 + SIGPIPE, as in shells."""
 
 
 class CommandError(Exception):
-    """The command cannot go on; the text says what, where and what instead.
+    """Failure of a command; the text says what failed, where, and what to do.
 
     Attributes:
         exit_code: one of the constants of this module.

@@ -1,4 +1,4 @@
-"""Looks up names in the robot's live graph; an unknown one raises an error with the nearest known one."""
+"""Names and types in the robot's live graph, and questions to rosapi."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ NO_ROSAPI = "the robot does not answer questions: its node rosapi is missing or 
 
 
 def absolute_name(name: str) -> str:
-    """A name as the graph has it: `odom` is `/odom`."""
+    """Return the absolute form of a name: `/odom` for `odom`."""
     return name if name.startswith("/") else f"/{name}"
 
 
 def is_hidden(name: str) -> bool:
-    """Whether ROS 2 hides a name: a part of it begins with ``_``."""
+    """True if ROS 2 hides the name: a part of it begins with ``_``."""
     return any(part.startswith("_") for part in name.split("/"))
 
 
 def same_type(one: str, other: str) -> bool:
-    """Whether two names are one type's: ``std_msgs/String`` is ``std_msgs/msg/String``."""
+    """True if two spellings name one type: ``std_msgs/String`` is ``std_msgs/msg/String``."""
     try:
         return two_part(one) == two_part(other)
     except InvalidName:
@@ -34,15 +34,15 @@ def same_type(one: str, other: str) -> bool:
 
 
 def unknown(what: str, name: str, known: Iterable[str]) -> CommandError:
-    """That there is no such thing, and what may have been meant."""
+    """Return the error for an unknown name, with the nearest known one."""
     return CommandError(f"the robot knows no {what} {name}{did_you_mean(name, known)}", FAILED)
 
 
 async def ask_rosapi(question: Callable[[], Awaitable[T]]) -> T:
-    """An answer of rosapi.
+    """Return an answer of rosapi.
 
     Raises:
-        CommandError: there is no rosapi.
+        CommandError: rosapi is missing or rejects the question.
     """
     from rwt_participant.errors import ProviderNotFound, ServiceFailed
 

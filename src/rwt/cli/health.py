@@ -1,4 +1,4 @@
-"""What a server says of itself at `/healthz`, which only servers of this project have."""
+"""State that a server of this project reports at `/healthz`."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """The state of a server.
+    """State of a server.
 
     Attributes:
-        running: whether its graph runs.
-        version: of the server; empty for one that does not say.
-        clients: that are connected.
-        work: seconds of work for them in each of the last seconds.
-        clients_beyond_rate: clients that cause more work than their rate allows.
+        running: True if the graph runs.
+        version: version of the server; empty if it does not report one.
+        clients: number of connected clients.
+        work: processor seconds per second spent on clients, recently.
+        clients_beyond_rate: number of clients that exceed their work rate.
     """
 
     running: bool
@@ -32,12 +32,12 @@ class Health:
 
 
 async def health_of(url: str, patience: float, tls: ssl.SSLContext | None) -> Health | None:
-    """Ask the server at a WebSocket URL; None where nothing answers over HTTP.
+    """Return the state of the server at a WebSocket URL; None if it does not answer over HTTP.
 
     Args:
-        url: of the server; other schemes than ``ws`` and ``wss`` have no HTTP.
-        patience: seconds that it may take.
-        tls: how its certificate is checked; None for the system's authorities.
+        url: URL of the server; schemes other than ``ws`` and ``wss`` have no HTTP.
+        patience: timeout in seconds.
+        tls: TLS context; None to verify against the system's authorities.
     """
     import anyio.to_thread
 
@@ -62,7 +62,7 @@ async def health_of(url: str, patience: float, tls: ssl.SSLContext | None) -> He
 
 
 def _get_health(host: str, secure: bool, patience: float, tls: ssl.SSLContext | None) -> tuple[int, bytes]:
-    """Status and body of ``/healthz``; status 0 if there is no answer of HTTP."""
+    """Return status and body of ``/healthz``; status 0 without an HTTP response."""
     import http.client
 
     try:

@@ -1,4 +1,4 @@
-"""The parser of every command: its errors are one line, with the nearest known word."""
+"""Argument parser of all commands: errors are one line, and name the nearest known word."""
 
 from __future__ import annotations
 
@@ -13,14 +13,13 @@ from rwt.cli.errors import CALLED_WRONGLY, CommandError
 from rwt_participant.spelling import did_you_mean
 
 Commands: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
-"""What commands are added to."""
+"""Commands of a parser, to which further ones are added."""
 
 _INVALID_CHOICE: Final = re.compile(r"(?:argument (.*?): )?invalid choice: '(.*)' \(choose from (.*)\)", re.S)
 
 
 class Parser(argparse.ArgumentParser):
-    """An :class:`argparse.ArgumentParser` that keeps the line ends of texts, and whose errors are one
-    line.
+    """Parser that keeps the line breaks of descriptions, and whose errors are one line.
 
     Attributes:
         unavailable: reason why the command is not available; empty if it is.
@@ -47,18 +46,18 @@ class Parser(argparse.ArgumentParser):
             formatter_class=formatter_class,
             prefix_chars=prefix_chars,
             add_help=add_help,
-            # `--time` for `--timeout` today would be something else tomorrow.
+            # An abbreviation such as `--time` could become ambiguous with a later option.
             allow_abbrev=False,
         )
 
     def parse_known_args(  # type: ignore[override]  # the stubs' overloads come to this
         self, args: Sequence[str] | None = None, namespace: argparse.Namespace | None = None
     ) -> tuple[argparse.Namespace, list[str]]:
-        """Parse the words of one command. Unknown ones are an error of that command, which knows its options;
-        argparse leaves them to the outermost parser.
+        """Parse the words of one command, and reject unknown ones here, where the options are known; argparse
+        leaves them to the outermost parser.
 
         Raises:
-            CommandError: the command cannot be had.
+            CommandError: the command is not available.
         """
         if self.unavailable:
             raise CommandError(f"`{self.prog}` cannot be had: {self.unavailable}", CALLED_WRONGLY)
@@ -74,8 +73,8 @@ class Parser(argparse.ArgumentParser):
         return f"unknown option {option!r}{did_you_mean(option, self._option_string_actions)}"
 
     def error(self, message: str) -> NoReturn:
-        """End the program with one line on stderr and the exit code for being called wrongly."""
-        said = _on_one_line(_plainly(message))
+        """Exit with one line on stderr and the exit code for incorrect use."""
+        said = _on_one_line(_with_nearest(message))
         sys.stderr.write(f"{self.prog}: {said} (`{self.prog} --help` says more)\n")
         raise SystemExit(CALLED_WRONGLY)
 
@@ -83,8 +82,8 @@ class Parser(argparse.ArgumentParser):
 def add_commands(
     parser: argparse.ArgumentParser, title: str = "commands", metavar: str = "COMMAND"
 ) -> Commands:
-    """What the commands of `parser` are added to. Without any of them it prints its help and ends with 0, as
-    the ``ros2`` tool does."""
+    """Return the object to which the commands of `parser` are added. Without a command it prints its help and
+    exits with 0, as the ``ros2`` tool does."""
 
     def print_help(_: argparse.Namespace) -> int:
         parser.print_help()
@@ -108,7 +107,7 @@ def add_unavailable(commands: Commands, name: str, why: str) -> None:
 
 
 def commands_of(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
-    """The commands that were added to `parser`, by name: the very mapping that it goes by."""
+    """Return the commands of `parser` by name, as the mapping that the parser itself uses."""
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
             found: dict[str, argparse.ArgumentParser] = action.choices
@@ -124,31 +123,31 @@ def leave_out_unavailable(group: argparse.ArgumentParser) -> None:
 
 
 class ShowVersion(argparse.Action):
-    """An option that prints the version and ends; the version is looked up when it is asked for."""
+    """Option that prints the version and exits. The version is looked up only then."""
 
     def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:
         super().__init__(option_strings, argparse.SUPPRESS, nargs=0, default=argparse.SUPPRESS, help=help)
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
-        """Print it."""
+        """Print the version."""
         from importlib.metadata import version
 
         sys.stdout.write(f"rwt {version('robot-web-tools')}\n")
         parser.exit()
 
 
-_LONGEST_SAID: Final = 400
+_MAX_ERROR_CHARS: Final = 400
 
 
 def _on_one_line(message: str) -> str:
-    """A message with what was typed in it: short, and nothing that a terminal takes for a command."""
-    if len(message) > _LONGEST_SAID:
-        message = f"{message[: _LONGEST_SAID // 2]}…{message[-_LONGEST_SAID // 2 :]}"
+    """Return a message with user input as one short line without control characters."""
+    if len(message) > _MAX_ERROR_CHARS:
+        message = f"{message[: _MAX_ERROR_CHARS // 2]}…{message[-_MAX_ERROR_CHARS // 2 :]}"
     return printable(" ".join(message.splitlines()))
 
 
-def _plainly(message: str) -> str:
-    """argparse's message with the nearest word in place of all that there are."""
+def _with_nearest(message: str) -> str:
+    """Return argparse's message with the nearest word instead of all choices."""
     found = _INVALID_CHOICE.fullmatch(message)
     if found is None:
         return message

@@ -1,4 +1,4 @@
-"""Look up the types that a command names: in the standard set, in folders, or on the robot."""
+"""Look-up of the types that a command names: in the standard set, in folders, or on the robot."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 
 def offline_registry(distro: Distro, folders: Iterable[Path]) -> Registry:
-    """The standard set and the packages in some folders.
+    """Return the standard types and those of the packages in some folders.
 
     Raises:
-        CommandError: a folder cannot be read, or has a mistake in it.
+        CommandError: a folder cannot be read, or has an invalid definition.
     """
     from rwt_interfaces.registry import Registry
 
@@ -38,10 +38,10 @@ def offline_registry(distro: Distro, folders: Iterable[Path]) -> Registry:
 
 
 def find_type(registry: Registry, name: str) -> InterfaceType:
-    """The type of that name, whatever kind it is; a message where two kinds share a name.
+    """Return the type of any kind with this name; a message if two kinds share the name.
 
     Raises:
-        CommandError: there is none; names the nearest.
+        CommandError: there is no such type; names the nearest one.
     """
     unknown: UnknownType | None = None
     for kind in _kinds(name):
@@ -55,7 +55,7 @@ def find_type(registry: Registry, name: str) -> InterfaceType:
 
 
 def _kinds(name: str) -> tuple[Kind, ...]:
-    """The kinds that a name may be of: the one in its middle part, and message, as of parts of services."""
+    """Return the possible kinds of a name: that of its middle part, and message, as parts of services are."""
     try:
         _, kind, _ = parse_type_name(name)
     except InterfaceError:
@@ -70,7 +70,7 @@ def _of_kind(registry: Registry, kind: Kind, name: str) -> InterfaceType:
 
 
 def find_types(registry: Registry, words: Iterable[str]) -> list[InterfaceType]:
-    """The types that words name: a type each, or all of a package.
+    """Return the types that words name, each a type or a package.
 
     Raises:
         CommandError: there is no such type or package.
@@ -99,8 +99,8 @@ def _no_package(registry: Registry, word: str) -> str:
 
 
 async def live_types(robot: Robot, words: Iterable[str]) -> list[InterfaceType]:
-    """The types that words name, asked of the robot where they are not known; without words, those of all its
-    topics, services and actions.
+    """Return the types that words name, asking the robot for unknown ones; without words, the types of all
+    its topics, services and actions.
 
     Raises:
         RobotError: the robot does not know one.
@@ -121,7 +121,7 @@ async def live_types(robot: Robot, words: Iterable[str]) -> list[InterfaceType]:
 
 
 async def live_type(robot: Robot, name: str) -> InterfaceType:
-    """The type of that name, asked of the robot where it is not known."""
+    """Return the type of this name, asking the robot if it is unknown."""
     from rwt_participant.errors import UnknownType
 
     unavailable: UnknownType | None = None

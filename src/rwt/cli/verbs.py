@@ -1,4 +1,4 @@
-"""What the verbs that talk to a robot share: their options, the connection, and how they fail.
+"""Shared parts of the verbs that talk to a robot: options, connection, errors.
 
 A family of verbs (`rwt topic …`) is one module with a tuple of :class:`Verb`, and a row in
 :data:`rwt.cli.COMMANDS`.
@@ -30,13 +30,13 @@ DEFAULT_URL: Final = "ws://127.0.0.1:9090"
 URL_VARIABLE: Final = "RWT_URL"
 TOKEN_VARIABLE: Final = "RWT_TOKEN"
 USUAL_TIMEOUT: Final = 10.0
-"""Default of ``--timeout``: seconds that connecting, and each answer, may take."""
+"""Default of ``--timeout``: seconds for connecting and for each answer."""
 
-_LEAST: Final = 1e-6
-_MOST: Final = 1e9
-"""Of numbers of seconds, which timers can wait, and times a second."""
+_MIN_SECONDS: Final = 1e-6
+_MAX_SECONDS: Final = 1e9
+"""Range of options in seconds that timers support; the minimum applies to frequencies, too."""
 
-_MOST_AT_ONCE: Final = 16
+_MAX_CONCURRENT: Final = 16
 _ROBOT_OPTIONS: Final = "the robot"
 
 T = TypeVar("T")
@@ -46,23 +46,22 @@ AddArguments = Callable[[argparse.ArgumentParser], None]
 
 
 def no_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add nothing: for verbs without arguments of their own."""
+    """Add nothing, for verbs without arguments of their own."""
 
 
 @dataclass(frozen=True, slots=True)
 class Verb:
-    """One verb of a family.
+    """Verb of a command, such as `list` of `rwt topic`.
 
     Attributes:
-        name: as it is typed.
-        help: what it does, in one line.
-        run: does it.
-        example: a command line, or several lines of them, for the help.
-        json: what ``--json`` prints, for the help.
-        add_arguments: adds its own arguments.
-        definitions: whether the definitions of the robot's topics are fetched when connecting.
-        lasting: whether it goes on until Ctrl-C, so that Ctrl-C is a good end; it also waits for a lost
-            connection to come back.
+        name: word after the command.
+        help: description in one line.
+        run: implementation.
+        example: one or more command lines, for the help.
+        json: output with ``--json``, for the help.
+        add_arguments: adds the arguments of this verb.
+        definitions: fetch the definitions of the robot's topics when connecting.
+        until_interrupted: run until Ctrl-C, which then exits with 0, and reconnect after a lost connection.
     """
 
     name: str
@@ -72,11 +71,11 @@ class Verb:
     json: str
     add_arguments: AddArguments = no_arguments
     definitions: bool = False
-    lasting: bool = False
+    until_interrupted: bool = False
 
 
 def add_family(commands: Commands, name: str, description: str, verbs: Sequence[Verb]) -> Commands:
-    """Add a command whose verbs all talk to a robot; returns what further verbs are added to."""
+    """Add a command whose verbs talk to a robot, and return the object to which further verbs are added."""
     family = commands.add_parser(name, description=description)
     added = add_commands(family)
     for verb in verbs:
@@ -98,19 +97,19 @@ def add_verb(commands: Commands, verb: Verb) -> None:
 
 
 def sentence(text: str) -> str:
-    """A line of help as a sentence."""
+    """Return a help line as a sentence."""
     return f"{text[:1].upper()}{text[1:]}."
 
 
 def epilog(example: str, json: str) -> str:
-    """The end of a verb's help: how it is typed, and what ``--json`` prints."""
+    """Return the end of a verb's help: examples and the output with ``--json``."""
     examples = "\n".join(f"  {line}" for line in example.splitlines())
     shape = "\n".join(f"  {line}" for line in json.splitlines())
     return f"example:\n{examples}\n\n--json prints:\n{shape}"
 
 
 def add_robot_options(parser: argparse.ArgumentParser, *, json: bool = True) -> None:
-    """Add the options of every verb that talks to a robot; without `json` for what prints nothing."""
+    """Add the options of all verbs that talk to a robot, with ``--json`` if `json` is true."""
     group = parser.add_argument_group(_ROBOT_OPTIONS)
     group.add_argument(
         "--url", metavar="URL", help=f"where it is (default ${URL_VARIABLE}, or {DEFAULT_URL})"
@@ -133,7 +132,7 @@ def add_robot_options(parser: argparse.ArgumentParser, *, json: bool = True) -> 
 
 
 def add_tls_options(to: argparse._ActionsContainer) -> None:
-    """Add the options on how the server's certificate is checked."""
+    """Add the options for the verification of the server's certificate."""
     certificate = to.add_mutually_exclusive_group()
     certificate.add_argument(
         "--cafile",
@@ -149,10 +148,10 @@ def add_tls_options(to: argparse._ActionsContainer) -> None:
 
 
 def number_within(what: str, least: float, most: float) -> Callable[[str], float]:
-    """Reads an option's value that is a number in a range.
+    """Return a parser of option values that are numbers in a range.
 
     Args:
-        what: what it is, for a refusal.
+        what: unit of the number, for error messages.
     """
 
     def read(text: str) -> float:
@@ -167,18 +166,18 @@ def number_within(what: str, least: float, most: float) -> Callable[[str], float
     return read
 
 
-seconds: Final = number_within("seconds", _LEAST, _MOST)
-"""An option's value in seconds: from a microsecond to thirty years."""
+seconds: Final = number_within("seconds", _MIN_SECONDS, _MAX_SECONDS)
+"""Parser of option values in seconds: from a microsecond to thirty years."""
 
-seconds_or_none: Final = number_within("seconds", 0.0, _MOST)
-"""An option's value in seconds, which may be 0."""
+seconds_or_none: Final = number_within("seconds", 0.0, _MAX_SECONDS)
+"""Parser of option values in seconds, including 0."""
 
-hertz: Final = number_within("times a second", _LEAST, 1e6)
-"""An option's value in Hz: up to a million, and as slow as a timer can be."""
+hertz: Final = number_within("times a second", _MIN_SECONDS, 1e6)
+"""Parser of option values in Hz: up to a million, and as slow as a timer supports."""
 
 
 def topic_glob(text: str) -> str:
-    """A pattern of topics. The options that take several would take a URL behind them, too."""
+    """Parse a topic pattern. Reject URLs, which options with several patterns would consume."""
     if "://" in text:
         raise argparse.ArgumentTypeError(
             f"{text!r} is no pattern of topics; a URL stands before options that take several patterns"
@@ -187,12 +186,12 @@ def topic_glob(text: str) -> str:
 
 
 def count(text: str) -> int:
-    """An option's value that counts something: 1 or more."""
+    """Parse a positive integer."""
     return _whole(text, 1)
 
 
 def count_or_none(text: str) -> int:
-    """An option's value that counts something: 0 or more."""
+    """Parse a non-negative integer."""
     return _whole(text, 0)
 
 
@@ -204,25 +203,25 @@ def _whole(text: str, least: int) -> int:
 
 
 def url_of(arguments: Arguments) -> str:
-    """Where the robot is."""
+    """Return the URL of the robot."""
     return arguments.url or os.environ.get(URL_VARIABLE) or DEFAULT_URL
 
 
 def token_of(arguments: Arguments) -> str:
-    """The token to present; empty for none."""
+    """Return the bearer token; empty for none."""
     return arguments.token or os.environ.get(TOKEN_VARIABLE, "")
 
 
 def request_headers(arguments: Arguments) -> dict[str, str]:
-    """The request headers with which to connect.
+    """Return the headers of the connection request.
 
     Raises:
-        CommandError: there is a token and no request to put it in, or it cannot stand in one.
+        CommandError: the transport cannot carry the token, or the token is malformed.
     """
     token = token_of(arguments)
     if not token:
         return {}
-    from rwt_transports.schemes import scheme_of  # takes a while, and `--help` needs none of it
+    from rwt_transports.schemes import scheme_of  # slow import that `--help` does not need
 
     scheme = scheme_of(url_of(arguments))
     if scheme is None or not scheme.http:
@@ -233,14 +232,14 @@ def request_headers(arguments: Arguments) -> dict[str, str]:
 
 
 def tls_of(arguments: Arguments) -> ssl.SSLContext | None:
-    """How the server's certificate is checked; None for the system's authorities.
+    """Return the TLS context of the options; None to verify against the system's authorities.
 
     Raises:
-        CommandError: the connection would not be encrypted, or the file holds no certificates.
+        CommandError: the URL is not encrypted, or the file has no certificates.
     """
     if arguments.cafile is None and not arguments.insecure:
         return None
-    import ssl  # takes a while, and few commands need it
+    import ssl  # slow import that few commands need
 
     from rwt_transports.schemes import scheme_of
 
@@ -266,21 +265,21 @@ def tls_of(arguments: Arguments) -> ssl.SSLContext | None:
 
 
 def connecting(
-    arguments: Arguments, *, definitions: bool = False, lasting: bool = False
+    arguments: Arguments, *, definitions: bool = False, until_interrupted: bool = False
 ) -> AbstractAsyncContextManager[Robot]:
-    """A connection to the robot that the options name.
+    """Connect to the robot that the options name.
 
     Args:
-        definitions: fetch the definitions of the topics, which win over the standard ones.
-        lasting: come back when the connection is lost.
+        definitions: fetch the definitions of the topics, which take precedence over the standard ones.
+        until_interrupted: reconnect when the connection is lost.
     """
-    from rwt_client import connect  # takes a while, and `--help` needs none of it
+    from rwt_client import connect  # slow import that `--help` does not need
     from rwt_client.connection import RECONNECT
 
     return connect(
         url_of(arguments),
         timeout=arguments.timeout or USUAL_TIMEOUT,
-        reconnect=RECONNECT if lasting else None,
+        reconnect=RECONNECT if until_interrupted else None,
         fetch_types=definitions,
         headers=request_headers(arguments),
         tls=tls_of(arguments),
@@ -291,9 +290,9 @@ def run_async(program: Callable[[], Awaitable[None]]) -> None:
     """Run a coroutine function to its end.
 
     Raises:
-        CommandError: what the client raised, in the words and exit codes of the command line.
+        CommandError: the coroutine raised :exc:`RobotError`; has its text and an exit code.
     """
-    import anyio  # takes a while, and `--help` needs none of it
+    import anyio  # slow import that `--help` does not need
 
     from rwt_participant.errors import RobotError
 
@@ -308,15 +307,17 @@ def _run(verb: Verb, arguments: Arguments) -> int:
     output = standard_output(json=arguments.json)
 
     async def program() -> None:
-        async with connecting(arguments, definitions=verb.definitions, lasting=verb.lasting) as robot:
-            if verb.lasting:
+        async with connecting(
+            arguments, definitions=verb.definitions, until_interrupted=verb.until_interrupted
+        ) as robot:
+            if verb.until_interrupted:
                 robot.on_event(_log_connection)
             await verb.run(robot, arguments, output)
 
     try:
         run_async(program)
     except KeyboardInterrupt:
-        if not verb.lasting:
+        if not verb.until_interrupted:
             raise
     return 0
 
@@ -329,7 +330,7 @@ def _log_connection(event: ConnectionEvent) -> None:
 
 
 def command_error(error: RobotError) -> CommandError:
-    """An error of the client with its exit code."""
+    """Convert an error of the client to one with an exit code."""
     from rwt_client import BadAddress, ConnectionLost
     from rwt_participant.errors import InvalidMessage, TimedOut, TransformUnavailable
 
@@ -343,10 +344,10 @@ def command_error(error: RobotError) -> CommandError:
 
 
 async def gather(questions: Sequence[Callable[[], Awaitable[T]]]) -> list[T]:
-    """The results of coroutine functions that run concurrently, at most 16 at a time, in order.
+    """Run coroutine functions concurrently, at most 16 at a time, and return their results in order.
 
     Raises:
-        RobotError: one of them failed; the first error.
+        RobotError: the first error, if any of them failed.
     """
     import anyio
 
@@ -354,7 +355,7 @@ async def gather(questions: Sequence[Callable[[], Awaitable[T]]]) -> list[T]:
 
     answers: dict[int, T] = {}
     failures: list[RobotError] = []
-    few = anyio.Semaphore(_MOST_AT_ONCE)
+    few = anyio.Semaphore(_MAX_CONCURRENT)
 
     async def ask(index: int, question: Callable[[], Awaitable[T]]) -> None:
         async with few:

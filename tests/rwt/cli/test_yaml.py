@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt.cli.console import yaml_text
-from rwt.cli.console.yaml_text import LONGEST, YamlError, YamlValue, block, flow, read_yaml
+from rwt.cli.console.yaml_text import MAX_CHARS, YamlError, YamlValue, block, flow, read_yaml
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_nan() -> None:
         ("{: 1}", "expected a value"),
         ("a:\n  \x1b", "line 2, column 3: U+001B is written in double quotes"),
         ("a: \ud800", "line 1, column 4: U+D800 is written"),
-        (" " * (LONGEST + 1), f"more than {LONGEST} characters"),
+        (" " * (MAX_CHARS + 1), f"more than {MAX_CHARS} characters"),
     ],
     ids=lambda text: text[:30],
 )

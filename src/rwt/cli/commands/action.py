@@ -58,13 +58,15 @@ def _show_info(info: dict[str, Any], arguments: Arguments, output: Output) -> No
 
 
 def _follows(action: str, subscribing: tuple[str, ...]) -> bool:
-    """Whether a node with these subscriptions follows goals of an action."""
+    """True if a node with these subscriptions is a client of an action."""
     return f"{action}/_action/feedback" in subscribing or f"{action}/feedback" in subscribing
 
 
 def offers(action: str, services: tuple[str, ...], publishing: tuple[str, ...]) -> bool:
-    """Whether a node with these services and topics offers an action. rosapi does not list the nodes: they
-    offer its services (ROS 2) or its topics (ROS 1)."""
+    """True if a node with these services and topics is a server of an action.
+
+    rosapi does not list servers: they offer the services (ROS 2) or topics (ROS 1) of the action.
+    """
     return f"{action}/_action/cancel_goal" in services or f"{action}/feedback" in publishing
 
 
@@ -121,7 +123,7 @@ async def _cancel(goal: Goal, robot: Robot, error: BaseException) -> None:
 
 
 class _GoalPrinter:
-    """Prints a goal, its feedback and its result."""
+    """Printer of a goal, its feedback and its result."""
 
     def __init__(self, action_type: ActionType, output: Output) -> None:
         self._type = action_type

@@ -1,6 +1,6 @@
-"""`rwt completion`: makes a shell complete commands, options, and the names in the robot's live graph.
+"""`rwt completion`: shell completion of commands, options, and names in the robot's live graph.
 
-argcomplete reads the line and talks with the shells; the values of arguments come from here.
+argcomplete parses the line and supports the shells; this module provides the values of arguments.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 SHELLS: Final = ("bash", "zsh", "fish")
 LIVE_SECONDS: Final = 1.5
-"""How long a completion waits for the robot."""
+"""Seconds that a completion waits for the robot."""
 
 _EXAMPLES: Final = """\
 examples:
@@ -31,7 +31,7 @@ examples:
   rwt completion fish > ~/.config/fish/completions/rwt.fish"""
 
 _NAME: Final = re.compile(r"[A-Za-z0-9_/~{}.-]+")
-"""Names that are offered. A server may send others, which a shell or a terminal would take for commands."""
+"""Names that are offered. Others from the server could be interpreted by a shell or terminal."""
 
 Names = Callable[["Robot"], Awaitable[Iterable[str]]]
 
@@ -53,7 +53,7 @@ async def _nodes(robot: Robot) -> Iterable[str]:
 
 
 LIVE: Final[dict[str, Names]] = {"TOPIC": _topics, "SERVICE": _services, "ACTION": _actions, "NODE": _nodes}
-"""What to ask the robot for, by the metavar of an argument."""
+"""Questions to the robot by the metavar of an argument."""
 
 
 def add_completion_command(commands: Commands) -> None:
@@ -74,8 +74,8 @@ def _print_script(arguments: Arguments) -> int:
 
 
 def complete() -> NoReturn:
-    """Answer a shell, which runs `rwt` with the line so far in its environment, and end."""
-    import argcomplete  # takes a while, and no command needs it
+    """Answer a shell, which runs `rwt` with the current line in its environment, and exit."""
+    import argcomplete  # slow import that only completion needs
 
     from rwt.cli import parser_for
 
@@ -88,11 +88,11 @@ def complete() -> NoReturn:
     argcomplete.autocomplete(
         parser, always_complete_options=False, default_completer=cast("BaseCompleter", _values)
     )
-    raise SystemExit  # only where no shell has asked
+    raise SystemExit  # only if no shell has asked
 
 
 def _values(action: argparse.Action, parsed_args: argparse.Namespace, **_: object) -> Iterable[str]:
-    """What the value of an argument may be, by its metavar."""
+    """Return the candidates for the value of an argument."""
     metavar = action.metavar if isinstance(action.metavar, str) else ""
     if metavar in LIVE:
         return _live(LIVE[metavar], parsed_args)
@@ -109,8 +109,8 @@ def _types() -> list[str]:
 
 
 def _live(names: Names, given: argparse.Namespace) -> list[str]:
-    """Names of the robot's live graph; none if it does not answer in time, as an error message would stand in
-    the middle of the line that is being typed."""
+    """Return names of the robot's live graph; none if it does not answer in time: an error would appear
+    in the middle of the command line."""
     import anyio
 
     from rwt.cli.errors import CommandError

@@ -1,5 +1,4 @@
-"""`rwt config show`: the settings in effect with the source of each; and the options by which commands take
-settings."""
+"""`rwt config show`: the settings in effect with their sources; and the options for settings of commands."""
 
 from __future__ import annotations
 
@@ -48,7 +47,7 @@ def add_config_command(commands: argparse._SubParsersAction[argparse.ArgumentPar
 
 
 def add_settings_options(parser: argparse.ArgumentParser) -> None:
-    """The options that every command with settings has."""
+    """Add the options of all commands with settings."""
     parser.add_argument(
         "--config", type=Path, metavar="FILE", help="TOML file with settings (default: $RWT_CONFIG, or none)"
     )
@@ -62,14 +61,14 @@ def add_settings_options(parser: argparse.ArgumentParser) -> None:
 
 
 def settings_of(arguments: argparse.Namespace, options: Mapping[str, object] | None = None) -> LoadedSettings:
-    """The settings of a command: file, environment, command line.
+    """Load the settings of a command from file, environment and command line.
 
     Args:
-        arguments: of a parser with :func:`add_settings_options`.
-        options: the values of further options by the key of their setting; None is one that was not given.
+        arguments: arguments of a parser with :func:`add_settings_options`.
+        options: values of further options by the key of their setting; None if not given.
 
     Raises:
-        CommandError: a setting cannot be used.
+        CommandError: a setting is invalid.
     """
     given = [
         Given(tuple(key.split(".")), value, "command line")
@@ -93,7 +92,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def show(loaded: LoadedSettings) -> Iterator[str]:
-    """The lines of a TOML file with the same settings, each with the source of its value."""
+    """Yield the lines of a TOML file with these settings, each with the source of its value."""
     yield from _table(loaded, (), loaded.settings)
 
 
@@ -121,7 +120,7 @@ def _line(key: Key, value: object, source: str) -> str:
 
 
 def _part(name: str) -> str:
-    """One part of a key, in quotes where TOML wants them."""
+    """Return one part of a key, quoted where TOML requires it."""
     return name if name.isascii() and name.replace("-", "_").isidentifier() else _toml(name)
 
 
@@ -132,10 +131,10 @@ def _toml(value: object) -> str:
         return f"{{{', '.join(f'{_part(name)} = {_toml(each)}' for name, each in value.items())}}}"
     if isinstance(value, bool | int | float):
         return str(value).lower()
-    # A TOML basic string is a JSON string, but for the code point 127, which is written out.
+    # A TOML basic string is a JSON string, except for code point 127, which must be escaped.
     return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _comment(source: str) -> str:
-    """A source as one line: a file's name may hold anything."""
+    """Return a source as one line; file names may contain line breaks."""
     return source if source == DEFAULT or source.isprintable() else source.encode("unicode_escape").decode()

@@ -12,7 +12,7 @@ def add_conformance_command(commands: argparse._SubParsersAction[argparse.Argume
     parser = commands.add_parser(
         "conformance",
         add_help=False,
-        prefix_chars="\0",  # Nothing is an option here: the suite reads them.
+        prefix_chars="\0",  # The suite parses all options itself.
     )
     parser.add_argument("arguments", nargs=argparse.REMAINDER)
     parser.set_defaults(run=_run)
@@ -20,7 +20,7 @@ def add_conformance_command(commands: argparse._SubParsersAction[argparse.Argume
 
 def _run(arguments: argparse.Namespace) -> int:
     try:
-        # A distribution of its own, with hundreds of cases and a WebSocket client.
+        # A separate distribution, with hundreds of cases and a WebSocket client.
         from rosbridge_conformance.command import main
     except ImportError as error:
         raise CommandError(

@@ -1,4 +1,4 @@
-"""`rwt hub`: where robots behind a NAT dial in, and clients reach each under its own path."""
+"""`rwt hub`: relay for robots behind a NAT, each reachable under its own path."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from rwt_transports.limits import Limits
 logger = logging.getLogger("rwt.cli.hub")
 
 TOKEN_VARIABLE = "ROBOT_HUB_TOKEN"
-"""Not one of the `RWT_` variables, which are settings of a server."""
+"""Has no prefix `RWT_`, which marks settings of a server."""
 
 _TOKEN = re.compile(r"(?:[A-Za-z0-9][A-Za-z0-9_.-]{0,63}=)?[A-Za-z0-9._~-]{16,256}")
 _KIB = 1024
@@ -131,7 +131,7 @@ def _add_bounds(parser: argparse.ArgumentParser) -> None:
 
 
 def _whole(least: int, most: int) -> Callable[[str], int]:
-    """Reads a whole number of an option."""
+    """Return a parser of integers in a range."""
 
     def read(text: str) -> int:
         if text.isascii() and text.isdecimal() and len(text) < 20 and least <= int(text) <= most:
@@ -175,7 +175,7 @@ def _tokens(arguments: argparse.Namespace) -> tuple[str, ...]:
             raise CommandError(f"--token-file {arguments.token_file}: cannot be read: {error}", 2) from error
     for token in tokens:
         if _TOKEN.fullmatch(token) is None:
-            # Without the token: it would stay in a terminal or log.
+            # The error omits the token, which would remain in a terminal or log.
             raise CommandError(
                 "a token is 16 to 256 of the characters A-Z a-z 0-9 - . _ ~, or NAME=TOKEN", exit_code=2
             )
@@ -214,7 +214,7 @@ async def _serve(arguments: argparse.Namespace, tokens: tuple[str, ...], tls: Tl
     async with opened as hub:
 
         def reload() -> None:
-            """Read tokens and certificate again; what cannot be used leaves all as it was."""
+            """Reload tokens and certificate; if one is invalid, keep all of them."""
             try:
                 again = _tokens(arguments)
                 if not again and not is_loopback_listener(arguments.url):

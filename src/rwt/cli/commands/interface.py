@@ -50,7 +50,7 @@ def _run(run: Callable[[Arguments, Output], None], arguments: Arguments) -> int:
 
 
 def _add_source(parser: argparse.ArgumentParser) -> None:
-    """Where the definitions come from."""
+    """Add the options for the source of the definitions."""
     source = parser.add_argument_group("the definitions")
     source.add_argument(
         "--interfaces",
@@ -110,7 +110,7 @@ def _add_kinds(parser: argparse.ArgumentParser) -> None:
 
 
 def _kinds(arguments: Arguments) -> list[str]:
-    """The kinds that were asked for; all without an option."""
+    """Return the kinds that the options select; all without options."""
     return [kind for kind in _HEADINGS if getattr(arguments, kind)] or [*_HEADINGS]
 
 
@@ -119,10 +119,10 @@ def _names(arguments: Arguments) -> list[str]:
 
 
 def _of_package(names: list[str], package: str) -> list[str]:
-    """Those of a package.
+    """Return the names of a package.
 
     Raises:
-        CommandError: it has none; names the nearest package.
+        CommandError: there are none; names the nearest package.
     """
     found = [name for name in names if name.startswith(f"{package}/")]
     if not found:
@@ -201,7 +201,7 @@ def _live_names(arguments: Arguments) -> list[str]:
         from rwt_interfaces.names import three_part
 
         async with connecting(arguments) as robot:
-            # Robots of ROS 1 name messages in two parts, and nothing but messages.
+            # ROS 1 robots list only messages, with two-part names.
             found.extend(sorted(three_part(name, "msg") for name in await ask_rosapi(robot.api.interfaces)))
 
     run_async(ask)
@@ -230,7 +230,7 @@ def _add_show(verbs: Commands) -> None:
 
 
 def _type(arguments: Arguments) -> tuple[Registry, InterfaceType]:
-    """The type that was asked for."""
+    """Return the type of the arguments, with its registry."""
     if "/" not in arguments.type:
         raise CommandError(
             f"expected a type, for example geometry_msgs/msg/Twist, got {arguments.type!r}; "
@@ -302,7 +302,7 @@ def _field(field: object) -> dict[str, object]:
     from rwt_interfaces.definitions.model import Field
     from rwt_interfaces.definitions.parser import format_type
 
-    assert isinstance(field, Field)  # What a definition has.
+    assert isinstance(field, Field)  # Definitions have no other fields.
     record: dict[str, object] = {"name": field.name, "type": format_type(field.type)}
     return record if field.default is None else {**record, "default": field.default}
 
@@ -310,7 +310,7 @@ def _field(field: object) -> dict[str, object]:
 def _lines(
     registry: Registry, definition: MessageDefinition, indent: str, comments: bool, nested_comments: bool
 ) -> Iterator[str]:
-    """The text of a definition, and below each field that is a message what that contains, a tab deeper."""
+    """Yield the lines of a definition; below each field that is a message its definition, after a tab."""
     messages = {field.name: field.type.name for field in definition.fields if not field.type.is_primitive}
     for line in definition.text.rstrip("\n").split("\n"):
         code, _, _ = line.partition("#")
@@ -326,7 +326,7 @@ def _lines(
 
 
 def _types(arguments: Arguments, words: list[str]) -> tuple[Registry, list[InterfaceType]]:
-    """The types that words name, and where they are from; live without words, those of the whole graph."""
+    """Return the types that words name, with their registry; with --live and no words, all of the graph."""
     from rwt.cli.type_lookup import find_types, live_types
 
     if not _is_live(arguments):
@@ -337,7 +337,7 @@ def _types(arguments: Arguments, words: list[str]) -> tuple[Registry, list[Inter
     async def ask() -> None:
         async with connecting(arguments, definitions=True) as robot:
             types = await live_types(robot, words)
-            # By their names once more: a type compiled before the last definition came may hold an older one.
+            # Look them up again: a type compiled before the last definition arrived may contain an older one.
             found.append((robot.types.registry, types))
 
     run_async(ask)
@@ -376,7 +376,7 @@ def _generate(arguments: Arguments, output: Output) -> None:
         raise CommandError("expected types or packages, --interfaces DIR or --live", CALLED_WRONGLY)
     words = arguments.name
     if not words and arguments.interfaces:
-        _registry(arguments)  # Says what is wrong with the folders.
+        _registry(arguments)  # Raises for invalid folders.
         words = _own_packages(arguments)
     registry, types = _types(arguments, words)
     if _is_live(arguments):
@@ -397,7 +397,7 @@ def _generate(arguments: Arguments, output: Output) -> None:
 
 
 def _own_packages(arguments: Arguments) -> list[str]:
-    """The packages in the folders of ``--interfaces``."""
+    """Return the packages in the folders of ``--interfaces``."""
     from rwt_interfaces.definitions.package_directories import interface_files
 
     return sorted({file.package for folder in arguments.interfaces for file in interface_files(folder)})

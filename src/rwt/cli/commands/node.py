@@ -1,4 +1,4 @@
-"""`rwt node`: list the robot's nodes, and what each takes part in."""
+"""`rwt node`: list the robot's nodes, with their topics, services and actions."""
 
 from __future__ import annotations
 

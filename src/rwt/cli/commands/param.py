@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from rwt_participant.messages import Message, ParameterValue
 
 PARAMETERS: Final = "ros__parameters"
-"""What stands between a node and its parameters in the files of ROS 2."""
+"""Key between a node and its parameters in ROS 2 parameter files."""
 _KINDS: Final = (
     "not set", "boolean", "integer", "double", "string", "byte array", "boolean array", "integer array",
     "double array", "string array",
 )  # fmt: skip
-"""The names of the types of parameters, by the numbers of ``rcl_interfaces/msg/ParameterType``."""
+"""Names of parameter types, indexed by ``rcl_interfaces/msg/ParameterType``."""
 _CONSTRAINTS: Final = {
     "min": "Min value",
     "max": "Max value",
@@ -51,7 +51,7 @@ async def _names(robot: Robot) -> tuple[str, ...]:
 
 
 def _by_node(names: tuple[str, ...]) -> dict[str, list[str]]:
-    """The parameters of each node; those of ROS 1, which are the robot's, of the node with no name."""
+    """Group parameters by node; those of ROS 1, which belong to no node, under the empty name."""
     found: dict[str, list[str]] = {}
     for name in sorted(names):
         node, colon, parameter = name.rpartition(":")
@@ -60,7 +60,7 @@ def _by_node(names: tuple[str, ...]) -> dict[str, list[str]]:
 
 
 async def _of_node(robot: Robot, node: str) -> list[str]:
-    """The names of a node's parameters; on ROS 1, of those below a name."""
+    """Return the names of a node's parameters; on ROS 1, of those in a namespace."""
     names = await _names(robot)
     found = _by_node(names)
     if node in found:
@@ -74,13 +74,13 @@ async def _of_node(robot: Robot, node: str) -> list[str]:
 
 
 def _full(robot: Robot, node: str, parameter: str) -> str:
-    """The name of a parameter as rosapi has it (API-08)."""
+    """Return the name of a parameter in rosapi's form (API-08)."""
     separator = ":" if robot.types.registry.distro.parameters_belong_to_nodes else "/"
     return f"{node}{separator}{parameter}"
 
 
 def _addressed(robot: Robot, words: list[str]) -> str:
-    """The name of a parameter from `NODE PARAMETER`, `/node:parameter` or, on ROS 1, `/parameter`."""
+    """Return the name of a parameter from `NODE PARAMETER`, `/node:parameter` or, on ROS 1, `/parameter`."""
     if len(words) == 2:
         return _full(robot, absolute_name(words[0]), words[1])
     return absolute_name(words[0])
@@ -148,7 +148,7 @@ def _given(*words: str | None) -> list[str]:
 
 
 def _shown(value: ParameterValue, output: Output) -> str:
-    """A value as the ``ros2`` tool prints it; on a terminal without what that would obey."""
+    """Return a value as the ``ros2`` tool prints it; on a terminal without control characters."""
     from rwt.cli.console.yaml_text import flow
 
     if isinstance(value, str):
@@ -157,7 +157,7 @@ def _shown(value: ParameterValue, output: Output) -> str:
 
 
 def _kind(value: ParameterValue) -> str:
-    """What ROS 2 calls the type of a value."""
+    """Return ROS 2's name for the type of a value."""
     match value:
         case bool():
             return "Boolean"
@@ -235,7 +235,7 @@ async def _describe(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 def _description(descriptor: Message) -> dict[str, object]:
-    """A ``rcl_interfaces/msg/ParameterDescriptor`` without what it leaves open."""
+    """Return the fields of a ``rcl_interfaces/msg/ParameterDescriptor`` that are set."""
     limits = [*descriptor.floating_point_range, *descriptor.integer_range]
     kind = _KINDS[descriptor.type] if descriptor.type < len(_KINDS) else "unknown"
     found: dict[str, object] = {"name": descriptor.name, "type": kind}
@@ -295,7 +295,7 @@ async def _dump(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 def _nested(flat: Mapping[str, YamlValue]) -> dict[str, YamlValue]:
-    """`a.b` as `b` within `a`, unless `a` is a parameter itself."""
+    """Nest `a.b` as `b` within `a`, unless `a` is a parameter itself."""
     found: dict[str, YamlValue] = {}
     for name, value in flat.items():
         *above, last = name.split(".")
@@ -334,7 +334,8 @@ async def _load(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 async def _load_one(robot: Robot, name: str, value: YamlValue) -> str:
-    """Give a parameter its value; why that failed, empty if it has it now, as read-only ones may."""
+    """Set a parameter. Return the reason of a failure; empty if the parameter has the value afterwards, as a
+    read-only one may."""
     from rwt_participant.errors import NotFound, ParameterRejected
 
     try:
@@ -359,10 +360,10 @@ def _text(file: str) -> str:
 
 
 def _in_file(text: str, node: str, file: str) -> dict[str, YamlValue]:
-    """The parameters of a node in a file: those of `/**` and then its own, by their dotted names.
+    """Return the parameters of a node in a file by dotted names: those of `/**`, then its own.
 
     Raises:
-        CommandError: the file cannot be read, or has nothing for this node.
+        CommandError: the file cannot be parsed, or has no parameters for this node.
     """
     content = read_value(text, file)
     if not isinstance(content, dict):

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rwt_client import Robot
 
 _EVENTS: Final = "/_service_event"
-"""What ROS 2 adds to a service's name for the topic of its introspection."""
+"""Suffix of the introspection topic of a service in ROS 2."""
 
 
 def add_service_command(commands: Commands) -> None:
@@ -126,7 +126,7 @@ VERBS = (
         'one line for each: {"info": {"event_type": 1, …}, "request": [{"a": 1, "b": 2}], "response": []}',
         _echo_arguments,
         definitions=True,
-        lasting=True,
+        until_interrupted=True,
     ),
     Verb(
         "call",

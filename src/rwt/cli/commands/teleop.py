@@ -1,4 +1,4 @@
-"""`rwt teleop`: drive a robot with the arrow keys, for as long as one is held."""
+"""`rwt teleop`: drive a robot while an arrow key is held."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ _TWISTS: Final = ("geometry_msgs/Twist", "geometry_msgs/TwistStamped")
 _DIRECTIONS: Final[dict[Key, tuple[float, float]]] = {
     "up": (1.0, 0.0), "down": (-1.0, 0.0), "left": (0.0, 1.0), "right": (0.0, -1.0),
 }  # fmt: skip
-"""Shares of the two speeds, forwards and to the left, by key."""
+"""Fractions of linear and angular speed by key; forwards and left are positive."""
 
 _FIRST_REPEAT_SECONDS: Final = 0.7
-"""A terminal repeats a held key after up to two thirds of a second, and then some thirty times a second."""
+"""Terminals repeat a held key after up to two thirds of a second, and then about 30 times a second."""
 _NEXT_REPEAT_SECONDS: Final = 0.2
 
 _FAREWELL_SECONDS: Final = 2.0
@@ -38,20 +38,20 @@ def add_teleop_command(commands: Commands) -> None:
 
 
 class HeldKey:
-    """The key that is held, by the times at which a terminal repeats it: it does not tell of a release."""
+    """Held key, derived from the repetitions of the terminal, which does not report releases."""
 
     def __init__(self) -> None:
         self._key: Key | None = None
         self._until = -math.inf
 
     def press(self, key: Key, now: float) -> None:
-        """A key was pressed, or repeated, at `now`, in seconds."""
+        """Note that a key was pressed or repeated at `now`, in seconds."""
         repeated = key == self.at(now)
         self._key = key
         self._until = now + (_NEXT_REPEAT_SECONDS if repeated else _FIRST_REPEAT_SECONDS)
 
     def at(self, now: float) -> Key | None:
-        """The key that is held at `now`; None if none is."""
+        """Return the key that is held at `now`; None if there is none."""
         return self._key if now < self._until else None
 
 
@@ -92,7 +92,7 @@ async def _teleop(robot: Robot, arguments: Arguments, output: Output) -> None:
     held = HeldKey()
     try:
         async with anyio.create_task_group() as tasks:
-            # Handled here, so that whatever ends the program leaves a robot that stands.
+            # Handled here, so that the robot is stopped before the program ends.
             ends = STOP_SIGNALS if HANGUP is None else (*STOP_SIGNALS, HANGUP)
             with on_signals(dict.fromkeys(ends, tasks.cancel_scope.cancel)):
                 tasks.start_soon(_drive, publisher, held, arguments, output)
@@ -108,7 +108,7 @@ async def _teleop(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 async def _drive(publisher: RemotePublisher, held: HeldKey, arguments: Arguments, output: Output) -> None:
-    """Publish commands while a key is held, and a last one of zero when it is released."""
+    """Publish commands while a key is held, and one of zero when it is released."""
     import anyio
 
     drives = False
@@ -136,7 +136,7 @@ def _print(speed: float, turn: float, output: Output) -> None:
 
 
 async def _stop(robot: Robot, publisher: RemotePublisher) -> None:
-    """Publish a command of zero, if there is still a connection."""
+    """Publish a command of zero if still connected."""
     from rwt_client import ConnectionLost
 
     with suppress(ConnectionLost):

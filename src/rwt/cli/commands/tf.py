@@ -1,4 +1,4 @@
-"""`rwt tf`: where the robot's frames are, by its transforms."""
+"""`rwt tf`: transforms between the robot's frames."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _USUAL_RATE: Final = 1.0
 _USUAL_WAIT: Final = 2.0
-"""Seconds of listening before the tree is drawn: enough for frames that are published once a second."""
+"""Seconds of listening before the tree is printed; covers frames that are published once a second."""
 
 
 def add_tf_command(commands: Commands) -> None:
@@ -81,7 +81,7 @@ def _lines(found: StampedTransform, output: Output) -> Iterable[str]:
 
 
 def _numbers(numbers: Iterable[float]) -> str:
-    # Adding 0 makes a negative zero a plain one.
+    # Adding 0 turns negative zero into zero.
     return "[" + ", ".join(f"{round(number, 3) + 0.0:.3f}" for number in numbers) + "]"
 
 
@@ -138,7 +138,7 @@ VERBS = (
         'one line each time: {"stamp": {"sec": …, "nanosec": …}, "source": "map", "target": "base_link",\n'
         '"translation": [x, y, z], "rotation": [x, y, z, w], "rpy": […], "matrix": […]}; metres, radians',
         _echo_arguments,
-        lasting=True,
+        until_interrupted=True,
     ),
     Verb(
         "tree",

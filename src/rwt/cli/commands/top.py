@@ -1,4 +1,4 @@
-"""`rwt top`: what goes on in a robot: its topics with their rates, its nodes, its clients."""
+"""`rwt top`: topics of a robot with their rates, nodes and clients."""
 
 from __future__ import annotations
 
@@ -51,10 +51,10 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(slots=True)
 class _Counted:
-    """A topic that is listened to, and what has come since the last look.
+    """Subscribed topic, with counts since the last update.
 
     Attributes:
-        since_ns: the robot's time when it was subscribed to: what is older was kept, and is no rate.
+        since_ns: the robot's time of the subscription; older messages were latched, and are not counted.
     """
 
     type: str
@@ -72,7 +72,7 @@ class _Counted:
 
 @dataclass(frozen=True, slots=True)
 class _Rate:
-    """What came on one topic, a second."""
+    """Messages and bytes per second of a topic."""
 
     name: str
     type: str
@@ -80,8 +80,8 @@ class _Rate:
     octets: float
 
 
-class _Look:
-    """Listens to a robot's topics, undecoded, as they come and go."""
+class _Watch:
+    """Subscriptions to all topics of a robot, undecoded, updated as topics come and go."""
 
     def __init__(self, robot: Robot, globs: list[str]) -> None:
         from rwt.nodes.recording import TopicSelection
@@ -92,7 +92,7 @@ class _Look:
         self._counted: dict[str, _Counted] = {}
 
     async def begin(self) -> None:
-        """Listen to the number of clients, which servers of this project publish."""
+        """Subscribe to the number of clients, which servers of this project publish."""
         if any(name == _CLIENTS for name, _ in await TOPIC.found(self._robot)):
             await self._robot.subscribe(_CLIENTS, self._count_clients)
 
@@ -100,7 +100,7 @@ class _Look:
         self.clients = message.data
 
     async def follow(self) -> None:
-        """Listen to topics that are new, and forget those that have gone."""
+        """Subscribe to new topics, and remove those that are gone."""
         from rwt_participant.errors import UnknownType
 
         topics = dict(await TOPIC.found(self._robot))
@@ -116,16 +116,16 @@ class _Look:
             try:
                 counted.subscription = await self._robot.subscribe_raw(name, counted.hear, kind)
             except UnknownType:
-                continue  # It stays in the list, and nothing is heard of it.
+                continue  # Listed without messages.
 
     async def health(self, arguments: Arguments) -> Health | None:
-        """How busy the server is, where it says so over HTTP."""
+        """Return the state of the server, if it reports one over HTTP."""
         from rwt.cli.health import health_of
 
         return await health_of(url_of(arguments), arguments.interval, tls_of(arguments))
 
     def rates(self, elapsed: float) -> list[_Rate]:
-        """What came since the last time, `elapsed` seconds ago, the most bytes first."""
+        """Return the rates since the last call, `elapsed` seconds ago, the most bytes first."""
         found = []
         for name, counted in self._counted.items():
             found.append(_Rate(name, counted.type, counted.messages / elapsed, counted.octets / elapsed))
@@ -136,7 +136,7 @@ class _Look:
 async def _top(robot: Robot, arguments: Arguments, output: Output) -> None:
     import anyio
 
-    look = _Look(robot, arguments.topics)
+    look = _Watch(robot, arguments.topics)
     await look.begin()
     await look.follow()
     since, times = anyio.current_time(), arguments.times or (None if output.people else 1)
@@ -192,5 +192,5 @@ _TOP = Verb(
     "the seconds of work for them each second are null where the server does not tell",
     _arguments,
     definitions=True,
-    lasting=True,
+    until_interrupted=True,
 )

@@ -1,1 +1,1 @@
-"""What is read from and written to a terminal: messages, YAML, keys and logs."""
+"""Input and output of the command line: messages, YAML, keys and logs."""

@@ -1,4 +1,4 @@
-"""Single key presses of a terminal, as events."""
+"""Key presses of a terminal as events."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ _PRESS: Final = re.compile(rb"\x1b[\[O][A-D]|.", re.DOTALL)
 
 
 def can_press_keys() -> bool:
-    """Whether keys can be read: standard input is a terminal, and the program is not in its background, where
-    reading would stop it."""
+    """True if keys can be read: standard input is a terminal with this program in its foreground; reading in
+    the background would stop the program."""
     if not sys.stdin.isatty() or not hasattr(os, "tcgetpgrp"):
         return False
     return os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
 
 
 async def key_presses() -> AsyncGenerator[Key, None]:
-    """Keys as they are pressed, a held one as often as the terminal repeats it; none where there are none."""
+    """Yield key presses and the terminal's repetitions of held keys; nothing without a terminal."""
     if not can_press_keys():
         return
     descriptor = sys.stdin.fileno()
@@ -51,12 +51,12 @@ async def key_presses() -> AsyncGenerator[Key, None]:
 
 @contextmanager
 def _without_lines(descriptor: int) -> Iterator[None]:
-    """Hand on each key at once and unseen; Ctrl-C stays what it is."""
+    """Read keys without line buffering and echo; Ctrl-C still interrupts."""
     import termios  # not on every system
     import tty
 
     before = termios.tcgetattr(descriptor)
-    tty.setcbreak(descriptor, termios.TCSADRAIN)  # Keys that were pressed already count.
+    tty.setcbreak(descriptor, termios.TCSADRAIN)  # Keep keys that were pressed already.
     try:
         yield
     finally:

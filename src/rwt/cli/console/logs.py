@@ -1,4 +1,4 @@
-"""The log of `rwt serve`, on stderr: lines for people, or one JSON object a line for programs."""
+"""Log of `rwt serve` on stderr: text lines, or one JSON object per line."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _FIELDS: Final = ("worker", "client", "op_id")
 
 
 class JsonFormatter(logging.Formatter):
-    """One JSON object a line: `time` (UTC, RFC 3339), `level`, `logger`, `message`; and where there are any,
-    `worker` (with `--workers`), `client` (its number), `op_id` and `error` (the traceback)."""
+    """Formatter of JSON lines: `time` (UTC, RFC 3339), `level`, `logger`, `message`, and if present `worker`
+    (with `--workers`), `client` (its number), `op_id` and `error` (the traceback)."""
 
     def format(self, record: logging.LogRecord) -> str:
-        """The object of one record."""
+        """Return the JSON object of a record."""
         line: dict[str, object] = {
             "time": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
             "level": record.levelname.lower(),
@@ -38,7 +38,7 @@ class JsonFormatter(logging.Formatter):
 
 
 class WorkerFormatter(logging.Formatter):
-    """Lines that begin with which worker it is."""
+    """Formatter that adds the number of the worker."""
 
     def __init__(self, inner: logging.Formatter, number: int) -> None:
         super().__init__()
@@ -46,7 +46,7 @@ class WorkerFormatter(logging.Formatter):
         self._number = number
 
     def format(self, record: logging.LogRecord) -> str:
-        """The line, or the object with one more field."""
+        """Return the line with a prefix, or the object with the field `worker`."""
         if isinstance(self._inner, JsonFormatter):
             record.worker = self._number
             return self._inner.format(record)
@@ -54,10 +54,10 @@ class WorkerFormatter(logging.Formatter):
 
 
 class SteadyHandler(logging.StreamHandler[TextIO]):
-    """Writes to a stream that may fail, and goes on with the next line when the disk has room again.
+    """Handler for a stream that may fail: resumes with the next line once the disk has space again.
 
     Attributes:
-        lost: lines that could not be written; the next one that can is preceded by their number.
+        lost: number of lines that could not be written; reported before the next line.
     """
 
     def __init__(self, stream: TextIO) -> None:
@@ -78,14 +78,14 @@ class SteadyHandler(logging.StreamHandler[TextIO]):
         except OSError:
             self.lost += 1
         except Exception:
-            # A record that cannot be formatted is a mistake in the program: logging's own way to say so.
+            # A record that cannot be formatted is a bug of the caller: report it as logging does.
             self.handleError(record)
         else:
             self.lost = 0
 
 
 def log_to_stderr(style: Format, *, verbose: bool) -> None:
-    """Let everything of level info and above, or debug if `verbose`, go to stderr in that format."""
+    """Log to stderr in this format, from level info, or debug if `verbose`."""
     handler = SteadyHandler(sys.stderr)
     handler.setFormatter(JsonFormatter() if style == "json" else logging.Formatter(_TEXT))
     root = logging.getLogger()
@@ -94,7 +94,7 @@ def log_to_stderr(style: Format, *, verbose: bool) -> None:
 
 
 def name_worker(number: int) -> None:
-    """Prefix every line of this process, one of several workers, with its number."""
+    """Prefix all log lines of this worker process with its number."""
     for handler in logging.getLogger().handlers:
         if isinstance(handler, SteadyHandler):
             inner = handler.formatter or logging.Formatter(_TEXT)

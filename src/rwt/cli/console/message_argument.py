@@ -1,4 +1,4 @@
-"""Messages as they are typed on a command line: YAML or JSON, with or without the type before them."""
+"""Messages on the command line: YAML or JSON, optionally preceded by the type."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
 AUTO: Final = "auto"
-"""What stands for a header that is stamped with the time."""
+"""Value of a header that gets the current time."""
 STDIN: Final = "-"
 
 
 def read_value(text: str, what: str) -> YamlValue:
-    """A value as it was typed.
+    """Parse a value.
 
     Args:
-        what: what it is, for the error.
+        what: name of the value, for error messages.
 
     Raises:
-        CommandError: it cannot be read; says where.
+        CommandError: the text is invalid; names the position.
     """
-    from rwt.cli.console.yaml_text import YamlError, read_yaml  # takes a while, and `--help` needs none of it
+    from rwt.cli.console.yaml_text import YamlError, read_yaml  # slow import that `--help` does not need
 
     try:
         return read_yaml(text)
@@ -38,10 +38,10 @@ def read_value(text: str, what: str) -> YamlValue:
 
 
 def read_message(text: str) -> dict[str, YamlValue]:
-    """A message as it was typed: `{linear: {x: 0.2}}`, `data: hello`, or JSON; ``-`` reads standard input.
+    """Parse a message: `{linear: {x: 0.2}}`, `data: hello`, or JSON; ``-`` reads standard input.
 
     Raises:
-        CommandError: it cannot be read, or is no message.
+        CommandError: the text is invalid, or not a message.
     """
     value = read_value(sys.stdin.read() if text == STDIN else text, "the message")
     if value is None:
@@ -55,10 +55,10 @@ def read_message(text: str) -> dict[str, YamlValue]:
 
 
 def type_and_message(words: Sequence[str]) -> tuple[str | None, dict[str, YamlValue]]:
-    """`TYPE MESSAGE`, either of which may be missing: a single word is recognised as one or the other.
+    """Parse `TYPE MESSAGE`, either of which may be missing: a single word is recognised as one or the other.
 
     Raises:
-        CommandError: the message cannot be read.
+        CommandError: the message is invalid.
     """
     if len(words) > 1:
         return words[0], read_message(words[1])
@@ -68,7 +68,7 @@ def type_and_message(words: Sequence[str]) -> tuple[str | None, dict[str, YamlVa
 
 
 def is_type_name(text: str) -> bool:
-    """Whether `text` may be the name of a type."""
+    """True if `text` may be the name of a type."""
     try:
         parse_type_name(text)
     except InvalidName:
@@ -77,7 +77,7 @@ def is_type_name(text: str) -> bool:
 
 
 def with_stamps(message_type: MessageType, message: YamlValue) -> object:
-    """`message` with each header that says ``auto`` left out: the sender stamps it (PUB-05)."""
+    """Return `message` without headers of value ``auto``, which the sender then stamps (PUB-05)."""
     if not isinstance(message, dict):
         return message
     nested = {field.name: field.type for field in message_type.definition.fields}

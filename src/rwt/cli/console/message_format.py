@@ -1,4 +1,4 @@
-"""Messages as people and programs read them: plain values, shortened if wanted, one field, text, CSV."""
+"""Output formats of messages: plain values, truncated if wanted, single fields, text, CSV."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ _STEP: Final = re.compile(r"([A-Za-z][A-Za-z0-9_]*)((?:\[[0-9]{1,9}\])*)", re.AS
 
 @dataclass(frozen=True, slots=True)
 class Formatting:
-    """How much of a message is shown, and for whom.
+    """Options of the output of a message.
 
     Attributes:
-        arrays: whether arrays are shown; else only their length.
-        strings: whether strings are shown; else only their length.
-        longest: items and characters after which an array or a string is cut; None for no cut.
-        json: octets as base64 and NaN as null, as rosbridge sends them.
+        arrays: show arrays; if false only their length.
+        strings: show strings; if false only their length.
+        longest: maximum items of an array and characters of a string; None for no limit.
+        json: show octets as base64 and NaN as null, as rosbridge sends them.
     """
 
     arrays: bool = True
@@ -44,7 +44,7 @@ class Formatting:
 def plain(
     message_type: MessageType, message: Any, formatting: Formatting = Formatting()
 ) -> dict[str, YamlValue]:
-    """A message as plain values, fields in the definition's order."""
+    """Convert a message to plain values, with fields in the definition's order."""
     return {
         slot.name: plain_value(slot.type, getattr(message, slot.attribute), formatting)
         for slot in message_type.slots
@@ -52,7 +52,7 @@ def plain(
 
 
 def plain_value(field_type: FieldType, value: Any, formatting: Formatting) -> YamlValue:
-    """What a field holds as plain values."""
+    """Convert the value of a field to plain values."""
     match field_type:
         case field_types.Message(type=nested) if nested.time is None:
             return plain(nested, value, formatting)
@@ -119,12 +119,12 @@ def _string(text: str, formatting: Formatting) -> str:
 
 @dataclass(frozen=True, slots=True)
 class FieldPath:
-    """A way to one field of a message: ``pose.pose.position.x``, ``transforms[0].child_frame_id``.
+    """Path to a field of a message: ``pose.pose.position.x``, ``transforms[0].child_frame_id``.
 
     Attributes:
-        text: as it was typed.
+        text: the path as text.
         steps: names of attributes, and indices.
-        field_type: what is there.
+        field_type: type of the field.
     """
 
     text: str
@@ -132,7 +132,7 @@ class FieldPath:
     field_type: FieldType
 
     def of(self, message: Any) -> Any:
-        """What `message` holds there.
+        """Return the value of the field in `message`.
 
         Raises:
             CommandError: an array is too short.
@@ -199,7 +199,7 @@ def _element_of(field_type: FieldType, text: str) -> FieldType:
 
 
 def csv_line(value: YamlValue) -> str:
-    """All values in order, between commas (RFC 4180, but for the line end)."""
+    """Return all values in order, separated by commas (RFC 4180 without the line end)."""
     buffer = io.StringIO()
     csv.writer(buffer, lineterminator="").writerow(_leaves(value))
     return buffer.getvalue()
@@ -217,7 +217,7 @@ def _leaves(value: YamlValue) -> Iterator[YamlValue]:
 
 
 def constructor(message_type: MessageType, message: Any) -> str:
-    """A message as the ``ros2`` tool prints one that it sends: ``std_msgs.msg.String(data='hello')``."""
+    """Return a message as the ``ros2`` tool prints those it sends: ``std_msgs.msg.String(data='hello')``."""
     return _constructed(field_types.Message(message_type), message)
 
 

@@ -1,4 +1,4 @@
-"""Where a command prints: for people on a terminal, as plain text into a pipe, or as JSON for programs."""
+"""Output of a command: for people on a terminal, plain text into a pipe, or JSON for programs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _OWN_CODE: Final = "|".join(re.escape(f"\x1b[{code}m") for code in sorted({*_COD
 _COMMANDS: Final = re.compile(
     f"({_OWN_CODE})|[\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069]"
 )
-"""What a terminal takes for a command, or turns the direction of a text by; a colour of this module first."""
+"""Control characters of terminals and text direction; colours of this module match first."""
 
 
 class OutputClosed(Exception):
@@ -40,8 +40,8 @@ class Output:
     """Standard output.
 
     Attributes:
-        people: whether people read it: a terminal, and JSON was not asked for.
-        json: whether JSON was asked for.
+        people: True if the output is a terminal and not JSON.
+        json: True for JSON.
     """
 
     def __init__(self, stream: TextIO, *, people: bool, colour: bool, json: bool) -> None:
@@ -52,23 +52,23 @@ class Output:
         self._live_lines = 0
 
     def line(self, text: str = "") -> None:
-        """Print one line; it is there for the reader at once.
+        """Print one line, and flush.
 
         Raises:
             OutputClosed: the reader has closed the pipe.
-            OutputFailed: it cannot be written.
+            OutputFailed: the line cannot be written.
         """
         self.text(f"{text}\n")
 
     def text(self, text: str) -> None:
-        """Print some lines.
+        """Print lines, and flush.
 
         Raises:
             OutputClosed: the reader has closed the pipe.
-            OutputFailed: it cannot be written.
+            OutputFailed: the lines cannot be written.
         """
         self._live_lines = 0
-        # Whoever prints has replaced what a robot's names may hold; whoever forgot it does no harm.
+        # Second line of defence: callers already escape names of the robot.
         self._write(_COMMANDS.sub(_shown, text) if self.people else text)
 
     def _write(self, text: str) -> None:
@@ -81,17 +81,17 @@ class Output:
             raise OutputFailed(f"the output cannot be written: {error.strerror}") from None
 
     def record(self, value: object) -> None:
-        """Print a value as one line of JSON, in which no character is a terminal's command."""
+        """Print a value as one line of JSON with control characters escaped."""
         text = json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(", ", ": "))
         self.line(_COMMANDS.sub(lambda found: f"\\u{ord(found[0]):04x}", text))
 
     def styled(self, text: str, style: Style) -> str:
-        """`text` in a colour where there are colours; control characters are replaced on a terminal."""
+        """Return `text` coloured if colours are on; on a terminal, with control characters replaced."""
         plain = self.escape_terminal(text)
         return f"\x1b[{_CODES[style]}m{plain}\x1b[0m" if self._colour and plain else plain
 
     def escape_terminal(self, text: str) -> str:
-        """A text of the robot: unchanged for programs; on a terminal, control characters are replaced."""
+        """Return a text of the robot, on a terminal with control characters replaced."""
         return printable(text) if self.people else text
 
     def columns(self, rows: Iterable[Sequence[str]], styles: Sequence[Style | None]) -> None:
@@ -110,7 +110,7 @@ class Output:
         return f"{text if style is None else self.styled(text, style)}{padding}"
 
     def live(self, lines: Sequence[str]) -> None:
-        """Print lines for people in the place of those printed live before."""
+        """Print lines over those that the last call printed."""
         if self._live_lines:
             self._write(_UP_AND_CLEAR.format(self._live_lines))
         self.text("".join(f"{line}\n" for line in lines))
@@ -118,10 +118,10 @@ class Output:
 
 
 def standard_output(*, json: bool) -> Output:
-    """The program's own output, as it is: see https://no-color.org for ``NO_COLOR``."""
+    """Return the output to stdout, in colour on a terminal unless ``NO_COLOR`` is set (https://no-color.org)."""
     stream = sys.stdout
     if isinstance(stream, io.TextIOWrapper) and stream.encoding.lower() != "utf-8":
-        # A name that the terminal cannot show must not raise.
+        # Names that the terminal cannot encode must not raise.
         stream.reconfigure(errors="backslashreplace")
     people = stream.isatty() and not json
     colour = people and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
@@ -133,7 +133,7 @@ def _shown(found: re.Match[str]) -> str:
 
 
 def printable(text: str) -> str:
-    """`text` with each unprintable character replaced: names of a robot may hold terminal commands."""
+    """Return `text` with unprintable characters replaced: names of a robot may contain terminal commands."""
     return (
         text
         if text.isprintable()
@@ -142,7 +142,7 @@ def printable(text: str) -> str:
 
 
 def reported(act: Callable[[], object]) -> int:
-    """Run a part of a command in a process of its own; the exit code, with why it failed on stderr."""
+    """Run a part of a command in its own process: print its error on stderr, and return the exit code."""
     try:
         act()
     except CommandError as error:
@@ -154,25 +154,25 @@ def reported(act: Callable[[], object]) -> int:
 
 
 def failure_line(error: CommandError) -> str:
-    """The line on stderr for an error: one line, whatever a robot's answer has in it."""
+    """Return the line on stderr for an error, with line breaks and control characters replaced."""
     return f"rwt: {printable(' '.join(str(error).splitlines()))}"
 
 
 def note(text: str) -> None:
-    """Print a line on standard error: something for people that is not the answer."""
+    """Print a line on standard error, for people and not part of the output."""
     print(printable(text), file=sys.stderr, flush=True)
 
 
 class NoteFormatter(logging.Formatter):
-    """Lines of a log for people, in each of which a robot's text is no terminal's command."""
+    """Formatter of log lines for people, with control characters replaced."""
 
     def formatMessage(self, record: logging.LogRecord) -> str:
-        """One line, whatever a robot's text has in it."""
+        """Return the record as one line."""
         return printable(" ".join(super().formatMessage(record).splitlines()))
 
 
 def log_notes(form: str) -> None:
-    """Write warnings to standard error, in that format of :mod:`logging`."""
+    """Log warnings to standard error, in this format of :mod:`logging`."""
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(NoteFormatter(form))
     logging.basicConfig(level=logging.WARNING, handlers=[handler])

@@ -1,8 +1,8 @@
 """Messages and parameters as YAML, read and written as the ``ros2`` tool does; JSON is read, too.
 
-The parser and the emitter are PyYAML's. Values are made here, from the parser's events, so that no text can
-make an object, a huge value from a few letters, or a recursion without end: anchors, aliases, tags, several
-documents and keys that are no scalars are refused by name. Importing this module imports PyYAML.
+Parser and emitter are PyYAML's. Values are built here from the parser's events, so that input can neither
+create objects nor expand to huge values or endless recursion: anchors, aliases, tags, several documents and
+keys that are not scalars are rejected. Importing this module imports PyYAML.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ if TYPE_CHECKING:
 
 YamlValue: TypeAlias = "bool | int | float | str | list[YamlValue] | dict[str, YamlValue] | None"
 
-LONGEST: Final = 10_000_000
-"""Characters of a text in YAML."""
-DEEPEST: Final = 100
-"""Collections within each other."""
+MAX_CHARS: Final = 10_000_000
+"""Maximum characters of a YAML text."""
+MAX_DEPTH: Final = 100
+"""Maximum nesting depth."""
 
 _LOADER: Final = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _DUMPER: Final = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
-_LONGEST_NUMBER: Final = 400
+_MAX_CHARS_NUMBER: Final = 400
 _NULL: Final = frozenset({"", "~", "null", "Null", "NULL"})
 _BOOLEANS: Final = {
     spelling: value
@@ -75,21 +75,21 @@ _MEANINGS: Final = (
     ("document start", "expected the end of the text"),
     ("directive", "a directive (%) is not read"),
 )
-"""Our words for what the parser reports: its C and its Python form use different ones."""
+"""Error texts by those of the parser; its C and Python implementations use different ones."""
 
 
 class YamlError(ValueError):
-    """A text that cannot be read; the message has the line, the column and what was expected."""
+    """Invalid text; the message has the line, the column and what was expected."""
 
 
 # -- reading -----------------------------------------------------------------------------------------------
 
 
 def read_yaml(text: str) -> YamlValue:
-    """The value that a text holds: a YAML document or a JSON text; an empty one is None.
+    """Parse a YAML document or a JSON text; an empty one is None.
 
     Raises:
-        YamlError: it cannot be read; no other exception, whatever the text.
+        YamlError: the text is invalid. No other exception is raised, for any text.
     """
     if text.lstrip()[:1] in ("{", "[", '"'):
         try:
@@ -102,16 +102,16 @@ def read_yaml(text: str) -> YamlValue:
 
 
 def scalar(text: str) -> YamlValue:
-    """What a plain scalar stands for.
+    """Return the value of a plain scalar.
 
-    As in YAML 1.1, which the ``ros2`` tool reads (010 is 8, 1_000 is 1000, ``on`` is true), but for what is
-    never meant in a message: 1e3 is a number, and neither 12:30 nor 2020-01-01 is one.
+    Follows YAML 1.1, as the ``ros2`` tool does (010 is 8, 1_000 is 1000, ``on`` is true), with exceptions
+    that suit messages: 1e3 is a number, 12:30 and 2020-01-01 are strings.
     """
     if text in _NULL:
         return None
     if text in _BOOLEANS:
         return _BOOLEANS[text]
-    if len(text) <= _LONGEST_NUMBER and text[0] != "_":
+    if len(text) <= _MAX_CHARS_NUMBER and text[0] != "_":
         digits = text.replace("_", "")
         for form, base in ((_OCTAL, 8), (_DECIMAL, 10), (_PREFIXED, 0)):
             if form.fullmatch(digits):
@@ -124,7 +124,7 @@ def scalar(text: str) -> YamlValue:
 
 
 class _Document:
-    """Makes the value of one text from the parser's events."""
+    """Builder of the value of one text from the parser's events."""
 
     def __init__(self, text: str) -> None:
         self._text = text
@@ -144,8 +144,8 @@ class _Document:
         return value
 
     def _check_characters(self) -> None:
-        if len(self._text) > LONGEST:
-            raise YamlError(f"line 1, column 1: YAML of more than {LONGEST} characters is not read")
+        if len(self._text) > MAX_CHARS:
+            raise YamlError(f"line 1, column 1: YAML of more than {MAX_CHARS} characters is not read")
         if strange := Reader.NON_PRINTABLE.search(self._text):
             at, code = strange.start(), ord(strange[0])
             line, column = self._text.count("\n", 0, at) + 1, at - self._text.rfind("\n", 0, at)
@@ -166,8 +166,8 @@ class _Document:
         if isinstance(event, ScalarEvent):
             return scalar(event.value) if event.implicit[0] else event.value
         assert isinstance(event, MappingStartEvent | SequenceStartEvent)  # No other node is left.
-        if len(self._open) == DEEPEST:
-            raise _error(event.start_mark, f"nested more than {DEEPEST} deep")
+        if len(self._open) == MAX_DEPTH:
+            raise _error(event.start_mark, f"nested more than {MAX_DEPTH} deep")
         self._open.append(event)
         value = self._fields(event) if isinstance(event, MappingStartEvent) else self._items()
         self._open.pop()
@@ -193,9 +193,9 @@ class _Document:
         return fields
 
     def _explained(self, error: yaml.MarkedYAMLError) -> YamlError:
-        """An error of the parser: where, and what instead."""
+        """Convert an error of the parser to position and expectation."""
         problem, mark = error.problem or "", error.problem_mark
-        assert mark is not None  # The parser marks everything.
+        assert mark is not None  # The parser sets all marks.
         begin = error.context_mark or mark
         if self._open and self._open[-1].flow_style and not self._text[mark.index :].strip():
             closing = "}" if isinstance(self._open[-1], MappingStartEvent) else "]"
@@ -221,7 +221,7 @@ def _refuse_references(event: Event) -> None:
 
 
 def _error(mark: Mark, text: str) -> YamlError:
-    assert mark is not None  # The parser marks everything.
+    assert mark is not None  # The parser sets all marks.
     return YamlError(f"line {mark.line + 1}, column {mark.column + 1}: {text}")
 
 
@@ -229,7 +229,7 @@ def _error(mark: Mark, text: str) -> YamlError:
 
 
 class _Dumper(_DUMPER):  # type: ignore[misc,valid-type]  # one of two, as PyYAML was built
-    """Writes what :func:`read_yaml` and the ``ros2`` tool both read as the same value."""
+    """Dumper of text that :func:`read_yaml` and the ``ros2`` tool both read as the same value."""
 
     def ignore_aliases(self, data: object) -> bool:
         return True
@@ -245,12 +245,12 @@ _Dumper.add_representer(str, _represent_text)
 
 
 def block(value: YamlValue) -> str:
-    """A value as lines, one for each member and item, each with its line end."""
+    """Return a value as lines, one for each member and item, each with its line end."""
     return _dumped(value, flow_style=False)
 
 
 def flow(value: YamlValue) -> str:
-    """A value on one line, without a line end."""
+    """Return a value on one line, without a line end."""
     return _dumped(value, flow_style=True).rstrip("\n")
 
 
@@ -263,7 +263,7 @@ def _dumped(value: YamlValue, *, flow_style: bool) -> str:
         allow_unicode=True,
         width=1_000_000_000,
     )
-    # What is not printable stands in double quotes, where it may be written as a terminal does not obey it.
+    # Unprintable characters are in double quotes, where they can be written as escapes.
     return _NOT_ASCII.sub(_escaped, text.removesuffix("...\n"))
 
 

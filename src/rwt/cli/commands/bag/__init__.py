@@ -1,4 +1,4 @@
-"""`rwt bag`: record, play, describe and repair recordings, as the `ros2` tool spells it."""
+"""`rwt bag`: record, play, describe and repair recordings, with the verbs of `ros2 bag`."""
 
 from __future__ import annotations
 

@@ -97,10 +97,10 @@ def _add_time(parser: argparse.ArgumentParser) -> None:
 
 
 def parse_remap(text: str) -> tuple[str, str]:
-    """The two names of `OLD:=NEW`.
+    """Parse `OLD:=NEW`.
 
     Raises:
-        argparse.ArgumentTypeError: it is something else.
+        argparse.ArgumentTypeError: the text has another form.
     """
     old, sign, new = text.partition(":=")
     if not (old and sign and new):
@@ -135,7 +135,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
             def say(text: str) -> None:
                 print_announcement(text)
-                _say_what_plays(recording)
+                _announce(recording)
 
             code = server.run(announce=say, on_up=on_up)
             losses = server.player.losses if code == 0 else ()
@@ -171,11 +171,11 @@ async def _follow_keys(player: Player) -> None:
     async with aclosing(key_presses()) as pressed:
         async for key in pressed:
             press(player, key)
-            print(f"\r{_standing(player)}", end="", file=sys.stderr, flush=True)
+            print(f"\r{_status_line(player)}", end="", file=sys.stderr, flush=True)
 
 
 def press(player: Player, key: Key) -> None:
-    """Do what a key asks for."""
+    """Apply a key press to the player."""
     from rwt.nodes.playback.player import FASTEST, SLOWEST
 
     if key == "space":
@@ -187,14 +187,14 @@ def press(player: Player, key: Key) -> None:
         player.set_rate(min(FASTEST, max(SLOWEST, player.rate * factor)))
 
 
-def _standing(player: Player) -> str:
+def _status_line(player: Player) -> str:
     position = (player.position_ns - player.start_ns) / 1e9
     length = (player.end_ns - player.start_ns) / 1e9
     state = "paused" if player.paused else "playing"
     return f"{state} at {position:.3f} of {length:.3f} s, speed {player.rate:.3g}   "
 
 
-def _say_what_plays(recording: Recording) -> None:
+def _announce(recording: Recording) -> None:
     count = sum(topic.count or 0 for topic in recording.topics)
     length = (recording.end_ns - recording.start_ns) / 1e9
     print(f"playing {count} messages of {length:.1f} s", file=sys.stderr)

@@ -68,7 +68,7 @@ _SPLIT = re.compile(r"(\d+(?:\.\d+)?) ?(kb|mb|gb|s|m|h)", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class _RecordArguments:
-    """What is to be recorded."""
+    """Arguments of a recording."""
 
     url: str
     headers: dict[str, str]
@@ -165,10 +165,10 @@ def _add_form(parser: argparse.ArgumentParser) -> None:
 
 
 def parse_split(text: str) -> Split:
-    """When a new file is begun, from text.
+    """Parse the size or duration at which a new file begins.
 
     Raises:
-        argparse.ArgumentTypeError: neither a size nor a time.
+        argparse.ArgumentTypeError: the text is neither.
     """
     match = _SPLIT.fullmatch(text.strip())
     if match is None or not 0 < float(match[1]) <= _MOST_SPLIT:
@@ -180,7 +180,7 @@ def parse_split(text: str) -> Split:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from rwt_participant.errors import RobotError  # the client is loaded where it is used
+    from rwt_participant.errors import RobotError  # deferred: `--help` does not need the client
 
     log_notes("%(levelname)s %(message)s")
     if arguments.verbose:
@@ -206,7 +206,7 @@ def _run(arguments: argparse.Namespace) -> int:
     )
     writer = logging.getLogger("rwt.nodes.recording.writer")
     level = writer.level
-    # An error that ends the command is printed once, by the command.
+    # The command prints an error that ends it, so it is not logged as well.
     writer.setLevel(logging.CRITICAL)
     try:
         anyio.run(_record, order)
@@ -220,7 +220,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _refuse_files(topics: Iterable[str]) -> None:
-    """Raise :exc:`CommandError` for the name of a file where topics stand."""
+    """Raise :exc:`CommandError` for a file name among the topics."""
     for topic in topics:
         if topic.endswith(".mcap"):
             raise CommandError(f"expected topics, got {topic!r}; to record to it: -o {topic}", CALLED_WRONGLY)
@@ -237,7 +237,7 @@ async def _record(order: _RecordArguments) -> None:
 
 
 async def _record_robot(robot: Robot, order: _RecordArguments, over: anyio.Event) -> None:
-    """Record until `over` is set, the connection is over, or the time is."""
+    """Record until `over` is set, the connection ends, or the maximum duration is reached."""
     from rwt.nodes.recording.remote_recorder import RemoteRecorder
 
     if robot.types.distro is None:
@@ -269,12 +269,12 @@ async def _record_robot(robot: Robot, order: _RecordArguments, over: anyio.Event
 
 
 def _named(latched: TopicSelection) -> Callable[[str], bool]:
-    """Whether a topic fits `--latched`, of which nothing given means none."""
+    """Return the predicate of `--latched`, which without patterns matches nothing."""
     return latched.takes if latched.topics else lambda _: False
 
 
 async def _keep_looking(recorder: RemoteRecorder, over: anyio.Event) -> None:
-    """Poll for new topics and print the progress, until `over` is set or nothing can be written."""
+    """Poll for new topics and print the progress until `over` is set or writing fails."""
     from rwt_participant.errors import RobotError
 
     progress = Progress(recorder.writer)
@@ -290,7 +290,7 @@ async def _keep_looking(recorder: RemoteRecorder, over: anyio.Event) -> None:
 
 
 def _finish(writer: RecordingWriter, verbose: bool) -> None:
-    """Finish the file, and print what is in it."""
+    """Finish the file, and print a summary."""
     writer.close()
     files = ", ".join(map(str, writer.paths))
     size = writer.bytes_on_disk / 1e6
@@ -305,14 +305,14 @@ def _finish(writer: RecordingWriter, verbose: bool) -> None:
 
 
 class Progress:
-    """One line on stderr: rewritten each second for people, a new one every ten for a log."""
+    """Progress line on stderr: rewritten each second on a terminal, every ten seconds a new one in a log."""
 
     def __init__(self, writer: RecordingWriter) -> None:
         self._writer = writer
         self._told_at = time.monotonic()
 
     def print(self, topics: int) -> None:
-        """Say how far it is, if it is time to."""
+        """Print the progress if it is due."""
         is_terminal = sys.stderr.isatty()
         now = time.monotonic()
         if not is_terminal and now - self._told_at < _PLAIN_PROGRESS_SECONDS:

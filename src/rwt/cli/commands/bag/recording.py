@@ -1,4 +1,4 @@
-"""`rwt bag info` and `rwt bag recover`: print what recordings hold, and repair those whose end is missing."""
+"""`rwt bag info` and `rwt bag recover`: describe recordings, and repair those that are incomplete."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def add_recover_verb(verbs: Commands) -> None:
 
 
 def add_chunk_bytes(parser: argparse.ArgumentParser) -> None:
-    """Add the option that bounds what a file can make its reader unpack."""
+    """Add the option that limits the uncompressed size of chunks."""
     parser.add_argument(
         "--chunk-bytes",
         type=number_within("a number of bytes", 1024, 2**40),
@@ -53,7 +53,7 @@ def add_chunk_bytes(parser: argparse.ArgumentParser) -> None:
 
 
 def chunk_bytes(arguments: argparse.Namespace) -> int:
-    """What :func:`add_chunk_bytes` has added."""
+    """Return the value of the option of :func:`add_chunk_bytes`."""
     from rwt.nodes.recording.recording import CHUNK_BYTES
 
     given: float | None = arguments.chunk_bytes
@@ -111,7 +111,7 @@ def _run_recover(arguments: argparse.Namespace) -> int:
 
 
 def described(recording: Recording) -> dict[str, object]:
-    """What there is to know of a recording, for programs."""
+    """Return the description of a recording for programs."""
     return {
         "files": [str(path) for path in recording.paths],
         "complete": recording.complete,
@@ -132,7 +132,7 @@ def described(recording: Recording) -> dict[str, object]:
 
 
 def text_of(recording: Recording) -> str:
-    """The same for people."""
+    """Return the description of a recording for people."""
     seconds = (recording.end_ns - recording.start_ns) / 1e9
     lines = [
         f"files     {', '.join(map(str, recording.paths))}",
@@ -159,7 +159,7 @@ def _latched(offered: tuple[QoS, ...]) -> str:
 
 
 def _date(time_ns: int) -> str:
-    """A time in UTC, to the nanosecond."""
+    """Format a time in UTC, to the nanosecond."""
     from rwt_interfaces.times import NANOSECONDS
 
     seconds, nanoseconds = divmod(time_ns, NANOSECONDS)

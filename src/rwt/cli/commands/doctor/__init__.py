@@ -35,11 +35,11 @@ if TYPE_CHECKING:
 Verdict = Literal["ok", "note", "warning", "problem"]
 
 _PATIENCE: Final = 3.0
-"""Seconds that each question may take, if ``--timeout`` does not allow less."""
+"""Timeout of each question in seconds, unless ``--timeout`` is shorter."""
 _QUESTIONS: Final = 10
 _SLOW_SECONDS: Final = 0.2
 _WRONG_SECONDS: Final = 0.5
-"""From how much on a clock is wrong: transforms and delays are wrong by as much."""
+"""Clock difference that is reported: transforms and delays are wrong by as much."""
 _STYLES: Final[dict[Verdict, Style]] = {"ok": "good", "note": "faint", "warning": "warning", "problem": "bad"}
 _TEXT: Final = "a message of the doctor, long enough to be cut into pieces " * 4
 _NARROW_ROLE: Final = (
@@ -62,13 +62,13 @@ _CONNECT_ADVICE: Final[dict[ConnectCause, str]] = {
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """The result of one check.
+    """Result of one check.
 
     Attributes:
-        name: what was checked.
-        verdict: ``problem`` if something a client needs does not work.
-        text: what was seen.
-        advice: what to do about it; empty if nothing.
+        name: name of the check.
+        verdict: ``problem`` if something that clients need does not work.
+        text: observation.
+        advice: what to do; empty if nothing.
     """
 
     name: str
@@ -224,10 +224,10 @@ def _how_to_connect(cause: ConnectCause, token: bool) -> str:
 
 
 async def _over_http(url: str, patience: float, tls: ssl.SSLContext | None) -> list[Finding]:
-    """What the server reports of itself, if it is reached over HTTP at all."""
+    """Return what the server reports about itself; nothing if it does not answer over HTTP."""
     health = await health_of(url, patience, tls)
     if health is None:
-        return []  # Whether it can be reached at all is the next finding.
+        return []  # The next check reports whether the server can be reached.
     if not health.version:
         return [Finding("server", "note", "the server does not report its version (only `rwt serve` does)")]
     clients = f"{health.clients} client{'' if health.clients == 1 else 's'}"
@@ -248,11 +248,11 @@ async def _over_http(url: str, patience: float, tls: ssl.SSLContext | None) -> l
 
 
 class _Examination:
-    """Looks at one connection.
+    """Checks of one connection.
 
     Args:
-        patience: seconds that each question may take.
-        binary: whether the transport carries binary messages.
+        patience: timeout of each question in seconds.
+        binary: True if the transport carries binary messages.
     """
 
     def __init__(self, probe: WireProbe, patience: float, *, binary: bool) -> None:
@@ -263,7 +263,7 @@ class _Examination:
         self._rosapi = False
 
     async def findings(self) -> AsyncIterator[Finding]:
-        """One check after the other."""
+        """Run the checks in order, and yield their findings."""
         self._probe.send("set_level", level="error")
         yield await self._look_for_rosapi()
         if self._rosapi:
@@ -308,7 +308,7 @@ class _Examination:
         return Finding("ROS", "ok", f"ROS {version} {values.get('distro', '')}".rstrip())
 
     async def _look_at_time(self) -> list[Finding]:
-        """Round trips, and the clock: half of the quickest is the way back (RFC 5905 section 8)."""
+        """Measure round trips and the clock difference, from the shortest round trip (RFC 5905 section 8)."""
         import time
 
         trips: list[tuple[float, float]] = []
@@ -324,7 +324,7 @@ class _Examination:
         return [_latency([took for took, _ in trips]), _clock(ahead, quickest)]
 
     async def _refusals(self) -> str:
-        """What the server refuses of a topic of the doctor's own; empty if nothing."""
+        """Return what the server rejects on a topic of the doctor's own; empty if nothing."""
         probe, topic = self._probe, _own_topic()
         complaints = len(probe.complaints)
         probe.send("advertise", topic=topic, type=self._type, id=f"advertise:{topic}")
@@ -360,7 +360,7 @@ class _Examination:
         return found if encoding == "json" or found.verdict != "problem" else replace(found, verdict="note")
 
     async def _settle(self) -> None:
-        """Wait until the server has handled all ops so far, so that no late answer is mistaken."""
+        """Wait until the server has handled all ops so far, so that no late answer is misattributed."""
         if self._rosapi:
             await self._probe.call("/rosapi/get_time", self._patience)
 
@@ -370,7 +370,7 @@ def _own_topic() -> str:
 
 
 def encodings() -> tuple[str, ...]:
-    """What is checked: every encoding that can be asked for, and JSON in pieces."""
+    """Return the checked encodings: all that can be requested, and fragmented JSON."""
     from rwt_protocol.codecs import SELECTABLE
 
     return ("json", *(each.name for each in SELECTABLE if each.name != "none"), "fragments")
@@ -383,7 +383,7 @@ def _is_binary(encoding: str) -> bool:
 
 
 def _judge(encoding: str, frame: ReceivedFrame | None, status: str) -> tuple[Verdict, str, str]:
-    """Verdict, text and advice on what came for a message that was published by ourselves."""
+    """Return verdict, text and advice for the frame that followed our own message."""
     if frame is None or frame.is_op("status"):
         refused = f"refused: {status}" if status else "nothing came back"
         return (

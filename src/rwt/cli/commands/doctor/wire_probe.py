@@ -1,6 +1,6 @@
-"""A rosbridge client that interprets nothing: it sends single ops and keeps every frame as it arrived.
+"""Minimal rosbridge client that sends single ops and keeps every frame as it arrived.
 
-`rwt doctor` examines the encodings themselves, which a client that decodes all of them would hide.
+`rwt doctor` checks the encodings themselves, which a full client would decode and hide.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from rwt_protocol.payloads import Decoded
 from rwt_transports.endpoint import PeerInfo, Sink
 
 _LIMITS: Final = SplitLimits(max_depth=64)
-"""Objects and arrays that may be open at once in a message of the server."""
+"""Maximum nesting depth of a message of the server."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReceivedFrame:
-    """One message of the server.
+    """Message of the server.
 
     Attributes:
-        encoding: its name among the encodings; `none` for text.
-        size: its length in bytes.
-        op: what it holds; empty for what is in no known encoding.
-        time: when it came, on the event loop's clock.
+        encoding: name of the encoding; `none` for text.
+        size: length in bytes.
+        op: decoded op; empty if the encoding is unknown.
+        time: time of arrival on the event loop's clock.
     """
 
     encoding: str
@@ -40,16 +40,16 @@ class ReceivedFrame:
     time: float
 
     def is_op(self, name: str, **members: object) -> bool:
-        """Whether it is an op of that name with these members."""
+        """True if this is an op of that name with these members."""
         return self.op.get("op") == name and all(self.op.get(key) == value for key, value in members.items())
 
 
 class WireProbe:
-    """One connection; give :meth:`accept` to :func:`rwt_transports.connect.connect`.
+    """Probe of one connection; pass :meth:`accept` to :func:`rwt_transports.connect.connect`.
 
     Attributes:
-        complaints: the texts of `status` messages, as they came.
-        closed_with: the close code and reason, once it is closed by the server.
+        complaints: texts of the `status` messages received.
+        closed_with: close code and reason, once the server has closed the connection.
     """
 
     def __init__(self) -> None:
@@ -60,12 +60,12 @@ class WireProbe:
         self._awake = anyio.Event()
 
     def accept(self, sink: Sink, peer: PeerInfo) -> WireProbe:
-        """The connection has opened."""
+        """Called when the connection has opened."""
         self._sink = sink
         return self
 
     def receive(self, data: bytes, binary: bool) -> None:
-        """A message has come; satisfies :class:`rwt_transports.endpoint.Endpoint`."""
+        """Receive a message; satisfies :class:`rwt_transports.endpoint.Endpoint`."""
         first = data[:1] if binary else b""
         encoding = next((each for each in SELECTABLE if first and first in each.first_bytes), CODECS["none"])
         op = _decoded(data, encoding.codec)
@@ -76,19 +76,19 @@ class WireProbe:
         self._awake.set()
 
     def closed(self, code: int, reason: str) -> None:
-        """The connection is gone."""
+        """Called when the connection has closed."""
         self.closed_with = (code, reason)
         self._awake.set()
 
     def send(self, op: str, **members: object) -> None:
         """Send an op."""
-        assert self._sink is not None  # Nothing is sent before it has opened.
+        assert self._sink is not None  # Nothing is sent before the connection is open.
         self._sink.send(Frame(json.dumps({"op": op, **members}).encode()))
 
     async def expect(self, wanted: Callable[[ReceivedFrame], bool], patience: float) -> ReceivedFrame | None:
-        """The first message from now on, or not yet taken, that is wanted; None if none comes in time.
+        """Return the next frame that matches; None on timeout.
 
-        Others before it are dropped.
+        Frames before it are dropped.
         """
         with anyio.move_on_after(patience):
             while True:
@@ -103,11 +103,11 @@ class WireProbe:
         return None
 
     async def call(self, service: str, patience: float) -> ReceivedFrame | None:
-        """The answer of a service without arguments; None if none comes in time."""
+        """Call a service without arguments; None on timeout."""
         id = f"doctor:{service}"
         self.send("call_service", service=service, id=id, args={})
         return await self.expect(
-            # A status that names no message, as old servers send them, may be the answer.
+            # Old servers send status messages without an id, which may be the answer.
             lambda frame: (
                 frame.is_op("service_response", id=id)
                 or (frame.is_op("status") and frame.op.get("id") in (None, id))

@@ -1,4 +1,4 @@
-"""`rwt audit`: read who did what to the robot, from the file that its server writes."""
+"""`rwt audit`: read the audit file of a robot's gate."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def _since(text: str) -> datetime:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from rwt.access.gate.audit_file import read_audit  # `--help` needs none of it.
+    from rwt.access.gate.audit_file import read_audit  # `--help` does not need it
 
     output = standard_output(json=arguments.json)
     try:
@@ -75,7 +75,7 @@ def _run(arguments: argparse.Namespace) -> int:
 def _selected(
     lines: Iterator[Mapping[str, object]], arguments: argparse.Namespace
 ) -> Iterator[Mapping[str, object]]:
-    """The lines that the options ask for."""
+    """Yield the lines that match the options."""
     exact = {
         key: value
         for key in ("decision", "act", "client", "role")
@@ -93,7 +93,7 @@ def _selected(
 
 
 def _is_after(line: Mapping[str, object], since: datetime) -> bool:
-    """Whether a line is of that time or later; one without a time is not left out."""
+    """True if a line has this time or later, or no time."""
     try:
         return datetime.fromisoformat(str(line["time"])) >= since
     except (KeyError, ValueError):

@@ -1,4 +1,4 @@
-"""`rwt mcp`: a robot for an agent, over standard input and output."""
+"""`rwt mcp`: MCP server for one agent on standard input and output."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def _run(arguments: Arguments) -> int:
         raise CommandError(str(error), CALLED_WRONGLY) from None
 
     async def program() -> None:
-        async with connecting(arguments, definitions=True, lasting=True) as robot:
+        async with connecting(arguments, definitions=True, until_interrupted=True) as robot:
             server = make_server(CommandHost(robot, settings, acts=arguments.act), version("robot-web-tools"))
             async with stdio_server() as (incoming, outgoing):
                 await server.run(incoming, outgoing, server.create_initialization_options())
@@ -94,7 +94,7 @@ def _run(arguments: Arguments) -> int:
 
 
 class CommandHost:
-    """The one agent of this program."""
+    """Host of the one agent of this program."""
 
     def __init__(self, robot: Robot, settings: McpSettings, *, acts: bool) -> None:
         import logging
@@ -119,7 +119,7 @@ class CommandHost:
     async def agent(
         self, context: ServerRequestContext[Any, Any], allow: Allow | None = None
     ) -> AsyncIterator[Agent]:
-        """The one that there is."""
+        """Return the only agent."""
         from rwt.gateways.mcp.agent import Agent
 
         yield Agent(
@@ -136,20 +136,20 @@ class CommandHost:
         )
 
     def asks_about(self, name: str) -> bool:
-        """Whether a person is asked before something is done to what has that name."""
+        """True if acts on this name require confirmation."""
         return self._asks_about.fullmatch(name.lower()) is not None
 
     def note(self, context: ServerRequestContext[Any, Any], text: str, *, acts: bool) -> None:
-        """Write what the agent does into the log, on standard error."""
+        """Log an act of the agent on standard error."""
         from rwt.access.audit import one_line
 
         (self._log.info if acts else self._log.debug)("%s", one_line(text))
 
     def count(self, tool: str, outcome: str) -> None:
-        """Nobody asks this program for metrics."""
+        """No-op: this program serves no metrics."""
 
     def monotonic(self) -> float:
-        """Seconds on a clock that never goes back."""
+        """Return seconds of a monotonic clock."""
         return self._robot.monotonic()
 
 
@@ -160,9 +160,9 @@ async def _in_thread(work: Callable[[], Answer]) -> Answer:
 
 
 def _count_nothing(seconds: float) -> None:
-    """This program works for one agent alone."""
+    """No-op: the only agent has no work limit."""
 
 
 def _sees_all(topic: str) -> bool:
-    """The recordings are of whoever starts this program."""
+    """True for every topic: the recordings belong to the user of this program."""
     return True

@@ -109,7 +109,7 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
 
 
 def _add_robot_options(parser: argparse.ArgumentParser) -> None:
-    """What there is to serve, and which names and types it has."""
+    """Add the options for the robot to serve, its names and types."""
     parser.add_argument("--demo", action="store_true", default=None, help="add a simulated mobile robot")
     parser.add_argument(
         "--script",
@@ -135,7 +135,7 @@ def _add_robot_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_graph_options(parser: argparse.ArgumentParser) -> None:
-    """The options that choose a graph and connect it."""
+    """Add the options that select a graph and connect it."""
     parser.add_argument(
         "--graph",
         metavar="{memory,zenoh}",
@@ -160,7 +160,7 @@ def _add_graph_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from rwt.server import Server  # `--help` and completion need none of it.
+    from rwt.server import Server  # deferred: not needed by `--help` and completion
 
     log_to_stderr(arguments.log_format, verbose=arguments.verbose)
 
@@ -184,7 +184,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
 @contextmanager
 def command_errors() -> Iterator[None]:
-    """Turn what a server raises into a :exc:`CommandError`."""
+    """Convert errors of a server to :exc:`CommandError`."""
     from rwt.errors import ServerError
     from rwt_participant.errors import RobotError
     from rwt_transports.errors import TransportError
@@ -209,7 +209,7 @@ def _in_worker(number: int, serve: Callable[[], None]) -> int:
 
 
 def _settings(arguments: argparse.Namespace) -> Settings:
-    """What the file, the environment and the command line say, in that order."""
+    """Return the settings of file, environment and command line; later ones take precedence."""
     given: dict[str, object] = {
         "listen": tuple(arguments.url) or None,
         "demo": arguments.demo,
@@ -230,13 +230,13 @@ def _settings(arguments: argparse.Namespace) -> Settings:
     settings = settings_of(arguments, given).settings
     if arguments.tls is None:
         return settings
-    from rwt.cli.commands.serve.tls import encrypted  # `--help` needs none of it.
+    from rwt.cli.commands.serve.tls import encrypted  # `--help` does not need it
 
     return encrypted(settings)
 
 
 def _on_up(server: Server) -> str:
-    """Where the server is reached and, for the demo robot, what to do next."""
+    """Return the lines to print at start: URLs and, for the demo robot, next steps."""
     from rwt.server import listening
 
     BoundedGarbageCollection(partial(server.graph.clock.call_later, 0.0)).begin()

@@ -1,4 +1,4 @@
-"""`--tls auto`: a listener that encrypts, and what a phone is shown to find the page."""
+"""`--tls auto`: encrypted listener, and instructions for opening the page on a phone."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 def encrypted(settings: Settings) -> Settings:
-    """Settings with a listener that encrypts, by default on this machine alone.
+    """Return settings with an encrypted listener, by default on this machine only.
 
     Raises:
-        CommandError: there are listeners, and none encrypts.
+        CommandError: there are listeners, and none is encrypted.
     """
     if "listen" not in settings.model_fields_set:
         return settings.model_copy(update={"listen": ("wss://127.0.0.1:9090",)})
@@ -38,8 +38,10 @@ def _encrypts(url: str) -> bool:
 
 
 def for_devices(server: Server) -> str:
-    """Where other devices find the page, how they come to trust it, and in a terminal the address as a QR
-    code; empty for a server without a certificate of its own making."""
+    """Return the lines on how other devices open and trust the page, on a terminal with a QR code.
+
+    Empty if the server did not create its certificate.
+    """
     url = next((url for url in server.urls if url.startswith("wss://")), None)
     if not server.settings.tls.auto or url is None:
         return ""
@@ -66,8 +68,8 @@ def for_devices(server: Server) -> str:
 
 
 def _host_for_devices(url: str, names: tuple[str, ...]) -> str | None:
-    """The host of a URL; for one that stands for every address, the first that leads out of this machine and
-    is vouched for; None where there is none."""
+    """Return the host of a URL; for a wildcard address, the first non-loopback address that the certificate
+    names; None without one."""
     host = url.removeprefix("wss://").rpartition(":")[0]
     if host not in ("0.0.0.0", "[::]"):
         return host
@@ -80,7 +82,7 @@ def _host_for_devices(url: str, names: tuple[str, ...]) -> str | None:
 
 
 def qr_code(text: str) -> str:
-    """A text as a QR code (ISO/IEC 18004) of blocks, for a terminal of any colours."""
+    """Return a text as a QR code (ISO/IEC 18004) of block characters, for terminals of any colours."""
     import segno
 
     drawn = io.StringIO()

@@ -1,4 +1,4 @@
-"""`rwt web`: the robot's page alone, for any rosbridge server."""
+"""`rwt web`: the dashboard without a robot, for any rosbridge server."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _USUAL_LENGTH: Final = 128
 _MOST_WAITING: Final = 100
-"""Raw messages that wait to be printed; more push out the oldest."""
+"""Maximum queued raw messages; then the oldest are dropped."""
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,7 +44,7 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def add_echo_arguments(parser: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGroup:
-    """Add the options of what prints messages as they come; returns the group of those that choose how."""
+    """Add the options for printing messages, and return the group of the mutually exclusive formats."""
     how_many = parser.add_mutually_exclusive_group()
     how_many.add_argument("--once", action="store_const", const=1, dest="times", help="end after one message")
     how_many.add_argument("-n", "--times", type=count, metavar="N", help="end after N messages")
@@ -69,10 +69,10 @@ def add_echo_arguments(parser: argparse.ArgumentParser) -> argparse._MutuallyExc
 
 
 def expression(text: str) -> CodeType:
-    """A Python expression, compiled.
+    """Compile a Python expression.
 
     Raises:
-        argparse.ArgumentTypeError: it is none.
+        argparse.ArgumentTypeError: the text is not an expression.
     """
     try:
         return compile(text, "--filter", "eval")
@@ -97,7 +97,7 @@ async def echo_messages(
     output: Output,
     passes: Callable[[Any], bool] = lambda _: True,
 ) -> None:
-    """Print the messages of a topic that pass, as many as `arguments` say."""
+    """Print the messages of a topic that match the filter, up to the given number."""
     options: SubscribeKeywords = {"qos": qos_from(arguments)}
     if arguments.max_rate:
         options["throttle"] = 1 / arguments.max_rate
@@ -113,7 +113,7 @@ async def echo_messages(
 
 
 def _passes(code: CodeType | None) -> Callable[[Any], bool]:
-    """Whether a message, `m` in the expression of ``--filter``, is printed."""
+    """Return the predicate of ``--filter``, in which a message is `m`."""
     if code is None:
         return lambda _: True
 
@@ -161,7 +161,7 @@ async def _echo_raw(robot: Robot, name: str, kind: str, arguments: Arguments, ou
 
 
 def _printer(message_type: MessageType, arguments: Arguments, output: Output) -> Callable[[Any], None]:
-    """A function that prints one message."""
+    """Return a function that prints one message."""
     from rwt.cli.console.yaml_text import block, flow
 
     formatting = _formatting(arguments, output)
@@ -205,5 +205,5 @@ ECHO = Verb(
     "value of --field; with --raw its octets in base64",
     _arguments,
     definitions=True,
-    lasting=True,
+    until_interrupted=True,
 )

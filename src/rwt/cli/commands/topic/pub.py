@@ -1,4 +1,4 @@
-"""`rwt topic pub`: publish on a topic, once, so many times, or at a rate until Ctrl-C."""
+"""`rwt topic pub`: publish on a topic once, a number of times, or at a rate until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ async def _pub(robot: Robot, arguments: Arguments, output: Output) -> None:
         name, kind or await TOPIC.known(robot, name), latch=arguments.latch, qos=qos_from(arguments)
     ) as publisher:
         given = with_stamps(publisher.type, message)
-        to_payload(publisher.type, given)  # What does not fit is refused before the wait.
+        to_payload(publisher.type, given)  # Reject invalid messages before the wait.
         await _wait_for_subscribers(robot, name, arguments)
         if not output.json:
             output.line("publisher: beginning loop")
@@ -90,7 +90,7 @@ def _publish(
 ) -> None:
     from rwt_participant.messages import to_payload
 
-    # Made for each message: a header is stamped when its message is sent.
+    # Converted for each message: the header gets the time of sending.
     message = to_payload(publisher.type, given).value()
     publisher.publish(message)
     if number % arguments.print:
@@ -103,7 +103,7 @@ def _publish(
 
 
 async def _ticks(rate: float, times: int | None) -> AsyncIterator[int]:
-    """1, 2, 3, … at a rate; after a delay, the next ones are not closer together."""
+    """Yield 1, 2, 3, … at a rate, without catching up after a delay."""
     import anyio
 
     due = anyio.current_time()
@@ -118,10 +118,10 @@ async def _ticks(rate: float, times: int | None) -> AsyncIterator[int]:
 
 
 async def _wait_for_subscribers(robot: Robot, name: str, arguments: Arguments) -> None:
-    """Wait for `--wait` subscriptions, as long as `--timeout` allows.
+    """Wait for `--wait` subscriptions, at most `--timeout`.
 
     Raises:
-        CommandError: there were too few in time.
+        CommandError: too few nodes subscribed in time.
     """
     import anyio
 
@@ -148,5 +148,5 @@ PUB = Verb(
     'one line for each message: {"topic": "/cmd_vel", "number": 1, "message": {…}}',
     _arguments,
     definitions=True,
-    lasting=True,
+    until_interrupted=True,
 )

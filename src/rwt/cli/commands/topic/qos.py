@@ -1,4 +1,4 @@
-"""Options for the quality of service, as the ``ros2`` tool names them."""
+"""Options for quality of service, named as in the ``ros2`` tool."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _PROFILES: Final[Mapping[str, Mapping[str, Any]]] = {
 
 
 def add_qos_options(parser: argparse.ArgumentParser) -> None:
-    """Add ``--qos-…``, which robots of ROS 2 heed."""
+    """Add ``--qos-…``, which only ROS 2 robots apply."""
     parser.add_argument(
         "--qos-profile",
         choices=_PROFILES,
@@ -44,8 +44,8 @@ def add_qos_options(parser: argparse.ArgumentParser) -> None:
 
 
 def qos_from(arguments: Arguments) -> Qos | None:
-    """The quality of service that the options ask for; None if none."""
-    from rwt_protocol.ops import Qos  # takes a while, and `--help` needs none of it
+    """Return the QoS request of the options; None without any."""
+    from rwt_protocol.ops import Qos  # slow import that `--help` does not need
 
     given = {policy: getattr(arguments, f"qos_{policy}") for policy in (*_POLICIES, "depth")}
     chosen = {policy: value for policy, value in given.items() if value is not None}

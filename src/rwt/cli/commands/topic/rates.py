@@ -1,4 +1,4 @@
-"""`rwt topic hz`, `bw` and `delay`: once a second, how often messages come, how big they are, how late."""
+"""`rwt topic hz`, `bw` and `delay`: rates, sizes and delays of messages, reported once a second."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _FEW: Final = 100
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Some numbers in short.
+    """Summary of some numbers.
 
     Attributes:
-        mean: their mean.
-        least: the smallest.
-        most: the largest.
-        deviation: their standard deviation (of all, not of a sample).
-        number: how many.
+        mean: arithmetic mean.
+        least: minimum.
+        most: maximum.
+        deviation: standard deviation of the population.
+        number: count of the numbers.
     """
 
     mean: float
@@ -46,10 +46,10 @@ class Spread:
 
 
 class Window:
-    """The newest values of something, each with its time of arrival.
+    """Newest values of a quantity, each with its time of arrival.
 
     Args:
-        longest: how many it holds.
+        longest: maximum number of values.
     """
 
     def __init__(self, longest: int) -> None:
@@ -59,27 +59,27 @@ class Window:
         return len(self._seen)
 
     def add(self, time: float, value: float) -> None:
-        """Add a value that came at `time`, in seconds."""
+        """Add a value that arrived at `time`, in seconds."""
         self._seen.append((time, value))
 
     def spread(self) -> Spread | None:
-        """The values in short; None if there are none."""
+        """Return the summary of the values; None if there are none."""
         return spread([value for _, value in self._seen])
 
     def intervals(self) -> Spread | None:
-        """The times between one and the next, in seconds; None if fewer than two came."""
+        """Return the summary of the intervals in seconds; None with fewer than two values."""
         times = [time for time, _ in self._seen]
         return spread([later - earlier for earlier, later in pairwise(times)])
 
     def per_second(self, now: float) -> float:
-        """The sum of the values a second, from the first of them until `now`."""
+        """Return the sum of the values per second, from the first one until `now`."""
         if not self._seen or now <= self._seen[0][0]:
             return 0.0
         return sum(value for _, value in self._seen) / (now - self._seen[0][0])
 
 
 def spread(values: list[float]) -> Spread | None:
-    """Some numbers in short; None if there are none."""
+    """Return the summary of some numbers; None if there are none."""
     if not values:
         return None
     mean = math.fsum(values) / len(values)
@@ -88,7 +88,7 @@ def spread(values: list[float]) -> Spread | None:
 
 
 def in_bytes(number: float) -> str:
-    """A number of bytes as people read it, in powers of 1000: ``1.23 MB``."""
+    """Format a number of bytes in powers of 1000: ``1.23 MB``."""
     for unit in ("B", "KB", "MB"):
         if number < 1000:
             return f"{number:.0f} {unit}" if unit == "B" else f"{number:.2f} {unit}"
@@ -98,7 +98,7 @@ def in_bytes(number: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class MeasuredTopic:
-    """A topic that is subscribed to, and a window of its messages."""
+    """Subscribed topic with a window of its messages."""
 
     subscription: RemoteSubscription
     window: Window
@@ -106,11 +106,11 @@ class MeasuredTopic:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """The figures of one topic at one time.
+    """Figures of one topic at one time.
 
     Attributes:
-        text: for people, after the name of the topic where there are several.
-        record: for programs.
+        text: text for people, without the name of the topic.
+        record: JSON object for programs.
     """
 
     text: str
@@ -118,7 +118,7 @@ class Report:
 
 
 Measure = Callable[[MeasuredTopic, float], Report | None]
-"""The figures of a topic at a time (seconds on the event loop's clock); None if there are none yet."""
+"""Function that reports a topic at a time in seconds of the event loop; None if there are no figures."""
 
 
 def _arguments(parser: argparse.ArgumentParser, window: int) -> None:
@@ -287,7 +287,7 @@ def _fields(times: Spread, unit: str) -> dict[str, object]:
 
 
 class _RobotClock:
-    """The robot's time; this computer's if the robot does not report its own."""
+    """Clock of the robot; that of this computer if the robot does not report its time."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
@@ -295,13 +295,13 @@ class _RobotClock:
         self._noted = False
 
     def now(self) -> float:
-        """Seconds since 1970, or since the simulation began."""
+        """Return seconds since 1970, or since the start of the simulation."""
         import time
 
         return time.time() + self._ahead
 
     async def set(self) -> None:
-        """Ask the robot, and take half of the way there and back for the way back."""
+        """Ask the robot for its time, assuming half of the round trip for the answer."""
         import time
 
         from rwt_participant.errors import ProviderNotFound, ServiceFailed
@@ -346,7 +346,7 @@ VERBS = (
         "nothing to print",
         partial(_arguments, window=_MANY),
         definitions=True,
-        lasting=True,
+        until_interrupted=True,
     ),
     Verb(
         "bw",
@@ -358,7 +358,7 @@ VERBS = (
         "those of the messages on the connection",
         partial(_arguments, window=_FEW),
         definitions=True,
-        lasting=True,
+        until_interrupted=True,
     ),
     Verb(
         "delay",
@@ -369,6 +369,6 @@ VERBS = (
         '"std_dev_s": …, "window": 20}; against the robot\'s clock, in seconds',
         partial(_arguments, window=_MANY),
         definitions=True,
-        lasting=True,
+        until_interrupted=True,
     ),
 )
