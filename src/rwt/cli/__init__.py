@@ -1,11 +1,10 @@
-"""The command `rwt`: a table of commands, each with a module that is imported only when the command is typed.
+"""Command line `rwt`: a table of commands, each in a module that is imported only when it is used.
 
-So `rwt --help` and completion import no client, server or message type.
+This way `rwt --help` and completion import no client, server or message type.
 
-Other distributions add commands by entry points in the group `rwt.commands`. The name is the command; the
-Other distributions add commands by entry points in the group `rwt.commands`. The name is the command; the
-the summary of the distribution beside the name, because an entry point has no text of its own and is not
-imported before the command line names it.
+Other distributions add commands by entry points in the group `rwt.commands`. The name is the command, and the
+value a function that adds its parser. Help shows the summary of the distribution beside the name, because an
+entry point has no text of its own and is not imported before the command line names it.
 """
 
 from __future__ import annotations
@@ -74,8 +73,8 @@ _GROUP: Final = "rwt.commands"
 #: The commands of this project, in the order in which help lists them.
 COMMANDS: Final = (
     Command("serve", "serve a robot to rosbridge clients"),
-    Command("web", "serve the page alone, for any rosbridge server", "serve.web"),
-    Command("hub", "let robots behind a NAT dial in, and clients reach them"),
+    Command("web", "serve the dashboard without a robot, for any rosbridge server", "serve.web"),
+    Command("hub", "relay clients to robots behind a NAT"),
     Command("run", "run a ROS 2 program that imports rclpy, without ROS", distribution="rwt-rclpy"),
     Command("launch", "start the nodes of a ROS 2 launch file, without ROS", distribution="rwt-rclpy"),
     Command("topic", "topics: list, echo, pub, hz and more"),
@@ -89,15 +88,15 @@ COMMANDS: Final = (
     Command(
         "interface", "messages, services and actions: list, show, generate types for Python and TypeScript"
     ),
-    Command("stop", "press a robot's emergency stop, or release it", "gate"),
-    Command("approve", "answer what waits for a person's yes", "gate"),
-    Command("audit", "read who did what to a robot", "gate.audit"),
+    Command("stop", "press or release a robot's emergency stop", "gate"),
+    Command("approve", "list or answer requests for approval", "gate"),
+    Command("audit", "read the audit log of a robot's gate", "gate.audit"),
     Command("bag", "recordings: record, play, info, recover"),
-    Command("mcp", "give an agent the tools for a robot, on standard input and output"),
-    Command("doctor", "find out what is wrong with a connection"),
+    Command("mcp", "give an agent tools for a robot, over standard input and output"),
+    Command("doctor", "diagnose a connection"),
     Command("conformance", "grade a rosbridge server or client, this one or any other"),
     Command("config", "print the settings in effect"),
-    Command("completion", "make a shell complete what you type"),
+    Command("completion", "set up shell completion"),
     Command("help", "print the help of a command"),
 )
 
@@ -109,8 +108,7 @@ examples:
   rwt topic list                                    its topics
   RWT_URL=ws://robot:9090 rwt topic echo /odom      another robot
 
-exit codes: 0 done, 1 it failed, 2 it was called wrongly, 3 there is no connection, 4 nothing came in time,
-130 ended by Ctrl-C"""
+exit codes: 0 success, 1 failure, 2 incorrect use, 3 no connection, 4 timeout, 130 interrupted by Ctrl-C"""
 
 
 def _installed_commands() -> Iterator[Command]:
@@ -135,7 +133,7 @@ def parser_for(wanted: str | None) -> Parser:
     parser = Parser(
         prog="rwt", description="Robot Web Tools without ROS: rosbridge v2 for any robot.", epilog=_EXAMPLES
     )
-    parser.add_argument("--version", action=ShowVersion, help="print the version and end")
+    parser.add_argument("--version", action=ShowVersion, help="print the version and exit")
     commands = add_commands(parser)
     for command in COMMANDS if wanted in _NAMES else (*COMMANDS, *_installed_commands()):
         if wanted == command.name or (wanted == "*" and not command.distribution):

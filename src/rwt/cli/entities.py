@@ -55,7 +55,7 @@ class Entity:
         """
         from rwt_participant.errors import ProviderNotFound, ServiceFailed
 
-        failure = f"the type of {name} is not known to the robot yet; give it"
+        failure = f"the robot does not know the type of {name} yet: add the type to the command"
         if self.type_of is not None:
             try:
                 if kind := await self.type_of(robot, name):
@@ -99,12 +99,15 @@ class Entity:
         def add_arguments(parser: argparse.ArgumentParser) -> None:
             if typed:
                 parser.add_argument(
-                    "-t", "--show-types", action="store_true", help=f"with each {self.noun}'s type"
+                    "-t", "--show-types", action="store_true", help=f"show the type of each {self.noun}"
                 )
             self._add_count(parser)
             if show_verbose:
                 parser.add_argument(
-                    "-v", "--verbose", action="store_true", help="with types and how many take part"
+                    "-v",
+                    "--verbose",
+                    action="store_true",
+                    help="show types and the numbers of publishers and subscribers",
                 )
             self._add_hidden(parser)
 
@@ -216,13 +219,13 @@ class Entity:
 
     def _add_count(self, parser: argparse.ArgumentParser) -> None:
         option = f"--count-{self.noun}s"
-        parser.add_argument("-c", option, dest="count", action="store_true", help="only how many there are")
+        parser.add_argument("-c", option, dest="count", action="store_true", help="only print the count")
 
     def _add_hidden(self, parser: argparse.ArgumentParser) -> None:
         if not self.hidden_options:
             parser.set_defaults(hidden=False)
             return
-        help = "also those with a part that begins with _"
+        help = f"include {self.noun}s with a name part that begins with `_`"
         parser.add_argument(*self.hidden_options, dest="hidden", action="store_true", help=help)
 
 

@@ -12,7 +12,7 @@ from rwt_participant.spelling import did_you_mean
 
 T = TypeVar("T")
 
-NO_ROSAPI = "the robot does not answer questions: its node rosapi is missing or refuses"
+NO_ROSAPI = "rosapi does not answer: it is missing on the robot, or rejects the question"
 
 
 def absolute_name(name: str) -> str:

@@ -60,7 +60,7 @@ class Parser(argparse.ArgumentParser):
             CommandError: the command is not available.
         """
         if self.unavailable:
-            raise CommandError(f"`{self.prog}` cannot be had: {self.unavailable}", CALLED_WRONGLY)
+            raise CommandError(f"`{self.prog}` is not available: {self.unavailable}", CALLED_WRONGLY)
         found, left = super().parse_known_args(args, namespace)
         if left:
             self.error(self._unknown(left[0]))
@@ -75,7 +75,7 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Exit with one line on stderr and the exit code for incorrect use."""
         said = _on_one_line(_with_nearest(message))
-        sys.stderr.write(f"{self.prog}: {said} (`{self.prog} --help` says more)\n")
+        sys.stderr.write(f"{self.prog}: {said} (see `{self.prog} --help`)\n")
         raise SystemExit(CALLED_WRONGLY)
 
 

@@ -95,7 +95,7 @@ def find_types(registry: Registry, words: Iterable[str]) -> list[InterfaceType]:
 
 def _no_package(registry: Registry, word: str) -> str:
     packages = {name.partition("/")[0] for kind in KINDS for name in registry.names(kind)}
-    return f"no package {word} is known{did_you_mean(word, packages) or '; --interfaces DIR adds your own'}"
+    return f"unknown package {word}{did_you_mean(word, packages) or '; --interfaces DIR adds your own'}"
 
 
 async def live_types(robot: Robot, words: Iterable[str]) -> list[InterfaceType]:
@@ -115,7 +115,7 @@ async def live_types(robot: Robot, words: Iterable[str]) -> list[InterfaceType]:
             continue
         of_package = [name for name in await robot.api.interfaces() if name.startswith(f"{word}/")]
         if not of_package:
-            raise CommandError(f"the robot knows no package {word}", FAILED)
+            raise CommandError(f"the robot has no package {word}", FAILED)
         found += [await live_type(robot, name) for name in of_package]
     return found
 

@@ -112,7 +112,7 @@ def add_robot_options(parser: argparse.ArgumentParser, *, json: bool = True) -> 
     """Add the options of all verbs that talk to a robot, with ``--json`` if `json` is true."""
     group = parser.add_argument_group(_ROBOT_OPTIONS)
     group.add_argument(
-        "--url", metavar="URL", help=f"where it is (default ${URL_VARIABLE}, or {DEFAULT_URL})"
+        "--url", metavar="URL", help=f"URL of the robot (default ${URL_VARIABLE}, or {DEFAULT_URL})"
     )
     group.add_argument(
         "--token",
@@ -124,11 +124,10 @@ def add_robot_options(parser: argparse.ArgumentParser, *, json: bool = True) -> 
         "--timeout",
         type=seconds,
         metavar="SECONDS",
-        help=f"how long to wait for the connection and each answer (default {USUAL_TIMEOUT:g}; for a"
-        " message no limit)",
+        help=f"timeout of the connection and of each answer (default {USUAL_TIMEOUT:g}; none for messages)",
     )
     if json:
-        group.add_argument("--json", action="store_true", help="print JSON, for programs")
+        group.add_argument("--json", action="store_true", help="print JSON")
 
 
 def add_tls_options(to: argparse._ActionsContainer) -> None:
@@ -138,12 +137,12 @@ def add_tls_options(to: argparse._ActionsContainer) -> None:
         "--cafile",
         type=Path,
         metavar="FILE",
-        help="check the server's certificate against those in this file, in PEM (default: the system's)",
+        help="verify the server's certificate against those in this PEM file (default: the system's)",
     )
     certificate.add_argument(
         "--insecure",
         action="store_true",
-        help="do not check it: whoever is between here and the robot can then read and change everything",
+        help="do not verify the server's certificate (insecure: traffic can be read and changed)",
     )
 
 
@@ -180,7 +179,7 @@ def topic_glob(text: str) -> str:
     """Parse a topic pattern. Reject URLs, which options with several patterns would consume."""
     if "://" in text:
         raise argparse.ArgumentTypeError(
-            f"{text!r} is no pattern of topics; a URL stands before options that take several patterns"
+            f"{text!r} is not a topic pattern: put the URL before options that take several patterns"
         )
     return text
 
@@ -225,9 +224,11 @@ def request_headers(arguments: Arguments) -> dict[str, str]:
 
     scheme = scheme_of(url_of(arguments))
     if scheme is None or not scheme.http:
-        raise CommandError("a token needs ws:// or wss://: other transports carry none", CALLED_WRONGLY)
+        raise CommandError(
+            "tokens require ws:// or wss://: other transports cannot carry them", CALLED_WRONGLY
+        )
     if not (token.isascii() and token.isprintable()) or " " in token:
-        raise CommandError("the token has characters that no token has; was it copied whole?", CALLED_WRONGLY)
+        raise CommandError("the token contains invalid characters: was it copied completely?", CALLED_WRONGLY)
     return {"Authorization": f"Bearer {token}"}
 
 
@@ -245,9 +246,7 @@ def tls_of(arguments: Arguments) -> ssl.SSLContext | None:
 
     scheme = scheme_of(url_of(arguments))
     if scheme is None or not scheme.tls:
-        raise CommandError(
-            "--cafile and --insecure are about a certificate: give a URL of wss:// or tcps://", CALLED_WRONGLY
-        )
+        raise CommandError("--cafile and --insecure require a wss:// or tcps:// URL", CALLED_WRONGLY)
     try:
         context = ssl.create_default_context(cafile=arguments.cafile)
     except ssl.SSLError as error:
@@ -324,9 +323,9 @@ def _run(verb: Verb, arguments: Arguments) -> int:
 
 def _log_connection(event: ConnectionEvent) -> None:
     if event.kind == "lost":
-        logging.getLogger("rwt").warning("%s; connecting again", event.text or "the connection was lost")
+        logging.getLogger("rwt").warning("%s; reconnecting", event.text or "the connection was lost")
     elif event.kind == "restored":
-        logging.getLogger("rwt").warning("connected again")
+        logging.getLogger("rwt").warning("reconnected")
 
 
 def command_error(error: RobotError) -> CommandError:

@@ -144,9 +144,9 @@ def test_what_goes_on_for_ever_waits_for_a_lost_robot() -> None:
         running = process("topic", "echo", "/odom", "--csv", url=url)
         assert running.stdout is not None and running.stderr is not None
         assert running.stdout.readline()
-    assert "connecting again" in running.stderr.readline()
+    assert "reconnecting" in running.stderr.readline()
     with demo_server(url=url):
-        assert "connected again" in running.stderr.readline()
+        assert "reconnected" in running.stderr.readline()
         running.send_signal(signal.SIGINT)
         running.communicate(timeout=20)
     assert running.returncode == 0

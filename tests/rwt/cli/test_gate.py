@@ -83,7 +83,7 @@ def test_stop_and_release(run_as: RunAs) -> None:
 
 
 def test_approve(run_as: RunAs, gated: str) -> None:
-    assert run_as("supervisor", "approve").out == "nothing waits\n"
+    assert run_as("supervisor", "approve").out == "no pending requests\n"
     # It waits for longer than the one who asks: its caller has gone when the answer is there.
     asked = run_as(
         "operator",
@@ -153,7 +153,7 @@ def test_audit(run_as: RunAs, folder: Path) -> None:
 
 def test_a_robot_without_a_gate(rwt: Rwt) -> None:
     said = rwt("stop")
-    assert (said.code, "this robot has no gate: there is no /gate/stop" in said.err) == (1, True)
+    assert (said.code, "this robot has no gate (/gate/stop not found)" in said.err) == (1, True)
     said = rwt("approve")
     assert (said.code, "this robot has no gate" in said.err) == (1, True)
 

@@ -101,7 +101,7 @@ def _fails(*arguments: str) -> tuple[int, str]:
     ("arguments", "code", "says"),
     [
         (["hub", "tcp://127.0.0.1:0"], 2, "expected ws:// or wss://"),
-        (["hub", "ws://0.0.0.0:0"], 2, "needs a token"),
+        (["hub", "ws://0.0.0.0:0"], 2, "requires a token"),
         (["hub", "ws://127.0.0.1:0", "--token", "short"], 2, "16 to 256"),
         (["hub", "ws://127.0.0.1:0", "--token-file", "/no/such/file"], 2, "/no/such/file"),
         (["hub", "wss://127.0.0.1:0"], 1, "needs a certificate"),

@@ -61,7 +61,7 @@ def test_what_cannot_be_had_says_so_in_a_line(
     assert main(words) == 2
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
-    assert err.startswith(f"rwt: `rwt {words[0]} {words[1]}` cannot be had: ")
+    assert err.startswith(f"rwt: `rwt {words[0]} {words[1]}` is not available: ")
 
 
 def _choices(parser: Parser) -> dict[str, Parser]:

@@ -125,5 +125,5 @@ def test_whatever_ends_it_the_robot_stands(ending: str) -> None:
 
 def test_it_needs_a_terminal_and_a_topic_that_takes_commands(rwt: Rwt) -> None:
     ended = rwt("teleop")
-    assert (ended.code, "teleop reads keys from a terminal" in ended.err) == (2, True)
+    assert (ended.code, "teleop requires a terminal" in ended.err) == (2, True)
     assert rwt("teleop", "--speed", "-1").code == 2

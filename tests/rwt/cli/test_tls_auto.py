@@ -88,7 +88,7 @@ def _settings(folder: Path, name: str) -> list[str]:
 def test_what_does_not_encrypt_is_refused() -> None:
     found = ended("serve", "--tls", "auto", "ws://127.0.0.1:0")
     assert found.returncode == 2
-    assert "nothing of ws://127.0.0.1:0 is encrypted: expected a URL such as wss://" in found.stderr
+    assert "ws://127.0.0.1:0 is not encrypted: expected a URL such as wss://" in found.stderr
 
 
 def test_a_damaged_authority_ends_the_start(tmp_path: Path) -> None:

@@ -29,14 +29,14 @@ def add_action_command(commands: Commands) -> None:
     add_unavailable(
         verbs,
         "echo",
-        "goals and results of others come in no one topic; `rwt topic echo ACTION/_action/feedback` and"
-        " `rwt service echo ACTION/_action/send_goal` have their parts",
+        "no single topic carries goals and results: use `rwt topic echo ACTION/_action/feedback` and"
+        " `rwt service echo ACTION/_action/send_goal`",
     )
 
 
 def _info_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("-t", "--show-types", action="store_true", help="with the type beside each node")
-    parser.add_argument("-c", "--count", action="store_true", help="only how many nodes take part")
+    parser.add_argument("-t", "--show-types", action="store_true", help="show the type beside each node")
+    parser.add_argument("-c", "--count", action="store_true", help="only print the number of nodes")
 
 
 async def _ask_info(robot: Robot, name: str, arguments: Arguments) -> dict[str, Any]:
@@ -76,10 +76,10 @@ def _goal_arguments(parser: argparse.ArgumentParser) -> None:
         "goal",
         metavar="TYPE GOAL",
         nargs="*",
-        help="type and goal in YAML or JSON, - to read it from standard input; what is left out has its"
-        " default, and the type may be left out",
+        help="action type and goal (YAML or JSON; `-` reads standard input). Missing fields get defaults; the"
+        " type may be omitted",
     )
-    parser.add_argument("-f", "--feedback", action="store_true", help="print the feedback, too")
+    parser.add_argument("-f", "--feedback", action="store_true", help="also print the feedback")
 
 
 async def _send_goal(robot: Robot, arguments: Arguments, output: Output) -> None:
@@ -87,7 +87,7 @@ async def _send_goal(robot: Robot, arguments: Arguments, output: Output) -> None
 
     name = absolute_name(arguments.action)
     if len(arguments.goal) > 2:
-        raise CommandError("expected TYPE and GOAL; the goal goes in quotes", CALLED_WRONGLY)
+        raise CommandError("expected TYPE and GOAL: put the goal in quotes", CALLED_WRONGLY)
     kind, given = type_and_message(arguments.goal)
     action_type = await robot.types.action(kind or await ACTION.known(robot, name))
     request = to_payload(action_type.goal, with_stamps(action_type.goal, given))
@@ -116,7 +116,7 @@ async def _cancel(goal: Goal, robot: Robot, error: BaseException) -> None:
     if goal.done or not robot.connected:
         return
     if isinstance(error, Exception):
-        note("rwt: canceling the goal, which has not ended in time")
+        note("rwt: canceling the goal: it did not end in time")
     goal.cancel()
     with anyio.CancelScope(shield=True), anyio.move_on_after(2):
         await robot.drain()
@@ -165,7 +165,7 @@ VERBS = (
         _ask_info,
         _show_info,
         '{"name": "/fibonacci", "type": "example_interfaces/action/Fibonacci", "clients": [],\n'
-        '"servers": ["/demo_robot"]}; the clients are nodes: rosbridge clients are none',
+        '"servers": ["/demo_robot"]}; clients are nodes, not rosbridge clients',
         _info_options,
     ),
     ACTION.find_verb(),

@@ -58,7 +58,7 @@ LIVE: Final[dict[str, Names]] = {"TOPIC": _topics, "SERVICE": _services, "ACTION
 
 def add_completion_command(commands: Commands) -> None:
     """Add `completion` to the command line."""
-    help = "print what makes a shell complete what you type, names of the robot's live graph included"
+    help = "print the completion script of a shell, which also completes names of the robot's live graph"
     parser = commands.add_parser("completion", description=sentence(help), epilog=_EXAMPLES)
     shells = add_commands(parser, "shells", "SHELL")
     for shell in SHELLS:

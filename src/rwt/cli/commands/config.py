@@ -33,12 +33,12 @@ _COMMENT_COLUMN = 44
 
 def add_config_command(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add `config` to the command line."""
-    parser = commands.add_parser("config", description="Look at the settings.")
+    parser = commands.add_parser("config", description="Print the settings.")
     actions = add_commands(parser)
     show = actions.add_parser(
         "show",
-        help="print the settings in effect, and where each came from",
-        description="Print the settings in effect as TOML, with where each came from. Secrets are masked.",
+        help="print the settings in effect with their sources",
+        description="Print the settings in effect as TOML, each with its source. Secrets are masked.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -65,8 +65,8 @@ def add_hub_command(commands: argparse._SubParsersAction[argparse.ArgumentParser
         action="append",
         default=[],
         metavar="TOKEN",
-        help="let in robots that show this token: 16 to 256 of A-Z a-z 0-9 - . _ ~; NAME=TOKEN lets in the"
-        " robot NAME alone, which then needs it; several may be given",
+        help="accept robots with this token (16 to 256 of A-Z a-z 0-9 - . _ ~); NAME=TOKEN is required from,"
+        " and only valid for, the robot NAME; several may be given",
     )
     parser.add_argument(
         "--token-file",
@@ -92,7 +92,12 @@ def add_hub_command(commands: argparse._SubParsersAction[argparse.ArgumentParser
     )
     _add_bounds(parser)
     parser.add_argument("--access-log", action="store_true", help="log each HTTP request")
-    parser.add_argument("--log-format", choices=FORMATS, default="text", help="how to log (default text)")
+    parser.add_argument(
+        "--log-format",
+        choices=FORMATS,
+        default="text",
+        help="text lines, or one JSON object per line (default text)",
+    )
     parser.add_argument("--verbose", "-v", action="store_true", help="log more")
     parser.set_defaults(run=_run)
 
@@ -103,14 +108,14 @@ def _add_bounds(parser: argparse.ArgumentParser) -> None:
         type=_whole(1, 1_000_000),
         default=_LIMITS.connections,
         metavar="COUNT",
-        help=f"open connections, those of robots and of plain HTTP included (default {_LIMITS.connections})",
+        help=f"open connections, including robots and plain HTTP (default {_LIMITS.connections})",
     )
     parser.add_argument(
         "--connections-per-address",
         type=_whole(0, 1_000_000),
         default=_LIMITS.connections_per_address,
         metavar="COUNT",
-        help="those of clients of one address that is not this machine's; 0 for any number (default"
+        help="connections of clients per address, other than this machine; 0 for no limit (default"
         f" {_LIMITS.connections_per_address})",
     )
     parser.add_argument(
@@ -118,7 +123,7 @@ def _add_bounds(parser: argparse.ArgumentParser) -> None:
         type=_whole(_KIB, 1 << 30),
         default=_LIMITS.message_bytes,
         metavar="BYTES",
-        help=f"largest message, either way (default {_LIMITS.message_bytes})",
+        help=f"largest message in either direction (default {_LIMITS.message_bytes})",
     )
     parser.add_argument(
         "--waiting-bytes",
@@ -152,7 +157,7 @@ def _run(arguments: argparse.Namespace) -> int:
     tokens = _tokens(arguments)
     if not tokens and not is_loopback_listener(arguments.url):
         raise CommandError(
-            "a hub that others can reach needs a token, else anybody could pose as a robot: --token, "
+            "a hub that others can reach requires a token, or anyone could pose as a robot: --token, "
             f"--token-file or {TOKEN_VARIABLE}",
             exit_code=2,
         )

@@ -61,18 +61,19 @@ def _add_source(parser: argparse.ArgumentParser) -> None:
         help="folder with .msg, .srv and .action files; may be given several times",
     )
     source.add_argument(
-        "--distro", choices=_DISTROS, default=_DISTROS[0], help="whose standard set (default jazzy)"
+        "--distro",
+        choices=_DISTROS,
+        default=_DISTROS[0],
+        help="distribution of the standard types (default jazzy)",
     )
-    source.add_argument("--live", action="store_true", help="ask the robot; so does --url")
+    source.add_argument("--live", action="store_true", help="ask the robot (implied by --url)")
     add_robot_options(parser)
 
 
 def _is_live(arguments: Arguments) -> bool:
     if arguments.live or arguments.url:
         if arguments.interfaces:
-            raise CommandError(
-                "--interfaces adds to the standard set: leave --live and --url out", CALLED_WRONGLY
-            )
+            raise CommandError("--interfaces cannot be combined with --live and --url", CALLED_WRONGLY)
         return True
     return False
 
@@ -96,7 +97,7 @@ def _add_list(verbs: Commands) -> None:
         '{"messages": ["geometry_msgs/msg/Twist", …], "services": […], "actions": […]}, or those asked for',
         _list,
     )
-    parser.add_argument("package", metavar="PACKAGE", nargs="?", help="only of this package")
+    parser.add_argument("package", metavar="PACKAGE", nargs="?", help="only types of this package")
     _add_kinds(parser)
     _add_source(parser)
 
@@ -127,7 +128,7 @@ def _of_package(names: list[str], package: str) -> list[str]:
     found = [name for name in names if name.startswith(f"{package}/")]
     if not found:
         packages = {name.partition("/")[0] for name in names}
-        raise CommandError(f"no package {package} is known{did_you_mean(package, packages)}", FAILED)
+        raise CommandError(f"unknown package {package}{did_you_mean(package, packages)}", FAILED)
     return found
 
 
@@ -159,7 +160,7 @@ def _add_packages(verbs: Commands) -> None:
     parser = _add(
         verbs,
         "package",
-        "list what a package has",
+        "list the types of a package",
         "rwt interface package geometry_msgs",
         '["geometry_msgs/msg/Accel", …]',
         _package,
@@ -215,7 +216,7 @@ def _add_show(verbs: Commands) -> None:
     parser = _add(
         verbs,
         "show",
-        "print a definition, with what it contains",
+        "print a definition with those that it contains",
         "rwt interface show geometry_msgs/msg/Twist",
         '{"name": "geometry_msgs/msg/Twist", "parts": {"message": [{"name": "linear", "type": …}, …]}}; the\n'
         'parts of a service are "request" and "response", of an action "goal", "result" and "feedback"',
@@ -224,7 +225,7 @@ def _add_show(verbs: Commands) -> None:
     parser.add_argument("type", metavar="TYPE", help="for example geometry_msgs/msg/Twist")
     parser.add_argument("--no-comments", action="store_true", help="without comments")
     parser.add_argument(
-        "--all-comments", action="store_true", help="with the comments of what it contains, too"
+        "--all-comments", action="store_true", help="include the comments of nested definitions"
     )
     _add_source(parser)
 
@@ -251,7 +252,7 @@ def _add_proto(verbs: Commands) -> None:
         _proto,
     )
     parser.add_argument("type", metavar="TYPE", help="for example geometry_msgs/msg/Twist")
-    parser.add_argument("--no-quotes", action="store_true", help="without quotes around it")
+    parser.add_argument("--no-quotes", action="store_true", help="omit the quotes around it")
     _add_source(parser)
 
 
@@ -353,7 +354,7 @@ def _add_generate(verbs: Commands) -> None:
         "generate",
         "generate types for your program: pydantic models or TypeScript interfaces",
         "rwt interface generate --lang python geometry_msgs nav_msgs/msg/Odometry --out messages.py\n"
-        "rwt interface generate --lang typescript --live --out messages.ts      all that a robot speaks",
+        "rwt interface generate --lang typescript --live --out messages.ts      all types of a robot",
         '{"types": ["geometry_msgs/msg/Twist", …], "file": "messages.py"}, and the code if there is no --out',
         _generate,
     )
@@ -361,7 +362,7 @@ def _add_generate(verbs: Commands) -> None:
         "name",
         metavar="NAME",
         nargs="*",
-        help="a type or a package; with --live none means all of the live graph",
+        help="type or package (with --live, default: all types of the live graph)",
     )
     parser.add_argument("--lang", choices=("python", "typescript"), required=True, help="the language")
     parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="write to this file")

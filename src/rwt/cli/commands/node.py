@@ -24,7 +24,7 @@ def add_node_command(commands: Commands) -> None:
 
 def _info_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--include-hidden", action="store_true", help="also names with a part that begins with _"
+        "--include-hidden", action="store_true", help="include names with a part that begins with `_`"
     )
 
 

@@ -99,7 +99,7 @@ async def _get_value(robot: Robot, name: str) -> YamlValue:
 
 
 def _list_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("node", metavar="NODE", nargs="?", help="only of this node")
+    parser.add_argument("node", metavar="NODE", nargs="?", help="only list parameters of this node")
 
 
 async def _list(robot: Robot, arguments: Arguments, output: Output) -> None:
@@ -127,7 +127,7 @@ def _name_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _get_arguments(parser: argparse.ArgumentParser) -> None:
     _name_arguments(parser)
-    parser.add_argument("--hide-type", action="store_true", help="print the value alone")
+    parser.add_argument("--hide-type", action="store_true", help="only print the value")
 
 
 async def _get(robot: Robot, arguments: Arguments, output: Output) -> None:
@@ -178,7 +178,9 @@ def _set_arguments(parser: argparse.ArgumentParser) -> None:
         "node", metavar="NODE", help="for example /demo_robot; or /node:parameter in one word"
     )
     parser.add_argument("parameter", metavar="PARAMETER", help="for example max_speed")
-    parser.add_argument("value", metavar="VALUE", nargs="?", help="in YAML, for example 0.5, true or [1, 2]")
+    parser.add_argument(
+        "value", metavar="VALUE", nargs="?", help="value in YAML, for example 0.5, true or [1, 2]"
+    )
 
 
 async def _set(robot: Robot, arguments: Arguments, output: Output) -> None:
@@ -216,7 +218,7 @@ def _describe_arguments(parser: argparse.ArgumentParser) -> None:
 async def _describe(robot: Robot, arguments: Arguments, output: Output) -> None:
     node = absolute_name(arguments.node)
     if not robot.types.registry.distro.parameters_belong_to_nodes:
-        raise CommandError("parameters of ROS 1 have no description: there is only `rwt param get`", FAILED)
+        raise CommandError("ROS 1 parameters have no descriptions: use `rwt param get`", FAILED)
     known = await _of_node(robot, node)
     for name in arguments.parameters:
         if name not in known:
@@ -313,7 +315,7 @@ def _nested(flat: Mapping[str, YamlValue]) -> dict[str, YamlValue]:
 
 def _load_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("node", metavar="NODE", help="for example /demo_robot")
-    parser.add_argument("file", metavar="FILE", help="as `rwt param dump` writes it; - for standard input")
+    parser.add_argument("file", metavar="FILE", help="file of `rwt param dump`; `-` reads standard input")
 
 
 async def _load(robot: Robot, arguments: Arguments, output: Output) -> None:
@@ -356,7 +358,7 @@ def _text(file: str) -> str:
     except OSError as error:
         raise CommandError(f"{file}: cannot be read: {error.strerror}", CALLED_WRONGLY) from error
     except UnicodeDecodeError as error:
-        raise CommandError(f"{file}: is not a text in UTF-8", CALLED_WRONGLY) from error
+        raise CommandError(f"{file}: not UTF-8 text", CALLED_WRONGLY) from error
 
 
 def _in_file(text: str, node: str, file: str) -> dict[str, YamlValue]:
@@ -380,7 +382,7 @@ def _in_file(text: str, node: str, file: str) -> dict[str, YamlValue]:
         found.update(_flat(parameters))
     if not any(name in content for name in wanted):
         raise CommandError(
-            f"{file}: has nothing for {node}{did_you_mean(node, content) or f'; it has {list(content)}'}",
+            f"{file}: no parameters for {node}{did_you_mean(node, content) or f'; it has {list(content)}'}",
             CALLED_WRONGLY,
         )
     return found
@@ -415,7 +417,7 @@ VERBS = (
     ),
     Verb(
         "set",
-        "give a parameter a value",
+        "set a parameter",
         _set,
         "rwt param set /demo_robot max_speed 0.5",
         '{"name": "/demo_robot:max_speed", "value": 0.5}',
@@ -431,7 +433,7 @@ VERBS = (
     ),
     Verb(
         "describe",
-        "print what a node says of its parameters",
+        "print the descriptions of a node's parameters",
         _describe,
         "rwt param describe /demo_robot max_speed",
         '[{"name": "max_speed", "type": "double", "description": …, "min": 0.0, "max": 2.0}]; also "step",\n'
@@ -440,7 +442,7 @@ VERBS = (
     ),
     Verb(
         "dump",
-        "print a node's parameters as a file that load reads",
+        "print a node's parameters in the format that `load` reads",
         _dump,
         "rwt param dump /demo_robot > demo_robot.yaml",
         '{"node": "/demo_robot", "parameters": {"max_speed": 0.8, …}}',

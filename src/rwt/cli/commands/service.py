@@ -29,7 +29,7 @@ def add_service_command(commands: Commands) -> None:
 
 
 def _info_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("-v", "--verbose", action="store_true", help="with the nodes that offer it")
+    parser.add_argument("-v", "--verbose", action="store_true", help="list the nodes that offer it")
 
 
 async def _ask_info(robot: Robot, name: str, arguments: Arguments) -> dict[str, Any]:
@@ -39,7 +39,7 @@ async def _ask_info(robot: Robot, name: str, arguments: Arguments) -> dict[str, 
 
 def _show_info(info: dict[str, Any], arguments: Arguments, output: Output) -> None:
     output.line(f"Type: {output.styled(info['type'], 'type')}")
-    output.line("Clients count: not known, rosapi does not tell")
+    output.line("Clients count: unknown (rosapi does not report it)")
     output.line(f"Services count: {len(info['servers'])}")
     for node in info["servers"] if arguments.verbose else ():
         output.line(f"    {output.styled(node, 'name')}")
@@ -47,7 +47,9 @@ def _show_info(info: dict[str, Any], arguments: Arguments, output: Output) -> No
 
 def _echo_arguments(parser: argparse.ArgumentParser) -> None:
     SERVICE.add_argument(parser)
-    parser.add_argument("type", metavar="TYPE", nargs="?", help="its type, where the robot does not know it")
+    parser.add_argument(
+        "type", metavar="TYPE", nargs="?", help="type of the service, if the robot does not know it"
+    )
     add_echo_arguments(parser)
 
 
@@ -57,7 +59,8 @@ async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
     topic = f"{name}{_EVENTS}"
     if not await ask_rosapi(lambda: robot.api.publishers(topic)):
         note(
-            f"rwt: nobody publishes {topic} yet; `rwt serve --introspection` does, a node of ROS 2 if set so"
+            f"rwt: {topic} has no publisher yet: start `rwt serve` with --introspection, or enable service"
+            " introspection in the ROS 2 node"
         )
     await echo_messages(robot, topic, f"{kind}_Event", arguments, output)
 
@@ -68,15 +71,15 @@ def _call_arguments(parser: argparse.ArgumentParser) -> None:
         "request",
         metavar="TYPE REQUEST",
         nargs="*",
-        help="type and request in YAML or JSON, - to read it from standard input; what is left out has its"
-        " default, and the type may be left out",
+        help="service type and request (YAML or JSON; `-` reads standard input). Missing fields get defaults;"
+        " the type may be omitted",
     )
     parser.add_argument(
         "-r",
         "--rate",
         type=hertz,
         metavar="HZ",
-        help="call again and again, so many times a second, until Ctrl-C",
+        help="call repeatedly at this rate until Ctrl-C",
     )
 
 
@@ -87,7 +90,7 @@ async def _call(robot: Robot, arguments: Arguments, output: Output) -> None:
 
     name = absolute_name(arguments.service)
     if len(arguments.request) > 2:
-        raise CommandError("expected TYPE and REQUEST; the request goes in quotes", CALLED_WRONGLY)
+        raise CommandError("expected TYPE and REQUEST: put the request in quotes", CALLED_WRONGLY)
     kind, given = type_and_message(arguments.request)
     service_type = await robot.types.service(kind or await SERVICE.known(robot, name))
     request = to_payload(service_type.request, with_stamps(service_type.request, given)).value()
@@ -112,7 +115,7 @@ VERBS = (
     SERVICE.type_verb(),
     SERVICE.find_verb(),
     SERVICE.info_verb(
-        "print a service's type and how many servers it has",
+        "print a service's type and servers",
         _ask_info,
         _show_info,
         '{"name": "/add_two_ints", "type": "example_interfaces/srv/AddTwoInts", "servers": ["/demo_robot"]}',

@@ -64,14 +64,12 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
         metavar="TOPIC",
         nargs="?",
         default="/cmd_vel",
-        help="for Twist or TwistStamped (default /cmd_vel)",
+        help="topic of type Twist or TwistStamped (default /cmd_vel)",
     )
+    parser.add_argument("--speed", type=_speed, default=0.3, metavar="M/S", help="linear speed (default 0.3)")
+    parser.add_argument("--turn", type=_speed, default=1.0, metavar="RAD/S", help="angular speed (default 1)")
     parser.add_argument(
-        "--speed", type=_speed, default=0.3, metavar="M/S", help="forwards and backwards (default 0.3)"
-    )
-    parser.add_argument("--turn", type=_speed, default=1.0, metavar="RAD/S", help="on the spot (default 1)")
-    parser.add_argument(
-        "-r", "--rate", type=hertz, default=20.0, metavar="HZ", help="commands a second (default 20)"
+        "-r", "--rate", type=hertz, default=20.0, metavar="HZ", help="commands per second (default 20)"
     )
 
 
@@ -80,7 +78,7 @@ async def _teleop(robot: Robot, arguments: Arguments, output: Output) -> None:
 
     if not can_press_keys():
         raise CommandError(
-            "teleop reads keys from a terminal, and there is none; `rwt topic pub` drives from a program",
+            "teleop requires a terminal; use `rwt topic pub` in programs",
             CALLED_WRONGLY,
         )
     topic = absolute_name(arguments.topic)
@@ -88,7 +86,7 @@ async def _teleop(robot: Robot, arguments: Arguments, output: Output) -> None:
     publisher = await robot.advertise(topic, kind)
     if publisher.type.name not in _TWISTS:
         raise CommandError(f"{topic} is of {kind}; teleop publishes {' or '.join(_TWISTS)}", FAILED)
-    note("hold an arrow key to drive; space stops, q and Ctrl-C end")
+    note("hold an arrow key to drive; space stops, q and Ctrl-C quit")
     held = HeldKey()
     try:
         async with anyio.create_task_group() as tasks:
@@ -146,7 +144,7 @@ async def _stop(robot: Robot, publisher: RemotePublisher) -> None:
 
 _TELEOP = Verb(
     "teleop",
-    "drive with the arrow keys while one is held; on release, and whatever ends it, the robot stops",
+    "drive while an arrow key is held; the robot stops on release and on exit",
     _teleop,
     "rwt teleop\nrwt teleop /turtle1/cmd_vel --speed 2 --turn 2",
     'one line for each command: {"linear": 0.3, "angular": 0.0}; metres and radians a second',

@@ -30,14 +30,14 @@ def add_tf_command(commands: Commands) -> None:
 
 
 def _echo_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("source", metavar="SOURCE", help="the frame it is seen from, for example map")
+    parser.add_argument("source", metavar="SOURCE", help="reference frame, for example map")
+    parser.add_argument("target", metavar="TARGET", help="frame to locate, for example base_link")
     parser.add_argument(
-        "target", metavar="TARGET", help="the frame that is looked for, for example base_link"
+        "--rate", type=hertz, default=_USUAL_RATE, metavar="HZ", help="transforms per second (default 1)"
     )
-    parser.add_argument("--rate", type=hertz, default=_USUAL_RATE, metavar="HZ", help="how often (default 1)")
     how_many = parser.add_mutually_exclusive_group()
-    how_many.add_argument("--once", action="store_const", const=1, dest="times", help="end after one")
-    how_many.add_argument("-n", "--times", type=count, metavar="N", help="end after N")
+    how_many.add_argument("--once", action="store_const", const=1, dest="times", help="stop after one")
+    how_many.add_argument("-n", "--times", type=count, metavar="N", help="stop after N")
 
 
 async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
@@ -94,11 +94,11 @@ def _tree_arguments(parser: argparse.ArgumentParser) -> None:
         type=seconds,
         default=_USUAL_WAIT,
         metavar="SECONDS",
-        help=f"how long to listen first (default {_USUAL_WAIT:g})",
+        help=f"seconds to listen first (default {_USUAL_WAIT:g})",
     )
     shape = parser.add_mutually_exclusive_group()
-    shape.add_argument("--yaml", action="store_true", help="as tf2's service /tf2_frames answers")
-    shape.add_argument("--dot", action="store_true", help="as a graph for Graphviz")
+    shape.add_argument("--yaml", action="store_true", help="print YAML, as tf2's service /tf2_frames does")
+    shape.add_argument("--dot", action="store_true", help="print a graph for Graphviz")
 
 
 async def _tree(robot: Robot, arguments: Arguments, output: Output) -> None:
@@ -108,7 +108,7 @@ async def _tree(robot: Robot, arguments: Arguments, output: Output) -> None:
     await anyio.sleep(arguments.wait)
     frames = robot.tf.buffer
     if not frames.frames():
-        raise CommandError(f"no transform came on /tf or /tf_static within {arguments.wait:g} s", TIMED_OUT)
+        raise CommandError(f"no transform on /tf or /tf_static within {arguments.wait:g} s", TIMED_OUT)
     if output.json:
         output.record([_frame(frames, frame) for frame in frames.frames()])
     elif arguments.yaml:
@@ -132,17 +132,18 @@ def _frame(frames: Buffer, frame: str) -> dict[str, object]:
 VERBS = (
     Verb(
         "echo",
-        "print where a frame is, as seen from another",
+        "print the transform between two frames",
         _echo,
         "rwt tf echo map base_link",
-        'one line each time: {"stamp": {"sec": …, "nanosec": …}, "source": "map", "target": "base_link",\n'
-        '"translation": [x, y, z], "rotation": [x, y, z, w], "rpy": […], "matrix": […]}; metres, radians',
+        'a line for each transform: {"stamp": {"sec": …, "nanosec": …}, "source": "map",\n'
+        '"target": "base_link", "translation": [x, y, z], "rotation": [x, y, z, w],\n'
+        '"rpy": […], "matrix": […]}; metres, radians',
         _echo_arguments,
         until_interrupted=True,
     ),
     Verb(
         "tree",
-        "show the tree of frames",
+        "print the tree of frames",
         _tree,
         "rwt tf tree\nrwt tf tree --dot | dot -Tpdf > frames.pdf",
         '[{"frame": "base_link", "parent": "odom", "static": false, "rate": 20.0}, …]; the parent of a\n'

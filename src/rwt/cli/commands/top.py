@@ -35,17 +35,17 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
         metavar="GLOB",
         nargs="*",
         type=topic_glob,
-        help="only topics that fit, for example '/camera/*'",
+        help="only topics that match, for example '/camera/*'",
     )
     parser.add_argument(
-        "--interval", type=seconds, default=1.0, metavar="SECONDS", help="between two looks (default 1)"
+        "--interval", type=seconds, default=1.0, metavar="SECONDS", help="seconds between updates (default 1)"
     )
     parser.add_argument(
         "-n",
         "--times",
         type=count,
         metavar="N",
-        help="end after N looks (default 1 where no terminal shows them)",
+        help="stop after N updates (default 1 without a terminal)",
     )
 
 
@@ -165,7 +165,7 @@ def _print(
     head = f"{len(rates)} topics, {total}/s; {len(nodes)} nodes"
     lines = [head if clients is None else f"{head}; {clients} clients"]
     if health is not None and health.version:
-        lines[0] += f", {health.work:.0%} of a processor at work for them"
+        lines[0] += f", {health.work:.0%} of a processor used for them"
         if health.clients_beyond_rate:
             lines[0] += f", {health.clients_beyond_rate} beyond limits.work_per_second"
     shown = rates[: max(1, shutil.get_terminal_size().lines - _FRAME_LINES)] if output.people else rates
@@ -184,12 +184,12 @@ def _print(
 
 _TOP = Verb(
     "top",
-    "watch topics with their rates and bytes, nodes and clients; for that the robot sends every topic",
+    "watch topics with their rates and sizes, nodes and clients; subscribes to every topic",
     _top,
     "rwt top\nrwt top '/camera/*' --interval 5",
-    'one line for each look: {"topics": [{"name": "/odom", "type": …, "rate": 20.0,\n'
+    'one line for each update: {"topics": [{"name": "/odom", "type": …, "rate": 20.0,\n'
     '"bytes_per_second": …}, …], "nodes": ["/demo_robot", …], "clients": 2, "work": 0.03}; clients and\n'
-    "the seconds of work for them each second are null where the server does not tell",
+    "work (processor seconds per second) are null if the server does not report them",
     _arguments,
     definitions=True,
     until_interrupted=True,

@@ -7,12 +7,10 @@ from typing import Final
 from rwt.cli.parser import Commands, add_commands, add_unavailable
 
 _UNAVAILABLE: Final = {
-    "burst": "a player plays single messages while it serves: `rwt bag play --start-paused`, then the right"
-    " arrow key or a call of /rosbag2_player/burst",
-    "convert": "recordings are MCAP files, which other tools read as they are; `rosbags-convert` makes other"
-    " forms of them",
-    "list": "there are no plugins: MCAP is written; MCAP, .bag and folders of rosbag2 are read",
-    "reindex": "an MCAP file has its own index; `rwt bag recover` repairs one whose end is missing",
+    "burst": "use `rwt bag play --start-paused`, then the right arrow key or /rosbag2_player/burst",
+    "convert": "recordings are MCAP files, which other tools read; use `rosbags-convert` for other formats",
+    "list": "there are no plugins: MCAP is written; MCAP, .bag and rosbag2 folders are read",
+    "reindex": "MCAP files contain their index; use `rwt bag recover` to repair an incomplete one",
 }
 
 

@@ -64,7 +64,7 @@ def add_play_verb(verbs: Commands) -> None:
         help="publish a topic under another name",
     )  # fmt: skip
     parser.add_argument(
-        "--no-services", action="store_true", help="do not answer calls as the recorded ones were answered"
+        "--no-services", action="store_true", help="do not answer service calls from the recording"
     )
     parser.add_argument(
         "--clock", nargs="?", type=number_within("times a second", 0, 1e4), const=_CLOCK_HZ, default=0.0,
@@ -82,18 +82,22 @@ def _add_time(parser: argparse.ArgumentParser) -> None:
         type=number_within("a rate", 0.001, 1000),
         default=1.0,
         metavar="RATE",
-        help="2 is twice as fast; from 0.001 to 1000 (default 1)",
+        help="speed from 0.001 to 1000; 2 is twice as fast (default 1)",
     )
     parser.add_argument(
-        "--start-offset", type=seconds_or_none, default=0.0, metavar="S", help="seconds from its beginning"
+        "--start-offset",
+        type=seconds_or_none,
+        default=0.0,
+        metavar="S",
+        help="start at this time, in seconds",
     )
-    parser.add_argument("--end", type=seconds_or_none, metavar="S", help="seconds from its beginning")
+    parser.add_argument(
+        "--end", type=seconds_or_none, metavar="S", help="stop at this time, in seconds from the start"
+    )
     add_chunk_bytes(parser)
-    parser.add_argument("--start-paused", "-p", action="store_true", help="wait to be resumed")
-    parser.add_argument("--loop", "-l", action="store_true", help="begin again at the end")
-    parser.add_argument(
-        "--stay", action="store_true", help="go on serving what is kept when the end was reached"
-    )
+    parser.add_argument("--start-paused", "-p", action="store_true", help="start paused")
+    parser.add_argument("--loop", "-l", action="store_true", help="restart at the end")
+    parser.add_argument("--stay", action="store_true", help="keep serving latched topics after the end")
 
 
 def parse_remap(text: str) -> tuple[str, str]:
@@ -119,7 +123,7 @@ def _run(arguments: argparse.Namespace) -> int:
     if not files:
         raise CommandError(
             "expected a recording to play, for example: rwt bag play run.mcap; "
-            "it stands before options that take several words, such as --topics",
+            "put it before options that take several words, such as --topics",
             exit_code=2,
         )
     settings = settings_of(arguments, {"listen": urls or None}).settings
@@ -200,6 +204,6 @@ def _announce(recording: Recording) -> None:
     print(f"playing {count} messages of {length:.1f} s", file=sys.stderr)
     if not recording.complete:
         print(
-            "the recording was not ended properly: it is played as far as it goes (see rwt bag recover)",
+            "the recording is incomplete: playing what can be read (see rwt bag recover)",
             file=sys.stderr,
         )

@@ -99,29 +99,31 @@ def add_record_verb(verbs: Commands) -> None:
         nargs="*",
         metavar="TOPIC",
         type=topic_glob,
-        help="only these, or what fits these patterns (default: all)",
+        help="only these topics, or patterns (default: all)",
     )
-    parser.add_argument("--all", "-a", action="store_true", help="all topics, which is the default")
+    parser.add_argument("--all", "-a", action="store_true", help="all topics (default)")
     parser.add_argument(
-        "--url", metavar="URL", help=f"the robot's server (default ${URL_VARIABLE}, or {DEFAULT_URL})"
+        "--url", metavar="URL", help=f"URL of the robot (default ${URL_VARIABLE}, or {DEFAULT_URL})"
     )
     _add_options(parser)
 
 
 def _add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--token", metavar="TOKEN", help=f"bearer token to show (default ${TOKEN_VARIABLE})")
+    parser.add_argument(
+        "--token", metavar="TOKEN", help=f"bearer token to present (default ${TOKEN_VARIABLE})"
+    )
     add_tls_options(parser)
     parser.add_argument(
-        "--output", "-o", type=Path, metavar="FILE", help="the file (default rwt_DATE-TIME.mcap)"
+        "--output", "-o", type=Path, metavar="FILE", help="output file (default rwt_DATE-TIME.mcap)"
     )
-    parser.add_argument("--overwrite", action="store_true", help="replace a file that is there already")
+    parser.add_argument("--overwrite", action="store_true", help="replace an existing file")
     _add_topics(parser)
     _add_form(parser)
+    parser.add_argument("--max-seconds", type=seconds, metavar="S", help="stop after this many seconds")
     parser.add_argument(
-        "--max-seconds", type=seconds, metavar="S", help="end by itself after so many seconds"
-    )
-    parser.add_argument(
-        "--no-reconnect", action="store_true", help="end when the connection is lost; else it is retried"
+        "--no-reconnect",
+        action="store_true",
+        help="stop when the connection is lost, instead of reconnecting",
     )
     parser.add_argument("--verbose", "-v", action="store_true", help="log every topic")
     parser.set_defaults(run=_run)
@@ -135,17 +137,17 @@ def _add_topics(parser: argparse.ArgumentParser) -> None:
         default=[],
         type=topic_glob,
         metavar="GLOB",
-        help="no topics that fit these",
+        help="do not record topics that match these patterns",
     )
     parser.add_argument(
-        "--services", action="store_true", help="also service calls, where the robot publishes them as events"
+        "--services", action="store_true", help="also service calls that the robot publishes as events"
     )
     parser.add_argument(
         "--actions", action="store_true", help="also the topics that carry the robot's actions (ROS 2)"
     )
     parser.add_argument(
         "--latched", nargs="+", action="extend", default=[], type=topic_glob, metavar="GLOB",
-        help="topics whose last message late joiners get, where the server does not show that",
+        help="topics that latch their last message, if the server does not report that",
     )  # fmt: skip
 
 
@@ -154,13 +156,16 @@ def _add_form(parser: argparse.ArgumentParser) -> None:
         "--encoding",
         choices=ENCODINGS,
         default="ros",
-        help="as ROS serialises messages (default), or as JSON",
+        help="ROS serialisation (default) or JSON",
     )
     parser.add_argument(
-        "--compression", choices=COMPRESSIONS, default="zstd", help="of the file (default zstd)"
+        "--compression", choices=COMPRESSIONS, default="zstd", help="compression of the file (default zstd)"
     )
     parser.add_argument(
-        "--split", type=parse_split, metavar="AMOUNT", help="begin a new file at a size (1GB) or a time (10m)"
+        "--split",
+        type=parse_split,
+        metavar="AMOUNT",
+        help="begin a new file at this size (1GB) or duration (10m)",
     )
 
 
@@ -173,7 +178,7 @@ def parse_split(text: str) -> Split:
     match = _SPLIT.fullmatch(text.strip())
     if match is None or not 0 < float(match[1]) <= _MOST_SPLIT:
         raise argparse.ArgumentTypeError(
-            f"{text!r} is neither a size nor a time: expected for example 500MB, 1GB, 30s or 10m"
+            f"{text!r} is neither a size nor a duration: expected for example 500MB, 1GB, 30s or 10m"
         )
     amount = float(match[1]) * _UNITS[match[2].lower()]
     return Split(size=round(amount)) if match[2].lower().endswith("b") else Split(seconds=amount)
@@ -297,7 +302,7 @@ def _finish(writer: RecordingWriter, verbose: bool) -> None:
     begin = "\r" if sys.stderr.isatty() else ""
     print(f"{begin}{writer.messages} messages in {files}, {size:.1f} MB", file=sys.stderr)
     if not writer.channels:
-        print("no message came on the topics that were asked for: `rwt topic list` has all", file=sys.stderr)
+        print("no messages on the given topics; `rwt topic list` lists all topics", file=sys.stderr)
     if writer.dropped:
         print(f"{writer.dropped} messages are missing: the disk was too slow", file=sys.stderr)
     for channel in writer.channels if verbose else ():

@@ -23,9 +23,9 @@ def add_recover_verb(verbs: Commands) -> None:
     """Add `recover` to `bag`."""
     recover = verbs.add_parser(
         "recover",
-        help="copy what can be read of an MCAP file that was not ended into a complete one",
-        description="Copy what can be read of an MCAP file that is damaged, or was not ended properly, into a"
-        " complete one, and say what was lost.",
+        help="repair an incomplete MCAP file",
+        description="Copy the readable part of a damaged or incomplete MCAP file to a complete one, and"
+        " report the losses.",
         epilog="examples:\n  rwt bag recover run.mcap -o whole.mcap",
     )
     recover.add_argument("file", type=Path, metavar="FILE", help="the damaged file")
@@ -35,9 +35,9 @@ def add_recover_verb(verbs: Commands) -> None:
         type=Path,
         required=True,
         metavar="FILE",
-        help="the complete file, which appears once it is complete; with --overwrite it may be the same",
+        help="output file, created once it is complete; with --overwrite it may be the input",
     )
-    recover.add_argument("--overwrite", action="store_true", help="replace a file that is there already")
+    recover.add_argument("--overwrite", action="store_true", help="replace an existing file")
     add_chunk_bytes(recover)
     recover.set_defaults(run=_run_recover)
 
@@ -48,7 +48,7 @@ def add_chunk_bytes(parser: argparse.ArgumentParser) -> None:
         "--chunk-bytes",
         type=number_within("a number of bytes", 1024, 2**40),
         metavar="N",
-        help="leave out chunks of MCAP files that have more than so many bytes unpacked (default 128 MiB)",
+        help="skip chunks of MCAP files with more uncompressed bytes (default 128 MiB)",
     )
 
 
@@ -65,7 +65,7 @@ def add_info_verb(verbs: Commands) -> None:
     info = verbs.add_parser(
         "info",
         help="list topics, types, counts and times",
-        description="Print the topics of recordings, their types, how many messages there are, and when.",
+        description="Print the topics of recordings with types, message counts and times.",
         epilog="examples:\n  rwt bag info run.mcap\n  rwt bag info old.bag --json",
     )
     info.add_argument("files", nargs="+", type=Path, metavar="FILE", help="MCAP, .bag or folder of rosbag2")
@@ -144,7 +144,7 @@ def text_of(recording: Recording) -> str:
         "",
     ]
     if not recording.complete:
-        lines.insert(1, "note      not ended properly: `rwt bag recover` makes a complete file of it")
+        lines.insert(1, "note      incomplete: `rwt bag recover` repairs it")
     width = max((len(topic.name) for topic in recording.topics), default=0)
     for topic in recording.topics:
         count = "?" if topic.count is None else topic.count
@@ -155,7 +155,7 @@ def text_of(recording: Recording) -> str:
 
 def _latched(offered: tuple[QoS, ...]) -> str:
     latched = any(qos.durability.value == "transient_local" for qos in offered)
-    return " (kept for late joiners)" if latched else ""
+    return " (latched)" if latched else ""
 
 
 def _date(time_ns: int) -> str:
@@ -166,5 +166,5 @@ def _date(time_ns: int) -> str:
     try:
         date = datetime.fromtimestamp(seconds, UTC)
     except (ValueError, OverflowError, OSError):
-        return f"no date that there is ({time_ns})"
+        return f"invalid date ({time_ns})"
     return f"{date:%Y-%m-%d %H:%M:%S}.{nanoseconds:09} UTC ({time_ns})"

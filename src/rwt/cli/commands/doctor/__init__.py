@@ -43,20 +43,20 @@ _WRONG_SECONDS: Final = 0.5
 _STYLES: Final[dict[Verdict, Style]] = {"ok": "good", "note": "faint", "warning": "warning", "problem": "bad"}
 _TEXT: Final = "a message of the doctor, long enough to be cut into pieces " * 4
 _NARROW_ROLE: Final = (
-    "for an app that does no more this is as it should be; the encodings were not checked, for which the role"
-    " of the token must publish and subscribe to /rwt_doctor_*"
+    "no problem for apps that need no more rights; encodings were not checked, which requires the right to"
+    " publish and subscribe to /rwt_doctor_*"
 )
 _ROSAPI_MISSING: Final = (
-    "start rosapi beside the server (`rosapi_node`; rosbridge's launch file does): without it types must be"
-    " named, and no list can be made"
+    "start rosapi beside the server (`rosapi_node`, or rosbridge's launch file): without it clients cannot"
+    " look up names and types"
 )
 _CONNECT_ADVICE: Final[dict[ConnectCause, str]] = {
     "refused": "start the server (`rwt serve`, or rosbridge's launch file), and compare port and address",
-    "unknown_host": "check the host's name, or use its address",
-    "tls": "check that the certificate names this host, and name its authority's file by --cafile",
-    "no_path": "of these candidates none reaches the other: with a NAT between them set `webrtc.servers` of"
-    " the robot to a STUN server, and where that is not enough to a TURN server; let UDP through firewalls",
-    "other": "check address, port and firewall; a server on 127.0.0.1 is reached from its own machine only",
+    "unknown_host": "check the host name, or use the address",
+    "tls": "check that the certificate names this host, and pass its authority with --cafile",
+    "no_path": "no pair of candidates works: behind a NAT, set `webrtc.servers` of the robot to a STUN"
+    " server, or a TURN server if that is not enough; allow UDP in firewalls",
+    "other": "check address, port and firewall; a server on 127.0.0.1 only accepts local connections",
 }
 
 
@@ -89,14 +89,14 @@ def add_doctor_command(commands: Commands) -> None:
             '"text": …, "advice": ""}, …]}; a verdict is "ok", "note", "warning" or "problem"',
         ),
     )
-    parser.add_argument("target", metavar="URL", nargs="?", help="the same as --url")
+    parser.add_argument("target", metavar="URL", nargs="?", help="URL of the robot, like --url")
     add_robot_options(parser)
     parser.set_defaults(run=_run)
 
 
 def _run(arguments: Arguments) -> int:
     if arguments.target and arguments.url:
-        raise CommandError("one URL is enough: --url is the same as the argument", CALLED_WRONGLY)
+        raise CommandError("expected one URL: --url is the same as the argument", CALLED_WRONGLY)
     arguments.url = arguments.target or arguments.url
     output = standard_output(json=arguments.json)
     findings: list[Finding] = []
@@ -188,7 +188,7 @@ async def examine_ice_servers(
     with explained(target):
         servers = await find_servers(address)
     if not servers:
-        text = "the robot names no STUN or TURN server: it is reached where no NAT is between"
+        text = "the robot names no STUN or TURN server: it is not reachable through a NAT"
         return [Finding("ICE server", "note", text)]
     return [_ice_finding(each) for each in await asyncio.gather(*(probe(server) for server in servers))]
 
@@ -203,23 +203,23 @@ def _ice_finding(seen: Probe) -> Finding:
             " prints"
         )
     else:
-        advice = "compare `webrtc.servers` of the robot, and let UDP to it through firewalls"
+        advice = "compare `webrtc.servers` of the robot, and allow UDP to it in firewalls"
     return Finding("ICE server", "warning", text, advice)
 
 
 def _connected(url: str, token: bool, path: str) -> Finding:
     text = f"connected to {url}" + (f" {path}" if path else "")
-    return Finding("connection", "ok", f"{text}; the token was not refused" if token else text)
+    return Finding("connection", "ok", f"{text}; the token was accepted" if token else text)
 
 
 def _how_to_connect(cause: ConnectCause, token: bool) -> str:
     if cause == "unauthorized":
         advice = (
-            "this token is not good: ask who runs the server"
+            "the token is invalid: ask the operator of the server"
             if token
-            else "it wants a token: --token or RWT_TOKEN"
+            else "the server requires a token: --token or RWT_TOKEN"
         )
-        return f"{advice}; or it does not let in this address or origin"
+        return f"{advice}; or it rejects this address or origin"
     return _CONNECT_ADVICE[cause]
 
 
@@ -231,7 +231,7 @@ async def _over_http(url: str, patience: float, tls: ssl.SSLContext | None) -> l
     if not health.version:
         return [Finding("server", "note", "the server does not report its version (only `rwt serve` does)")]
     clients = f"{health.clients} client{'' if health.clients == 1 else 's'}"
-    state = f"rwt {health.version}, {clients}, {health.work:.0%} of a processor at work for them"
+    state = f"rwt {health.version}, {clients}, {health.work:.0%} of a processor used for them"
     if not health.running:
         return [Finding("server", "problem", f"{state}, but the graph has stopped", "start the server again")]
     if health.clients_beyond_rate:
@@ -239,9 +239,8 @@ async def _over_http(url: str, patience: float, tls: ssl.SSLContext | None) -> l
             Finding(
                 "server",
                 "warning",
-                f"{state}, of whom {health.clients_beyond_rate} wait for each other",
-                "`rwt_client_work_seconds_total` in /metrics says who they are; limits.work_per_second allows"
-                " more",
+                f"{state}, {health.clients_beyond_rate} of them beyond their work rate",
+                "see `rwt_client_work_seconds_total` in /metrics; raise limits.work_per_second to allow more",
             )
         ]
     return [Finding("server", "ok", state)]
@@ -301,7 +300,7 @@ class _Examination:
         values = {} if answer is None else answer.op.get("values")
         if answer is None or answer.op.get("result") is False or not isinstance(values, dict):
             self._type = "std_msgs/String"
-            return Finding("ROS", "note", "the server does not report its version, as most of ROS 1 do not")
+            return Finding("ROS", "note", "the server does not report its version, like most of ROS 1")
         version = 1 if values.get("version", 2) == 1 else 2
         if version == 1:
             self._type = "std_msgs/String"
@@ -341,7 +340,7 @@ class _Examination:
     async def _look_at_encoding(self, encoding: str) -> Finding:
         name = f"encoding {encoding}"
         if not self._binary and _is_binary(encoding):
-            return Finding(name, "note", "not on this transport, which carries text only")
+            return Finding(name, "note", "not available: this transport carries text only")
         probe, topic = self._probe, _own_topic()
         kind = self._type
         how = {"fragment_size": 100} if encoding == "fragments" else {"compression": encoding}
@@ -385,16 +384,16 @@ def _is_binary(encoding: str) -> bool:
 def _judge(encoding: str, frame: ReceivedFrame | None, status: str) -> tuple[Verdict, str, str]:
     """Return verdict, text and advice for the frame that followed our own message."""
     if frame is None or frame.is_op("status"):
-        refused = f"refused: {status}" if status else "nothing came back"
+        refused = f"refused: {status}" if status else "no message received"
         return (
             "problem",
             refused,
-            "a token or role may be needed to publish and subscribe; see the server's log",
+            "publishing and subscribing may require a token or role; see the server's log",
         )
     came = _encoding_of(frame)
     if came == encoding:
         return "ok", f"works, {frame.size} bytes for a message of {len(_TEXT)} characters", ""
-    return "note", f"not offered: it came as {came}", ""
+    return "note", f"not available: received {came}", ""
 
 
 def _encoding_of(frame: ReceivedFrame) -> str:
@@ -410,7 +409,7 @@ def _encoding_of(frame: ReceivedFrame) -> str:
 
 def _reason(answer: ReceivedFrame) -> str:
     values = answer.op.get("values", answer.op.get("msg", ""))
-    return values if isinstance(values, str) and values else "it gave no reason"
+    return values if isinstance(values, str) and values else "no reason given"
 
 
 def _seconds_in(answer: ReceivedFrame) -> float | None:
@@ -428,10 +427,10 @@ def _seconds_in(answer: ReceivedFrame) -> float | None:
 
 def _latency(trips: list[float]) -> Finding:
     middle, longest = statistics.median(trips), max(trips)
-    text = f"{middle * 1000:.1f} ms there and back, at most {longest * 1000:.1f} ms of {len(trips)}"
+    text = f"{middle * 1000:.1f} ms round trip, maximum {longest * 1000:.1f} ms of {len(trips)}"
     if middle < _SLOW_SECONDS:
         return Finding("latency", "ok", text)
-    advice = "a slow network or a busy server: subscribe with a throttle, and see the server's load"
+    advice = "slow network or busy server: subscribe with a throttle, and check the load of the server"
     return Finding("latency", "warning", text, advice)
 
 
@@ -440,5 +439,5 @@ def _clock(ahead: float, quickest: float) -> Finding:
     if abs(ahead) < _WRONG_SECONDS:
         return Finding("clock", "ok", f"{ahead * 1000:+.1f} ms from this computer's, {error}")
     text = f"{ahead:+.1f} s from this computer's"
-    advice = "set both by NTP; with simulated time (/clock, use_sim_time) this is as it should be"
+    advice = "synchronise both with NTP; expected with simulated time (/clock, use_sim_time)"
     return Finding("clock", "warning", text, advice)

@@ -39,7 +39,7 @@ async def _ask_gate(robot: Robot, service: str, type: str, request: MessageLike)
         answer: Any = await robot.call(service, request, type)
     except ProviderNotFound:
         raise CommandError(
-            f"this robot has no gate: there is no {service}; its server's settings name no gate.rules"
+            f"this robot has no gate ({service} not found): set gate.rules on its server"
         ) from None
     if not answer.success:
         raise CommandError(answer.message)
@@ -47,8 +47,12 @@ async def _ask_gate(robot: Robot, service: str, type: str, request: MessageLike)
 
 
 def _stop_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--release", action="store_true", help="let it move again, if the token's role may")
-    parser.add_argument("--reason", default="", metavar="TEXT", help="why, for the audit and for others")
+    parser.add_argument(
+        "--release", action="store_true", help="release the stop, if the role of the token may do so"
+    )
+    parser.add_argument(
+        "--reason", default="", metavar="TEXT", help="reason, for the audit log and other clients"
+    )
 
 
 async def _stop(robot: Robot, arguments: Arguments, output: Output) -> None:
@@ -62,7 +66,7 @@ async def _stop(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 _STOP: Final = Verb(
     "stop",
-    "press the robot's emergency stop, which is software and no safety function",
+    "press the emergency stop (software: not a safety function)",
     _stop,
     "rwt stop --reason 'somebody is in the way'\nrwt stop --release",
     '{"stopped": true, "message": "stopped; …"}',
@@ -71,25 +75,25 @@ _STOP: Final = Verb(
 
 
 def _approve_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("id", metavar="ID", nargs="?", help="what to answer; without it what waits is listed")
-    parser.add_argument("--no", action="store_true", help="say no")
+    parser.add_argument("id", metavar="ID", nargs="?", help="request to answer (default: list all requests)")
+    parser.add_argument("--no", action="store_true", help="reject the request")
     parser.add_argument(
         "--for",
         dest="lasts",
         type=seconds,
         metavar="SECONDS",
-        help="let the yes hold for so long, for the same client and name (default: for this one act)",
+        help="approve the same client and name for this long (default: this request only)",
     )
 
 
 async def _approve(robot: Robot, arguments: Arguments, output: Output) -> None:
     if arguments.id is None:
         if arguments.no or arguments.lasts:
-            raise CommandError("--no and --for need the ID of what waits", CALLED_WRONGLY)
+            raise CommandError("--no and --for require the ID of a request", CALLED_WRONGLY)
         await _list(robot, output)
         return
     if arguments.no and arguments.lasts:
-        raise CommandError("--for is how long a yes holds: leave it out with --no", CALLED_WRONGLY)
+        raise CommandError("--for cannot be combined with --no", CALLED_WRONGLY)
     request = {"id": arguments.id, "approve": not arguments.no, "seconds": arguments.lasts or 0.0}
     said = await _ask_gate(robot, "/gate/approve", "rwt_gate_msgs/Approve", request)
     if output.json:
@@ -100,14 +104,14 @@ async def _approve(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 async def _list(robot: Robot, output: Output) -> None:
     if not await robot.api.publishers(_APPROVALS):
-        raise CommandError(f"this robot has no gate: nobody publishes {_APPROVALS}")
+        raise CommandError(f"this robot has no gate ({_APPROVALS} not found): set gate.rules on its server")
     waiting: Any = await robot.once(_APPROVALS, "rwt_gate_msgs/Approvals")
     if output.json:
         names = ("id", "act", "name", "rule", "client", "role", "content", "seconds", "remember_seconds")
         output.record([{name: getattr(each, name) for name in names} for each in waiting.approvals])
         return
     if not waiting.approvals:
-        output.line("nothing waits")
+        output.line("no pending requests")
     for each in waiting.approvals:
         output.line(
             f"{each.id}  {each.act} {output.styled(output.escape_terminal(each.name), 'name')}"
@@ -118,7 +122,7 @@ async def _list(robot: Robot, output: Output) -> None:
 
 _APPROVE: Final = Verb(
     "approve",
-    "list what waits for a person's yes at the robot's gate, or answer",
+    "list or answer requests for approval",
     _approve,
     "rwt approve\nrwt approve 7\nrwt approve 7 --for 600\nrwt approve 7 --no",
     '[{"id": "7", "act": "call", "name": "/blink", …}], or {"id": "7", "approved": true, "message": "…"}',

@@ -23,7 +23,7 @@ def add_audit_command(commands: Commands) -> None:
     """Add `audit` to the command line."""
     parser = commands.add_parser(
         "audit",
-        description="Read the audit of a robot's gate (gate.audit.file), its older files included.",
+        description="Read the audit log of a robot's gate (gate.audit.file), including its older files.",
         epilog=epilog(
             "rwt audit audit.jsonl\n"
             "rwt audit audit.jsonl --decision refused --since 1h\n"
@@ -31,19 +31,30 @@ def add_audit_command(commands: Commands) -> None:
             '{"time": "…Z", "decision": "refused", "act": "publish", "name": "/cmd_vel", "client": "…", …}',
         ),
     )
-    parser.add_argument("file", type=Path, metavar="FILE", help="the newest of the files")
+    parser.add_argument("file", type=Path, metavar="FILE", help="newest file of the log")
     parser.add_argument(
-        "--decision", metavar="WORD", help="such as allowed, refused, 'would refuse', asked, lease or stop"
+        "--decision",
+        metavar="WORD",
+        help="only lines with this decision, for example allowed, refused, 'would refuse', lease or stop",
     )
-    parser.add_argument("--act", metavar="WORD", help="such as publish, call, goal or set_param")
-    parser.add_argument("--name", metavar="GLOB", help="of the topic, service, action or parameter")
-    parser.add_argument("--client", metavar="NAME", help="such as rosbridge:3")
-    parser.add_argument("--role", metavar="NAME", help="of the client")
-    parser.add_argument("--rule", metavar="GLOB", help="that decided, such as gate.rules.drive*")
     parser.add_argument(
-        "--since", type=_since, metavar="WHEN", help="90s, 10m, 2h or 3d ago, or a time as 2026-01-31T12:00Z"
+        "--act", metavar="WORD", help="only lines of this act, for example publish, call, goal or set_param"
     )
-    parser.add_argument("--json", action="store_true", help="print the lines as they are, for programs")
+    parser.add_argument(
+        "--name", metavar="GLOB", help="only lines about this topic, service, action or parameter"
+    )
+    parser.add_argument("--client", metavar="NAME", help="only lines of this client, for example rosbridge:3")
+    parser.add_argument("--role", metavar="NAME", help="only lines of clients with this role")
+    parser.add_argument(
+        "--rule", metavar="GLOB", help="only lines decided by this rule, for example gate.rules.drive*"
+    )
+    parser.add_argument(
+        "--since",
+        type=_since,
+        metavar="WHEN",
+        help="only lines since 90s, 10m, 2h or 3d ago, or a time such as 2026-01-31T12:00Z",
+    )
+    parser.add_argument("--json", action="store_true", help="print the lines as JSON")
     parser.set_defaults(run=_run)
 
 
@@ -55,7 +66,7 @@ def _since(text: str) -> datetime:
         moment = datetime.fromisoformat(text)
     except (ValueError, OverflowError):
         raise argparse.ArgumentTypeError(
-            f"expected 90s, 10m, 2h, 3d or a time as 2026-01-31T12:00Z, got {text!r}"
+            f"expected 90s, 10m, 2h, 3d or a time such as 2026-01-31T12:00Z, got {text!r}"
         ) from None
     return moment if moment.tzinfo else moment.astimezone()
 

@@ -25,43 +25,46 @@ if TYPE_CHECKING:
 
 _EXAMPLES: Final = """\
 examples:
-  rwt mcp --robot ws://robot:9090                     look only
+  rwt mcp --robot ws://robot:9090                     read-only
   rwt mcp --robot ws://robot:9090 --act               drive, call, set: what the robot's server allows
   RWT_TOKEN=… rwt mcp --robot wss://robot.example.com --act --confirm '*'
-an agent's program starts it, and speaks the Model Context Protocol with it on standard input and output:
+the agent starts it, and uses the Model Context Protocol on standard input and output:
   {"mcpServers": {"robot": {"command": "rwt", "args": ["mcp", "--robot", "ws://robot:9090"]}}}
-it needs the extra `mcp`: pip install mcp"""
+requires the extra `mcp`: pip install mcp"""
 
 
 def add_mcp_command(commands: Commands) -> None:
     """Add `mcp` to the command line."""
     parser = commands.add_parser(
         "mcp",
-        description="Gives an agent the tools, resources and prompts for a robot, over standard input and"
-        ' output. A server with the setting `gateways = ["mcp"]` has them at /mcp without this.',
+        description="Give an agent tools, resources and prompts for a robot, over standard input and output."
+        ' A server with `gateways = ["mcp"]` offers them at /mcp.',
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_robot_options(parser, json=False)
-    parser.add_argument("--robot", dest="url", metavar="URL", help="the same as --url")
+    parser.add_argument("--robot", dest="url", metavar="URL", help="URL of the robot, like --url")
     parser.add_argument(
         "--act",
         action="store_true",
-        help="offer the tools too that change something at the robot, as far as its server allows",
+        help="also offer tools that change the robot, as far as its server allows",
     )
     parser.add_argument(
         "--confirm",
         action="append",
         default=[],
         metavar="GLOB",
-        help="topics, services, actions and parameters for which the person at the agent's program is asked"
-        " before each act; several may be given",
+        help="topics, services, actions and parameters that require confirmation by the user of the agent;"
+        " several may be given",
     )
+    parser.add_argument("--recordings", type=Path, metavar="FOLDER", help="folder of recordings to offer")
     parser.add_argument(
-        "--recordings", type=Path, metavar="FOLDER", help="folder whose recordings it may look at"
+        "--log-format",
+        choices=FORMATS,
+        default="text",
+        help="text lines, or one JSON object per line (default text)",
     )
-    parser.add_argument("--log-format", choices=FORMATS, default="text", help="how to log (default text)")
-    parser.add_argument("--verbose", "-v", action="store_true", help="log more, also what only looks")
+    parser.add_argument("--verbose", "-v", action="store_true", help="log more, including read access")
     parser.set_defaults(run=_run)
 
 

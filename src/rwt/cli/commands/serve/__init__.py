@@ -35,10 +35,10 @@ examples:
   rwt serve stdio:                         as a child process, on standard input and output
   rwt serve --interfaces my_msgs/          with message types of your own
   rwt serve --packages /opt/ros/jazzy/share with meshes for viewers, under /packages/
-  rwt serve --script robot.toml            a robot for tests, which answers what the file says
+  rwt serve --script robot.toml            a scripted robot for tests
   rwt serve ws://0.0.0.0:9090 --workers 4  on four cores, as one server
   rwt serve --config robot.toml --gate observe
-                                           with a safety gate that only says what it would refuse
+                                           with a gate that only logs what it would reject
   rwt serve --graph zenoh --zenoh-connect tcp/10.0.0.7:7447
                                            joined with other servers, or with a ROS 2 graph
 """
@@ -62,20 +62,20 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         "--dial",
         action="append",
         metavar="URL",
-        help="dial in at a hub, wss://HUB/robots/NAME, and serve the clients it passes on; may be given"
-        " several times; without a URL to listen on, nothing else is served",
+        help="connect to a hub, wss://HUB/robots/NAME, and serve its clients; may be given several times;"
+        " without a URL to listen on, only these clients are served",
     )
     parser.add_argument(
         "--tls",
         choices=("auto",),
-        help="make a certificate for this machine's own addresses and keep it; without a URL listens on"
-        " wss://127.0.0.1:9090 (needs the extra tls)",
+        help="create and keep a certificate for the addresses of this machine; the default URL is then"
+        " wss://127.0.0.1:9090 (requires the extra tls)",
     )
     parser.add_argument(
         "--webrtc",
         action="store_true",
         default=None,
-        help="take clients over WebRTC data channels too, by offers to /webrtc (needs the extra webrtc)",
+        help="also accept clients over WebRTC, with offers to /webrtc (requires the extra webrtc)",
     )
     _add_robot_options(parser)
     parser.add_argument("--record", type=Path, metavar="FILE", help="write all topics to an MCAP file")
@@ -89,21 +89,21 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         type=int,
         metavar="N",
         help="serve the same ports with N processes, for more clients than one core can serve (default 1);"
-        " needs Linux and the extra zenoh",
+        " requires Linux and the extra zenoh",
     )
     parser.add_argument(
         "--gate",
         choices=("enforce", "observe"),
-        help="whether the rules under `gate` hold, or it is only said what they would refuse",
+        help="enforce the rules under `gate`, or only log what they would reject",
     )
     _add_graph_options(parser)
     add_settings_options(parser)
-    parser.add_argument("--verbose", "-v", action="store_true", help="log what clients do wrong, and more")
+    parser.add_argument("--verbose", "-v", action="store_true", help="log errors of clients, and more")
     parser.add_argument(
         "--log-format",
         choices=FORMATS,
         default="text",
-        help="lines for people, or one JSON object a line (default text)",
+        help="text lines, or one JSON object per line (default text)",
     )
     parser.set_defaults(run=_run)
 
@@ -115,9 +115,9 @@ def _add_robot_options(parser: argparse.ArgumentParser) -> None:
         "--script",
         type=Path,
         metavar="FILE",
-        help="add a robot that does what a .toml or .py file says, for tests of apps",
+        help="add a robot scripted in a .toml or .py file, for tests of apps",
     )
-    parser.add_argument("--distro", choices=sorted(DISTROS), help="ROS distribution to speak (default jazzy)")
+    parser.add_argument("--distro", choices=sorted(DISTROS), help="ROS distribution (default jazzy)")
     parser.add_argument(
         "--interfaces",
         action="append",
@@ -139,19 +139,19 @@ def _add_graph_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--graph",
         metavar="{memory,zenoh}",
-        help="keep the graph in this process (default), or join it with others over Zenoh",
+        help="keep the graph in this process (default), or connect it to others over Zenoh",
     )
     parser.add_argument(
         "--zenoh-listen",
         action="append",
         metavar="ENDPOINT",
-        help="be found by other processes at, for example, tcp/0.0.0.0:7447; may be given several times",
+        help="listen for other processes at, for example, tcp/0.0.0.0:7447; may be given several times",
     )
     parser.add_argument(
         "--zenoh-connect",
         action="append",
         metavar="ENDPOINT",
-        help="join the process or router at, for example, tcp/10.0.0.7:7447; may be given several times",
+        help="connect to a process or router at, for example, tcp/10.0.0.7:7447; may be given several times",
     )
     parser.add_argument(
         "--zenoh-config", metavar="FILE", help="a Zenoh configuration file, for TLS, access control, …"

@@ -25,7 +25,7 @@ def encrypted(settings: Settings) -> Settings:
         return settings.model_copy(update={"listen": ("wss://127.0.0.1:9090",)})
     if not any(_encrypts(url) for url in settings.listen):
         raise CommandError(
-            f"--tls auto: nothing of {', '.join(settings.listen)} is encrypted: expected a URL such as"
+            f"--tls auto: {', '.join(settings.listen)} is not encrypted: expected a URL such as"
             " wss://0.0.0.0:9090",
             exit_code=CALLED_WRONGLY,
         )

@@ -17,8 +17,8 @@ def add_web_command(commands: Commands) -> None:
     """Add `web` to the command line."""
     parser = commands.add_parser(
         "web",
-        description="Serve the robot's page alone, for any rosbridge server, a ROS robot's too. The browser\n"
-        "connects to the robot itself; a server of `rwt serve` must let the page in (origins.allow).",
+        description="Serve the dashboard without a robot, for any rosbridge server. The browser\n"
+        "connects to the robot itself; `rwt serve` must allow the origin of the page (origins.allow).",
         epilog="example:\n  rwt web --robot ws://robot:9090",
     )
     parser.add_argument(

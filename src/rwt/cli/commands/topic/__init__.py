@@ -48,7 +48,9 @@ async def _show_verbose_list(robot: Robot, topics: Named, output: Output) -> Non
 
 
 def _info_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("-v", "--verbose", action="store_true", help="with the nodes that take part")
+    parser.add_argument(
+        "-v", "--verbose", action="store_true", help="list the publishing and subscribing nodes"
+    )
 
 
 async def _ask_info(robot: Robot, name: str, arguments: Arguments) -> dict[str, Any]:
@@ -71,7 +73,7 @@ def _show_info(info: dict[str, Any], arguments: Arguments, output: Output) -> No
 
 
 VERBS = (
-    TOPIC.list_verb(_show_verbose_list, ' with -v also "publishers" and\n"subscribers", how many;'),
+    TOPIC.list_verb(_show_verbose_list, ' with -v also the\nnumbers of "publishers" and "subscribers";'),
     TOPIC.info_verb(
         "print a topic's type, publishers and subscribers",
         _ask_info,

@@ -31,39 +31,45 @@ _MOST_WAITING: Final = 100
 def _arguments(parser: argparse.ArgumentParser) -> None:
     TOPIC.add_argument(parser)
     parser.add_argument(
-        "type", metavar="TYPE", nargs="?", help="its type, where the robot does not know it yet"
+        "type", metavar="TYPE", nargs="?", help="type of the topic, if the robot does not know it yet"
     )
     shape = add_echo_arguments(parser)
-    shape.add_argument("--raw", action="store_true", help="the serialised messages, undecoded")
+    shape.add_argument("--raw", action="store_true", help="print the serialised messages")
     parser.add_argument(
         "--filter",
         type=expression,
         metavar="EXPR",
-        help="only messages for which this Python expression is true, for example 'm.data > 3'",
+        help="only print messages for which this Python expression is true, for example 'm.data > 3'",
     )
 
 
 def add_echo_arguments(parser: argparse.ArgumentParser) -> argparse._MutuallyExclusiveGroup:
     """Add the options for printing messages, and return the group of the mutually exclusive formats."""
     how_many = parser.add_mutually_exclusive_group()
-    how_many.add_argument("--once", action="store_const", const=1, dest="times", help="end after one message")
-    how_many.add_argument("-n", "--times", type=count, metavar="N", help="end after N messages")
-    parser.add_argument("--field", metavar="PATH", help="only this field, for example pose.pose.position.x")
+    how_many.add_argument(
+        "--once", action="store_const", const=1, dest="times", help="stop after one message"
+    )
+    how_many.add_argument("-n", "--times", type=count, metavar="N", help="stop after N messages")
+    parser.add_argument(
+        "--field", metavar="PATH", help="only print this field, for example pose.pose.position.x"
+    )
     shape = parser.add_mutually_exclusive_group()
-    shape.add_argument("--flow-style", action="store_true", help="each message on one line of YAML")
-    shape.add_argument("--csv", action="store_true", help="each message as comma-separated values")
-    parser.add_argument("--no-arr", action="store_true", help="of arrays only how long they are")
-    parser.add_argument("--no-str", action="store_true", help="of strings only how long they are")
-    parser.add_argument("-f", "--full-length", action="store_true", help="cut no arrays and strings")
+    shape.add_argument("--flow-style", action="store_true", help="print each message on one line of YAML")
+    shape.add_argument("--csv", action="store_true", help="print each message as comma-separated values")
+    parser.add_argument("--no-arr", action="store_true", help="print only the length of arrays")
+    parser.add_argument("--no-str", action="store_true", help="print only the length of strings")
+    parser.add_argument("-f", "--full-length", action="store_true", help="do not truncate arrays and strings")
     parser.add_argument(
         "-l",
         "--truncate-length",
         type=count_or_none,
         default=_USUAL_LENGTH,
         metavar="N",
-        help=f"cut arrays and strings after N (default {_USUAL_LENGTH}; never with --csv and --json)",
+        help=f"truncate arrays and strings to N items (default {_USUAL_LENGTH}; not with --csv and --json)",
     )
-    parser.add_argument("--max-rate", type=hertz, metavar="HZ", help="at most so many messages a second")
+    parser.add_argument(
+        "--max-rate", type=hertz, metavar="HZ", help="print at most this many messages per second"
+    )
     add_qos_options(parser)
     return shape
 
@@ -77,7 +83,7 @@ def expression(text: str) -> CodeType:
     try:
         return compile(text, "--filter", "eval")
     except (SyntaxError, ValueError) as error:
-        raise argparse.ArgumentTypeError(f"{text!r} is no Python expression: {error}") from None
+        raise argparse.ArgumentTypeError(f"{text!r} is not a Python expression: {error}") from None
 
 
 async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
@@ -134,7 +140,7 @@ async def _echo_raw(robot: Robot, name: str, kind: str, arguments: Arguments, ou
 
     refused = next((each for each in ("field", "filter", "max_rate") if getattr(arguments, each)), None)
     if refused is not None:
-        raise CommandError(f"--raw decodes nothing: leave --{refused.replace('_', '-')} out", CALLED_WRONGLY)
+        raise CommandError(f"--raw cannot be combined with --{refused.replace('_', '-')}", CALLED_WRONGLY)
     arrived: deque[bytes] = deque(maxlen=_MOST_WAITING)
     come = anyio.Event()
 

@@ -29,8 +29,8 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
         "message",
         metavar="TYPE MESSAGE",
         nargs="*",
-        help="type and message in YAML or JSON, - to read it from standard input; what is left out has its"
-        " default, a header `auto` the time; of a topic that is there the type may be left out",
+        help="message type and message (YAML or JSON; `-` reads standard input). Missing fields get defaults;"
+        " `header: auto` sets the current time. Omit the type if the topic exists",
     )
     how_many = parser.add_mutually_exclusive_group()
     how_many.add_argument(
@@ -38,10 +38,10 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
     )
     how_many.add_argument("-t", "-n", "--times", type=count, metavar="N", help="publish N messages")
     parser.add_argument(
-        "-r", "--rate", type=hertz, default=_USUAL_RATE, metavar="HZ", help="messages a second (default 1)"
+        "-r", "--rate", type=hertz, default=_USUAL_RATE, metavar="HZ", help="messages per second (default 1)"
     )
     parser.add_argument(
-        "-p", "--print", type=count, default=1, metavar="N", help="print every N-th message only"
+        "-p", "--print", type=count, default=1, metavar="N", help="only print every N-th message"
     )
     parser.add_argument(
         "-w",
@@ -49,14 +49,14 @@ def _arguments(parser: argparse.ArgumentParser) -> None:
         "--wait-matching-subscriptions",
         type=count_or_none,
         metavar="N",
-        help="wait for N subscriptions first (default 1 with --once and --times, else 0)",
+        help="wait for N subscriptions (default 1 with --once and --times, else 0)",
     )
     parser.add_argument(
         "--keep-alive",
         type=seconds_or_none,
         default=0.1,
         metavar="SECONDS",
-        help="stay connected after the last message (default 0.1)",
+        help="seconds to stay connected after the last message (default 0.1)",
     )
     parser.add_argument("--latch", action="store_true", help="keep the last message for late subscribers")
     add_qos_options(parser)
@@ -69,7 +69,7 @@ async def _pub(robot: Robot, arguments: Arguments, output: Output) -> None:
 
     name = absolute_name(arguments.topic)
     if len(arguments.message) > 2:
-        raise CommandError("expected TYPE and MESSAGE; the message goes in quotes", CALLED_WRONGLY)
+        raise CommandError("expected TYPE and MESSAGE: put the message in quotes", CALLED_WRONGLY)
     kind, message = type_and_message(arguments.message)
     with await robot.advertise(
         name, kind or await TOPIC.known(robot, name), latch=arguments.latch, qos=qos_from(arguments)
@@ -135,7 +135,7 @@ async def _wait_for_subscribers(robot: Robot, name: str, arguments: Arguments) -
             await anyio.sleep(_POLL_SECONDS)
         return
     raise CommandError(
-        f"nobody has subscribed to {name} within {arguments.timeout:g} s; -w 0 publishes without", TIMED_OUT
+        f"no subscription to {name} within {arguments.timeout:g} s; -w 0 publishes without waiting", TIMED_OUT
     )
 
 

@@ -36,11 +36,11 @@ def add_qos_options(parser: argparse.ArgumentParser) -> None:
         "--qos-profile",
         choices=_PROFILES,
         default="system_default",
-        help="quality of service (ROS 2): one of its profiles, to which the next options add",
+        help="QoS profile (ROS 2); the following options override its policies",
     )
     for policy, words in _POLICIES.items():
-        parser.add_argument(f"--qos-{policy}", choices=words, help=f"quality of service (ROS 2): {policy}")
-    parser.add_argument("--qos-depth", type=count_or_none, metavar="N", help="messages kept with keep_last")
+        parser.add_argument(f"--qos-{policy}", choices=words, help=f"QoS {policy} (ROS 2)")
+    parser.add_argument("--qos-depth", type=count_or_none, metavar="N", help="history depth with keep_last")
 
 
 def qos_from(arguments: Arguments) -> Qos | None:

@@ -129,11 +129,11 @@ def _arguments(parser: argparse.ArgumentParser, window: int) -> None:
         type=count,
         default=window,
         metavar="N",
-        help=f"of the newest N messages (default {window})",
+        help=f"window of the newest N messages (default {window})",
     )
-    parser.add_argument("-n", "--times", type=count, metavar="N", help="end after N reports")
+    parser.add_argument("-n", "--times", type=count, metavar="N", help="stop after N reports")
     parser.add_argument(
-        "--interval", type=seconds, default=1.0, metavar="SECONDS", help="between two reports (default 1)"
+        "--interval", type=seconds, default=1.0, metavar="SECONDS", help="seconds between reports (default 1)"
     )
 
 
@@ -311,7 +311,7 @@ class _RobotClock:
             there = await self._robot.time_ns() / NANOSECONDS
         except (ServiceFailed, ProviderNotFound):
             if not self._noted:
-                note("rwt: the robot does not report its time; delays are by this computer's clock")
+                note("rwt: the robot does not report its time: delays are relative to this computer's clock")
                 self._noted = True
         else:
             self._ahead = there - (before + time.time()) / 2
@@ -332,13 +332,13 @@ async def _check_header(robot: Robot, name: str) -> None:
             and slot.type.type.name == "std_msgs/Header"
         ):
             return
-    raise CommandError(f"{name}: {kind} has no header, so when its messages were made is not known")
+    raise CommandError(f"{name}: {kind} has no header, so the delay of its messages is unknown")
 
 
 VERBS = (
     Verb(
         "hz",
-        "measure how often messages come",
+        "measure the rate of topics",
         _hz,
         "rwt topic hz /odom\nrwt topic hz /odom /scan -n 3",
         'one line for each topic and report: {"topic": "/odom", "rate": 20.0, "min_s": 0.049,\n'
@@ -350,7 +350,7 @@ VERBS = (
     ),
     Verb(
         "bw",
-        "measure how many bytes a second come",
+        "measure the bandwidth of topics",
         _bw,
         "rwt topic bw /scan",
         'one line for each topic and report: {"topic": "/scan", "bytes_per_second": 14400.0,\n'
@@ -362,7 +362,7 @@ VERBS = (
     ),
     Verb(
         "delay",
-        "measure how old messages are when they come",
+        "measure the delay of messages since their header stamps",
         _delay,
         "rwt topic delay /odom",
         'one line for each topic and report: {"topic": "/odom", "delay": 0.002, "min_s": …, "max_s": …,\n'
