@@ -184,21 +184,22 @@ def topic_glob(text: str) -> str:
     return text
 
 
-def count(text: str) -> int:
-    """Parse a positive integer."""
-    return _whole(text, 1)
+def integer_within(least: int, most: int) -> Callable[[str], int]:
+    """Return a parser of option values that are integers in a range."""
+
+    def read(text: str) -> int:
+        if text.isascii() and text.isdecimal() and len(text) < 20 and least <= int(text) <= most:
+            return int(text)
+        raise argparse.ArgumentTypeError(f"expected a whole number from {least} to {most}, got {text!r:.40}")
+
+    return read
 
 
-def count_or_none(text: str) -> int:
-    """Parse a non-negative integer."""
-    return _whole(text, 0)
+count: Final = integer_within(1, 999_999_999)
+"""Parser of positive integers."""
 
-
-def _whole(text: str, least: int) -> int:
-    number = int(text) if text.isascii() and text.isdigit() and len(text) < 10 else -1
-    if number < least:
-        raise argparse.ArgumentTypeError(f"expected a whole number from {least} to 999999999, got {text!r}")
-    return number
+count_or_none: Final = integer_within(0, 999_999_999)
+"""Parser of non-negative integers."""
 
 
 def url_of(arguments: Arguments) -> str:

@@ -42,7 +42,7 @@ def test_the_doctor_asks_for_the_file_and_takes_it(rwt: Rwt, encrypted: str, cer
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--insecure", "--url", "ws://127.0.0.1:1"), "give a URL of wss:// or tcps://"),
+        (("--insecure", "--url", "ws://127.0.0.1:1"), "require a wss:// or tcps:// URL"),
         (
             ("--cafile", "/no/such.pem", "--url", "wss://127.0.0.1:1"),
             "/no/such.pem: cannot be read: No such file",

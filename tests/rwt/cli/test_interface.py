@@ -201,7 +201,7 @@ def test_generate_offline_to_standard_output(rwt: Rwt) -> None:
         (("sensor_msg",), 1, "did you mean sensor_msgs?"),
         (("--interfaces", "/no/such/folder"), 2, "no such folder"),
         (("std_msgs", "-o", "/no/such/folder/file.py"), 1, "cannot be written"),
-        (("--live", "--interfaces", "."), 2, "leave --live and --url out"),
+        (("--live", "--interfaces", "."), 2, "cannot be combined with --live and --url"),
     ],
 )
 def test_generate_that_cannot_be(rwt: Rwt, words: tuple[str, ...], code: int, expected: str) -> None:

@@ -228,7 +228,7 @@ def test_a_recording_of_topics_that_are_not_there_says_so(
     with running("serve", "ws://127.0.0.1:0") as (_, url):
         seconds = ("--max-seconds", "0.1")
         assert main(("bag", "record", "/odm", "--url", url, "-o", str(tmp_path / "a.mcap"), *seconds)) == 0
-    assert "no message came on the topics that were asked for" in capsys.readouterr().err
+    assert "no messages on the given topics" in capsys.readouterr().err
 
 
 def test_wrong_calls_are_said_in_a_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -243,14 +243,14 @@ def test_wrong_calls_are_said_in_a_line(tmp_path: Path, capsys: pytest.CaptureFi
         (
             ("bag", "play", "--topics", "/odom", str(good)),
             2,
-            "it stands before options that take several words",
+            "put it before options that take several words",
         ),
         (
             ("bag", "play", str(good), "--topics", "/odom", "ws://127.0.0.1:0"),
             2,
-            "'ws://127.0.0.1:0' is no pattern",
+            "'ws://127.0.0.1:0' is not a topic pattern",
         ),
-        (("bag", "record", "/odom", "ws://robot:9090"), 2, "'ws://robot:9090' is no pattern of topics"),
+        (("bag", "record", "/odom", "ws://robot:9090"), 2, "'ws://robot:9090' is not a topic pattern"),
         (("bag", "record", "run.mcap"), 2, "to record to it: -o run.mcap"),
         (("bag", "record", "--max-seconds", "-1"), 2, "expected seconds from 1e-06 to 1e+09, got '-1'"),
         (("bag", "play", "ws://127.0.0.1:0"), 2, "expected a recording to play"),
@@ -283,7 +283,7 @@ def test_split_and_remap_are_read() -> None:
     assert (parse_split("30s").seconds, parse_split("10m").seconds) == (30.0, 600.0)
     assert parse_remap("/a:=/b") == ("/a", "/b")
     for text in ("", "10", "0s", "GB", "-1s", "1 week"):
-        with pytest.raises(Exception, match="neither a size nor a time"):
+        with pytest.raises(Exception, match="neither a size nor a duration"):
             parse_split(text)
     for text in ("/a", "/a:=", ":=/b"):
         with pytest.raises(Exception, match="expected OLD:=NEW"):

@@ -7,11 +7,11 @@ import textwrap
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from rwt.cli.console.message_argument import type_and_message, with_stamps
+from rwt.cli.console.message_argument import add_message_argument, type_and_message, with_stamps
 from rwt.cli.console.message_format import Formatting, plain
 from rwt.cli.console.output import Output, note
 from rwt.cli.entities import ACTION
-from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
+from rwt.cli.errors import FAILED, CommandError
 from rwt.cli.graph_lookup import absolute_name, ask_rosapi
 from rwt.cli.parser import Commands, add_unavailable
 from rwt.cli.verbs import Arguments, Verb, add_family, gather
@@ -72,13 +72,7 @@ def offers(action: str, services: tuple[str, ...], publishing: tuple[str, ...]) 
 
 def _goal_arguments(parser: argparse.ArgumentParser) -> None:
     ACTION.add_argument(parser)
-    parser.add_argument(
-        "goal",
-        metavar="TYPE GOAL",
-        nargs="*",
-        help="action type and goal (YAML or JSON; `-` reads standard input). Missing fields get defaults; the"
-        " type may be omitted",
-    )
+    add_message_argument(parser, "action", "goal")
     parser.add_argument("-f", "--feedback", action="store_true", help="also print the feedback")
 
 
@@ -86,9 +80,7 @@ async def _send_goal(robot: Robot, arguments: Arguments, output: Output) -> None
     from rwt_participant.messages import to_payload
 
     name = absolute_name(arguments.action)
-    if len(arguments.goal) > 2:
-        raise CommandError("expected TYPE and GOAL: put the goal in quotes", CALLED_WRONGLY)
-    kind, given = type_and_message(arguments.goal)
+    kind, given = type_and_message(arguments.goal, "goal")
     action_type = await robot.types.action(kind or await ACTION.known(robot, name))
     request = to_payload(action_type.goal, with_stamps(action_type.goal, given))
     printer = _GoalPrinter(action_type, output)

@@ -14,8 +14,9 @@ import anyio
 from rwt.access.audit import bounded_log
 from rwt.access.origins import is_loopback_listener
 from rwt.access.settings import SettingsError, TlsSettings
-from rwt.cli.console.logs import FORMATS, log_to_stderr
+from rwt.cli.console.logs import add_log_options, log_to_stderr
 from rwt.cli.errors import CommandError
+from rwt.cli.verbs import integer_within
 from rwt.hub.hub import open_hub
 from rwt.hub.waiting_bytes import OF_ADDRESS
 from rwt.observability.prometheus import PrometheusText
@@ -92,27 +93,21 @@ def add_hub_command(commands: argparse._SubParsersAction[argparse.ArgumentParser
     )
     _add_bounds(parser)
     parser.add_argument("--access-log", action="store_true", help="log each HTTP request")
-    parser.add_argument(
-        "--log-format",
-        choices=FORMATS,
-        default="text",
-        help="text lines, or one JSON object per line (default text)",
-    )
-    parser.add_argument("--verbose", "-v", action="store_true", help="log more")
+    add_log_options(parser)
     parser.set_defaults(run=_run)
 
 
 def _add_bounds(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--connections",
-        type=_whole(1, 1_000_000),
+        type=integer_within(1, 1_000_000),
         default=_LIMITS.connections,
         metavar="COUNT",
         help=f"open connections, including robots and plain HTTP (default {_LIMITS.connections})",
     )
     parser.add_argument(
         "--connections-per-address",
-        type=_whole(0, 1_000_000),
+        type=integer_within(0, 1_000_000),
         default=_LIMITS.connections_per_address,
         metavar="COUNT",
         help="connections of clients per address, other than this machine; 0 for no limit (default"
@@ -120,30 +115,19 @@ def _add_bounds(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--message-bytes",
-        type=_whole(_KIB, 1 << 30),
+        type=integer_within(_KIB, 1 << 30),
         default=_LIMITS.message_bytes,
         metavar="BYTES",
         help=f"largest message in either direction (default {_LIMITS.message_bytes})",
     )
     parser.add_argument(
         "--waiting-bytes",
-        type=_whole(_KIB, 1 << 40),
+        type=integer_within(_KIB, 1 << 40),
         default=OF_ADDRESS,
         metavar="BYTES",
         help="bytes that may wait for clients of one address, or for their robots, before the connection with"
         f" the most is ended; all addresses together four times as many (default {OF_ADDRESS})",
     )
-
-
-def _whole(least: int, most: int) -> Callable[[str], int]:
-    """Return a parser of integers in a range."""
-
-    def read(text: str) -> int:
-        if text.isascii() and text.isdecimal() and len(text) < 20 and least <= int(text) <= most:
-            return int(text)
-        raise argparse.ArgumentTypeError(f"expected a whole number from {least} to {most}, got {text:.40}")
-
-    return read
 
 
 def _run(arguments: argparse.Namespace) -> int:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from rwt.cli.console.output import Output, note, standard_output
+from rwt.cli.console.output import Output, note, standard_output, write_file
 from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
 from rwt.cli.parser import Commands, add_commands
 from rwt.cli.verbs import Arguments, add_robot_options, connecting, epilog, run_async, sentence
@@ -385,7 +385,7 @@ def _generate(arguments: Arguments, output: Output) -> None:
     chosen = selection(registry, types)
     code = _code(arguments.lang, chosen)
     if arguments.out is not None:
-        _write(arguments.out, code)
+        write_file(arguments.out, code)
     every: list[InterfaceType] = [*chosen.messages, *chosen.services, *chosen.actions]
     names = [registry.type_name(each) for each in every]
     if output.json:
@@ -412,10 +412,3 @@ def _code(language: str, chosen: TypeSelection) -> str:
     from rwt_interfaces.codegen.typescript import typescript_stubs
 
     return typescript_stubs(chosen)
-
-
-def _write(path: Path, code: str) -> None:
-    try:
-        path.write_text(code, encoding="utf-8")
-    except OSError as error:
-        raise CommandError(f"{path}: cannot be written: {error.strerror}", FAILED) from error

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from rwt.cli.console.message_argument import STDIN, read_value
-from rwt.cli.console.output import Output
+from rwt.cli.console.output import Output, write_file
 from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
 from rwt.cli.graph_lookup import absolute_name, ask_rosapi, unknown
 from rwt.cli.parser import Commands
@@ -290,10 +290,7 @@ async def _dump(robot: Robot, arguments: Arguments, output: Output) -> None:
     if arguments.output is None:
         output.text(text)
         return
-    try:
-        arguments.output.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise CommandError(f"{arguments.output}: cannot be written: {error.strerror}", FAILED) from error
+    write_file(arguments.output, text)
 
 
 def _nested(flat: Mapping[str, YamlValue]) -> dict[str, YamlValue]:

@@ -7,11 +7,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from rwt.cli.commands.topic.echo import add_echo_arguments, echo_messages
-from rwt.cli.console.message_argument import type_and_message, with_stamps
+from rwt.cli.console.message_argument import add_message_argument, type_and_message, with_stamps
 from rwt.cli.console.message_format import Formatting, constructor, plain
 from rwt.cli.console.output import Output, note
 from rwt.cli.entities import SERVICE
-from rwt.cli.errors import CALLED_WRONGLY, CommandError
 from rwt.cli.graph_lookup import absolute_name, ask_rosapi
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import USUAL_TIMEOUT, Arguments, Verb, add_family, gather, hertz
@@ -67,13 +66,7 @@ async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 def _call_arguments(parser: argparse.ArgumentParser) -> None:
     SERVICE.add_argument(parser)
-    parser.add_argument(
-        "request",
-        metavar="TYPE REQUEST",
-        nargs="*",
-        help="service type and request (YAML or JSON; `-` reads standard input). Missing fields get defaults;"
-        " the type may be omitted",
-    )
+    add_message_argument(parser, "service", "request")
     parser.add_argument(
         "-r",
         "--rate",
@@ -89,9 +82,7 @@ async def _call(robot: Robot, arguments: Arguments, output: Output) -> None:
     from rwt_participant.messages import to_payload
 
     name = absolute_name(arguments.service)
-    if len(arguments.request) > 2:
-        raise CommandError("expected TYPE and REQUEST: put the request in quotes", CALLED_WRONGLY)
-    kind, given = type_and_message(arguments.request)
+    kind, given = type_and_message(arguments.request, "request")
     service_type = await robot.types.service(kind or await SERVICE.known(robot, name))
     request = to_payload(service_type.request, with_stamps(service_type.request, given)).value()
     while True:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import logging
 import sys
@@ -82,6 +83,17 @@ class SteadyHandler(logging.StreamHandler[TextIO]):
             self.handleError(record)
         else:
             self.lost = 0
+
+
+def add_log_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of :func:`log_to_stderr`."""
+    parser.add_argument("--verbose", "-v", action="store_true", help="log more")
+    parser.add_argument(
+        "--log-format",
+        choices=FORMATS,
+        default="text",
+        help="text lines, or one JSON object per line (default text)",
+    )
 
 
 def log_to_stderr(style: Format, *, verbose: bool) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from typing import TYPE_CHECKING, Final
 
@@ -54,12 +55,25 @@ def read_message(text: str) -> dict[str, YamlValue]:
     )
 
 
-def type_and_message(words: Sequence[str]) -> tuple[str | None, dict[str, YamlValue]]:
+def add_message_argument(parser: argparse.ArgumentParser, owner: str, noun: str) -> None:
+    """Add the argument `TYPE MESSAGE`, for example of a service and its request."""
+    parser.add_argument(
+        noun,
+        metavar=f"TYPE {noun.upper()}",
+        nargs="*",
+        help=f"{owner} type and {noun} (YAML or JSON; `-` reads standard input). Missing fields get defaults;"
+        f" `header: auto` sets the current time. Omit the type if the {owner} exists",
+    )
+
+
+def type_and_message(words: Sequence[str], noun: str) -> tuple[str | None, dict[str, YamlValue]]:
     """Parse `TYPE MESSAGE`, either of which may be missing: a single word is recognised as one or the other.
 
     Raises:
         CommandError: the message is invalid.
     """
+    if len(words) > 2:
+        raise CommandError(f"expected TYPE and {noun.upper()}: put the {noun} in quotes", CALLED_WRONGLY)
     if len(words) > 1:
         return words[0], read_message(words[1])
     if not words:

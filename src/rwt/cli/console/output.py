@@ -9,9 +9,10 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import Final, Literal, TextIO
 
-from rwt.cli.errors import INTERRUPTED, CommandError
+from rwt.cli.errors import FAILED, INTERRUPTED, CommandError
 
 Style = Literal["name", "type", "good", "warning", "bad", "faint", "heading"]
 
@@ -156,6 +157,18 @@ def reported(act: Callable[[], object]) -> int:
 def failure_line(error: CommandError) -> str:
     """Return the line on stderr for an error, with line breaks and control characters replaced."""
     return f"rwt: {printable(' '.join(str(error).splitlines()))}"
+
+
+def write_file(path: Path, text: str) -> None:
+    """Write a text file.
+
+    Raises:
+        CommandError: the file cannot be written.
+    """
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise CommandError(f"{path}: cannot be written: {error.strerror}", FAILED) from error
 
 
 def note(text: str) -> None:

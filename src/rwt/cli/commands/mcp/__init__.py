@@ -7,7 +7,7 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from rwt.cli.console.logs import FORMATS, log_to_stderr
+from rwt.cli.console.logs import add_log_options, log_to_stderr
 from rwt.cli.errors import CALLED_WRONGLY, CommandError
 from rwt.cli.parser import Commands
 from rwt.cli.verbs import Arguments, add_robot_options, connecting, run_async
@@ -58,13 +58,7 @@ def add_mcp_command(commands: Commands) -> None:
         " several may be given",
     )
     parser.add_argument("--recordings", type=Path, metavar="FOLDER", help="folder of recordings to offer")
-    parser.add_argument(
-        "--log-format",
-        choices=FORMATS,
-        default="text",
-        help="text lines, or one JSON object per line (default text)",
-    )
-    parser.add_argument("--verbose", "-v", action="store_true", help="log more, including read access")
+    add_log_options(parser)
     parser.set_defaults(run=_run)
 
 

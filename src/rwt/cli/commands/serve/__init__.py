@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, Literal
 
 from rwt.access.settings import SettingsError
 from rwt.cli.commands.config import add_settings_options, settings_of
-from rwt.cli.console.logs import FORMATS, log_to_stderr, name_worker
+from rwt.cli.console.logs import add_log_options, log_to_stderr, name_worker
 from rwt.cli.console.output import reported
 from rwt.cli.errors import CommandError
 from rwt_interfaces.distro import DISTROS
@@ -98,13 +98,7 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
     )
     _add_graph_options(parser)
     add_settings_options(parser)
-    parser.add_argument("--verbose", "-v", action="store_true", help="log errors of clients, and more")
-    parser.add_argument(
-        "--log-format",
-        choices=FORMATS,
-        default="text",
-        help="text lines, or one JSON object per line (default text)",
-    )
+    add_log_options(parser)
     parser.set_defaults(run=_run)
 
 

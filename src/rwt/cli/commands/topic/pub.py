@@ -7,11 +7,11 @@ from collections.abc import AsyncIterator
 from typing import TYPE_CHECKING, Final
 
 from rwt.cli.commands.topic.qos import add_qos_options, qos_from
-from rwt.cli.console.message_argument import type_and_message, with_stamps
+from rwt.cli.console.message_argument import add_message_argument, type_and_message, with_stamps
 from rwt.cli.console.message_format import Formatting, constructor, plain
 from rwt.cli.console.output import Output, note
 from rwt.cli.entities import TOPIC
-from rwt.cli.errors import CALLED_WRONGLY, TIMED_OUT, CommandError
+from rwt.cli.errors import TIMED_OUT, CommandError
 from rwt.cli.graph_lookup import absolute_name, ask_rosapi
 from rwt.cli.verbs import Arguments, Verb, count, count_or_none, hertz, seconds_or_none
 
@@ -25,13 +25,7 @@ _POLL_SECONDS: Final = 0.1
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("topic", metavar="TOPIC", help="for example /cmd_vel")
-    parser.add_argument(
-        "message",
-        metavar="TYPE MESSAGE",
-        nargs="*",
-        help="message type and message (YAML or JSON; `-` reads standard input). Missing fields get defaults;"
-        " `header: auto` sets the current time. Omit the type if the topic exists",
-    )
+    add_message_argument(parser, "topic", "message")
     how_many = parser.add_mutually_exclusive_group()
     how_many.add_argument(
         "-1", "--once", action="store_const", const=1, dest="times", help="publish one message"
@@ -68,9 +62,7 @@ async def _pub(robot: Robot, arguments: Arguments, output: Output) -> None:
     from rwt_participant.messages import to_payload
 
     name = absolute_name(arguments.topic)
-    if len(arguments.message) > 2:
-        raise CommandError("expected TYPE and MESSAGE: put the message in quotes", CALLED_WRONGLY)
-    kind, message = type_and_message(arguments.message)
+    kind, message = type_and_message(arguments.message, "message")
     with await robot.advertise(
         name, kind or await TOPIC.known(robot, name), latch=arguments.latch, qos=qos_from(arguments)
     ) as publisher:
