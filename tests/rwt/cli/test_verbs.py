@@ -262,15 +262,15 @@ def test_pub_that_cannot_be(rwt: Rwt, words: tuple[str, ...], code: int, expecte
 
 
 def test_rates(rwt: Rwt) -> None:
-    said = rwt("topic", "hz", "/odom", "-n", "1").out
+    said = rwt("topic", "hz", "/odom", "-n", "1", "--interval", "0.4").out
     assert said.startswith("average rate: ")
     assert "\n\tmin: " in said
-    (record,) = rwt("topic", "hz", "/odom", "-n", "1", "--json").records
+    (record,) = rwt("topic", "hz", "/odom", "-n", "1", "--interval", "0.4", "--json").records
     assert 5 < record["rate"] < 40
 
 
 def test_bandwidth_of_several(rwt: Rwt) -> None:
-    said = rwt("topic", "bw", "/odom", "/scan", "-n", "1").out
+    said = rwt("topic", "bw", "/odom", "/scan", "-n", "1", "--interval", "0.4").out
     assert said.startswith("topic: /odom\n")
     assert "topic: /scan\n" in said
     assert "\tMessage size mean: " in said
@@ -279,7 +279,7 @@ def test_bandwidth_of_several(rwt: Rwt) -> None:
 
 
 def test_delay(rwt: Rwt) -> None:
-    (record,) = rwt("topic", "delay", "/odom", "-n", "1", "--json").records
+    (record,) = rwt("topic", "delay", "/odom", "-n", "1", "--interval", "0.4", "--json").records
     assert -1 < record["delay"] < 5
     ended = rwt("topic", "delay", "/chatter", "-n", "1")
     assert (ended.code, "std_msgs/msg/String has no header" in ended.err) == (1, True)
