@@ -8,17 +8,16 @@ from __future__ import annotations
 import argparse
 import os
 import re
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Final, NoReturn, cast
 
 from rwt.cli.console.output import standard_output
+from rwt.cli.entities import ACTION, NODE, SERVICE, TOPIC, Entity
 from rwt.cli.parser import Commands, add_commands, commands_of, leave_out_unavailable
 from rwt.cli.verbs import Arguments, connecting, sentence
 
 if TYPE_CHECKING:
     from argcomplete.completers import BaseCompleter
-
-    from rwt_client import Robot
 
 SHELLS: Final = ("bash", "zsh", "fish")
 LIVE_SECONDS: Final = 1.5
@@ -33,27 +32,8 @@ examples:
 _NAME: Final = re.compile(r"[A-Za-z0-9_/~{}.-]+")
 """Names that are offered. Others from the server could be interpreted by a shell or terminal."""
 
-Names = Callable[["Robot"], Awaitable[Iterable[str]]]
-
-
-async def _topics(robot: Robot) -> Iterable[str]:
-    return [topic.name for topic in await robot.api.topics()]
-
-
-async def _services(robot: Robot) -> Iterable[str]:
-    return await robot.api.services()
-
-
-async def _actions(robot: Robot) -> Iterable[str]:
-    return await robot.api.action_servers()
-
-
-async def _nodes(robot: Robot) -> Iterable[str]:
-    return await robot.api.nodes()
-
-
-LIVE: Final[dict[str, Names]] = {"TOPIC": _topics, "SERVICE": _services, "ACTION": _actions, "NODE": _nodes}
-"""Questions to the robot by the metavar of an argument."""
+_ENTITIES: Final = {entity.noun.upper(): entity for entity in (TOPIC, SERVICE, ACTION, NODE)}
+"""Entities whose names are asked of the robot, by the metavar of an argument."""
 
 
 def add_completion_command(commands: Commands) -> None:
@@ -94,8 +74,8 @@ def complete() -> NoReturn:
 def _values(action: argparse.Action, parsed_args: argparse.Namespace, **_: object) -> Iterable[str]:
     """Return the candidates for the value of an argument."""
     metavar = action.metavar if isinstance(action.metavar, str) else ""
-    if metavar in LIVE:
-        return _live(LIVE[metavar], parsed_args)
+    if metavar in _ENTITIES:
+        return _live(_ENTITIES[metavar], parsed_args)
     return _types() if metavar.split(" ")[0] == "TYPE" else ()
 
 
@@ -108,7 +88,7 @@ def _types() -> list[str]:
     return [three_part(name, kind) for kind in KINDS for name in registry.names(kind)]
 
 
-def _live(names: Names, given: argparse.Namespace) -> list[str]:
+def _live(entity: Entity, given: argparse.Namespace) -> list[str]:
     """Return names of the robot's live graph; none if it does not answer in time: an error would appear
     in the middle of the command line."""
     import anyio
@@ -123,7 +103,7 @@ def _live(names: Names, given: argparse.Namespace) -> list[str]:
     async def ask() -> None:
         with anyio.move_on_after(LIVE_SECONDS):
             async with connecting(arguments) as robot:
-                found.extend(filter(_NAME.fullmatch, await names(robot)))
+                found.extend(filter(_NAME.fullmatch, await entity.names(robot)))
 
     try:
         anyio.run(ask)
