@@ -8,7 +8,6 @@ import re
 import sys
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -34,8 +33,6 @@ from rwt.cli.verbs import (
 from rwt.nodes.recording import (
     COMPRESSIONS,
     ENCODINGS,
-    Compression,
-    Encoding,
     RecordingError,
     RecordingWriter,
     Split,
@@ -44,8 +41,6 @@ from rwt.nodes.recording import (
 from rwt.signals import STOP_SIGNALS, on_signals
 
 if TYPE_CHECKING:
-    import ssl
-
     from rwt.nodes.recording.remote_recorder import RemoteRecorder
     from rwt_client import Robot
 
@@ -64,25 +59,6 @@ _PLAIN_PROGRESS_SECONDS = 10.0
 _UNITS = {"kb": 1e3, "mb": 1e6, "gb": 1e9, "s": 1.0, "m": 60.0, "h": 3600.0}
 _MOST_SPLIT = 1e9
 _SPLIT = re.compile(r"(\d+(?:\.\d+)?) ?(kb|mb|gb|s|m|h)", re.IGNORECASE)
-
-
-@dataclass(frozen=True, slots=True)
-class _RecordArguments:
-    """Arguments of a recording."""
-
-    url: str
-    headers: dict[str, str]
-    tls: ssl.SSLContext | None
-    path: Path
-    selection: TopicSelection
-    encoding: Encoding
-    compression: Compression
-    split: Split | None
-    overwrite: bool
-    latched: TopicSelection
-    seconds: float | None
-    reconnect: bool
-    verbose: bool
 
 
 def add_record_verb(verbs: Commands) -> None:
@@ -191,30 +167,14 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.verbose:
         logging.getLogger("rwt.cli").setLevel(logging.DEBUG)
     _refuse_files(arguments.topics)
-    path = arguments.output or Path(datetime.now().strftime("rwt_%Y_%m_%d-%H_%M_%S.mcap"))
-    order = _RecordArguments(
-        url_of(arguments),
-        request_headers(arguments),
-        tls_of(arguments),
-        path,
-        TopicSelection(
-            tuple(arguments.topics), tuple(arguments.exclude), arguments.services, arguments.actions
-        ),
-        arguments.encoding,
-        arguments.compression,
-        arguments.split,
-        arguments.overwrite,
-        TopicSelection(tuple(arguments.latched), services=True, actions=True),
-        arguments.max_seconds,
-        not arguments.no_reconnect,
-        arguments.verbose,
-    )
+    if arguments.output is None:
+        arguments.output = Path(datetime.now().strftime("rwt_%Y_%m_%d-%H_%M_%S.mcap"))
     writer = logging.getLogger("rwt.nodes.recording.writer")
     level = writer.level
     # The command prints an error that ends it, so it is not logged as well.
     writer.setLevel(logging.CRITICAL)
     try:
-        anyio.run(_record, order)
+        anyio.run(_record, arguments)
     except RobotError as error:
         raise command_error(error) from error
     except RecordingError as error:
@@ -231,51 +191,55 @@ def _refuse_files(topics: Iterable[str]) -> None:
             raise CommandError(f"expected topics, got {topic!r}; to record to it: -o {topic}", CALLED_WRONGLY)
 
 
-async def _record(order: _RecordArguments) -> None:
+async def _record(arguments: argparse.Namespace) -> None:
     from rwt_client import Backoff, connect
 
+    headers, tls = request_headers(arguments), tls_of(arguments)
+    reconnect = None if arguments.no_reconnect else Backoff()
     over = anyio.Event()
     with on_signals(dict.fromkeys(STOP_SIGNALS, over.set)):
-        reconnect = Backoff() if order.reconnect else None
-        async with connect(order.url, reconnect=reconnect, headers=order.headers, tls=order.tls) as robot:
-            await _record_robot(robot, order, over)
+        async with connect(url_of(arguments), reconnect=reconnect, headers=headers, tls=tls) as robot:
+            await _record_robot(robot, arguments, over)
 
 
-async def _record_robot(robot: Robot, order: _RecordArguments, over: anyio.Event) -> None:
+async def _record_robot(robot: Robot, arguments: argparse.Namespace, over: anyio.Event) -> None:
     """Record until `over` is set, the connection ends, or the maximum duration is reached."""
     from rwt.nodes.recording.remote_recorder import RemoteRecorder
 
+    url = url_of(arguments)
     if robot.types.distro is None:
-        raise CommandError(
-            f"{order.url} does not answer rosapi's questions, so its topics cannot be known: "
-            "start rosapi on the robot"
-        )
+        raise CommandError(f"rosapi does not answer at {url}: start it on the robot to list its topics")
     writer = RecordingWriter(
-        order.path,
+        arguments.output,
         robot.types.registry.distro,
-        order.encoding,
-        compression=order.compression,
-        split=order.split,
-        overwrite=order.overwrite,
+        arguments.encoding,
+        compression=arguments.compression,
+        split=arguments.split,
+        overwrite=arguments.overwrite,
     )
-    recorder = RemoteRecorder(robot, writer, order.selection, order.encoding, _named(order.latched))
+    topics = TopicSelection(
+        tuple(arguments.topics), tuple(arguments.exclude), arguments.services, arguments.actions
+    )
+    recorder = RemoteRecorder(robot, writer, topics, arguments.encoding, _latched(arguments.latched))
     try:
         await recorder.poll()
-        note(f"recording {order.url} to {writer.paths[0]}")
+        note(f"recording {url} to {writer.paths[0]}")
         robot.on_event(lambda event: over.set() if event.kind == "closed" else None)
-        if not robot.connected and not order.reconnect:
+        if not robot.connected and arguments.no_reconnect:
             over.set()
-        with anyio.move_on_after(order.seconds):
+        with anyio.move_on_after(arguments.max_seconds):
             await _keep_looking(recorder, over)
     finally:
         recorder.close()
         with anyio.CancelScope(shield=True):
-            await anyio.to_thread.run_sync(_finish, writer, order.verbose)
+            await anyio.to_thread.run_sync(_finish, writer, arguments.verbose)
 
 
-def _named(latched: TopicSelection) -> Callable[[str], bool]:
+def _latched(patterns: list[str]) -> Callable[[str], bool]:
     """Return the predicate of `--latched`, which without patterns matches nothing."""
-    return latched.takes if latched.topics else lambda _: False
+    if not patterns:
+        return lambda _: False
+    return TopicSelection(tuple(patterns), services=True, actions=True).takes
 
 
 async def _keep_looking(recorder: RemoteRecorder, over: anyio.Event) -> None:
