@@ -39,7 +39,7 @@ class Command:
     parser; a command of another distribution is an entry point.
 
     Attributes:
-        name: name, as it is typed.
+        name: first word after `rwt`.
         help: subject of the command, in one line.
         module: module below ``rwt.cli.commands``, if it has another name than the command.
         distribution: distribution that has the entry point; empty for a command of `rwt` itself.

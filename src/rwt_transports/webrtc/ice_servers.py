@@ -24,17 +24,19 @@ ASKED_EVERY: Final = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Probe:
-    """What a server answered.
+    """Result of a request to a STUN or TURN server.
 
     Attributes:
-        url: the server's.
-        works: whether it helps to find a path.
-        text: what was seen: an address, or why there is none.
+        url: URL of the server.
+        works: True if the server helps to find a path.
+        text: address that the server reported, or the reason of the failure.
+        refused: True if the server answered with an error, for example about the credential.
     """
 
     url: str
     works: bool
     text: str
+    refused: bool = False
 
 
 def read_ice_servers(listed: Sequence[Mapping[str, object]]) -> tuple[IceServer, ...]:
@@ -90,7 +92,7 @@ async def probe(server: IceServer) -> Probe:
     except TimeoutError:
         return Probe(server.url, False, f"it does not answer within {SECONDS:g} s")
     except stun.TransactionFailed as refused:
-        return Probe(server.url, False, _refusal(refused, server))
+        return Probe(server.url, False, _refusal(refused, server), refused=True)
     except (OSError, stun.TransactionError) as error:
         return Probe(server.url, False, f"it cannot be reached: {error or type(error).__name__}")
 

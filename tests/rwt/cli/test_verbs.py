@@ -118,7 +118,7 @@ def test_echo_one_field(rwt: Rwt) -> None:
         ("pose.pos", "geometry_msgs/PoseWithCovariance has no field pos; did you mean pose?"),
         ("pose..x", "expected names and indices"),
         ("child_frame_id.x", "string has no fields"),
-        ("child_frame_id[0]", "string is no array"),
+        ("child_frame_id[0]", "string is not an array"),
         ("header.stamp.secs", "did you mean sec?"),
     ],
 )

@@ -192,7 +192,7 @@ def _element_of(field_type: FieldType, text: str) -> FieldType:
         return field_type.element
     if isinstance(field_type, field_types.Octets):
         return field_types.UINT8
-    raise CommandError(f"--field {text}: {field_type} is no array", CALLED_WRONGLY)
+    raise CommandError(f"--field {text}: {field_type} is not an array", CALLED_WRONGLY)
 
 
 # -- other texts -------------------------------------------------------------------------------------------

@@ -137,11 +137,11 @@ def _run(arguments: argparse.Namespace) -> int:
                 up.graph.spawn(partial(_follow_keys, server.player), "key presses")
                 return listening(up)
 
-            def say(text: str) -> None:
+            def announce(text: str) -> None:
                 print_announcement(text)
                 _announce(recording)
 
-            code = server.run(announce=say, on_up=on_up)
+            code = server.run(announce=announce, on_up=on_up)
             losses = server.player.losses if code == 0 else ()
             for loss in losses:
                 note(f"not played: {loss}")

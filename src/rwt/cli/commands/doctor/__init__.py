@@ -197,7 +197,7 @@ def _ice_finding(seen: Probe) -> Finding:
     text = f"{seen.url}: {seen.text}"
     if seen.works:
         return Finding("ICE server", "ok", text)
-    if "refuses" in seen.text:
+    if seen.refused:
         advice = (
             "compare `webrtc.username` and `webrtc.credential` of the robot, or what `credential_command`"
             " prints"
