@@ -68,6 +68,18 @@ def test_nan_and_infinity_never_pass() -> None:
     assert robot.take() == []
 
 
+def test_null_in_json_is_nan_and_never_passes() -> None:
+    robot = GatedRobot({"drive": {"topics": ["/cmd_vel"]}})
+    client = robot.client()
+    zeros = {"x": 0.0, "y": 0.0, "z": 0.0}
+    # Complete and compact, so that the text itself would be passed on.
+    refused = _say(client, "/cmd_vel", {"linear": zeros | {"x": None}, "angular": zeros}, TWIST)
+    assert "linear.x: expected a finite number (gate.rules.drive.finite)" in refused
+    assert robot.take() == []
+    assert _say(client, "/cmd_vel", {"linear": zeros, "angular": zeros}) == ""
+    assert robot.take() == [(0.0, CLIENT)]
+
+
 def test_nan_in_lists_is_found_by_its_place() -> None:
     type = GatedRobot({}).graph.registry.message("trajectory_msgs/JointTrajectory")
     checks = FieldChecks(Rule("arm", GateRule(topics=("*",))), type)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Final
 
@@ -23,6 +24,8 @@ _LONGEST_STEP: Final = 0.1
 
 #: Silence, in seconds, after which the robot is taken to have stopped by itself.
 _STANDS_AFTER: Final = 0.5
+
+_find_null: Final = re.compile(rb"null").search
 
 Change = Callable[[object, str], object]
 """Checks the value of one field, whose way is given, and returns the one to take in its place."""
@@ -125,8 +128,9 @@ class FieldChecks:
             raise GateRefused(
                 f"a message of {payload.size} bytes: {largest} is the limit", f"{key}.largest_bytes"
             )
-        # JSON that is passed on as it came has no numbers that are none.
-        if not (self._limits or (self._finite and not payload.is_passthrough)):
+        # JSON that is passed on as received has no NaN and no infinity, but it may have `null`, which is NaN.
+        is_finite = not self._finite or (payload.is_passthrough and not _find_null(payload.json()))
+        if not self._limits and is_finite:
             return payload, ""
         given = payload.value()
         value: object = given
