@@ -372,7 +372,7 @@ class ClientGraph(GraphView):
         if dropped and not marks:
             del self._advertised[name]
             if self._gate is not None:
-                self._gate.left_topic(name)
+                self._gate.leave_topic(name)
 
     def publisher(
         self,

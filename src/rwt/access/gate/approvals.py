@@ -117,7 +117,7 @@ class Approvals:
             del self._granted[key]
         return self._clock.monotonic() < until
 
-    def waits(self, client: Actor, act: GatedAct, name: str, rule: Rule) -> Approval | None:
+    def find(self, client: Actor, act: GatedAct, name: str, rule: Rule) -> Approval | None:
         """The request for just this that waits already."""
         key = (client, act, name, rule.key)
         return next((each for each in self._pending.values() if each.key == key), None)
@@ -219,7 +219,7 @@ class Approvals:
             approval.timer.cancel()
         self._on_change()
 
-    def left(self, client: Actor) -> None:
+    def leave(self, client: Actor) -> None:
         """Forget a client: what it asked, and what it was allowed."""
         for approval in [each for each in self._pending.values() if each.client is client]:
             self._deny(approval, None, "the client has left")
