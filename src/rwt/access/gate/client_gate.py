@@ -10,8 +10,8 @@ from uuid import uuid4
 from rwt.access.errors import AccessError, GateRefused, NotAllowed
 from rwt.access.gate.node import SERVICES, STOP_TOPIC, TOPICS
 from rwt.access.gate.record import CALLER
-from rwt.access.gate.rules import pattern
 from rwt.access.gate.state import GATE_NODE
+from rwt.access.roles import glob_pattern
 from rwt_graph.api import ClientGoal, PendingCall
 from rwt_participant.errors import CallFailed, GoalRejected, RobotError, ServiceFailed
 from rwt_participant.goals import GoalStatus
@@ -281,7 +281,7 @@ class ClientGate:
         if topic in TOPICS:
             raise NotAllowed(f"{topic} is published by the gate alone")
         roles = self._gate.settings.emergency.stop_roles
-        if topic == STOP_TOPIC and pattern(roles).fullmatch(self._actor.role) is None:
+        if topic == STOP_TOPIC and glob_pattern(roles).fullmatch(self._actor.role) is None:
             raise NotAllowed(f"role {self._actor.role!r} may not stop the robot (gate.emergency.stop_roles)")
 
     def reserve_offer(self, name: str) -> None:

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Final
 from rwt.access.errors import GateRefused
 from rwt.access.gate.fields import FieldChecks, NoSuchField
 from rwt.access.gate.record import Actor
-from rwt.access.gate.rules import Rules, pattern
+from rwt.access.gate.rules import Rules
 from rwt.access.gate.state import GATE_NODE, GateState
 from rwt.access.gate.topic import GuardedTopic
 from rwt.access.graph_view import canonical
+from rwt.access.roles import glob_pattern
 from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
@@ -322,7 +323,7 @@ class Gate(GateState):
                 observes: then the stop messages are published nevertheless.
         """
         roles = self.settings.emergency.stop_roles
-        if actor is not None and pattern(roles).fullmatch(actor.role) is None:
+        if actor is not None and glob_pattern(roles).fullmatch(actor.role) is None:
             raise GateRefused(f"role {actor.role!r} may not stop the robot", "gate.emergency.stop_roles")
         if not any(rule.settings.emergency for rule in self.rules.all):
             raise GateRefused("no rule says what there is to stop: set gate.rules.NAME.emergency")
@@ -357,7 +358,7 @@ class Gate(GateState):
             GateRefused: the role may not release it.
         """
         roles = self.settings.emergency.release_roles
-        if actor is not None and pattern(roles).fullmatch(actor.role) is None:
+        if actor is not None and glob_pattern(roles).fullmatch(actor.role) is None:
             raise GateRefused(
                 f"role {actor.role!r} may not release the robot", "gate.emergency.release_roles"
             )
