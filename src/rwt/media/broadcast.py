@@ -1,7 +1,7 @@
-"""One encoder for equal requests, and a queue of pictures for each viewer.
+"""One encoder for equal requests, and a queue of images for each viewer.
 
-A picture is encoded only when a viewer has room for it, in a worker thread, and once. Messages that cannot
-be encoded yet do not queue: the latest replaces the one before. So a slow viewer gets fewer pictures, none of
+An image is encoded only when a viewer has room for it, in a worker thread, and once. Messages that cannot
+be encoded yet do not queue: the latest replaces the one before. So a slow viewer gets fewer images, none of
 them old; and without viewers nothing is encoded and nothing is subscribed to.
 """
 
@@ -32,20 +32,20 @@ T = TypeVar("T")
 
 logger = logging.getLogger("rwt.nodes.video")
 
-#: Pictures of a video that may wait for a viewer. A picture by itself never waits: the next replaces it.
+#: Images of a video that may wait for a viewer. An image by itself never waits: the next replaces it.
 _MOST_WAITING: Final = 4
-#: Seconds without room for a picture after which a viewer has to make place for another.
+#: Seconds without room for an image after which a viewer has to make place for another.
 STALLED_SECONDS: Final = 5.0
-#: Seconds from one key picture for a slow viewer to the next; they are large, and every viewer gets them.
+#: Seconds from one key frame for a slow viewer to the next; they are large, and every viewer gets them.
 _KEY_PAUSE: Final = 0.5
 
 
 class Viewer:
-    """A viewer's queue of pictures: short, and a key picture takes the place of all others.
+    """A viewer's queue of images: short, and a key frame takes the place of all others.
 
     Attributes:
         work: to which its share of the encoder's work is charged.
-        failure: why there are no more pictures; None while there may be some.
+        failure: why there are no more images; None while there may be some.
         when_ended: called once when it has ended; None: nobody wants to know.
     """
 
@@ -53,22 +53,22 @@ class Viewer:
         self._broadcast = broadcast
         self.work = work
         self._waiting: deque[Encoded] = deque()
-        self._begun = False  # what cannot be shown by itself makes no sense before a key picture
+        self._begun = False  # what cannot be shown by itself makes no sense before a key frame
         self._woken = anyio.Event()
         self._over = False
-        self._handed_over: float | None = None  # when the viewer's connection was given a picture to send
+        self._handed_over: float | None = None  # when the viewer's connection was given an image to send
         self.failure: VideoError | None = None
         self.when_ended: Callable[[], None] | None = None
 
     @property
     def can_accept(self) -> bool:
-        """Whether a picture that is made now would not have to wait behind old ones."""
+        """Whether an image that is made now would not have to wait behind old ones."""
         waiting = self._waiting
         return not waiting or (waiting[-1].track is not None and len(waiting) < _MOST_WAITING)
 
-    def put(self, picture: Encoded) -> None:
-        """Queue a picture, or drop what the viewer has no room for."""
-        if picture.key:
+    def put(self, image: Encoded) -> None:
+        """Queue an image, or drop what the viewer has no room for."""
+        if image.key:
             self._drop(len(self._waiting))
             self._begun = True
         elif not self._begun or len(self._waiting) >= _MOST_WAITING:
@@ -77,7 +77,7 @@ class Viewer:
             self._begun = False
             self._broadcast.ask_for_key()
             return
-        self._waiting.append(picture)
+        self._waiting.append(image)
         self._woken.set()
 
     def _drop(self, count: int) -> None:
@@ -85,30 +85,30 @@ class Viewer:
         self._broadcast.counts.dropped += count
 
     async def next(self) -> Encoded | None:
-        """The next picture, waiting for it; None when there will be no more."""
+        """The next image, waiting for it; None when there will be no more."""
         self._handed_over = None
         while not self._waiting:
             if self._over:
                 return None
             await self._woken.wait()
             self._woken = anyio.Event()
-        picture = self._waiting.popleft()
+        image = self._waiting.popleft()
         self._handed_over = self._broadcast.now()
         self._broadcast.wake()
-        return picture
+        return image
 
-    def count_sent(self, picture: Encoded) -> None:
-        """Count a picture that was handed to the network."""
+    def count_sent(self, image: Encoded) -> None:
+        """Count an image that was handed to the network."""
         self._broadcast.counts.sent += 1
-        self._broadcast.counts.sent_bytes += len(picture.data)
+        self._broadcast.counts.sent_bytes += len(image.data)
 
     def ask_for_key(self) -> None:
-        """Ask for a picture that can be shown without any other, since some did not arrive."""
+        """Ask for an image that can be shown without any other, since some did not arrive."""
         self._broadcast.ask_for_key()
 
     @property
     def has_stalled(self) -> bool:
-        """Whether the network has not taken one picture for a long time."""
+        """Whether the network has not taken one image for a long time."""
         return self._handed_over is not None and self._broadcast.now() - self._handed_over >= STALLED_SECONDS
 
     def leave(self) -> None:
@@ -122,7 +122,7 @@ class Viewer:
         self.leave()
 
     def end(self, failure: VideoError | None = None) -> None:
-        """End the stream after the pictures that are queued already."""
+        """End the stream after the images that are queued already."""
         if not self._over:
             self.failure = failure
             self._over = True
@@ -132,7 +132,7 @@ class Viewer:
 
 
 class EncoderThreads:
-    """Where pictures are made: a thread for each core, since more would only take turns, and one for all
+    """Where images are made: a thread for each core, since more would only take turns, and one for all
     those that are only made for viewers beyond their rate of work."""
 
     def __init__(self) -> None:
@@ -165,7 +165,7 @@ class EncoderThreads:
 
 
 class Broadcast:
-    """What equal requests share: the subscription, the encoder and the pictures.
+    """What equal requests share: the subscription, the encoder and the images.
 
     Args:
         node: whose subscription it is.
@@ -179,7 +179,7 @@ class Broadcast:
     Attributes:
         now: as given.
         viewers: everyone who watches.
-        pixels: of one picture of the video, once its encoder is there; 0 for pictures by themselves.
+        pixels: of one image of the video, once its encoder is there; 0 for images by themselves.
     """
 
     def __init__(
@@ -215,7 +215,7 @@ class Broadcast:
         self._subscription = node.subscribe_samples(request.topic, qos=request.qos, on_sample=self._take)
 
     def join(self, work: Work) -> Viewer:
-        """A new viewer, who gets the last picture at once if there is one.
+        """A new viewer, who gets the last image at once if there is one.
 
         Args:
             work: what its share of the encoder's work is charged to.
@@ -225,7 +225,7 @@ class Broadcast:
         if self._shown is not None and self._shown.track is None:
             viewer.put(self._shown)
         elif self._last is not None:
-            # A video is entered at a key picture, and the topic may be silent: the last one is made again.
+            # A video is entered at a key frame, and the topic may be silent: the last one is made again.
             self._key_wanted = True
             self._newest = self._newest or self._last
         self.wake()
@@ -255,11 +255,11 @@ class Broadcast:
         self._woken.set()
 
     def ask_for_key(self) -> None:
-        """Ask for a key picture for a viewer who lost some, soon but not at once: it costs every viewer."""
+        """Ask for a key frame for a viewer who lost some, soon but not at once: it costs every viewer."""
         self._key_asked = True
 
     def _takes_key(self, now: float) -> bool:
-        """Whether the next picture is a key picture."""
+        """Whether the next image is a key frame."""
         key = self._key_wanted or (self._key_asked and now >= self._key_at + _KEY_PAUSE)
         if key:
             self._key_wanted = self._key_asked = False
@@ -274,12 +274,12 @@ class Broadcast:
 
     async def _run(self) -> None:
         try:
-            await self._make_pictures()
+            await self._make_images()
         finally:
             # Here and not when garbage is collected: an encoder may hold a hundred megabytes.
             self._encoder = self._newest = self._last = self._shown = None
 
-    async def _make_pictures(self) -> None:
+    async def _make_images(self) -> None:
         while not self._over:
             payload = self._newest
             if payload is None or not any(viewer.can_accept for viewer in self.viewers):
@@ -299,7 +299,7 @@ class Broadcast:
                 self._show(encoded)
 
     def _unreadable(self, error: VideoError) -> None:
-        """Count an unreadable picture. Cameras send some now and then; after a first one the stream ends."""
+        """Count an unreadable image. Cameras send some now and then; after a first one the stream ends."""
         self.counts.failed += 1
         if self.counts.complaint != str(error):
             # Once: viewers who come again and again must not fill the log.
@@ -322,13 +322,13 @@ class Broadcast:
             self._key_wanted = True
         return encoded
 
-    def _show(self, picture: Encoded | None) -> None:
-        if picture is None:
+    def _show(self, image: Encoded | None) -> None:
+        if image is None:
             self.counts.skipped += 1
             return
         self.counts.encoded += 1
-        self._shown = picture
-        if picture.key:
+        self._shown = image
+        if image.key:
             self._key_at = self.now()
         for viewer in tuple(self.viewers):
-            viewer.put(picture)
+            viewer.put(image)

@@ -1,8 +1,8 @@
-"""What can be wrong with a request for pictures, and with pictures.
+"""What can be wrong with a request for images, and with images.
 
 `VideoError`
     `RequestRefused`: the request cannot be answered; carries the HTTP status
-    `ImageUnreadable`: a message that holds no picture that can be shown
+    `ImageUnreadable`: a message that holds no image that can be shown
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ class VideoError(Exception):
 
 
 class RequestRefused(VideoError):
-    """A request for pictures that cannot be answered.
+    """A request for images that cannot be answered.
 
     Attributes:
         status: the HTTP status to answer with; the error's text is the answer.
@@ -25,4 +25,4 @@ class RequestRefused(VideoError):
 
 
 class ImageUnreadable(VideoError):
-    """A message whose picture cannot be shown; the text says why."""
+    """A message whose image cannot be shown; the text says why."""

@@ -17,11 +17,11 @@ class Counts:
     """Totals of one topic and type since the start.
 
     Attributes:
-        encoded: pictures.
+        encoded: images.
         skipped: messages that were not encoded, because no viewer had room or the codec left them out.
-        dropped: encoded pictures that a viewer did not get.
+        dropped: encoded images that a viewer did not get.
         failed: messages that could not be encoded.
-        sent: pictures handed to viewers' connections.
+        sent: images handed to viewers' connections.
         sent_bytes: bytes handed to viewers' connections.
         complaint: what the log said last about messages that could not be encoded.
     """

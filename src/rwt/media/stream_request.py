@@ -16,7 +16,7 @@ from rwt_graph.errors import InvalidGraphName
 from rwt_graph.names import resolve
 from rwt_participant.qos import BEST_AVAILABLE, DEFAULT_QOS, SENSOR_DATA, QoS
 
-#: The largest width and height that may be asked for; squared, what a compressed picture may unfold into.
+#: The largest width and height that may be asked for; squared, what a compressed image may unfold into.
 MOST_PIXELS: Final = 4096
 #: What a width and a height may make together, pixels: 2560 x 1600. Enlarging costs the server, and a browser
 #: does it for nothing.
@@ -24,10 +24,10 @@ MOST_AREA: Final = 4_096_000
 RAW: Final = "sensor_msgs/Image"
 COMPRESSED: Final = "sensor_msgs/CompressedImage"
 TYPES: Final = ("mjpeg", "png", "ros_compressed", "vp8", "vp9", "h264")
-#: Those of x264 that end in time: slower ones take seconds for a picture, and most of the memory.
+#: Those of x264 that end in time: slower ones take seconds for an image, and most of the memory.
 PRESETS: Final = ("ultrafast", "superfast", "veryfast", "faster", "fast", "medium")
 #: Of VP8, and what is done for each: `best` of the library, which pages written for `web_video_server` ask
-#: for, takes ten seconds for a large picture.
+#: for, takes ten seconds for a large image.
 QUALITIES: Final = {"realtime": "realtime", "good": "good", "best": "good"}
 QOS_PROFILES: Final[Mapping[str, QoS]] = {
     "default": DEFAULT_QOS,
@@ -40,10 +40,10 @@ TRANSPORTS: Final = ("raw", "compressed", "compressedDepth")
 
 @dataclass(frozen=True, slots=True)
 class Jpeg:
-    """Pictures as JPEG.
+    """Images as JPEG.
 
     Attributes:
-        quality: 1 to 100; None for 95, and for whatever a compressed picture already has.
+        quality: 1 to 100; None for 95, and for whatever a compressed image already has.
     """
 
     quality: int | None = None
@@ -51,7 +51,7 @@ class Jpeg:
 
 @dataclass(frozen=True, slots=True)
 class Png:
-    """Pictures as PNG.
+    """Images as PNG.
 
     Attributes:
         level: of compression, 0 to 9.
@@ -62,14 +62,14 @@ class Png:
 
 @dataclass(frozen=True, slots=True)
 class Video:
-    """Pictures as video.
+    """Images as video.
 
     Attributes:
         codec: `vp8`, `vp9` or `h264`.
         bitrate: bits a second to aim at; None for what the codec's quality takes (h264 only).
         qmin: the finest quantizer.
         qmax: the coarsest quantizer.
-        gop: most pictures from one key frame to the next.
+        gop: most images from one key frame to the next.
         quality: of vp8, one of :data:`QUALITIES`; empty for others.
         preset: of h264, one of :data:`PRESETS`; empty for others.
     """
@@ -92,10 +92,10 @@ class StreamRequest:
 
     Attributes:
         topic: absolute name.
-        coding: how pictures are sent.
-        width: pixels; None for the picture's own.
-        height: pixels; None for the picture's own.
-        invert: whether to turn the picture by half a turn.
+        coding: how images are sent.
+        width: pixels; None for the image's own.
+        height: pixels; None for the image's own.
+        invert: whether to turn the image by half a turn.
         transport: which of image_transport's topics to listen to: one of :data:`TRANSPORTS`.
         prefers_compressed: `ros_compressed`: take the compressed topic if there is one.
         qos_profile: a key of :data:`QOS_PROFILES`; empty for whatever the publishers offer.
@@ -123,8 +123,8 @@ class StreamRequest:
         return QOS_PROFILES[self.qos_profile] if self.qos_profile else BEST_AVAILABLE
 
     @property
-    def changes_pictures(self) -> bool:
-        """Whether a JPEG picture cannot be passed on as it is."""
+    def changes_images(self) -> bool:
+        """Whether a JPEG image cannot be passed on as it is."""
         return (
             self.width is not None
             or self.height is not None
@@ -189,7 +189,7 @@ def _absolute(topic: str) -> str:
 
 
 def _size(given: Mapping[str, str], name: str) -> int | None:
-    """A width or a height; web_video_server's -1 means the picture's own, as leaving it out does."""
+    """A width or a height; web_video_server's -1 means the image's own, as leaving it out does."""
     return _number(given, name, 1, MOST_PIXELS) if given.get(name, "-1") != "-1" else None
 
 

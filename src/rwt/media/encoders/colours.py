@@ -3,7 +3,7 @@
 from typing import Final
 
 MATRIX: Final = 6
-"""BT.601, by which the pictures are converted."""
+"""BT.601, by which the images are converted."""
 RANGE: Final = 1
 """Broadcast range: black is 16 and white 235."""
 TRANSFER: Final = 13

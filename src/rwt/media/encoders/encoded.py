@@ -1,4 +1,4 @@
-"""The interface of encoders, and the encoded picture."""
+"""The interface of encoders, and the encoded image."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """What a player must know before the first picture of a video.
+    """What a player must know before the first image of a video.
 
     Attributes:
         codec: `vp8`, `vp9` or `h264`.
@@ -28,14 +28,14 @@ class Track:
 
 @dataclass(frozen=True, slots=True)
 class Encoded:
-    """One encoded picture, the same for every viewer.
+    """One encoded image, the same for every viewer.
 
     Attributes:
         data: the encoder's bytes.
         stamp_ns: the message's own time stamp, nanoseconds.
         at_ms: when it was encoded, milliseconds on a clock that never goes back.
         media_type: of `data` by itself; empty for video.
-        track: of the video that it is part of; None for a picture by itself.
+        track: of the video that it is part of; None for an image by itself.
         key: whether it can be shown without any other.
     """
 
@@ -51,7 +51,7 @@ class Encoder(Protocol):
     """Turns messages into what viewers get. Used by one thread at a time, never by the event loop's."""
 
     def encode(self, payload: Payload, at_ms: int, *, key: bool) -> Encoded | None:
-        """One picture; None when the codec leaves it out.
+        """One image; None when the codec leaves it out.
 
         Args:
             payload: a `sensor_msgs/Image` or `sensor_msgs/CompressedImage`.

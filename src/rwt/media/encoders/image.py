@@ -1,4 +1,4 @@
-"""JPEG and PNG pictures. Imported with the first viewer."""
+"""JPEG and PNG images. Imported with the first viewer."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rwt.media.encoders.encoded import Encoded
 from rwt.media.encoders.jpeg import encode_jpeg
-from rwt.media.encoders.pixels import Bytes, read_picture, without_alpha
+from rwt.media.encoders.pixels import Bytes, read_image, without_alpha
 from rwt.media.stream_request import COMPRESSED, Jpeg, Png, StreamRequest
 from rwt_tf2 import stamp_ns
 
@@ -29,17 +29,17 @@ class ImageEncoder:
         self._coding = coding
 
     def encode(self, payload: Payload, at_ms: int, *, key: bool) -> Encoded:
-        """See :meth:`.encoded.Encoder.encode`; every picture can be shown without others."""
+        """See :meth:`.encoded.Encoder.encode`; every image can be shown without others."""
         message: Any = payload.value()
         stamp = stamp_ns(message.header.stamp)
-        if payload.type.name == COMPRESSED and not self._request.changes_pictures:
+        if payload.type.name == COMPRESSED and not self._request.changes_images:
             data = bytes(message.data)
             if data.startswith(_JPEG_MAGIC):
                 return Encoded(data, stamp, at_ms, "image/jpeg")
             # A PNG is passed on only to those who asked for the compressed topic as it is.
             if data.startswith(_PNG_MAGIC) and self._request.prefers_compressed:
                 return Encoded(data, stamp, at_ms, "image/png")
-        pixels = read_picture(payload, self._request)
+        pixels = read_image(payload, self._request)
         if isinstance(self._coding, Png):
             return Encoded(_png(pixels, self._coding.level), stamp, at_ms, "image/png")
         quality = self._coding.quality or _DEFAULT_QUALITY

@@ -1,7 +1,7 @@
 """JPEG, by simplejpeg where it is installed (the extra `video`), else by Pillow.
 
 simplejpeg lets other threads run while it works and Pillow mostly does not, so with Pillow the event loop
-stutters by some milliseconds a picture, whatever thread encodes it.
+stutters by some milliseconds an image, whatever thread encodes it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def encode_jpeg(pixels: Pixels, quality: int) -> bytes:
-    """One picture.
+    """One image.
 
     Args:
         pixels: rows x columns x red, green, blue, or rows x columns of grey.

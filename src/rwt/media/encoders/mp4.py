@@ -1,4 +1,4 @@
-"""Fragmented MP4 with H.264 as it is made: a header, then one fragment for each picture.
+"""Fragmented MP4 with H.264 as it is made: a header, then one fragment for each frame.
 
 ISO/IEC 14496-12 (boxes and fragments) and 14496-15 (how H.264 lies in them). For why it is written here see
 :mod:`rwt.media.encoders.webm`.
@@ -15,7 +15,7 @@ _TIMESCALE: Final = 1000
 _IDENTITY: Final = struct.pack(">9I", 0x10000, 0, 0, 0, 0x10000, 0, 0, 0, 0x40000000)
 #: Flags of a sample: depends on nothing; depends on others and is no point to begin at (8.8.3.1).
 _KEY_SAMPLE, _OTHER_SAMPLE = 0x02000000, 0x01010000
-#: How long a picture lasts until it is known when the next one comes, milliseconds.
+#: How long a frame lasts until it is known when the next one comes, milliseconds.
 _GUESSED_DURATION: Final = 33
 _START_CODE: Final = re.compile(rb"\x00*\x00\x00\x01")
 _SPS, _PPS = 7, 8
@@ -27,7 +27,7 @@ class Mp4:
     Args:
         width: pixels.
         height: pixels.
-        parameters: the encoder's sequence and picture parameter sets, each after a start code.
+        parameters: the encoder's sequence and frame parameter sets, each after a start code.
     """
 
     def __init__(self, width: int, height: int, parameters: bytes) -> None:
@@ -38,14 +38,14 @@ class Mp4:
         self._last_ms: int | None = None
 
     def header(self) -> bytes:
-        """What comes before the first picture."""
+        """What comes before the first frame."""
         ftyp = _box(b"ftyp", b"iso5", struct.pack(">I", 512), b"iso5", b"iso6", b"mp41")
         trex = _box(b"trex", _version(0), struct.pack(">5I", 1, 1, 0, 0, 0))
         moov = _box(b"moov", self._mvhd(), self._trak(), _box(b"mvex", trex))
         return ftyp + moov
 
-    def picture(self, data: bytes, at_ms: int, *, key: bool) -> bytes:
-        """One coded picture at its time: units after start codes."""
+    def frame(self, data: bytes, at_ms: int, *, key: bool) -> bytes:
+        """One coded frame at its time: units after start codes."""
         self._sequence += 1
         duration = _GUESSED_DURATION if self._last_ms is None else max(1, at_ms - self._last_ms)
         self._last_ms = at_ms

@@ -1,6 +1,6 @@
 """The pixels of messages as arrays of bytes: grey, red-green-blue, or with alpha. Imported by encoders only.
 
-Depths (`16UC1`, `32FC1`) are shown as greys from 0 to the largest of the picture, as web_video_server does.
+Depths (`16UC1`, `32FC1`) are shown as greys from 0 to the largest of the image, as web_video_server does.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class CompressedImage(Protocol):
 
 
 def read_raw(message: RawImage) -> Bytes:
-    """The picture of a `sensor_msgs/Image`: rows x columns of grey, or x 3 or 4 values a pixel.
+    """The image of a `sensor_msgs/Image`: rows x columns of grey, or x 3 or 4 values a pixel.
 
     Raises:
         ImageUnreadable: the encoding is not one of those of :data:`SHOWN`, or there are too few bytes.
@@ -62,7 +62,7 @@ def read_raw(message: RawImage) -> Bytes:
 
 
 def read_compressed(message: CompressedImage) -> Bytes:
-    """The picture of a `sensor_msgs/CompressedImage`.
+    """The image of a `sensor_msgs/CompressedImage`.
 
     Raises:
         ImageUnreadable: it is broken, too large, or of a kind that cannot be read.
@@ -78,14 +78,14 @@ def read_compressed(message: CompressedImage) -> Bytes:
 
 
 def shaped(pixels: Bytes, request: StreamRequest) -> Bytes:
-    """The picture in the size that is asked for, and the right way up."""
+    """The image in the size that is asked for, and the right way up."""
     if request.invert:
         pixels = pixels[::-1, ::-1]
     return resized(pixels, request.width or pixels.shape[1], request.height or pixels.shape[0])
 
 
 def resized(pixels: Bytes, width: int, height: int) -> Bytes:
-    """The picture in that size, contiguous."""
+    """The image in that size, contiguous."""
     if pixels.shape[:2] == (height, width):
         return np.ascontiguousarray(pixels)
     from PIL import Image
@@ -95,7 +95,7 @@ def resized(pixels: Bytes, width: int, height: int) -> Bytes:
 
 
 def without_alpha(pixels: Bytes) -> Bytes:
-    """The picture for codings that have no alpha."""
+    """The image for codings that have no alpha."""
     if pixels.ndim == 3 and pixels.shape[2] == 4:
         return np.ascontiguousarray(pixels[:, :, :3])
     return pixels
@@ -164,14 +164,14 @@ def _bayer(pattern: str) -> Callable[[Samples], Bytes]:
         rows, columns = mosaic.shape
         if rows < 2 or columns < 2:
             raise ImageUnreadable(f"a Bayer picture has at least 2x2 pixels, got {columns}x{rows}")
-        picture = np.empty((rows, columns, 3), np.uint8)
+        image = np.empty((rows, columns, 3), np.uint8)
         for channel, colour in enumerate("rgb"):
             plane = np.zeros((rows, columns), np.uint16)
             for at, letter in enumerate(pattern):
                 if letter == colour:
                     plane[at // 2 :: 2, at % 2 :: 2] = mosaic[at // 2 :: 2, at % 2 :: 2]
-            picture[:, :, channel] = _filled_green(plane) if colour == "g" else _filled(plane)
-        return picture
+            image[:, :, channel] = _filled_green(plane) if colour == "g" else _filled(plane)
+        return image
 
     return show
 
@@ -223,8 +223,8 @@ SHOWN: Final[Mapping[str, Callable[[Samples], Bytes]]] = {
 """Every value of `encoding` that can be shown, and how its values become what is shown."""
 
 
-def read_picture(payload: Payload, request: StreamRequest) -> Bytes:
-    """The picture in its size.
+def read_image(payload: Payload, request: StreamRequest) -> Bytes:
+    """The image in its size.
 
     Raises:
         ImageUnreadable: it cannot be shown.

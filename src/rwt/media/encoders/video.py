@@ -13,7 +13,7 @@ from av.video.frame import PictureType, VideoFrame
 
 from rwt.media.encoders import colours
 from rwt.media.encoders.encoded import Encoded, Track
-from rwt.media.encoders.pixels import Bytes, read_picture, resized, without_alpha
+from rwt.media.encoders.pixels import Bytes, read_image, resized, without_alpha
 from rwt.media.errors import ImageUnreadable
 from rwt.media.stream_request import StreamRequest, Video
 from rwt_tf2 import stamp_ns
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _MILLISECONDS: Final = Fraction(1, 1000)
 _ENCODERS: Final = {"vp8": "libvpx", "vp9": "libvpx-vp9", "h264": "libx264"}
-#: No picture is kept back: a viewer sees the last one, not the one before.
+#: No frame is kept back: a viewer sees the last one, not the one before.
 _OPTIONS: Final = {
     "vp8": {"lag-in-frames": "0", "auto-alt-ref": "0"},
     "vp9": {
@@ -40,13 +40,13 @@ _H264_QUALITY: Final = "20"
 
 
 class VideoEncoder:
-    """Makes one video of a topic's pictures, in the size of the first; see
+    """Makes one video of a topic's frames, in the size of the first; see
     :class:`rwt.media.encoders.encoded.Encoder`.
 
     Args:
         request: what is wanted.
         video: how it is sent.
-        reserve: called with the pixels of a picture before there is an encoder of that size; raises
+        reserve: called with the pixels of a frame before there is an encoder of that size; raises
             `ImageUnreadable` where they are too many.
     """
 
@@ -60,7 +60,7 @@ class VideoEncoder:
 
     def encode(self, payload: Payload, at_ms: int, *, key: bool) -> Encoded | None:
         """See :meth:`rwt.media.encoders.encoded.Encoder.encode`."""
-        pixels = without_alpha(read_picture(payload, self._request))
+        pixels = without_alpha(read_image(payload, self._request))
         codec = self._codec or self._open(pixels)
         frame = VideoFrame.from_ndarray(
             resized(pixels, codec.width, codec.height), "rgb24" if pixels.ndim == 3 else "gray"
@@ -100,7 +100,7 @@ class VideoEncoder:
         codec.max_b_frames = 0
         codec.flags |= Flags.low_delay
         # The threads of libvpx wait for each other without letting go of the processor: with others at work
-        # on it a picture took twenty times as long on two threads as on one.
+        # on it a frame took twenty times as long on two threads as on one.
         codec.thread_count = 1
         if video.codec == "h264":
             codec.flags |= Flags.global_header  # the parameter sets apart, as MP4 wants them

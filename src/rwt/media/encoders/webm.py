@@ -1,6 +1,6 @@
-"""WebM as it is made: a header, then one block for each picture (RFC 8794, RFC 9559).
+"""WebM as it is made: a header, then one block for each frame (RFC 8794, RFC 9559).
 
-The libraries' writers hold each picture back until the next one comes, and know nothing of a viewer who joins
+The libraries' writers hold each frame back until the next one comes, and know nothing of a viewer who joins
 late; both would cost a slow camera a second of delay. What is written here is the little of the format that a
 live stream of one track needs.
 """
@@ -35,7 +35,7 @@ class Webm:
         self._cluster_ms: int | None = None
 
     def header(self) -> bytes:
-        """What comes before the first picture."""
+        """What comes before the first frame."""
         app = f"robot-web-tools {version('robot-web-tools')}".encode()
         ebml = (
             _number(0x4286, 1)  # EBMLVersion
@@ -68,8 +68,8 @@ class Webm:
         )
         return _element(0x1654AE6B, _element(0xAE, track))
 
-    def picture(self, data: bytes, at_ms: int, *, key: bool) -> bytes:
-        """One coded picture at its time; a key picture begins a cluster."""
+    def frame(self, data: bytes, at_ms: int, *, key: bool) -> bytes:
+        """One coded frame at its time; a key frame begins a cluster."""
         opening = b""
         if key or self._cluster_ms is None or at_ms - self._cluster_ms > _LONGEST_CLUSTER:
             self._cluster_ms = at_ms
@@ -85,7 +85,7 @@ def _id(number: int) -> bytes:
 
 
 def _element(number: int, payload: bytes) -> bytes:
-    # Sizes of four bytes: 28 bits are more than any picture.
+    # Sizes of four bytes: 28 bits are more than any frame.
     return _id(number) + (len(payload) | 0x1000_0000).to_bytes(4, "big") + payload
 
 

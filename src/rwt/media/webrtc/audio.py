@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 DATA: Final = "audio_common_msgs/AudioData"
 INFO: Final = "audio_common_msgs/AudioInfo"
 INFO_SUFFIX: Final = "_info"
-"""Of the topic beside one of sound: audio_common has `audio_info` beside `audio`."""
+"""Of the topic beside one of audio: audio_common has `audio_info` beside `audio`."""
 CODING: Final = "WAVE"
 """How `coding_format` names samples that are not compressed; audio_common spells it `wave`."""
 SAMPLE_BYTES: Final = 2
@@ -31,7 +31,7 @@ MOST_CHANNELS: Final = 2
 MESSAGE_SECONDS: Final = 1.0
 """Longest message that is read."""
 BURST_SECONDS: Final = 1.0
-"""Sound that may come at once, beyond what time has passed for: a network holds some up."""
+"""Audio that may come at once, beyond what time has passed for: a network holds some up."""
 SAMPLE_FORMATS: Final[dict[str, tuple[str, float, float]]] = {
     "S8": ("i1", 1 << 7, 0.0),
     "U8": ("u1", 1 << 7, 128.0),
@@ -46,11 +46,11 @@ SAMPLE_FORMATS: Final[dict[str, tuple[str, float, float]]] = {
 
 
 class AudioUnreadable(VideoError):
-    """Sound that cannot be decoded; the text says why."""
+    """Audio that cannot be decoded; the text says why."""
 
 
 class AudioBudget:
-    """How much sound may be taken: as much as time has passed, and a burst.
+    """How much audio may be taken: as much as time has passed, and a burst.
 
     Args:
         now: seconds on a clock that never goes back.

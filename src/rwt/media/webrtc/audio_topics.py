@@ -1,6 +1,6 @@
-"""Sound topics as Opus: one encoder for all who listen to a topic, and a short queue of packets for each.
+"""Audio topics as Opus: one encoder for all who listen to a topic, and a short queue of packets for each.
 
-Sound is read and encoded in a worker thread. Without listeners nothing is subscribed to. What a topic brings
+Audio is read and encoded in a worker thread. Without listeners nothing is subscribed to. What a topic brings
 faster than it can be heard is left out, and so is the oldest of what waits too long.
 """
 
@@ -48,7 +48,7 @@ class Listener:
 
     Attributes:
         work: to which its share of the encoder's work is charged.
-        failure: why there is no more sound; None while there may be some.
+        failure: why there is no more audio; None while there may be some.
     """
 
     def __init__(self, broadcast: AudioBroadcast, work: Work) -> None:
@@ -79,7 +79,7 @@ class Listener:
         self._broadcast.leave(self)
 
     def end(self, failure: AudioUnreadable | None = None) -> None:
-        """End the sound after the packets that are queued already."""
+        """End the audio after the packets that are queued already."""
         if not self._over:
             self.failure = failure
             self._over = True
@@ -94,7 +94,7 @@ class AudioBroadcast:
         topic: of `audio_common_msgs/AudioData`.
         samples: how they are to be read, until another `AudioInfo` comes.
         threads: the worker threads that all broadcasts share.
-        on_end: called once when the last listener has left, or when the sound cannot be decoded.
+        on_end: called once when the last listener has left, or when the audio cannot be decoded.
 
     Attributes:
         topic: as given.
@@ -197,12 +197,12 @@ class AudioBroadcast:
 
 
 def topics_of(name: str) -> tuple[str, str]:
-    """What has to be subscribed to for the sound of a topic: the samples, and how they are to be read."""
+    """What has to be subscribed to for the audio of a topic: the samples, and how they are to be read."""
     return name, f"{name}{INFO_SUFFIX}"
 
 
 class AudioTopics:
-    """The sound topics of a graph, for those who may subscribe to them.
+    """The audio topics of a graph, for those who may subscribe to them.
 
     Args:
         graph: whose topics are heard.

@@ -1,4 +1,4 @@
-"""A sound topic as an audio track for one listener, out of the encoder that all listeners share."""
+"""An audio topic as an audio track for one listener, out of the encoder that all listeners share."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class AudioTrack(MediaStreamTrack):
 
     Args:
         listener: whose packets they are.
-        on_end: called once when there will be no more sound, with the reason.
+        on_end: called once when there will be no more audio, with the reason.
     """
 
     kind = "audio"

@@ -11,7 +11,7 @@ RUNGS: Final = (1.0, 0.35, 0.12)
 and a rate share them: there are no more encoders than these."""
 WINDOW_SECONDS: Final = 1.0
 QUIET: Final = 30_000
-"""Bits a second below which nothing is concluded: a picture that stands still needs no more."""
+"""Bits a second below which nothing is concluded: an image that stands still needs no more."""
 MARGIN: Final = 1.3
 """The estimate must be above what is sent by so much, for all of the patience, before more is tried."""
 PATIENCE_SECONDS: Final = 5.0
@@ -19,11 +19,11 @@ MOST_PATIENCE_SECONDS: Final = 60.0
 LOSS: Final = 0.1
 """Part of the packets lost from which on less is sent (draft-ietf-rmcat-gcc section 6)."""
 KEYS: Final = 5
-"""Key pictures that a viewer may ask for in :data:`KEY_SECONDS` before less is sent to it: they are large,
+"""Key frames that a viewer may ask for in :data:`KEY_SECONDS` before less is sent to it: they are large,
 and go to everybody who shares its encoder."""
 KEY_SECONDS: Final = 10.0
 KEY_PAUSE_SECONDS: Final = 0.5
-"""Receivers ask again and again until the one key picture has come."""
+"""Receivers ask again and again until the one key frame has come."""
 SETTLE_SECONDS: Final = 1.5
 """After a change nothing is concluded for so long: reports are of what was sent before."""
 
@@ -87,7 +87,7 @@ class BitrateLadder:
             self._lower(self.rung + 1, now)
 
     def asked_for_key(self, now: float) -> None:
-        """The receiver has lost so much that it can show nothing before the next key picture."""
+        """The receiver has lost so much that it can show nothing before the next key frame."""
         keys = self._keys
         if keys and now - keys[-1] < KEY_PAUSE_SECONDS:
             return

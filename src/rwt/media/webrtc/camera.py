@@ -1,6 +1,6 @@
 """The camera of a client as `sensor_msgs/CompressedImage` (JPEG) on a topic.
 
-A picture is made a message only when the one before is: what comes meanwhile is left out.
+An image is made a message only when the one before is: what comes meanwhile is left out.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ if TYPE_CHECKING:
 
 TYPE: Final = "sensor_msgs/CompressedImage"
 QUALITY: Final = 85
-"""Of the JPEG pictures, 1 to 100, where none is asked for."""
+"""Of the JPEG images, 1 to 100, where none is asked for."""
 
 logger = logging.getLogger("rwt.media.webrtc")
 
 
 @dataclass(frozen=True, slots=True)
 class CameraRequest:
-    """How a client's pictures are published.
+    """How a client's images are published.
 
     Attributes:
         topic: where.
         frame_id: the frame of reference that they name.
-        quality: of the JPEG pictures, 1 to 100.
+        quality: of the JPEG images, 1 to 100.
     """
 
     topic: str
@@ -51,12 +51,12 @@ class CameraRequest:
 
 
 class Camera:
-    """Publishes the pictures of one track.
+    """Publishes the images of one track.
 
     Args:
         client: the graph as the client may act on it.
         wanted: what was asked for.
-        end: called with the reason when there will be no more pictures.
+        end: called with the reason when there will be no more images.
 
     Raises:
         AccessError: the client may not publish on the topic.
@@ -81,7 +81,7 @@ class Camera:
         self._publisher = self._client.publisher(self._wanted.topic, TYPE)
 
     async def take(self, track: MediaStreamTrack) -> None:
-        """Take every picture as it comes; a later one replaces one that is not published yet."""
+        """Take every image as it comes; a later one replaces one that is not published yet."""
         try:
             while True:
                 frame = await track.recv()
@@ -123,7 +123,7 @@ class Camera:
 
 
 def _encode(frame: VideoFrame, quality: int) -> tuple[bytes, float]:
-    """A picture as JPEG, and the processor's seconds that it took."""
+    """An image as JPEG, and the processor's seconds that it took."""
     began = time.thread_time()
     pixels = np.asarray(frame.to_ndarray(format="rgb24"), np.uint8)
     data = encode_jpeg(pixels, quality)

@@ -1,7 +1,7 @@
 """The microphone of a client as `audio_common_msgs/AudioData` on a topic, and its `AudioInfo` beside it.
 
 A message holds a twentieth of a second of 16-bit samples, as those of the robot's own page do. What comes
-faster than sound can is left out, and so is what waits for longer than half a second.
+faster than audio can is left out, and so is what waits for longer than half a second.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ RATES: Final = (8_000, 12_000, 16_000, 24_000, 48_000)
 RATE: Final = 48_000
 MESSAGES_PER_SECOND: Final = 20
 WAITING: Final = 24_000
-"""Sound that may wait to be published, in samples at 48 kHz: half a second."""
+"""Audio that may wait to be published, in samples at 48 kHz: half a second."""
 LONGEST_SECONDS: Final = 0.12
 """Of one packet of Opus (RFC 6716 section 2.1.4)."""
 
@@ -42,7 +42,7 @@ logger = logging.getLogger("rwt.media.webrtc")
 
 @dataclass(frozen=True, slots=True)
 class MicrophoneRequest:
-    """How a client's sound is published.
+    """How a client's audio is published.
 
     Attributes:
         topic: where.
@@ -71,13 +71,13 @@ class MicrophoneRequest:
 
 
 class Microphone:
-    """Publishes the sound of one track.
+    """Publishes the audio of one track.
 
     Args:
         client: the graph as the client may act on it.
         wanted: what was asked for.
-        end: called with the reason when there will be no more sound.
-        allowance: how much sound is taken.
+        end: called with the reason when there will be no more audio.
+        allowance: how much audio is taken.
 
     Raises:
         AccessError: the client may not publish on one of the two topics.
@@ -120,7 +120,7 @@ class Microphone:
         self._info = self._client.publisher(self._wanted.info_topic, INFO)
 
     async def take(self, track: MediaStreamTrack) -> None:
-        """Take all sound as it comes, until there is no more."""
+        """Take all audio as it comes, until there is no more."""
         try:
             while True:
                 frame = await track.recv()
@@ -130,7 +130,7 @@ class Microphone:
             self._end("the microphone has ended")
 
     def put(self, frame: AudioFrame) -> None:
-        """Let a piece of sound be published, or leave it out: what is too much, and the oldest that waits."""
+        """Let a piece of audio be published, or leave it out: what is too much, and the oldest that waits."""
         seconds = frame.samples / frame.sample_rate
         if seconds > LONGEST_SECONDS or not self._allowance.take(seconds):
             return
@@ -186,5 +186,5 @@ class Microphone:
 
 
 def _length(frame: AudioFrame) -> int:
-    """How long a piece of sound is, in samples at 48 kHz."""
+    """How long a piece of audio is, in samples at 48 kHz."""
     return int(frame.samples * RATE // frame.sample_rate)

@@ -1,4 +1,4 @@
-"""Opus (RFC 6716) as the one codec of sound in the sessions of this package."""
+"""Opus (RFC 6716) as the one codec of audio in the sessions of this package."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _MAPPED: Final = re.compile(r"(?im)^a=rtpmap:\d+ opus/48000/2\r?$")
 
 
 def require_opus(description: Description) -> None:
-    """Refuse an offer whose sound cannot be Opus, which every WebRTC browser has (RFC 7874 section 3).
+    """Refuse an offer whose audio cannot be Opus, which every WebRTC browser has (RFC 7874 section 3).
 
     Raises:
         BadDescription: it has no `a=rtpmap` of Opus.
@@ -29,5 +29,5 @@ def require_opus(description: Description) -> None:
 
 
 def only_opus(transceiver: RTCRtpTransceiver) -> None:
-    """Let a section of sound use Opus alone."""
+    """Let a section of audio use Opus alone."""
     transceiver.setCodecPreferences([RTCRtpCodecCapability(mimeType=CODEC, clockRate=48_000, channels=2)])

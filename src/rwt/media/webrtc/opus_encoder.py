@@ -1,4 +1,4 @@
-"""From messages of sound to packets of Opus (RFC 6716, RFC 7587). Used by one thread at a time."""
+"""From messages of audio to packets of Opus (RFC 6716, RFC 7587). Used by one thread at a time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
 
 RATE: Final = 48_000
-"""Of RTP time stamps of Opus, whatever the sound has (RFC 7587 section 4.1)."""
+"""Of RTP time stamps of Opus, whatever the audio has (RFC 7587 section 4.1)."""
 FRAME: Final = 960
 """Samples of a packet: 20 ms."""
 BITS: Final = {1: 64_000, 2: 96_000}
@@ -27,7 +27,7 @@ GAP_SECONDS: Final = 0.2
 
 @dataclass(frozen=True, slots=True)
 class OpusPacket:
-    """20 ms of sound.
+    """20 ms of audio.
 
     Attributes:
         data: as it goes into RTP.

@@ -1,7 +1,7 @@
 """An image topic as a video track for one viewer, out of the encoders that all viewers share.
 
-aiortc sends pictures that are encoded already, but tells their track nothing of what the receiver asks for:
-key pictures (PLI, FIR) and less (REMB, receiver reports). So the sender's own methods are put in front of;
+aiortc sends images that are encoded already, but tells their track nothing of what the receiver asks for:
+key frames (PLI, FIR) and less (REMB, receiver reports). So the sender's own methods are put in front of;
 `tests/rwt/media/webrtc` looks whether they are what they were.
 """
 
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 _MILLISECONDS: Final = Fraction(1, 1000)
 PACKET_BYTES: Final = 1000
-"""About what one packet carries of a picture."""
+"""About what one packet carries of an image."""
 RESENDABLE: Final = 128
 """Packets that may be asked for again at once, as many as aiortc keeps."""
 COARSEST: Final = 63
@@ -55,7 +55,7 @@ class TopicTrack(MediaStreamTrack):
         server: whose encoders are shared.
         request: what the viewer asked for, with the topic that it means.
         work: to which the viewer's share of the encoders' work is charged.
-        on_end: called once when there will be no more pictures, with the reason.
+        on_end: called once when there will be no more images, with the reason.
         now: seconds on a clock that never goes back.
     """
 
@@ -121,7 +121,7 @@ class TopicTrack(MediaStreamTrack):
             self._resendable -= len(packet.lost)
 
     async def recv(self) -> Packet[Any]:
-        """The next picture, encoded; raises MediaStreamError when there will be none."""
+        """The next image, encoded; raises MediaStreamError when there will be none."""
         while True:
             viewer = self._join()
             encoded = await viewer.next()

@@ -1,7 +1,7 @@
 """WHEP (draft-ietf-wish-whep): ``POST /whep?topic=…`` with an offer, and the topic comes as a video track;
-with ``audio=…``, beside it or instead of it, a topic of sound comes as Opus.
+with ``audio=…``, beside it or instead of it, a topic of audio comes as Opus.
 
-The parameters of pictures are those of ``/stream``; `type` is `vp8` or `h264`, by default what the offer has,
+The parameters of images are those of ``/stream``; `type` is `vp8` or `h264`, by default what the offer has,
 VP8 first.
 """
 
@@ -41,21 +41,21 @@ PATH: Final = "/whep"
 BITRATE: Final = 1_500_000
 """Bits a second where none are asked for."""
 KEY_EVERY: Final = 300
-"""Pictures from one key picture to the next where none is asked for: receivers ask when they need one."""
+"""Images from one key frame to the next where none is asked for: receivers ask when they need one."""
 CODECS: Final = {"vp8": "video/VP8", "h264": "video/H264"}
 
 
 def watch_routes(
-    peers: Peers, video: WebVideoServer | None, sound: AudioTopics | None
+    peers: Peers, video: WebVideoServer | None, audio: AudioTopics | None
 ) -> tuple[Route[Reader], ...]:
     """The routes by which topics are watched and heard over WebRTC.
 
     Args:
         peers: that are accepted.
-        video: what encodes pictures; None where there is none.
-        sound: what encodes sound; None where there is none.
+        video: what encodes images; None where there is none.
+        audio: what encodes audio; None where there is none.
     """
-    source = Sources(peers, video, sound)
+    source = Sources(peers, video, audio)
 
     def page(request: HttpRequest, reader: Reader) -> Awaitable[HttpResponse]:
         return answering(request, SDP, partial(source.offered, reader))
@@ -65,11 +65,11 @@ def watch_routes(
 
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """Where pictures and sound come from; as for :func:`watch_routes`."""
+    """Where images and audio come from; as for :func:`watch_routes`."""
 
     peers: Peers
     video: WebVideoServer | None
-    sound: AudioTopics | None
+    audio: AudioTopics | None
 
     async def offered(self, reader: Reader, request: HttpRequest) -> HttpResponse:
         """Answer an offer."""
@@ -80,7 +80,7 @@ class Sources:
         _check_sections(description, wants_video, bool(audio))
         try:
             stream = await self._find_video(given, description, reader) if wants_video else None
-            heard = await self._find_sound(audio, reader) if audio else None
+            heard = await self._find_audio(audio, reader) if audio else None
         except RequestRefused as refused:
             raise Refused(refused.status, str(refused)) from refused
         topics: tuple[str, ...] = () if heard is None else topics_of(heard[0])
@@ -107,10 +107,10 @@ class Sources:
         self.video.check_room(stream)
         return stream
 
-    async def _find_sound(self, topic: str, reader: Reader) -> tuple[str, AudioFormat]:
-        if self.sound is None:
+    async def _find_audio(self, topic: str, reader: Reader) -> tuple[str, AudioFormat]:
+        if self.audio is None:
             raise RequestRefused(404, "no sound is served here")
-        return await self.sound.find(topic, reader)
+        return await self.audio.find(topic, reader)
 
     def _show(self, peer: Peer, stream: StreamRequest, reader: Reader) -> None:
         assert self.video is not None  # It has found the topic.
@@ -121,8 +121,8 @@ class Sources:
         transceiver.setCodecPreferences(_codecs(stream.type))
 
     def _play(self, peer: Peer, heard: tuple[str, AudioFormat], reader: Reader) -> None:
-        assert self.sound is not None  # It has found the topic.
-        track = AudioTrack(self.sound.listen(*heard, reader.work), peer.fail)
+        assert self.audio is not None  # It has found the topic.
+        track = AudioTrack(self.audio.listen(*heard, reader.work), peer.fail)
         # Also of a peer that never finds its path, whose sender never asks the track for anything.
         peer.when_ended(track.stop)
         peer.connection.addTrack(track)

@@ -47,8 +47,8 @@ class MediaRequest:
     """What a query asks for: a camera, a microphone or both.
 
     Attributes:
-        camera: how pictures are published; None for none.
-        microphone: how sound is published; None for none.
+        camera: how images are published; None for none.
+        microphone: how audio is published; None for none.
     """
 
     camera: CameraRequest | None

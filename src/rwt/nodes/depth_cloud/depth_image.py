@@ -1,6 +1,6 @@
-"""Depth and colour as one picture, and back: the depth-cloud encoder of Toris et al. 2015, section IV-C.
+"""Depth and colour as one image, and back: the depth-cloud encoder of Toris et al. 2015, section IV-C.
 
-The picture is 2N x 2N pixels::
+The image is 2N x 2N pixels::
 
     near depth │ far depth
     ───────────┼──────────
@@ -53,7 +53,7 @@ _WHITE_BLACK: Final = np.array([[255] * 3, [0] * 3], np.uint8)
 
 @dataclass(frozen=True, slots=True)
 class DepthImage:
-    """What a picture holds.
+    """What an image holds.
 
     Attributes:
         depths: N x N, metres along the optical axis; filled in where not `valid`.
@@ -66,8 +66,8 @@ class DepthImage:
     colours: Bytes
 
 
-def encode_picture(depths: Depths, colours: Bytes, depth_per_tile: float = 1.0) -> Bytes:
-    """The picture of one pair.
+def encode_image(depths: Depths, colours: Bytes, depth_per_tile: float = 1.0) -> Bytes:
+    """The image of one pair.
 
     Depths are written so that they are read again within half a step, a step being `depth_per_tile` / 765:
     the far tile begins where a reader begins to look at it.
@@ -91,34 +91,34 @@ def encode_picture(depths: Depths, colours: Bytes, depth_per_tile: float = 1.0) 
     steps, known = _steps(depths, depth_per_tile)
     filled = fill_unknown(steps, known)
     near, far = _tables()
-    picture = np.empty((2 * size, 2 * size, 3), np.uint8)
-    picture[:size, :size] = near.take(filled, axis=0)
-    picture[:size, size:] = far.take(filled, axis=0)
-    picture[size:, :size] = _WHITE_BLACK.take(known, axis=0)
-    picture[size:, size:] = colours
-    return picture
+    image = np.empty((2 * size, 2 * size, 3), np.uint8)
+    image[:size, :size] = near.take(filled, axis=0)
+    image[:size, size:] = far.take(filled, axis=0)
+    image[size:, :size] = _WHITE_BLACK.take(known, axis=0)
+    image[size:, size:] = colours
+    return image
 
 
-def decode_picture(picture: Bytes, depth_per_tile: float = 1.0) -> DepthImage:
-    """What is in a picture, by the arithmetic of `ROS3D.DepthCloud` without its filters against noise.
+def decode_image(image: Bytes, depth_per_tile: float = 1.0) -> DepthImage:
+    """What is in an image, by the arithmetic of `ROS3D.DepthCloud` without its filters against noise.
 
     Args:
-        picture: 2N x 2N x 3, red, green and blue, after whatever it went through.
+        image: 2N x 2N x 3, red, green and blue, after whatever it went through.
         depth_per_tile: metres that one tile spans, as it was encoded.
 
     Raises:
-        ImageShape: it is not such a picture.
+        ImageShape: it is not such an image.
     """
-    rows = picture.shape[0]
-    if picture.shape != (rows, rows, 3) or rows % 2:
-        raise ImageShape(f"expected a picture of 2N x 2N x 3, got {picture.shape}")
+    rows = image.shape[0]
+    if image.shape != (rows, rows, 3) or rows % 2:
+        raise ImageShape(f"expected a picture of 2N x 2N x 3, got {image.shape}")
     size = rows // 2
-    near = _gather(picture[:size, :size])
-    far = _gather(picture[:size, size:])
+    near = _gather(image[:size, :size])
+    far = _gather(image[:size, size:])
     share = np.where(near > NEAR_IS_FULL, np.float32(NEAR_IS_FULL) + far, near)
-    mask = _gather(picture[size:, :size])
+    mask = _gather(image[size:, :size])
     depths = (share * np.float32(depth_per_tile)).astype(np.float32)
-    return DepthImage(depths, mask <= 0.5, np.ascontiguousarray(picture[size:, size:]))
+    return DepthImage(depths, mask <= 0.5, np.ascontiguousarray(image[size:, size:]))
 
 
 def _steps(depths: Depths, depth_per_tile: float) -> tuple[Steps, Mask]:

@@ -1,4 +1,4 @@
-"""Depth images as metres, and the square that an encoder takes out of a picture."""
+"""Depth images as metres, and the square that an encoder takes out of an image."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The bodies of HTTP responses: multipart streams of pictures, videos, and the HTML that shows them."""
+"""The bodies of HTTP responses: multipart streams of images, videos, and the HTML that shows them."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ Join = Callable[[], Viewer]
 
 
 async def multipart(join: Join, counts: Counts) -> AsyncGenerator[bytes, None]:
-    """Pictures as parts (RFC 2046 section 5.1).
+    """Images as parts (RFC 2046 section 5.1).
 
     The boundary after a part goes out with it, not with the next: browsers show a part when they see its end.
     """
     viewer = join()
     try:
         yield f"--{BOUNDARY}\r\n".encode()
-        while (picture := await viewer.next()) is not None:
-            part = _part(picture)
+        while (image := await viewer.next()) is not None:
+            part = _part(image)
             counts.sent += 1
             counts.sent_bytes += len(part)
             yield part
@@ -36,34 +36,34 @@ async def multipart(join: Join, counts: Counts) -> AsyncGenerator[bytes, None]:
         viewer.leave()
 
 
-def _part(picture: Encoded) -> bytes:
+def _part(image: Encoded) -> bytes:
     head = (
-        f"Content-type: {picture.media_type}\r\n"
-        f"X-Timestamp: {timestamp(picture)}\r\n"
-        f"Content-Length: {len(picture.data)}\r\n\r\n"
+        f"Content-type: {image.media_type}\r\n"
+        f"X-Timestamp: {timestamp(image)}\r\n"
+        f"Content-Length: {len(image.data)}\r\n\r\n"
     )
-    return b"".join((head.encode(), picture.data, f"\r\n--{BOUNDARY}\r\n".encode()))
+    return b"".join((head.encode(), image.data, f"\r\n--{BOUNDARY}\r\n".encode()))
 
 
-def timestamp(picture: Encoded) -> str:
+def timestamp(image: Encoded) -> str:
     """The message's time in seconds, with six decimals, as web_video_server writes it."""
-    seconds, rest = divmod(picture.stamp_ns // 1000, 1_000_000)
+    seconds, rest = divmod(image.stamp_ns // 1000, 1_000_000)
     return f"{seconds}.{rest:06d}"
 
 
 async def video_stream(join: Join, counts: Counts) -> AsyncGenerator[bytes, None]:
-    """A video that begins with the viewer's first picture, at its time 0."""
+    """A video that begins with the viewer's first image, at its time 0."""
     viewer = join()
     try:
         container: Webm | Mp4 | None = None
         began = 0
-        while (picture := await viewer.next()) is not None:
+        while (image := await viewer.next()) is not None:
             opening = b""
             if container is None:
-                assert picture.track is not None  # Videos are made of nothing else.
-                container, began = _container(picture.track), picture.at_ms
+                assert image.track is not None  # Videos are made of nothing else.
+                container, began = _container(image.track), image.at_ms
                 opening = container.header()
-            part = opening + container.picture(picture.data, picture.at_ms - began, key=picture.key)
+            part = opening + container.frame(image.data, image.at_ms - began, key=image.key)
             counts.sent += 1
             counts.sent_bytes += len(part)
             yield part

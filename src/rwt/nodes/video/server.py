@@ -1,4 +1,4 @@
-"""The node that serves pictures and video: its pages, and the encoders that viewers share."""
+"""The node that serves images and video: its pages, and the encoders that viewers share."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ from rwt_transports.http.routes import (
 )
 
 NAME: Final = "web_video_server"
-#: Seconds to wait for a topic that is not there yet, and for a snapshot's picture.
+#: Seconds to wait for a topic that is not there yet, and for a snapshot's image.
 PATIENCE: Final = 5.0
 _LOOK_EVERY: Final = 0.1
 
-#: As web_video_server has them: a picture of a moment ago must not come from a cache.
+#: As web_video_server has them: an image of a moment ago must not come from a cache.
 _NO_CACHE: Final[Mapping[str, str]] = MappingProxyType(
     {
         "Cache-Control": "no-cache, no-store, must-revalidate, pre-check=0, post-check=0, max-age=0",
@@ -59,13 +59,13 @@ _Page = Callable[[HttpRequest, StreamRequest, VisibleTopics], Awaitable[HttpResp
 
 
 class WebVideoServer:
-    """Serves the pictures of image topics over HTTP, with the paths and parameters of web_video_server.
+    """Serves the images of image topics over HTTP, with the paths and parameters of web_video_server.
 
     Args:
         graph: whose topics are shown.
         most_viewers: viewers at a time; further ones are refused with status 503.
         most_encoders: different streams at a time, likewise.
-        most_pixels: of one picture of each different video together, those of VP9 twice; an encoder keeps
+        most_pixels: of one image of each different video together, those of VP9 twice; an encoder keeps
             up to fifty bytes for each.
         now: seconds that never go back, by which a viewer is found to have stalled; real time.
 
@@ -173,22 +173,22 @@ class WebVideoServer:
             raise RequestRefused(400, f"a snapshot is a picture: `type` mjpeg or png, not {stream.type}")
         stream = await self._resolved(stream, topics)
         self.check_room(stream)
-        picture = await self._one_picture(stream, topics.reader.work)
-        headers = {**_NO_CACHE, "X-Timestamp": timestamp(picture)}
+        image = await self._one_image(stream, topics.reader.work)
+        headers = {**_NO_CACHE, "X-Timestamp": timestamp(image)}
         counts = self._stream_metrics.of(stream.topic, stream.type)
         counts.sent += 1
-        counts.sent_bytes += len(picture.data)
-        return HttpResponse(picture.data, content_type=picture.media_type, headers=headers)
+        counts.sent_bytes += len(image.data)
+        return HttpResponse(image.data, content_type=image.media_type, headers=headers)
 
-    async def _one_picture(self, stream: StreamRequest, work: Work) -> Encoded:
-        viewer, picture = self._join(stream, work), None
+    async def _one_image(self, stream: StreamRequest, work: Work) -> Encoded:
+        viewer, image = self._join(stream, work), None
         try:
             with anyio.move_on_after(PATIENCE):
-                picture = await viewer.next()
+                image = await viewer.next()
         finally:
             viewer.leave()
-        if picture is not None:
-            return picture
+        if image is not None:
+            return image
         if viewer.failure is not None:
             raise RequestRefused(422, f"{stream.topic}: {viewer.failure}")
         raise RequestRefused(504, f"no picture came on {stream.topic} within {PATIENCE:g} s")

@@ -1,4 +1,4 @@
-"""Which topics hold pictures, which of them a reader may see, and which one a request means."""
+"""Which topics hold images, which of them a reader may see, and which one a request means."""
 
 from __future__ import annotations
 
@@ -54,11 +54,11 @@ class VisibleTopics:
     def resolve(self, request: StreamRequest) -> StreamRequest | None:
         """The request with the topic to listen to; None while there is none. Equal ones then are equal.
 
-        As image_transport names them, a camera's compressed pictures are below its raw ones. They are taken
+        As image_transport names them, a camera's compressed images are below its raw ones. They are taken
         when they are asked for, and when there are no others (web_video_server shows nothing then).
 
         Raises:
-            RequestRefused: 400 for a topic that holds no pictures.
+            RequestRefused: 400 for a topic that holds no images.
         """
         own = self.type_of(request.topic)
         below = "compressedDepth" if request.transport == "compressedDepth" else "compressed"
