@@ -1,4 +1,4 @@
-"""The depth-cloud encoder: two image topics become one, which `ROS3D.DepthCloud` takes as a video."""
+"""Depth-cloud encoder: combines depth and colour images into one topic for `ROS3D.DepthCloud`."""
 
 from __future__ import annotations
 
@@ -32,29 +32,29 @@ MAX_DEPTH_PER_TILE: Final = Number(
 
 
 class DepthCloudEncoder:
-    """Publishes depth and colour as one image, while it has subscribers.
+    """Node that publishes depth and colour as one image, while it has subscribers.
 
-    A depth image goes with the latest colour image if their times are `slop` seconds apart at most. Both lie
-    on the same pixels (registered), and the middle of both is taken. The layout of the image is in
-    :mod:`rwt.nodes.depth_cloud.depth_image`.
+    A depth image is combined with the latest colour image if their stamps differ by at most `slop` seconds.
+    Both must be registered (same pixels); the centre of both is used.
+    :mod:`rwt.nodes.depth_cloud.depth_image` describes the layout of the result.
 
     Node, topic and parameters have the names of ROS 1's `depthcloud_encoder`; `crop_size`,
     `target_resolution` and `max_depth_per_tile` are ROS parameters and can be changed while it works.
 
     Args:
-        graph: where the topics are.
+        graph: graph of the robot.
         depth: topic of `sensor_msgs/Image`, 16UC1 (millimetres) or 32FC1 (metres).
         colour: topic of `sensor_msgs/Image`.
-        topic: of the result, `sensor_msgs/Image` of rgb8.
-        name: of the node.
-        namespace: of the node, which names without a slash at their beginning are relative to.
-        crop_size: edge of the square that is taken out of both, pixels; black where it reaches beyond.
-        target_resolution: edge of a tile, pixels; the image is twice as large.
-        max_depth_per_tile: metres that one of the two depth tiles spans.
-        slop: seconds.
+        topic: topic of the result, `sensor_msgs/Image` of rgb8.
+        name: name of the node.
+        namespace: namespace of the node; relative names are resolved in it.
+        crop_size: edge of the square crop of both images, in pixels; black outside the images.
+        target_resolution: edge of a tile in pixels; the image is twice as large.
+        max_depth_per_tile: range of one depth tile in metres.
+        slop: maximum difference of the stamps in seconds.
 
     Raises:
-        ParameterRejected: a number that the parameter of this name does not take.
+        ParameterRejected: a number is out of range.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class DepthCloudEncoder:
             self._work.offer((depth, colour))
 
     def _encode(self, pair: tuple[Payload, Payload]) -> Mapping[str, object]:
-        """One image. Runs in a worker thread; numpy is loaded with the first subscriber."""
+        """Encode one image. Runs in a worker thread; numpy is loaded with the first subscriber."""
         from rwt.nodes.depth_cloud.depth_image import encode_image
         from rwt.nodes.depth_cloud.depths import read_depths, square
 
@@ -152,7 +152,7 @@ class DepthCloudEncoder:
 
 
 def _colours(message: Any) -> NDArray[Any]:
-    """An image's red, green and blue."""
+    """Return the red, green and blue of an image."""
     import numpy as np
 
     from rwt.media.encoders.pixels import read_raw

@@ -1,4 +1,4 @@
-"""The bodies of HTTP responses: multipart streams of images, videos, and the HTML that shows them."""
+"""Bodies of HTTP responses: multipart streams of images, videos, and HTML pages."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ Join = Callable[[], Viewer]
 
 
 async def multipart(join: Join, counts: Counts) -> AsyncGenerator[bytes, None]:
-    """Images as parts (RFC 2046 section 5.1).
+    """Send images as parts (RFC 2046 section 5.1).
 
-    The boundary after a part goes out with it, not with the next: browsers show a part when they see its end.
+    The boundary after a part is sent with it, not with the next: browsers show a part at its end.
     """
     viewer = join()
     try:
@@ -46,13 +46,13 @@ def _part(image: Encoded) -> bytes:
 
 
 def timestamp(image: Encoded) -> str:
-    """The message's time in seconds, with six decimals, as web_video_server writes it."""
+    """Return the time of the message in seconds, with six decimals as in web_video_server."""
     seconds, rest = divmod(image.stamp_ns // 1000, 1_000_000)
     return f"{seconds}.{rest:06d}"
 
 
 async def video_stream(join: Join, counts: Counts) -> AsyncGenerator[bytes, None]:
-    """A video that begins with the viewer's first image, at its time 0."""
+    """Send a video that begins with the viewer's first image, at time 0."""
     viewer = join()
     try:
         container: Webm | Mp4 | None = None
@@ -104,7 +104,7 @@ video.onprogress = video.ontimeupdate = () => {
 
 
 def viewer_page(topic: str, query: str, *, video: bool) -> bytes:
-    """The page of `/stream_viewer`: it shows `/stream` with the same query."""
+    """Return the page of `/stream_viewer`, which shows `/stream` with the same query."""
     source = escape(f"stream?{query}")
     element = (
         _VIDEO.format(source=source, script=VIDEO_SCRIPT)
@@ -115,12 +115,12 @@ def viewer_page(topic: str, query: str, *, video: bool) -> bytes:
 
 
 def topic_list(topics: Iterable[str], infos: Sequence[str], query: str) -> str:
-    """The image topics with their links, those of one camera together, as HTML.
+    """Return the image topics with links as HTML, grouped by camera.
 
     Args:
         topics: image topics, sorted.
         infos: topics of camera infos.
-        query: of the page that this is shown on: its token goes with the links.
+        query: query of the enclosing page: its token is added to the links.
     """
     bases = [info.removesuffix("camera_info") for info in infos if info.endswith("/camera_info")]
     cameras: dict[str, list[str]] = {}

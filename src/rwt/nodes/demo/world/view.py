@@ -1,4 +1,4 @@
-"""What a camera on the robot sees of the world: colours and depths by casting one ray for each column.
+"""View of a camera on the robot: colours and depths, by casting one ray per column.
 
 Everything solid reaches from the floor to the ceiling, so one ray tells a whole column: how far the wall is,
 where its floor and ceiling lines are, and which strip of its texture is seen. That draws 640x480 in a few
