@@ -21,7 +21,7 @@ from rwt.media.encoders.encoded import Encoded, Encoder
 from rwt.media.encoders.image import ImageEncoder
 from rwt.media.encoders.video import VideoEncoder
 from rwt.media.stream_request import Video, read_request
-from rwt.nodes.depth_cloud.depth_image import DepthImage, decode_picture, encode_picture
+from rwt.nodes.depth_cloud.depth_image import DepthImage, decode_image, encode_image
 from rwt.nodes.depth_cloud.depths import square
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
@@ -119,7 +119,7 @@ class Line:
         spent = time.process_time() - before
         if encoded is None:
             return
-        found = decode_picture(self._shown(encoded), METRES_PER_TILE)
+        found = decode_image(self._shown(encoded), METRES_PER_TILE)
         if number >= _WARM_UP:
             self._way.bytes += len(encoded.data) + (0 if encoded.track else _MULTIPART)
             self._way.seconds += spent
@@ -164,7 +164,7 @@ def play(all_ways: Sequence[Way], pictures: int) -> float:
     for number, shot in enumerate(drive(pictures)):
         cropped = _cropped(shot)
         before = time.process_time()
-        picture = encode_picture(cropped.depths, cropped.colours, METRES_PER_TILE)
+        picture = encode_image(cropped.depths, cropped.colours, METRES_PER_TILE)
         spent += time.process_time() - before
         plain = _payload(registry, picture)
         for way, line in lines:

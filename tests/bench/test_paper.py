@@ -18,7 +18,7 @@ from bench.paper.depth_scene import drive
 from bench.paper.fig3 import ANGULAR, LINEAR, PAPER_SAVED, Viewer, play, viewers
 from bench.paper.report import Report
 from bench.paper.text_messages import samples
-from rwt.nodes.depth_cloud.depth_image import decode_picture, encode_picture
+from rwt.nodes.depth_cloud.depth_image import decode_image, encode_image
 from rwt.nodes.tf.streams import CpuBudget
 from rwt_protocol.codecs import png
 from rwt_protocol.codecs.json import publish_frame, publish_prefix
@@ -107,9 +107,9 @@ def test_table_2_counts_bytes_by_the_second(videos: dict[str, table2.Way]) -> No
 
 def test_the_rainbow_reads_the_same() -> None:
     depths = np.linspace(0.01, 5.9, 512 * 512, dtype=np.float32).reshape(512, 512)
-    picture = encode_picture(depths, np.zeros((512, 512, 3), np.uint8), 3.0)
-    other = decode_picture(table2.rainbow(picture), 3.0)
-    assert np.array_equal(other.depths, decode_picture(picture, 3.0).depths)
+    picture = encode_image(depths, np.zeros((512, 512, 3), np.uint8), 3.0)
+    other = decode_image(table2.rainbow(picture), 3.0)
+    assert np.array_equal(other.depths, decode_image(picture, 3.0).depths)
 
 
 def test_the_drive_is_the_same_every_time_and_has_holes() -> None:

@@ -28,19 +28,19 @@ def gate(data: bytes) -> None:
         type = _REGISTRY.message(name.decode())
     except (ValidationError, UnknownType, msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
         return
+    motion = Motion()
     try:
-        checks = FieldChecks(Rule("fuzzed", rule), type)
+        checks = FieldChecks(Rule("fuzzed", rule), type, motion)
     except NoSuchField as wrong:
         assert "gate.rules.fuzzed.fields" in str(wrong)
         return
-    motion = Motion()
     for now, message in enumerate(messages):
         try:
             payload = Payload.from_json(type, message, lambda: 0)
         except InvalidMessage:
             continue
         try:
-            taken, _ = checks.check(payload, motion, now / 20)
+            taken, _ = checks.check(payload, now / 20)
         except GateRefused as refused:
             motion.refused()
             assert "(gate.rules.fuzzed." in str(refused)

@@ -1,1 +1,1 @@
-"""Who may do what: admission, credentials, roles, quotas, origins, TLS and the audit log."""
+"""Access control: admission, credentials, roles, quotas, origins, gate and audit log."""

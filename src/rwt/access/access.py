@@ -1,18 +1,17 @@
-"""Who may do what with one graph: the one object that a server asks, for all of its gateways."""
+"""Access control of one server, for all of its gateways."""
 
 from __future__ import annotations
 
 import time
 from functools import partial
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from rwt.access.admission import Admission
 from rwt.access.audit import Audit
 from rwt.access.client_graph import ClientGraph
 from rwt.access.disclosure import setting_parameters
 from rwt.access.graph_view import GraphView
-from rwt.access.open_responses import OpenResponses
 from rwt.access.quotas import AddressQuotas, ClientQuotas, Work, WorkTotals
 from rwt.access.roles import Role
 from rwt.access.settings import RoleSettings, SettingsError
@@ -23,7 +22,7 @@ from rwt_transports.http.routes import is_local
 from rwt_transports.limits import network_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from rwt.access.disclosure import Disclosures
     from rwt.access.gate.client_gate import ClientGate
@@ -34,27 +33,29 @@ if TYPE_CHECKING:
     from rwt_graph.api import Graph
     from rwt_transports.endpoint import PeerInfo
 
+_GONE: Final = "the server's settings have changed, and do not allow this any more"
+
 
 class Access:
-    """The rules of one server.
+    """Access control of one server.
 
     Attributes:
-        admission: who comes in, and in which role.
-        audit: the log of what clients do.
-        gate: what their acts have to pass; None where nothing is declared.
-        nobody: a reader that sees nothing of the graph.
-        work: that all clients have caused.
+        admission: admission of connections.
+        audit: log of what clients do.
+        gate: gate of the server; None without rules and audit file.
+        nobody: view of the graph in which everything is hidden.
+        work: totals of the work caused by all clients.
 
     Args:
-        graph: the robot.
-        settings: what the operator has set.
-        disclosures: what services reveal besides those of parameters, by the name of their type; a service
-            about the graph without a declaration is refused to restricted roles.
-        now: seconds since 1970.
+        graph: graph of the robot.
+        settings: settings of access control.
+        disclosures: declarations of what services reveal, by the name of their type, besides those of
+            parameters and loggers. Restricted roles cannot call an undeclared service that reveals the graph.
+        now: returns the seconds since 1970.
 
     Raises:
-        SettingsError: the secret of rosauth cannot be read, the audit's file cannot be written, or a rule of
-            the gate does not fit what is in the graph.
+        SettingsError: the rosauth secret cannot be read, the audit file cannot be written, or a gate rule
+            does not fit the graph.
     """
 
     def __init__(
@@ -74,13 +75,13 @@ class Access:
         self.audit = Audit()
         self.gate = self._gate_of(graph, settings.gate)
         self.admission = Admission(settings, now, graph.clock.monotonic, self.audit)
-        self._lasting = OpenResponses(self.admission)
+        self._open_responses = OpenResponses(self.admission)
         self._reserved: set[str] = set()
 
     def _gate_of(self, graph: Graph, settings: GateSettings) -> Gate | None:
         if not settings.rules and settings.audit.file is None:
             return None
-        # What only some servers need is imported for them alone.
+        # Imported here: servers without a gate do not load it.
         from rwt.access.gate.gate import BadRule, Gate
         from rwt.access.gate.node import GateNode
 
@@ -95,28 +96,30 @@ class Access:
         return gate
 
     def reload(self, settings: AccessSettings) -> None:
-        """Go by other tokens, roles and origins from now on, and end the answers to requests that they do not
-        allow. The clients of gateways are asked by these (:meth:`rwt.access.gateway.Gateway.reload_roles`).
+        """Replace tokens, roles and origins, and end the open responses that they no longer allow.
+
+        Gateways review their own clients (:meth:`rwt.access.gateway.Gateway.reload_roles`).
 
         Raises:
-            SettingsError: they cannot be used; then all stays as it was.
+            SettingsError: the settings are invalid; then nothing changes.
         """
         self.admission.reload(settings)
-        self._lasting.review()
+        self._open_responses.review()
 
     def close(self) -> None:
-        """Leave the graph, and write what the audit's queue holds."""
+        """Leave the graph, and flush the audit file."""
         if self.gate is not None:
             self.gate.close()
 
     def client(self, shared: SharedGraph, role: Role, address: str, name: str = "") -> ClientGraph:
-        """The graph as a client of that role may see it and act on it.
+        """Return the graph as one client may see and use it.
 
         Args:
-            shared: the part in the graph of the gateway that it came through.
-            role: the client's.
-            address: the client's; what earlier clients from there have left behind counts as its own.
-            name: what the gate calls it, such as `rosbridge:3`; empty: the gate finds one.
+            shared: resources that all clients of the gateway share.
+            role: role of the client.
+            address: network address of the client; resources that earlier clients of the address left behind
+                count towards its quotas.
+            name: name of the client at the gate, such as `rosbridge:3`; empty: the gate assigns one.
         """
         of_address = self._quotas_of(address)
         work = self._work(self._limits.work_per_second, of_address.work)
@@ -127,10 +130,10 @@ class Access:
         )
 
     def reserve(self, topic: str) -> None:
-        """Let no client publish on a topic, in whatever role, by which the server itself tells something.
+        """Reserve a topic for the server: no client can publish on it, whatever its role.
 
         Args:
-            topic: absolute name.
+            topic: absolute name of the topic.
         """
         self._reserved.add(topic)
 
@@ -141,8 +144,10 @@ class Access:
         return ClientGate(gate, name, role, address)
 
     def _quotas_of(self, address: str) -> AddressQuotas:
-        """What counts for all clients of an address; this machine's own may cause any amount of work, as they
-        may have any number of connections."""
+        """Return the quotas shared by all clients of an address.
+
+        Clients on this machine have no limit on work, just as they have none on connections.
+        """
         network = network_of(address)
         quotas = self._addresses.get(network)
         if quotas is None:
@@ -156,15 +161,64 @@ class Access:
         return Work(rate, self._limits.work_burst, self.work, self._graph.clock.monotonic, of_address)
 
     def reader(self, info: PeerInfo) -> GraphView:
-        """The graph as whoever sent a request without a connection may see it, by the token in the request.
+        """Return the view of the graph for the sender of an HTTP request, by the token in the request.
 
         Raises:
-            Refused: the token is not known (401), or none came where one is needed (401).
+            Refused: the token is unknown, or a token is required (401).
         """
         role = self.admission.role_of(info)
         if role is None:
             reason = "this page is for clients that authenticate by a token (auth.tokens)"
             raise Refused(401, reason, {"WWW-Authenticate": 'Bearer realm="rosbridge"'})
         return GraphView(
-            self._graph, role, self._quotas_of(info.address).work, partial(self._lasting.add, info)
+            self._graph, role, self._quotas_of(info.address).work, partial(self._open_responses.add, info)
         )
+
+
+class _OpenResponse(NamedTuple):
+    info: PeerInfo
+    topics: tuple[str, ...]
+    end: Callable[[str], None]
+
+
+class OpenResponses:
+    """Responses to requests that stay open, such as streams and peers; they end if new settings forbid them.
+
+    Args:
+        admission: admission of the server.
+    """
+
+    def __init__(self, admission: Admission) -> None:
+        self._admission = admission
+        self._open: dict[object, _OpenResponse] = {}
+
+    def add(self, info: PeerInfo, topics: Iterable[str], end: Callable[[str], None]) -> Callable[[], None]:
+        """Register an open response, as :meth:`rwt_transports.http.routes.Reader.while_allowed` does."""
+        response = _OpenResponse(info, tuple(topics), end)
+        if reason := self._reason(response):
+            raise Refused(403, reason)
+        key = object()
+        self._open[key] = response
+
+        def ended() -> None:
+            self._open.pop(key, None)
+
+        return ended
+
+    def review(self) -> None:
+        """End the responses that the settings no longer allow."""
+        for key, response in tuple(self._open.items()):
+            if (reason := self._reason(response)) and self._open.pop(key, None) is not None:
+                response.end(reason)
+
+    def _reason(self, response: _OpenResponse) -> str:
+        """Return why a response has to end; empty if it may stay open."""
+        try:
+            role = self._admission.role_of(response.info)
+        except Refused as refused:
+            return refused.reason
+        if role is None:
+            return _GONE
+        refused_topics = (topic for topic in response.topics if not role.allows("subscribe", topic))
+        topic = next(refused_topics, None)
+        return "" if topic is None else f"{_GONE}: role {role.name!r} may not subscribe to {topic}"

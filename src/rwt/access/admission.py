@@ -1,4 +1,4 @@
-"""Who comes in, and as what: origin and bearer token; before a connection opens."""
+"""Admission of connections before they open: origin, bearer token and role."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ _HOW = (
 
 
 class Admission:
-    """Decides on every connection of one server before it opens.
+    """Admission of the connections of one server.
 
     Attributes:
         roles: every role, by name.
-        rosauth: the judge of `auth` ops, None where there is no secret.
-        default_role: the role of clients without credentials; None: they must have some.
+        rosauth: verifier of `auth` ops; None without a secret.
+        default_role: role of clients without credentials; None: credentials are required.
 
     Args:
-        settings: everything that is configured.
-        now: seconds since 1970.
-        monotonic: seconds on a clock that never goes back.
-        audit: the log of refusals.
+        settings: settings of access control.
+        now: returns the seconds since 1970.
+        monotonic: returns the seconds of a steady clock.
+        audit: log of refused connections.
 
     Raises:
-        SettingsError: the secret of rosauth cannot be had.
+        SettingsError: the rosauth secret cannot be read.
     """
 
     def __init__(
@@ -60,16 +60,16 @@ class Admission:
         self.reload(settings)
 
     def reload(self, settings: AccessSettings) -> None:
-        """Go by other tokens, roles, origins and another secret from now on; the limits stay.
+        """Replace tokens, roles, origins and the rosauth secret; the limits stay.
 
         Raises:
-            SettingsError: the secret of rosauth cannot be had; then all stays as it was.
+            SettingsError: the rosauth secret cannot be read; then nothing changes.
         """
         auth = settings.auth
         known: Mapping[str, Role] = roles(settings)
         rosauth = rosauth_of(auth, known, bool(settings.roles), self._now)
         if rosauth is not None and self.rosauth is not None:
-            rosauth.remember_those_of(self.rosauth)
+            rosauth.take_used_macs(self.rosauth)
         self.roles = known
         self.rosauth = rosauth
         self._tokens = Tokens(auth.tokens, known)
@@ -79,14 +79,14 @@ class Admission:
         self._origins = Origins(settings.origins.allow)
 
     def role_now(self, info: PeerInfo, by_auth: str | None) -> Role:
-        """The role that a connected client has after :meth:`reload`.
+        """Return the role of a connected client after :meth:`reload`.
 
         Args:
-            info: what the transport knows of it.
-            by_auth: the role that an `auth` op has given it, if one has.
+            info: peer, as the transport knows it.
+            by_auth: role granted by an `auth` op, if any.
 
         Raises:
-            Refused: its token is not known any more, or it has to show what it has not shown.
+            Refused: the token is no longer known, or credentials are required now.
         """
         if by_auth is None:
             role = self._role(info)
@@ -97,39 +97,39 @@ class Admission:
         return role
 
     def admit(self, info: PeerInfo, *, loopback: bool) -> Role | None:
-        """Let a connection in.
+        """Admit a connection.
 
         Args:
-            info: what the transport knows of the other side.
-            loopback: whether its listener is only reached from this machine.
+            info: peer, as the transport knows it.
+            loopback: True if its listener can only be reached from this machine.
 
         Returns:
-            The client's role; None for one that must authenticate by an `auth` op before anything else.
+            The role of the client; None if it must first authenticate by an `auth` op.
 
         Raises:
-            Refused: it may not come in, with status 401 or 403; the text names the setting.
+            Refused: the connection is refused with status 401 or 403; the text names the setting.
         """
         self._check_origin(info, loopback=loopback)
         return self._role(info)
 
     def role_of(self, info: PeerInfo) -> Role | None:
-        """The role that a request without a connection has, by its token; None where it has none.
+        """Return the role of an HTTP request by its token, or the default role; None if there is neither.
 
         Raises:
-            Refused: its token is not known.
+            Refused: the token is unknown.
         """
         return self._by_token(info) or self.default_role
 
     def role_of_token(self, info: PeerInfo) -> Role | None:
-        """The role that a request's token gives; None where it shows none, or where there are no tokens.
+        """Return the role of an HTTP request by its token; None without a token, or if none is configured.
 
         Raises:
-            Refused: its token is not known.
+            Refused: the token is unknown.
         """
         return self._by_token(info)
 
     def allows_page(self, headers: Mapping[str, str], *, loopback: bool) -> bool:
-        """Whether the web page that a request's ``Origin`` names may read what is here."""
+        """Return True if the web page named by the ``Origin`` header may connect."""
         return self._origins.allows(headers.get("origin", ""), headers.get("host", ""), loopback=loopback)
 
     def _check_origin(self, info: PeerInfo, *, loopback: bool) -> None:
@@ -161,7 +161,7 @@ class Admission:
         return role
 
     def log_refusal(self, info: PeerInfo, reason: str) -> None:
-        """Note that a connection was turned away; the rate is that of all connections together."""
+        """Log a refused connection; the rate limit is for all connections together."""
         line = self._log_rate.admit(
             f"turned {info.address or info.transport} away: {reason}", self._monotonic()
         )

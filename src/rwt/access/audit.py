@@ -1,4 +1,4 @@
-"""The log of what clients do: each line names the client and the op it is about, as text and as fields."""
+"""Log of what clients do, and limits on the rate of its lines."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from rwt.access.quotas import RateLimit
 
 logger: Final = logging.getLogger("rwt.bridge")
 
-#: Characters of one line of the log that a client has a say in.
-_LONGEST_LINE: Final = 500
+#: Maximum number of characters of a client's text in a log line.
+_MAX_TEXT: Final = 500
 
 
 class Audit:
-    """The log of one server.
+    """Log of one server.
 
     Attributes:
-        dropped_lines: lines that the log could not take, as when its disk is full.
+        dropped_lines: number of lines that could not be written, for example to a full disk.
     """
 
     def __init__(self) -> None:
@@ -36,9 +36,9 @@ class Audit:
         op_id: object = None,
         error: BaseException | None = None,
     ) -> None:
-        """One line, with the fields `client` and `op_id` for formatters.
+        """Write one line, with the fields `client` and `op_id` for formatters.
 
-        A log that cannot be written costs the line and never the server.
+        If writing fails, the line is dropped and counted.
         """
         if not is_written(level):
             return
@@ -56,27 +56,27 @@ class Audit:
 
 
 def is_written(level: int) -> bool:
-    """Whether lines of this level go anywhere."""
+    """Return True if lines of this level are logged."""
     return logger.isEnabledFor(level)
 
 
 def one_line(text: str) -> str:
-    """A text of the client's own making, cut and without line breaks, so that it cannot forge log lines."""
+    """Return a client's text, truncated and without line breaks, so that it cannot forge log lines."""
     line = text if text.isprintable() else text.encode("unicode_escape").decode()
-    return line if len(line) <= _LONGEST_LINE else f"{line[:_LONGEST_LINE]}…"
+    return line if len(line) <= _MAX_TEXT else f"{line[:_MAX_TEXT]}…"
 
 
 class LineRate:
-    """How many lines of the log a client may cause: a burst, then so many a second.
+    """Rate limit of log lines: a burst, then a number of lines per second.
 
-    Those beyond the rate are counted, and mentioned in the next line.
+    Dropped lines are counted; the next line states their number.
 
     Attributes:
-        left_out: lines left out since the last one that was written.
+        left_out: number of lines dropped since the last one that was written.
 
     Args:
-        per_second: lines in the long run.
-        burst: lines at once.
+        per_second: sustained rate.
+        burst: maximum number of lines at once.
     """
 
     __slots__ = ("_rate", "left_out")
@@ -86,11 +86,11 @@ class LineRate:
         self.left_out = 0
 
     def admit(self, text: str, now: float) -> str | None:
-        """The line to write in place of `text`, or None to leave it out.
+        """Return the line to write in place of `text`; None to drop it.
 
         Args:
-            text: the line.
-            now: seconds on a clock that never goes back.
+            text: text of the line.
+            now: seconds of a steady clock.
         """
         if not self._rate.take(now):
             self.left_out += 1
@@ -100,12 +100,12 @@ class LineRate:
 
 
 class LogRate(logging.Filter):
-    """Bounds how many lines each place in the program writes, whichever client causes them.
+    """Log filter with a rate limit for each place in the code, over all clients.
 
     Args:
-        per_second: lines of one place in the long run.
-        burst: lines of one place at once.
-        monotonic: seconds on a clock that never goes back.
+        per_second: sustained rate of lines from one place.
+        burst: maximum number of lines from one place at once.
+        monotonic: returns the seconds of a steady clock.
     """
 
     def __init__(
@@ -118,7 +118,7 @@ class LogRate(logging.Filter):
         self._places: dict[tuple[str, int], LineRate] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether the line is written; one that follows others that were not says how many they were."""
+        """Return True to write a line; add the number of dropped lines before it."""
         place = record.pathname, record.lineno
         rate = self._places.get(place)
         if rate is None:
@@ -134,16 +134,15 @@ class LogRate(logging.Filter):
 
 @contextmanager
 def bounded_log() -> Iterator[None]:
-    """Bound within the block how many lines each place of this project, of asyncio and of the SDK for agents
-    writes, whichever handlers a program has for them.
+    """Limit within the block the rate of log lines of this project, asyncio and the MCP SDK.
 
-    The loggers are those that there are when the block begins. The lines of a robot's own program, whose
-    loggers have names of their own, are not touched.
+    Applies to the loggers that exist when the block begins, whatever their handlers. Loggers of the robot's
+    own program are not affected.
     """
     rate = LogRate()
     loggers = [
         logger
-        # A copy, since other threads may import modules, which have loggers of their own.
+        # A copy: other threads may import modules, which create loggers.
         for name, logger in logging.root.manager.loggerDict.copy().items()
         if isinstance(logger, logging.Logger) and _OWN.match(name)
     ]

@@ -1,7 +1,7 @@
-"""The graph as one client may see it: what a gateway is given instead of the graph.
+"""Robot graph as one client may see it.
 
-Every verb is checked here: the client's role, its quotas, and names in their canonical form. A gateway that
-only translates cannot forget a rule, and there is no other way from it to the graph.
+Gateways get this instead of the graph. Every call is checked against the client's role and quotas, with names
+in canonical form. A gateway has no other access to the graph, so it cannot bypass a rule.
 """
 
 from __future__ import annotations
@@ -51,20 +51,23 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 C = TypeVar("C")
 
-#: Bytes of a request that count as a call alone: `limits.calls` bounds how many there are.
-_SMALL: Final = 1024
+#: Requests up to this size are not charged to `limits.kept_bytes`: `limits.calls` bounds their number.
+_SMALL_BYTES: Final = 1024
 
-#: The mark of a client that publishes without having advertised (UNA-05).
+#: Mark of a client that publishes without advertising (UNA-05).
 _IMPLICIT: Final = object()
 
 
 class UnknownTopicType(NotFound):
-    """A topic that nobody has advertised, and whose type is not given either."""
+    """The topic has not been advertised, and no type was given."""
 
 
 class _Call:
-    """One call of a client under way; called with its outcome. It is the account of who answers it, too
-    (:class:`rwt_graph.accounts.WorkAccount`), and stays charged for as long as that one needs it."""
+    """Pending service call of a client; call it with the outcome.
+
+    Also the account of the program that answers (:class:`rwt_graph.accounts.WorkAccount`): the charge lasts
+    until the client and that program have released it.
+    """
 
     __slots__ = ("_calls", "_filtered", "_held", "_on_reply", "_quotas", "_size", "pending")
 
@@ -81,11 +84,11 @@ class _Call:
         self._size = size
         self._on_reply = on_reply
         self._filtered = filtered
-        self._held = 1  # by the client, and by programs that are at work for it
+        self._held = 1  # number of holders: the client, and programs that work for it
         self.pending: PendingCall | None = None
 
     def hold(self, size: int) -> Callable[[], None]:
-        """Stay charged until what is returned is called; the size of the request is charged already."""
+        """Hold the charge until the returned function is called; the size is charged already."""
         if not self._held:
             return _nothing
         self._held += 1
@@ -106,19 +109,18 @@ class _Call:
         self._on_reply(outcome)
 
     def cancel(self) -> None:
-        """Forget the call, whose client leaves."""
+        """Cancel the call: its client is leaving."""
         if self.pending is not None:
             self.pending.cancel()
         self._release()
 
 
 def _nothing() -> None:
-    """What is given back by who holds nothing."""
+    """No-op release."""
 
 
 class GoalAccount:
-    """The account of one client's goals that are sent as messages (ALB-01); satisfies
-    :class:`rwt_graph.accounts.WorkAccount`."""
+    """Account for goals sent as messages (ALB-01); implements :class:`rwt_graph.accounts.WorkAccount`."""
 
     __slots__ = ("_quotas",)
 
@@ -126,10 +128,10 @@ class GoalAccount:
         self._quotas = quotas
 
     def hold(self, size: int) -> Callable[[], None]:
-        """Charge a goal of so many bytes until what is returned is called.
+        """Charge a goal of `size` bytes until the returned function is called.
 
         Raises:
-            CallFailed: the client has as many calls and goals under way, or as many bytes kept, as it may.
+            CallFailed: `limits.calls` or `limits.kept_bytes` is reached.
         """
         charges: list[Charge] = []
 
@@ -147,7 +149,7 @@ class GoalAccount:
 
 
 class GoalMessages:
-    """A publisher of a topic whose messages are goals, for one client: goals that run are charged to it."""
+    """Publisher of an action's goal topic for one client; running goals are charged to the client."""
 
     __slots__ = ("_account", "_inner", "counts", "topic", "type")
 
@@ -159,10 +161,10 @@ class GoalMessages:
         self.counts = inner.counts
 
     def publish(self, payload: Payload) -> None:
-        """Hand on a goal.
+        """Publish a goal.
 
         Raises:
-            QuotaExceeded: it would be kept, and as many bytes are kept for the client as may be.
+            QuotaExceeded: the topic is latched, and `limits.kept_bytes` is reached.
         """
         asker = WORK_ACCOUNT.set(self._account)
         try:
@@ -172,7 +174,7 @@ class GoalMessages:
 
 
 class _ParameterAccount:
-    """The account of one client's parameters."""
+    """Account for the parameters that one client has set."""
 
     __slots__ = ("_quota",)
 
@@ -180,10 +182,10 @@ class _ParameterAccount:
         self._quota = quota
 
     def charge(self, amount: int, replaced: object) -> Charge:
-        """Keep so many bytes for the client.
+        """Charge `amount` bytes to the client, in place of the charge `replaced`.
 
         Raises:
-            ParameterRejected: it has set as many as it may.
+            ParameterRejected: `limits.parameter_bytes` is reached.
         """
         try:
             return self._quota.exchange(replaced, amount)
@@ -192,7 +194,7 @@ class _ParameterAccount:
 
 
 class LatchedPublisher:
-    """A shared publisher of a latched topic, for one client: what it keeps is charged to who published it."""
+    """Publisher of a latched topic for one client; each retained message is charged to its sender."""
 
     __slots__ = ("_kept", "_shared", "counts", "topic", "type")
 
@@ -204,30 +206,53 @@ class LatchedPublisher:
         self.counts = shared.counts
 
     def publish(self, payload: Payload) -> None:
-        """Hand on a message.
+        """Publish a message.
 
         Raises:
-            QuotaExceeded: as many bytes are kept for the client as may be.
+            QuotaExceeded: `limits.kept_bytes` is reached.
         """
         replaced = self._shared.kept_next_to_go
         self._shared.publish_kept(payload, self._kept.exchange(replaced, payload.kept_size))
 
 
 ClientPublisher = Union["SharedPublisher", LatchedPublisher, GoalMessages, "GatedPublisher"]
-"""What a client publishes on."""
+"""Publisher of a client."""
 
 
 class ClientGraph(GraphView):
-    """The graph as one client may see it and act on it.
+    """Robot graph as one client may see and use it.
+
+    Gateways get this instead of the graph. Every method checks the client's role, quotas and gate rules, with
+    names in canonical form; every listing is filtered.
+
+    Life cycle::
+
+        active ──leave()──> left ──close_in_steps()──> closed
+           └──close()─────────────────────────────────────^
+
+    * **active**: from the constructor on. :meth:`take_role` replaces the role; what is open stays open until
+      :meth:`withdraw_refused`, and cached publishers must be requested again.
+    * **left**: leases and requests for approval are released. What the client still has is charged to its
+      address.
+    * **closed**: publishers, services, actions and calls are released.
+
+    Attributes by purpose:
+
+    * Policy: ``role``, ``_quotas``, ``_gate``, ``_reserved``, ``_disclosures``, ``_setting_parameters``.
+    * Graph: ``_graph`` (from `GraphView`), ``_shared`` (publishers, fan-outs and counters of the gateway).
+    * What the client holds, each with the charge that counts it: ``_advertised`` (by topic and mark),
+      ``_services``, ``_actions``, ``_subscriptions``.
+    * In progress: ``_calls``. Goals hold their own charges.
+    * Parameters it has set: ``_parameters``.
 
     Args:
-        shared: the gateway's part in the graph.
-        role: the client's.
-        quotas: how much the client may hold.
-        disclosures: what services reveal, by the name of their type.
-        setting_parameters: types of services whose calls set parameters.
-        gate: what the client's acts have to pass; None: nothing.
-        reserved: topics on which no client publishes, see :meth:`rwt.access.access.Access.reserve`.
+        shared: resources that all clients of the gateway share.
+        role: role of the client.
+        quotas: quotas of the client.
+        disclosures: declarations of what services reveal, by service type.
+        setting_parameters: service types whose calls set parameters.
+        gate: gate of the client; None if the server has no gate.
+        reserved: topics that clients cannot publish on, see :meth:`rwt.access.access.Access.reserve`.
     """
 
     def __init__(
@@ -255,7 +280,7 @@ class ClientGraph(GraphView):
         self._subscriptions: list[Charge] = []
 
     def take_role(self, role: Role) -> None:
-        """Act as another role from now on. What is open stays open; publishers have to be asked for again."""
+        """Switch to another role. What is open stays open; callers must request publishers again."""
         self.role = role
         self._named_at = -1
         if self._gate is not None:
@@ -263,18 +288,20 @@ class ClientGraph(GraphView):
 
     @property
     def gate_name(self) -> str:
-        """What the gate calls this client, in leases and requests for a yes; empty where there is no gate."""
+        """Name of this client in leases and requests for approval; empty without a gate."""
         return "" if self._gate is None else self._gate.name
 
     def lease_seconds(self, topic: str) -> float | None:
-        """Silence after which this client loses the gate's lease of a topic; None where there is none, and
-        where its role may not publish there."""
+        """Return the seconds of silence after which this client loses the lease of a topic.
+
+        None if the topic has no lease, or if the role may not publish on it.
+        """
         if self._gate is None or not self.role.allows("publish", canonical(topic)):
             return None
         return self._gate.lease_seconds(topic)
 
     def require(self, act: Act, name: str) -> str:
-        """As :meth:`GraphView.require`; refusals are noted by the gate."""
+        """Like :meth:`GraphView.require`, and record rejections in the gate's audit."""
         try:
             return super().require(act, name)
         except NotAllowed as refused:
@@ -283,11 +310,11 @@ class ClientGraph(GraphView):
             raise
 
     def sees_service(self, name: str) -> bool:
-        """As :meth:`GraphView.sees_service`; those of the gate are open to every role, and so shown."""
+        """Like :meth:`GraphView.sees_service`; the gate's own services are visible to every role."""
         return super().sees_service(name) or (self._gate is not None and self._gate.is_own(name))
 
     def withdraw_refused(self) -> None:
-        """End what the client publishes and offers and its role does not allow."""
+        """Withdraw the client's topics, services and actions that its role no longer allows."""
         for topic, marks in tuple(self._advertised.items()):
             if not self.role.allows("publish", topic):
                 self._release(topic, tuple(marks))
@@ -300,12 +327,12 @@ class ClientGraph(GraphView):
 
     @property
     def counters(self) -> Counters:
-        """What the client's gateway counts."""
+        """Counters of the client's gateway."""
         return self._shared.counters
 
     @property
     def calls_in_flight(self) -> int:
-        """Service calls that wait for their answer."""
+        """Number of pending service calls."""
         return len(self._calls)
 
     @property
@@ -314,10 +341,10 @@ class ClientGraph(GraphView):
         return self._quotas.kept.held
 
     def keep(self, size: int) -> Charge:
-        """Charge the client for bytes that its gateway keeps for it, until the charge ends.
+        """Charge `size` bytes that the gateway keeps for the client, until the charge ends.
 
         Raises:
-            QuotaExceeded: as many bytes are kept for the client as may be.
+            QuotaExceeded: `limits.kept_bytes` is reached.
         """
         return self._quotas.kept.take(size)
 
@@ -326,20 +353,20 @@ class ClientGraph(GraphView):
     def advertise(
         self, topic: str, type: str, mark: Hashable, qos: QoS | None = None, lacks: Lacks | None = None
     ) -> str:
-        """Become a publisher of a topic, under a mark of the client's own; returns the topic's absolute name.
+        """Advertise a topic and return its absolute name.
 
         Args:
-            topic: its name.
-            type: its type's name.
-            mark: one advertisement is one mark; the same again changes it.
-            qos: policies of a new publisher; None for the graph's own.
+            topic: name of the topic.
+            type: name of its message type.
+            mark: identifies the advertisement; the same mark replaces it.
+            qos: policies for a new publisher; None for the graph's default.
             lacks: see :meth:`rwt.delivery.shared_publishers.SharedPublishers.acquire`.
 
         Raises:
             NotAllowed: the role may not publish on the topic.
-            GateRefused: it would be latched, and a rule of the gate stops what moves by the topic.
-            QuotaExceeded: the client advertises as much as it may.
-            UnknownType: no such message is known.
+            GateRefused: the QoS is latched, and a gate rule defines a stop message for the topic.
+            QuotaExceeded: `limits.advertisements` is reached.
+            UnknownType: the message type is unknown.
             TypeConflict, IncompatiblePolicies: the topic has another type, or other policies.
         """
         name = self._require_publish(topic, qos)
@@ -355,9 +382,9 @@ class ClientGraph(GraphView):
         return name
 
     def unadvertise(self, topic: str, mark: Hashable = None) -> bool:
-        """Take one advertisement back, or all of this client's for the topic; whether it advertises it.
+        """Withdraw one advertisement, or all of this client for the topic. Returns False if it had none.
 
-        A topic that it only publishes on stays its own until it leaves (UNA-05).
+        A topic that was published without advertising is kept until the client leaves (UNA-05).
         """
         name = resolve(topic)
         advertised = [each for each in self._advertised.get(name, ()) if each is not _IMPLICIT]
@@ -367,12 +394,12 @@ class ClientGraph(GraphView):
     def _release(self, name: str, dropped: Sequence[Hashable]) -> None:
         marks = self._advertised.get(name, {})
         for each in dropped:
-            # A publisher outlives its last user, and counts as long.
+            # The shared publisher lingers after its last user, and stays charged.
             self._shared.publishers.release(name, (self, each), marks.pop(each))
         if dropped and not marks:
             del self._advertised[name]
             if self._gate is not None:
-                self._gate.left_topic(name)
+                self._gate.leave_topic(name)
 
     def publisher(
         self,
@@ -382,23 +409,22 @@ class ClientGraph(GraphView):
         qos: QoS | None = None,
         lacks: Lacks | None = None,
     ) -> ClientPublisher:
-        """What publishes on a topic, for a client that may not have advertised it (UNA-05).
+        """Return a publisher for a topic, which need not be advertised (UNA-05).
 
-        The right to publish is decided here and not for each message: whoever keeps the publisher drops it
-        after :meth:`take_role` and :meth:`unadvertise`.
+        Permission is checked here, not for each message. Callers must drop the publisher after
+        :meth:`take_role` and :meth:`unadvertise`.
 
         Args:
-            topic: its name.
-            type: its type's name; None takes the one that the graph knows.
-            mark: under which the client can take back what it advertises thereby (UNA-06); None: not before
-                it leaves.
-            qos, lacks: as of :meth:`advertise`.
+            topic: name of the topic.
+            type: name of its message type; None for the type that the graph knows.
+            mark: mark for :meth:`unadvertise` (UNA-06); None: the topic is kept until the client leaves.
+            qos, lacks: as for :meth:`advertise`.
 
         Raises:
             NotAllowed: the role may not publish on the topic.
             UnknownTopicType: the topic has no type yet, and none is given.
-            GateRefused: as :meth:`advertise`, or rules of the gate know the topic with another type.
-            QuotaExceeded, UnknownType, TypeConflict: as :meth:`advertise`.
+            GateRefused: as for :meth:`advertise`, or the gate knows the topic with another type.
+            QuotaExceeded, UnknownType, TypeConflict: as for :meth:`advertise`.
         """
         name = self._require_publish(topic, qos)
         marks = self._advertised.get(name)
@@ -414,7 +440,7 @@ class ClientGraph(GraphView):
     ) -> SharedPublisher:
         publishers, quota = self._shared.publishers, self._quotas.advertisements
         known = self._advertised.get(name, {}).get(mark)
-        # A publisher of this client that lingers is taken up again, at the same cost.
+        # A lingering publisher of this client is reused with its charge.
         charge = known or quota.exchange(publishers.lingering(name), 1)
         try:
             publisher = publishers.acquire(name, type, qos, (self, mark), lacks)
@@ -426,19 +452,19 @@ class ClientGraph(GraphView):
         return publisher
 
     def subscribe(self, topic: str, type: str | None, *, is_new: bool = True) -> Fanout:
-        """The fan-out of a topic, on which samples are taken by joining it.
+        """Return the fan-out of a topic; join it to receive samples.
 
         Args:
-            topic: its name.
-            type: its type's name; None takes the one that the graph knows.
-            is_new: whether this is one more subscription, and no change of one; it is counted until
-                :meth:`unsubscribe`.
+            topic: name of the topic.
+            type: name of its message type; None for the type that the graph knows.
+            is_new: True for a new subscription, which counts until :meth:`unsubscribe`; False to change an
+                existing one.
 
         Raises:
             NotAllowed: the role may not subscribe to the topic.
-            QuotaExceeded: the client has as many subscriptions as it may.
+            QuotaExceeded: `limits.subscriptions` is reached.
             UnknownTopicType: the topic has no type yet, and none is given.
-            UnknownType: no such message is known.
+            UnknownType: the message type is unknown.
             TypeConflict: the topic has another type.
         """
         name = self.require("subscribe", topic)
@@ -452,19 +478,19 @@ class ClientGraph(GraphView):
             raise
 
     def unsubscribe(self, fanout: Fanout, count: int = 1) -> None:
-        """End some subscriptions on a fan-out, which ends with its last listener."""
+        """End `count` subscriptions on a fan-out; it closes with its last subscriber."""
         for _ in range(count):
             self._subscriptions.pop().end()
         self._shared.release(fanout)
 
     def late_sends(self, topic: str) -> Iterator[None]:
-        """What is still to be done of the samples of a topic, to be sent to its readers, in steps."""
+        """Encode and send the deferred samples of a topic, in steps."""
         fanout = self._shared.fanouts.get(topic)
         if fanout is not None:
             yield from fanout.late.steps()
 
     def startup_samples(self, fanout: Fanout) -> tuple[Sample, ...]:
-        """The samples of the first second of the publisher of a topic that is subscribed (ADV-08)."""
+        """Return the samples from the publisher's first second (ADV-08)."""
         return self._shared.publishers.startup_samples(fanout.topic)
 
     def _type_of(self, name: str, type: str | None) -> MessageType:
@@ -484,19 +510,19 @@ class ClientGraph(GraphView):
         on_reply: OnReply,
         timeout: float | None = None,
     ) -> None:
-        """Call a service; what the answer lists is filtered by the client's role.
+        """Call a service; listings in the response are filtered by the client's role.
 
         Args:
-            service: its name.
-            request: makes the request, of the service's type.
-            on_reply: called once with the outcome, unless the client leaves before.
-            timeout: seconds; None waits without end.
+            service: name of the service.
+            request: creates the request of the service's type.
+            on_reply: called once with the outcome, unless the client leaves first.
+            timeout: seconds; None: no timeout.
 
         Raises:
-            NotAllowed: the role may not call the service, or not what the request asks of it.
-            GateRefused: a rule of the gate does not let the call through.
-            ProviderNotFound: nobody offers the service.
-            QuotaExceeded: as many calls and goals of the client are under way as may be.
+            NotAllowed: the role may not call the service, or not with this request.
+            GateRefused: a gate rule rejects the call.
+            ProviderNotFound: the service does not exist.
+            QuotaExceeded: `limits.calls` or `limits.kept_bytes` is reached.
         """
         gate = self._gate
         is_gates = gate is not None and gate.is_own(resolve(service))
@@ -517,7 +543,7 @@ class ClientGraph(GraphView):
                     written = written_parameters(self._disclosures, name, info.type, payload)
                 payload, needed = gate.check_call(name, info.type, payload, written)
             size = payload.kept_size
-            if size > _SMALL:
+            if size > _SMALL_BYTES:
                 quotas.kept.add(size)
             else:
                 size = 0
@@ -539,7 +565,7 @@ class ClientGraph(GraphView):
         asker = WORK_ACCOUNT.set(call)
         try:
             if info.type.name in self._setting_parameters:
-                # Whatever answers it, at once or in a task, sets them on the client's account.
+                # The handler, called now or in a task, sets parameters on the client's account.
                 context = copy_context()
                 context.run(ACCOUNT.set, self._parameters)
                 return context.run(send, info.name, payload, call, timeout)
@@ -557,7 +583,7 @@ class ClientGraph(GraphView):
         needed: Needed,
         written: list[str],
     ) -> None:
-        """Make a call that the gate lets through, or let it wait for a person's yes."""
+        """Send a call that the gate allows, or hold it for human approval."""
 
         def send(kept: Payload) -> PendingCall:
             now = self._graph.service(info.name)
@@ -576,19 +602,19 @@ class ClientGraph(GraphView):
     def advertise_service(
         self, service: str, type: str, on_call: Callable[[ServiceType, ServiceCall], None]
     ) -> str:
-        """Offer a service, in place of any other of that name; returns its absolute name.
+        """Offer a service, replacing any other of the same name. Returns its absolute name.
 
         Raises:
-            NotAllowed: the role may not provide the service, or not in the place of the robot's own.
-            QuotaExceeded: the client offers as much as it may.
-            UnknownType: no such service is known.
+            NotAllowed: the role may not provide the service, or may not replace the robot's own.
+            QuotaExceeded: `limits.advertisements` is reached.
+            UnknownType: the service type is unknown.
         """
         interface = self.registry.service(type)
         advertise = self._shared.participant.advertise_service
         return self._offer(self._services, service, interface, self._graph.service, advertise, on_call)
 
     def withdraw_service(self, service: str) -> bool:
-        """Withdraw a service of this client; whether there was one. Its calls in flight fail."""
+        """Withdraw a service of this client; its pending calls fail. Returns False if there was none."""
         return self._withdraw(self._services, resolve(service))
 
     # Actions
@@ -597,15 +623,15 @@ class ClientGraph(GraphView):
         """Send a goal.
 
         Args:
-            action: the name of the action.
-            goal: makes the goal, of the action's type.
-            events: what the client hears.
+            action: name of the action.
+            goal: creates the goal of the action's type.
+            events: callbacks of the goal's sender.
 
         Raises:
             NotAllowed: the role may not send goals to the action.
-            GateRefused: a rule of the gate does not let the goal through.
-            ProviderNotFound: nobody offers the action.
-            QuotaExceeded: as many calls and goals of the client are under way as may be.
+            GateRefused: a gate rule rejects the goal.
+            ProviderNotFound: the action does not exist.
+            QuotaExceeded: `limits.calls` or `limits.kept_bytes` is reached.
         """
         name = self.require("goals", action)
         info = self._graph.action(name)
@@ -633,15 +659,15 @@ class ClientGraph(GraphView):
             return self._shared.participant.send_goal(name, payload, replace(events, on_result=on_result))
 
         def send(goal_id: str, payload: Payload) -> ClientGoal:
-            self.role.require("goals", name)  # It may have waited, and the role be another.
-
-            heard = replace(events, on_result=on_result)
-            return self._shared.participant.send_goal(name, payload, heard, goal_id)
+            # Check again: the role may have changed while the goal waited.
+            self.role.require("goals", name)
+            charged = replace(events, on_result=on_result)
+            return self._shared.participant.send_goal(name, payload, charged, goal_id)
 
         return gate.send_goal(name, needed, payload, send, partial(on_result, GoalStatus.UNKNOWN))
 
     def cancel_goal(self, action: str, goal_id: str) -> None:
-        """Ask to cancel a goal that anybody sent, by its id.
+        """Request cancellation of a goal by its id, whoever sent it.
 
         Raises:
             NotAllowed: the role may not send goals to the action.
@@ -651,19 +677,19 @@ class ClientGraph(GraphView):
     def advertise_action(
         self, action: str, type: str, on_goal: Callable[[ActionType, ServerGoal], None]
     ) -> str:
-        """Offer an action, in place of any other of that name; returns its absolute name.
+        """Offer an action, replacing any other of the same name. Returns its absolute name.
 
         Raises:
-            NotAllowed: the role may not provide the action, or not in the place of the robot's own.
-            QuotaExceeded: the client offers as much as it may.
-            UnknownType: no such action is known.
+            NotAllowed: the role may not provide the action, or may not replace the robot's own.
+            QuotaExceeded: `limits.advertisements` is reached.
+            UnknownType: the action type is unknown.
         """
         interface = self.registry.action(type)
         advertise = self._shared.participant.advertise_action
         return self._offer(self._actions, action, interface, self._graph.action, advertise, on_goal)
 
     def withdraw_action(self, action: str) -> bool:
-        """Withdraw an action of this client; whether there was one. Its running goals are aborted."""
+        """Withdraw an action of this client; its goals are aborted. Returns False if there was none."""
         return self._withdraw(self._actions, resolve(action))
 
     def _offer(
@@ -675,13 +701,13 @@ class ClientGraph(GraphView):
         advertise: Callable[[str, T, Callable[[C], None]], Registration],
         on_ask: Callable[[T, C], None],
     ) -> str:
-        """Offer a service or an action; the client's own of the same name gives way to it."""
+        """Offer a service or action, replacing the client's own of the same name."""
         absolute = self.require("provide", name)
         if self._gate is not None:
             self._gate.reserve_offer(absolute)
         present = find(absolute)
         gateway = self._shared.participant.name
-        # All clients act as the gateway's node, whose own services are below its name.
+        # All clients act as the gateway's node; the gateway's own services have its name as prefix.
         if present is not None and (present.node != gateway or absolute.startswith(f"{gateway}/")):
             self.role.require("displace", absolute)
         previous = offers.get(absolute)
@@ -705,24 +731,25 @@ class ClientGraph(GraphView):
         registration.close()
         return True
 
-    # Leaving
+    # Closing
 
     def leave(self) -> None:
-        """Give back what it alone may use, and charge to its address what else it has, until that is given
-        back."""
+        """Release the client's leases and requests, and charge what it still holds to its address."""
         if self._gate is not None:
             self._gate.close()
         self._quotas.leave()
 
     def close(self) -> None:
-        """Leave, and give back everything at once."""
+        """Leave, and release everything."""
         self.leave()
         for _ in self.close_in_steps():
             pass
 
     def close_in_steps(self) -> Iterator[None]:
-        """Give back publishers, services and actions, and forget the calls under way (DIS-02 … DIS-05): one
-        in each step, after :meth:`leave`."""
+        """Release services, actions, publishers and pending calls, one per step (DIS-02 … DIS-05).
+
+        Call after :meth:`leave`.
+        """
         for service in tuple(self._services):
             self.withdraw_service(service)
             yield

@@ -1,4 +1,4 @@
-"""Who a client is: `auth` as rosauth computes it, and bearer tokens. Both give a role."""
+"""Credentials of clients: `auth` ops of rosauth, and bearer tokens. Both give a role."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from rwt_protocol import ops
     from rwt_transports.endpoint import PeerInfo
 
+#: Number of characters of the rosauth secret (AUT-05).
 SECRET_LENGTH: Final = 16
-"""Characters in rosauth's secret (AUT-05)."""
 
-#: Accepted macs that are remembered until they expire. Only who holds the secret can fill this.
-_MOST_REMEMBERED: Final = 10_000
+#: Maximum number of accepted MACs kept until they expire. Only holders of the secret can reach it.
+_MAX_MACS: Final = 10_000
 
-#: Seconds since 1970 beyond which a time is as wrong as can be; Python's floats are exact up to here.
-_LATEST: Final = 2**53
+#: Largest time, in seconds since 1970, that is told apart: floats are exact up to here.
+_MAX_SECONDS: Final = 2**53
 
 _BEARER: Final = re.compile(r"bearer +(\S+)", re.IGNORECASE)
 
@@ -36,10 +36,10 @@ _QUERY_NAMES: Final = ("token", "access_token")
 
 
 def read_secret(path: Path) -> str:
-    """The secret that this server shares with rosauth's clients: the file's first line.
+    """Return the secret shared with rosauth clients: the first line of a file.
 
     Raises:
-        SettingsError: the file cannot be read, or its first line has not exactly 16 characters (AUT-05).
+        SettingsError: the file cannot be read, or its first line does not have 16 characters (AUT-05).
     """
     where = f"auth.rosauth_secret_file: {path}"
     try:
@@ -57,19 +57,19 @@ def read_secret(path: Path) -> str:
 
 
 def mac_of(secret: str, op: ops.Auth) -> str:
-    """The mac that belongs to an `auth` op: SHA-512 over all of it, 128 lower-case hex digits (AUT-05)."""
+    """Return the MAC of an `auth` op: SHA-512 over all fields, 128 lower-case hex digits (AUT-05)."""
     text = f"{secret}{op.client}{op.dest}{op.rand}{op.t}{op.level}{op.end}"
     return hashlib.sha512(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
 class Rosauth:
-    """Judges `auth` ops by a shared secret.
+    """Verifier of `auth` ops by a shared secret.
 
     Args:
-        secret: 16 characters.
-        allowed_delta: seconds by which ``t`` may differ from now.
-        now: seconds since 1970.
-        role_for: the role of a level; None refuses it.
+        secret: secret of 16 characters.
+        allowed_delta: maximum difference between ``t`` and now, in seconds.
+        now: returns the seconds since 1970.
+        role_for: returns the role of a level; None to reject it.
     """
 
     def __init__(
@@ -87,19 +87,20 @@ class Rosauth:
         self._expiry: list[tuple[float, str]] = []
 
     def authenticate(self, op: ops.Auth) -> Role:
-        """The role of whoever sent `op`.
+        """Return the role of the sender of `op`.
 
-        Nothing else is looked at before the mac is right, so that only holders of the secret learn more.
+        The MAC is checked first, so that only holders of the secret learn of other errors.
 
         Raises:
-            NotAuthenticated: the mac is wrong or was used before, or the time is not now (AUT-06, AUT-07).
+            NotAuthenticated: the MAC is wrong or was used before, or the time is out of range (AUT-06,
+                AUT-07).
         """
         expected = mac_of(self._secret, op)
         if not hmac.compare_digest(expected.encode(), op.mac.encode("utf-8", "surrogatepass")):
             raise NotAuthenticated("auth: the mac is wrong")
         now = self._now()
-        # Whole seconds count, so 4.9 s pass a limit of 5 and 5.0 do not (AUT-06).
-        difference = abs(now - max(-_LATEST, min(op.t, _LATEST)))
+        # Whole seconds count: 4.9 s pass a limit of 5, 5.0 s do not (AUT-06).
+        difference = abs(now - max(-_MAX_SECONDS, min(op.t, _MAX_SECONDS)))
         if int(difference) >= self._allowed_delta:
             raise NotAuthenticated(
                 f"auth: t is {difference:.0f} s off this server's clock (auth.allowed_time_delta)"
@@ -112,24 +113,24 @@ class Rosauth:
         self._use(expected, min(op.end, op.t + self._allowed_delta + 1), now)
         return role
 
-    def remember_those_of(self, other: Rosauth) -> None:
-        """Take over from `other` the macs that must not be used again."""
+    def take_used_macs(self, other: Rosauth) -> None:
+        """Take over the MACs of another verifier that must not be used again."""
         self._seen, self._expiry = other._seen, other._expiry
 
     def _use(self, mac: str, until: float, now: float) -> None:
-        """Let a mac be good once; it is remembered for as long as it would be good."""
+        """Use up a MAC; it is kept until it expires."""
         while self._expiry and self._expiry[0][0] < now:
             self._seen.discard(heapq.heappop(self._expiry)[1])
         if mac in self._seen:
             raise NotAuthenticated("auth: this was used before; compute a new mac for each connection")
-        if len(self._seen) >= _MOST_REMEMBERED:
+        if len(self._seen) >= _MAX_MACS:
             raise NotAuthenticated("auth: too many clients at a time; try again in some seconds")
         self._seen.add(mac)
         heapq.heappush(self._expiry, (until, mac))
 
 
 class Tokens:
-    """The bearer tokens that are known, and the roles that they give."""
+    """Known bearer tokens, and the roles that they give."""
 
     def __init__(self, tokens: Mapping[str, TokenSettings], roles: Mapping[str, Role]) -> None:
         self._known = [(_hash_of(token), roles[token.role]) for token in tokens.values()]
@@ -138,7 +139,7 @@ class Tokens:
         return bool(self._known)
 
     def role_of(self, token: str) -> Role | None:
-        """The role that a token gives; None if it is not known. Takes the same time whichever it is."""
+        """Return the role of a token, in constant time; None if it is unknown."""
         presented = hashlib.sha256(token.encode("utf-8", "surrogatepass")).digest()
         found: Role | None = None
         for known, role in self._known:
@@ -148,14 +149,14 @@ class Tokens:
 
 
 def presented_token(info: PeerInfo) -> str | None:
-    """The bearer token that came with a connection, None if there is none.
+    """Return the bearer token of a connection; None if it has none.
 
-    It may come in the header ``Authorization: Bearer …`` (RFC 6750 section 2.1), in the query as ``token`` or
-    ``access_token`` (section 2.3), or, for browsers, which can set neither a header nor hide a query, as the
-    WebSocket subprotocol ``bearer.…`` beside ``rwt``, which is the one that the server then selects.
+    A token comes in the header ``Authorization: Bearer …`` (RFC 6750 section 2.1) or in the query as
+    ``token`` or ``access_token`` (section 2.3). Browsers cannot set the header of a WebSocket: they may offer
+    the subprotocol ``bearer.…`` together with ``rwt``, which the server selects.
 
     Raises:
-        NotAuthenticated: there are several, and they differ.
+        NotAuthenticated: there are several different tokens.
     """
     found = {token for token in (*_in_header(info), *_in_query(info), *_in_subprotocols(info)) if token}
     if len(found) > 1:
@@ -169,7 +170,7 @@ def _in_header(info: PeerInfo) -> list[str]:
 
 
 def _in_query(info: PeerInfo) -> list[str]:
-    # Cut by hand: urlsplit drops line breaks and tabs, and a token with them in it is another token.
+    # Not urlsplit(): it removes line breaks and tabs, which would make another token.
     query = info.path.partition("#")[0].partition("?")[2]
     try:
         return [value for name, value in parse_qsl(query, max_num_fields=100) if name in _QUERY_NAMES]
@@ -192,16 +193,16 @@ def _hash_of(token: TokenSettings) -> bytes:
 def rosauth_of(
     settings: AuthSettings, roles: Mapping[str, Role], configured: bool, now: Callable[[], float]
 ) -> Rosauth | None:
-    """The judge of `auth` ops, None where no secret is configured.
+    """Return the verifier of `auth` ops; None if no secret is configured.
 
     Args:
-        settings: who may come in.
-        roles: every role.
-        configured: whether the operator has made roles: then a level that names none is refused by default.
-        now: seconds since 1970.
+        settings: settings of authentication.
+        roles: every role, by name.
+        configured: True if the settings define roles: then a level that names none is rejected by default.
+        now: returns the seconds since 1970.
 
     Raises:
-        SettingsError: the secret cannot be had.
+        SettingsError: the secret cannot be read.
     """
     if settings.rosauth_secret_file is None:
         return None

@@ -1,8 +1,8 @@
-"""What a restricted client gets of the answers of services that reveal the graph (API-13).
+"""Filtering of services that reveal the graph, for clients of restricted roles (API-13).
 
-A service is a node's like any other and knows no clients, so its answer is filtered on its way to the client,
-by what the service declares (:mod:`rwt_graph.disclosure`). Declarations belong to types of services, so they
-hold under every name and for services in other processes.
+A service does not know which client calls it. Its response is filtered on the way to the client, as declared
+in :mod:`rwt_graph.disclosure`. Declarations belong to service types, so they apply to every name, and to
+services in other processes.
 """
 
 from __future__ import annotations
@@ -28,41 +28,41 @@ if TYPE_CHECKING:
     from rwt_interfaces.structs import ServiceType
 
 Disclosures = Mapping[str, Disclosure]
-"""What services reveal, by the name of their type."""
+"""Declarations of what services reveal, by the name of their type."""
 
 OutcomeFilter = Callable[["Payload | CallFailed"], "Payload | CallFailed"]
-"""From the outcome of a call to the one that the client gets."""
+"""Filter of the outcome of a call."""
 
-#: Packages whose services are about the graph itself: without a declaration nothing of them is passed on.
+#: Packages whose services reveal the graph: without a declaration their services are not called.
 _ABOUT_THE_GRAPH: Final = ("rosapi/", "rosapi_msgs/", "rcl_interfaces/")
 
-#: The services that list the whole graph: of their last answer a role keeps what it sees.
+#: Services that list the whole graph: a role caches its filtered copy of the last response.
 _LISTINGS: Final = frozenset(
     f"/rosapi/{name}" for name in ("topics", "topics_and_raw_types", "services", "nodes", "action_servers")
 )
 
-#: A name that nothing in a graph can have, since ROS does not allow it.
+#: Name that does not exist in any graph, since ROS does not allow it.
 _NO_NAME: Final = "/!"
 
 
 def restrict(
     view: GraphView, disclosures: Disclosures, service: str, type: ServiceType, request: Payload
 ) -> tuple[Payload, OutcomeFilter | None]:
-    """The request of a client as it is put to a service, and how the outcome is filtered; None: not at all.
+    """Return a client's request as it may be sent, and the filter of its outcome; None for no filter.
 
-    A question about what is hidden is put about a name that does not exist, so that the service itself gives
-    the answer that such names get.
+    A hidden name in a request is replaced by one that does not exist: the service itself then answers as for
+    unknown names.
 
     Args:
-        view: what the client sees.
-        disclosures: of all services.
-        service: the absolute name.
-        type: its type.
-        request: of the client.
+        view: view of the client.
+        disclosures: declarations of all services.
+        service: absolute name of the service.
+        type: type of the service.
+        request: request of the client.
 
     Raises:
-        NotAllowed: the request reads or writes a parameter that the role may not, or the service is about the
-            graph and does not declare what it reveals.
+        NotAllowed: the role may not read or write a parameter in the request, or the service reveals the
+            graph without a declaration.
     """
     disclosure = disclosures.get(type.name)
     if disclosure is None:
@@ -101,7 +101,7 @@ def restrict(
 
 
 def setting_parameters(disclosures: Disclosures) -> frozenset[str]:
-    """The types of the services whose calls set parameters."""
+    """Return the types of services whose calls set parameters."""
     return frozenset(
         type for type, parts in disclosures.items() if any(isinstance(part, Writes) for part in parts)
     )
@@ -110,7 +110,7 @@ def setting_parameters(disclosures: Disclosures) -> frozenset[str]:
 def written_parameters(
     disclosures: Disclosures, service: str, type: ServiceType, request: Payload
 ) -> list[str]:
-    """The full names of the parameters that a call sets, by what the service's type declares."""
+    """Return the full names of the parameters that a call sets, as declared for the service type."""
     return [
         name
         for part in disclosures.get(type.name, ())
@@ -135,9 +135,9 @@ def _sees(view: GraphView, kind: Kind, name: str) -> bool:
 
 
 def _without(view: GraphView, lists: Iterable[Lists], service: str, response: Payload) -> Payload:
-    """The response without the names that the view hides.
+    """Return a response without hidden names.
 
-    rosapi gives one listing to all until the graph changes; then what a role sees of it is kept, too.
+    rosapi responds with the same object until the graph changes, so its filtered copy is cached, too.
     """
     kept = view.role.answers.get(service)
     if kept is not None and kept[0] is response:
@@ -159,7 +159,7 @@ def _made_without(view: GraphView, lists: Iterable[Lists], service: str, respons
 def _providers(
     view: GraphView, part: ListsProviders, request: Payload, outcome: Payload | CallFailed
 ) -> Payload | CallFailed:
-    """The nodes that offer what the view shows of a service or of a type."""
+    """Return the nodes that provide the visible services of a name or type."""
     if isinstance(outcome, CallFailed):
         return outcome
     asked = getattr(request.value(), part.field)
@@ -167,7 +167,7 @@ def _providers(
     try:
         type = two_part(asked)
     except InterfaceError:
-        type = ""  # It names no type.
+        type = ""  # Not the name of a type.
     shown = {each.node for each in view.services() if each.name == name or each.type.name == type}
     listed = [node for node in getattr(outcome.value(), part.lists) if node in shown]
     return Payload.from_value(outcome.type, msgspec.structs.replace(outcome.value(), **{part.lists: listed}))
@@ -190,7 +190,7 @@ def _without_hidden(
 
 
 def _parameters(service: str, asked: str | Iterable[object]) -> Iterable[str]:
-    """The full names of the parameters in a request: of rosapi one name, of a node's own service a list."""
+    """Return the full names of the parameters in a request: one for rosapi, several for a node's service."""
     if isinstance(asked, str):
         return (canonical(asked),)
     node = namespace_of(service)

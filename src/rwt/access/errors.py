@@ -1,14 +1,14 @@
-"""Everything that `rwt.access` raises about a client; gateways tell the client its text.
+"""Errors of `rwt.access` about a client; gateways send their text to the client.
 
 * :exc:`AccessError`
 
-  * :exc:`NotAuthenticated`: the credentials are not good.
+  * :exc:`NotAuthenticated`: the credentials are invalid.
   * :exc:`NotAllowed`: the client's role does not allow this.
-  * :exc:`QuotaExceeded`: the client has as much as it may have.
-  * :exc:`GateRefused`: a rule of the gate does not let this through now.
+  * :exc:`QuotaExceeded`: a limit of the client is reached.
+  * :exc:`GateRefused`: a rule of the gate rejects this now.
 
-A connection that is turned away before it opens gets :exc:`rwt_transports.errors.Refused`, and settings that
-cannot be used raise :exc:`rwt.access.settings.SettingsError`.
+A connection that is refused before it opens gets :exc:`rwt_transports.errors.Refused`; invalid settings raise
+:exc:`rwt.access.settings.SettingsError`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ class AccessError(Exception):
 
 
 class NotAuthenticated(AccessError):
-    """The credentials are not good. The text says why, as far as the sender may know."""
+    """The credentials are invalid. The text gives the reason, as far as the sender may know it."""
 
 
 class NotAllowed(AccessError):
@@ -27,15 +27,14 @@ class NotAllowed(AccessError):
 
 
 class QuotaExceeded(AccessError):
-    """The client has as much as it may have."""
+    """A limit of the client is reached."""
 
 
 class GateRefused(AccessError):
-    """A rule of the gate does not let this through now.
+    """A rule of the gate rejects this now.
 
     Attributes:
-        rule: the key of the rule in the settings, such as `gate.rules.drive`; empty where it is the gate
-            itself.
+        rule: key of the rule in the settings, such as `gate.rules.drive`; empty if no rule decided.
     """
 
     def __init__(self, text: str, rule: str = "") -> None:

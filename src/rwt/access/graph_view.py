@@ -1,4 +1,4 @@
-"""What one role sees of a graph: every name canonical before it is matched, every listing filtered."""
+"""Read-only view of the graph for one role: names in canonical form, listings filtered."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ if TYPE_CHECKING:
 
 
 class GraphView:
-    """A graph as its readers may see it; the questions of :class:`rwt_graph.api.Graph`, by role.
+    """View of the graph for one role: the queries of :class:`rwt_graph.api.Graph`, filtered.
 
-    What is hidden is answered as if it were not there.
+    Hidden names are treated as if they did not exist.
 
     Attributes:
-        role: what decides.
-        work: that the server does for whoever has this view.
-        distro: of the graph.
-        registry: the interfaces that the graph knows.
-        clock: of the graph.
+        role: role that decides.
+        work: account of the work that the server does for the holder of the view.
+        distro: ROS distribution of the graph.
+        registry: interfaces that the graph knows.
+        clock: clock of the graph.
 
     Args:
-        graph: the robot.
-        role: see above.
-        work: see above.
-        keep: does what :meth:`while_allowed` says; None: nothing is ever begun for whoever has this view.
+        graph: graph of the robot.
+        role: role that decides.
+        work: account of the work for the holder.
+        keep: implementation of :meth:`while_allowed`; None: open responses are refused.
     """
 
     def __init__(
@@ -56,72 +56,72 @@ class GraphView:
         self.clock: Clock = graph.clock
 
     def require(self, act: Act, name: str) -> str:
-        """The canonical form of `name`, with which the role may do `act`.
+        """Return the canonical form of `name` if the role allows `act` on it.
 
         Raises:
-            NotAllowed: it may not; the text names the setting that would allow it.
-            InvalidGraphName: not a name that ROS allows.
+            NotAllowed: it does not; the text names the setting that would allow it.
+            InvalidGraphName: `name` is not a valid ROS name.
         """
         absolute = resolve(name)
         self.role.require(act, absolute)
         return absolute
 
     def may_subscribe(self, topic: str) -> bool:
-        """Whether the role may subscribe to `topic`, in any spelling."""
+        """Return True if the role may subscribe to `topic`, in any spelling."""
         return self.role.allows("subscribe", canonical(topic))
 
     def while_allowed(self, topics: Iterable[str], end: Callable[[str], None]) -> Callable[[], None]:
-        """Begin an answer that lasts; see :meth:`rwt_transports.http.routes.Reader.while_allowed`."""
+        """Register an open response; see :meth:`rwt_transports.http.routes.Reader.while_allowed`."""
         if self._keep is None:
             raise Refused(403, "nothing that lasts can be begun here")
         return self._keep([canonical(topic) for topic in topics], end)
 
     @property
     def sees_every_topic(self) -> bool:
-        """Whether no topic is hidden."""
+        """True if no topic is hidden."""
         return self.role.sees_every_topic
 
     def topics(self) -> tuple[TopicInfo, ...]:
-        """The topics that are shown, sorted by name."""
+        """Return the visible topics, sorted by name."""
         return tuple(topic for topic in self._graph.topics() if self.role.sees_topic(topic.name))
 
     def topic(self, name: str) -> TopicInfo | None:
-        """One topic, None where it is hidden or does not exist."""
+        """Return a topic; None if it is hidden or does not exist."""
         absolute = canonical(name)
         return self._graph.topic(absolute) if self.role.sees_topic(absolute) else None
 
     def services(self) -> tuple[ServiceInfo, ...]:
-        """The services that are shown, sorted by name."""
+        """Return the visible services, sorted by name."""
         return tuple(service for service in self._graph.services() if self.sees_service(service.name))
 
     def service(self, name: str) -> ServiceInfo | None:
-        """One service, None where it is hidden or does not exist."""
+        """Return a service; None if it is hidden or does not exist."""
         absolute = canonical(name)
         return self._graph.service(absolute) if self.sees_service(absolute) else None
 
     def sees_service(self, name: str) -> bool:
-        """Whether a service is shown, by its absolute name."""
+        """Return True if a service, given by its absolute name, is visible."""
         return self.role.sees_service(name)
 
     def actions(self) -> tuple[ActionInfo, ...]:
-        """The actions that are shown, sorted by name."""
+        """Return the visible actions, sorted by name."""
         return tuple(action for action in self._graph.actions() if self.role.sees_action(action.name))
 
     def action(self, name: str) -> ActionInfo | None:
-        """One action, None where it is hidden or does not exist."""
+        """Return an action; None if it is hidden or does not exist."""
         absolute = canonical(name)
         return self._graph.action(absolute) if self.role.sees_action(absolute) else None
 
     def nodes(self) -> tuple[NodeInfo, ...]:
-        """The nodes that take part in something that is shown, sorted by name."""
+        """Return the nodes with visible topics, services or actions, sorted by name."""
         return tuple(node for node in self._graph.nodes() if self._shows(node))
 
     def sees_parameter(self, name: str) -> bool:
-        """Whether a parameter is shown, by its full name: `/node:name`, or `/name` of the global tree."""
+        """Return True if a parameter is visible; `name` is `/node:name`, or `/name` in the global tree."""
         return self.role.sees_parameter(canonical(name))
 
     def sees_node(self, name: str) -> bool:
-        """Whether a node is shown."""
+        """Return True if a node is visible."""
         version = self._graph.version
         if self._named_at != version:
             self._node_names = frozenset(node.name for node in self.nodes())
@@ -137,7 +137,7 @@ class GraphView:
 
 
 def canonical(name: str) -> str:
-    """The absolute form of a name, of a parameter's node too; what cannot be one names nothing, and stays."""
+    """Return the absolute form of a name, also in `node:parameter`; an invalid name is returned unchanged."""
     node, colon, parameter = name.partition(":")
     try:
         return f"{resolve(node)}{colon}{parameter}"

@@ -1,4 +1,4 @@
-"""Which web pages may connect: any page can open a WebSocket to whatever its reader's browser reaches."""
+"""Check of the `Origin` header: any web page can open a WebSocket to every host that its browser reaches."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from typing import Final
 
 from rwt_transports.http.routes import any_of, host_name, is_local
 
-#: What a page without a site of its own sends: one from a file, or in a sandboxed frame of any site.
+#: Origins of pages without a site: opened from a file, or in a sandboxed frame of any site.
 NO_SITE: Final = frozenset({"null", "file://"})
 
-#: Browsers name a page by the first two. Some programs that are no browsers name the server by the others.
+#: Browsers use the first two, for the page. Some other programs use the others, for the server.
 _SCHEMES: Final = frozenset({"http", "https", "ws", "wss"})
 
 
 class Origins:
-    """The allow-list.
+    """Allow-list of origins.
 
-    By default a listener on a loopback address takes pages of this machine: any port of ``localhost``,
-    ``127.0.0.0/8`` and ``[::1]``. Every other listener takes pages of the very host that the client
-    addresses, on any port. A page without a site is taken by none, since any site can make one.
+    By default a listener on a loopback address accepts pages of this machine: any port of ``localhost``,
+    ``127.0.0.0/8`` and ``[::1]``. Every other listener accepts pages of the host that the client addresses,
+    on any port. Pages without a site are never accepted by default, since any site can create one.
 
     Args:
         allow: globs of further origins.
@@ -29,13 +29,13 @@ class Origins:
         self._allowed = any_of(glob.rstrip("/") for glob in allow)
 
     def allows(self, origin: str, host: str, *, loopback: bool) -> bool:
-        """Whether a page of `origin` may connect.
+        """Return True if a page of `origin` may connect.
 
         Args:
-            origin: the request's ``Origin`` (RFC 6454 section 7); empty, or ``host:port`` without a scheme,
-                for programs that are no browsers.
-            host: the request's ``Host``.
-            loopback: whether the listener is only reached from this machine.
+            origin: ``Origin`` header (RFC 6454 section 7); from programs other than browsers, empty or
+                ``host:port`` without a scheme.
+            host: ``Host`` header.
+            loopback: True if the listener can only be reached from this machine.
         """
         wanted = origin.lower()
         if not wanted or self._allowed.fullmatch(wanted.rstrip("/")):
@@ -47,13 +47,13 @@ class Origins:
 
 
 def is_loopback_listener(url: str) -> bool:
-    """Whether a listener is only reached from this machine; one without a host, as a socket file, is."""
+    """Return True if a listener can only be reached from this machine, such as one on a socket file."""
     host = host_name(url.partition("://")[2])
     return not host or is_local(host)
 
 
 def _site(origin: str) -> str:
-    """The host in an origin, empty if it has none."""
+    """Return the host of an origin; empty if it has none."""
     if origin in NO_SITE:
         return ""
     scheme, separator, rest = origin.rpartition("://")

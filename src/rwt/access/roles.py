@@ -1,4 +1,4 @@
-"""Roles: what each allows, as globs of names for every kind of act."""
+"""Roles: permissions for every kind of act, as globs of names."""
 
 from __future__ import annotations
 
@@ -15,19 +15,20 @@ if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
 
 Act = Literal["publish", "subscribe", "call", "provide", "displace", "goals", "get_param", "set_param"]
-"""Something a client may want to do with a name; each is a key of a role's settings."""
+"""Kind of act on a name; a key of a role's settings."""
 
 ACTS: Final[tuple[Act, ...]] = get_args(Act)
 
 _READ_ONLY: Final[Mapping[Act, tuple[str, ...]]] = {"subscribe": ("*",), "get_param": ("*",)}
 
-#: Services every role may call: rosapi, whose answers hold only what the role may see (CFG-10, API-13).
+#: Services that every role may call: rosapi, whose responses are filtered by role (CFG-10, API-13).
 _ALWAYS_CALLED: Final = ("/rosapi/*",)
 
-#: Decisions a role remembers. Names come from clients, so they are bounded; at the bound all are forgotten.
-_MOST_DECISIONS: Final = 4096
-_LONGEST_NAME: Final = 256
-"""Characters of a name whose decision is kept: a client may ask about names of megabytes."""
+#: Maximum number of cached decisions of a role: names come from clients. At the limit the cache is cleared.
+_MAX_DECISIONS: Final = 4096
+
+#: Maximum number of characters of a cached name: clients may send names of megabytes.
+_MAX_NAME: Final = 256
 
 _WORDS: Final[Mapping[Act, str]] = {
     "publish": "publish on",
@@ -40,28 +41,28 @@ _WORDS: Final[Mapping[Act, str]] = {
     "set_param": "write the parameter",
 }
 
-#: The services and topics of ROS 2 beside an action: the first need the right to its goals, whatever may be
-#: called, and the second are open to those who have it.
+#: Hidden services and topics of a ROS 2 action. The services require permission for its goals, not for calls;
+#: with that permission the topics may be subscribed to, too.
 _BEHIND_ACTION: Final = re.compile(
     r"(?P<action>/.+)/_action/(?:(?P<service>send_goal|cancel_goal|get_result)|feedback|status)"
 )
 
 
 class Role:
-    """What clients of one role may do.
+    """Permissions of the clients of one role.
 
-    Globs have fnmatch's meaning, in which ``*`` also matches ``/`` (CFG-10), and are compared with resolved
-    names, so that a client cannot get round them by another spelling (CFG-11).
+    Globs follow fnmatch, where ``*`` also matches ``/`` (CFG-10). They are compared with resolved names, so
+    another spelling of a name cannot bypass them (CFG-11).
 
     Attributes:
-        name: as in the settings.
-        unrestricted: whether it may do everything.
-        globs: what it may do, by act: globs of absolute names.
-        answers: the last answer of each service that lists the graph: as given, and as the role sees it.
+        name: name in the settings.
+        unrestricted: True if the role may do everything.
+        globs: permissions by act: globs of absolute names.
+        answers: last response of each service that lists the graph, as given and as filtered for the role.
 
     Args:
-        name: see above.
-        settings: its globs.
+        name: name in the settings.
+        settings: globs of the role.
     """
 
     __slots__ = ("_decisions", "_patterns", "_subscribes_to_all", "answers", "globs", "name", "unrestricted")
@@ -70,7 +71,7 @@ class Role:
         self.name = name
         self.globs: Mapping[Act, tuple[str, ...]] = {act: _globs(act, settings) for act in ACTS}
         self.unrestricted = all("*" in self.globs[act] for act in ACTS)
-        self._patterns = {act: _pattern(self.globs[act]) for act in ACTS}
+        self._patterns = {act: glob_pattern(self.globs[act]) for act in ACTS}
         self._subscribes_to_all = any(
             glob.removeprefix("/").strip("*") == "" for glob in self.globs["subscribe"]
         )
@@ -78,14 +79,14 @@ class Role:
         self.answers: dict[str, tuple[Payload, Payload]] = {}
 
     def allows(self, act: Act, name: str) -> bool:
-        """Whether this role may do `act` with `name`, which is absolute."""
+        """Return True if the role allows `act` on `name`, an absolute name."""
         if self.unrestricted:
             return True
         decision = self._decisions.get((act, name))
         if decision is None:
             decision = self._decide(act, name)
-            if len(name) <= _LONGEST_NAME:
-                if len(self._decisions) >= _MOST_DECISIONS:
+            if len(name) <= _MAX_NAME:
+                if len(self._decisions) >= _MAX_DECISIONS:
                     self._decisions.clear()
                 self._decisions[act, name] = decision
         return decision
@@ -101,10 +102,10 @@ class Role:
         return allowed
 
     def require(self, act: Act, name: str) -> None:
-        """Refuse unless this role may do `act` with `name`.
+        """Check that the role allows `act` on `name`, an absolute name.
 
         Raises:
-            NotAllowed: it may not; the text names the setting that would allow it.
+            NotAllowed: it does not; the text names the setting that would allow it.
         """
         if not self.unrestricted and not self.allows(act, name):
             behind = _BEHIND_ACTION.fullmatch(name) if act == "call" else None
@@ -113,23 +114,23 @@ class Role:
 
     @property
     def sees_every_topic(self) -> bool:
-        """Whether no topic is hidden: whether one of the globs consists of stars alone."""
+        """True if no topic is hidden: a glob consists of stars only."""
         return self.unrestricted or self._subscribes_to_all
 
     def sees_topic(self, name: str) -> bool:
-        """Whether a topic is shown: to those who may subscribe to it or publish on it."""
+        """Return True if the role may subscribe to a topic or publish on it."""
         return self.allows("subscribe", name) or self.allows("publish", name)
 
     def sees_service(self, name: str) -> bool:
-        """Whether a service is shown: to those who may call or provide it."""
+        """Return True if the role may call or provide a service."""
         return self.allows("call", name) or self.allows("provide", name)
 
     def sees_action(self, name: str) -> bool:
-        """Whether an action is shown: to those who may send goals to it or provide it."""
+        """Return True if the role may send goals to an action or provide it."""
         return self.allows("goals", name) or self.allows("provide", name)
 
     def sees_parameter(self, name: str) -> bool:
-        """Whether a parameter is shown: to those who may read or write it."""
+        """Return True if the role may read or write a parameter."""
         return self.allows("get_param", name) or self.allows("set_param", name)
 
     def __repr__(self) -> str:
@@ -137,7 +138,7 @@ class Role:
 
 
 def roles(settings: AccessSettings) -> Mapping[str, Role]:
-    """Every role by its name, the built-in ones included."""
+    """Return every role by name, including the built-in ones."""
     return {name: Role(name, globs) for name, globs in {**BUILT_IN_ROLES, **settings.roles}.items()}
 
 
@@ -146,9 +147,14 @@ def _globs(act: Act, settings: RoleSettings) -> tuple[str, ...]:
     if settings.read_only:
         given += _READ_ONLY.get(act, ())
     given = given + _ALWAYS_CALLED if act == "call" else given
-    return tuple(glob if glob.startswith(("/", "*")) else f"/{glob}" for glob in given)
+    return absolute_globs(given)
 
 
-def _pattern(globs: Iterable[str]) -> re.Pattern[str]:
-    """One pattern for all; one that matches nothing where there are none."""
+def absolute_globs(globs: Iterable[str]) -> tuple[str, ...]:
+    """Return globs for absolute names."""
+    return tuple(glob if glob.startswith(("/", "*")) else f"/{glob}" for glob in globs)
+
+
+def glob_pattern(globs: Iterable[str]) -> re.Pattern[str]:
+    """Return a pattern that matches what one of the globs matches; without globs, nothing."""
     return re.compile("|".join(map(fnmatch.translate, globs)) or r"(?!)")

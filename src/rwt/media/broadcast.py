@@ -1,7 +1,7 @@
-"""One encoder for equal requests, and a queue of pictures for each viewer.
+"""Broadcast of an image topic: one encoder for equal requests, and a queue of images for each viewer.
 
-A picture is encoded only when a viewer has room for it, in a worker thread, and once. Messages that cannot
-be encoded yet do not queue: the latest replaces the one before. So a slow viewer gets fewer pictures, none of
+An image is encoded only when a viewer has room for it, in a worker thread, and once. Messages that cannot
+be encoded yet do not queue: the latest replaces the one before. So a slow viewer gets fewer images, none of
 them old; and without viewers nothing is encoded and nothing is subscribed to.
 """
 
@@ -32,52 +32,52 @@ T = TypeVar("T")
 
 logger = logging.getLogger("rwt.nodes.video")
 
-#: Pictures of a video that may wait for a viewer. A picture by itself never waits: the next replaces it.
+#: Images of a video that may wait for a viewer. An image by itself never waits: the next replaces it.
 _MOST_WAITING: Final = 4
-#: Seconds without room for a picture after which a viewer has to make place for another.
+#: Seconds without room for an image after which a viewer may be replaced by another.
 STALLED_SECONDS: Final = 5.0
-#: Seconds from one key picture for a slow viewer to the next; they are large, and every viewer gets them.
-_KEY_PAUSE: Final = 0.5
+#: Minimum seconds between key frames for slow viewers: they are large, and every viewer gets them.
+_KEY_PAUSE_SECONDS: Final = 0.5
 
 
 class Viewer:
-    """A viewer's queue of pictures: short, and a key picture takes the place of all others.
+    """Short queue of images for one viewer; a key frame replaces all others.
 
     Attributes:
-        work: to which its share of the encoder's work is charged.
-        failure: why there are no more pictures; None while there may be some.
-        when_ended: called once when it has ended; None: nobody wants to know.
+        work: account to which its share of the encoder's work is charged.
+        failure: reason why the stream ended; None if it did not fail.
+        when_ended: called once when the stream has ended.
     """
 
     def __init__(self, broadcast: Broadcast, work: Work) -> None:
         self._broadcast = broadcast
         self.work = work
         self._waiting: deque[Encoded] = deque()
-        self._begun = False  # what cannot be shown by itself makes no sense before a key picture
+        self._begun = False  # what cannot be shown by itself makes no sense before a key frame
         self._woken = anyio.Event()
         self._over = False
-        self._handed_over: float | None = None  # when the viewer's connection was given a picture to send
+        self._handed_over: float | None = None  # when the viewer's connection was given an image to send
         self.failure: VideoError | None = None
         self.when_ended: Callable[[], None] | None = None
 
     @property
     def can_accept(self) -> bool:
-        """Whether a picture that is made now would not have to wait behind old ones."""
+        """True if an image encoded now would not be queued behind old ones."""
         waiting = self._waiting
         return not waiting or (waiting[-1].track is not None and len(waiting) < _MOST_WAITING)
 
-    def put(self, picture: Encoded) -> None:
-        """Queue a picture, or drop what the viewer has no room for."""
-        if picture.key:
+    def put(self, image: Encoded) -> None:
+        """Queue an image, or drop what does not fit in the queue."""
+        if image.key:
             self._drop(len(self._waiting))
             self._begun = True
         elif not self._begun or len(self._waiting) >= _MOST_WAITING:
-            # What follows a gap cannot be decoded, so the rest of the queue is of no use either.
+            # Frames after a gap cannot be decoded: drop the rest of the queue, too.
             self._drop(len(self._waiting) + 1)
             self._begun = False
             self._broadcast.ask_for_key()
             return
-        self._waiting.append(picture)
+        self._waiting.append(image)
         self._woken.set()
 
     def _drop(self, count: int) -> None:
@@ -85,30 +85,30 @@ class Viewer:
         self._broadcast.counts.dropped += count
 
     async def next(self) -> Encoded | None:
-        """The next picture, waiting for it; None when there will be no more."""
+        """Wait for the next image; None at the end of the stream."""
         self._handed_over = None
         while not self._waiting:
             if self._over:
                 return None
             await self._woken.wait()
             self._woken = anyio.Event()
-        picture = self._waiting.popleft()
+        image = self._waiting.popleft()
         self._handed_over = self._broadcast.now()
         self._broadcast.wake()
-        return picture
+        return image
 
-    def count_sent(self, picture: Encoded) -> None:
-        """Count a picture that was handed to the network."""
+    def count_sent(self, image: Encoded) -> None:
+        """Count an image that was sent."""
         self._broadcast.counts.sent += 1
-        self._broadcast.counts.sent_bytes += len(picture.data)
+        self._broadcast.counts.sent_bytes += len(image.data)
 
     def ask_for_key(self) -> None:
-        """Ask for a picture that can be shown without any other, since some did not arrive."""
+        """Request a key frame, after images were lost."""
         self._broadcast.ask_for_key()
 
     @property
     def has_stalled(self) -> bool:
-        """Whether the network has not taken one picture for a long time."""
+        """True if the network has not accepted an image for a long time."""
         return self._handed_over is not None and self._broadcast.now() - self._handed_over >= STALLED_SECONDS
 
     def leave(self) -> None:
@@ -116,13 +116,13 @@ class Viewer:
         self._broadcast.leave(self)
 
     def cut(self, reason: str) -> None:
-        """End the stream at once, without what is queued."""
+        """End the stream now, without the queued images."""
         logger.info("a viewer of %s is sent nothing more: %s", self._broadcast.request.topic, reason)
         self._waiting.clear()
         self.leave()
 
     def end(self, failure: VideoError | None = None) -> None:
-        """End the stream after the pictures that are queued already."""
+        """End the stream after the queued images."""
         if not self._over:
             self.failure = failure
             self._over = True
@@ -132,17 +132,16 @@ class Viewer:
 
 
 class EncoderThreads:
-    """Where pictures are made: a thread for each core, since more would only take turns, and one for all
-    those that are only made for viewers beyond their rate of work."""
+    """Worker threads of encoders, one per core; work of viewers over their rate runs one at a time."""
 
     def __init__(self) -> None:
         self._limiter = anyio.CapacityLimiter(max(1, os.cpu_count() or 1))
         self._beyond_rate = anyio.Lock()
 
     async def run(self, encode: Callable[[], T], viewers: Sequence[Work]) -> T:
-        """Run `encode` in a thread, and charge the processor's time to the viewers in equal parts.
+        """Run `encode` in a thread, and charge its CPU time to the viewers in equal parts.
 
-        Raises what `encode` raises.
+        Errors of `encode` are raised.
         """
         seconds = 0.0
 
@@ -165,21 +164,33 @@ class EncoderThreads:
 
 
 class Broadcast:
-    """What equal requests share: the subscription, the encoder and the pictures.
+    """Subscription, encoder and images shared by equal requests.
+
+    A task encodes while a message is new and a viewer has room; it is woken by :meth:`wake`.
+
+    Attributes by purpose:
+
+    * Viewers: ``viewers``, ``_on_end``, ``_over``.
+    * Messages: ``_subscription``, ``_newest`` (not encoded yet; the next message replaces it), ``_last``
+      (encoded).
+    * Images: ``_encoder`` (created with the first message), ``_shown`` (the last image), ``pixels``.
+    * Key frames: ``_key_wanted`` (the next image is one), ``_key_asked`` (a viewer asked for one),
+      ``_key_at`` (time of the last one).
 
     Args:
-        node: whose subscription it is.
-        request: what is wanted, of the very topic to subscribe to.
-        make_encoder: makes the encoder, in a worker thread: it loads libraries.
-        threads: the worker threads that all broadcasts share.
-        counts: what is counted.
-        on_end: called once when the last viewer has left, or when there is nothing to see.
-        now: seconds that never go back. Real time, as viewers have it, whatever clock the robot has.
+        node: node that subscribes.
+        request: request of the viewers, with the topic to subscribe to.
+        make_encoder: creates the encoder, in a worker thread since it loads libraries.
+        threads: worker threads shared by all broadcasts.
+        counts: counters of the stream.
+        on_end: called once when the last viewer has left, or when the stream has failed.
+        now: returns the seconds of a steady clock. Real time, as for the viewers, whatever clock the robot
+            has.
 
     Attributes:
-        now: as given.
-        viewers: everyone who watches.
-        pixels: of one picture of the video, once its encoder is there; 0 for pictures by themselves.
+        now: clock, as given.
+        viewers: present viewers.
+        pixels: number of pixels of a video frame, once the encoder exists; 0 for single images.
     """
 
     def __init__(
@@ -211,28 +222,28 @@ class Broadcast:
         self._woken = anyio.Event()
         self._over = False
         node.graph.spawn(self._run, f"pictures of {request.topic}")
-        # Last: what is kept for late joiners comes at once.
+        # Last: retained samples arrive at once.
         self._subscription = node.subscribe_samples(request.topic, qos=request.qos, on_sample=self._take)
 
     def join(self, work: Work) -> Viewer:
-        """A new viewer, who gets the last picture at once if there is one.
+        """Add a viewer, which receives the last image at once if there is one.
 
         Args:
-            work: what its share of the encoder's work is charged to.
+            work: account to which its share of the encoder's work is charged.
         """
         viewer = Viewer(self, work)
         self.viewers.append(viewer)
         if self._shown is not None and self._shown.track is None:
             viewer.put(self._shown)
         elif self._last is not None:
-            # A video is entered at a key picture, and the topic may be silent: the last one is made again.
+            # A video starts at a key frame, and the topic may be silent: encode the last message again.
             self._key_wanted = True
             self._newest = self._newest or self._last
         self.wake()
         return viewer
 
     def leave(self, viewer: Viewer) -> None:
-        """The last viewer who leaves stops the encoder and the subscription."""
+        """Remove a viewer; the last one stops the encoder and the subscription."""
         if viewer in self.viewers:
             self.viewers.remove(viewer)
             viewer.end()
@@ -240,7 +251,7 @@ class Broadcast:
                 self.end()
 
     def end(self, failure: VideoError | None = None) -> None:
-        """Stop, and let every viewer go."""
+        """Stop, and end every viewer's stream."""
         if self._over:
             return
         self._over = True
@@ -251,22 +262,22 @@ class Broadcast:
         self.wake()
 
     def wake(self) -> None:
-        """Wake the encoder's task: a message, a viewer or room in a queue is new."""
+        """Wake the encoder's task: there is a new message, a new viewer or room in a queue."""
         self._woken.set()
 
     def ask_for_key(self) -> None:
-        """Ask for a key picture for a viewer who lost some, soon but not at once: it costs every viewer."""
+        """Request a key frame for a viewer that lost images; it is delayed, since every viewer gets it."""
         self._key_asked = True
 
     def _takes_key(self, now: float) -> bool:
-        """Whether the next picture is a key picture."""
-        key = self._key_wanted or (self._key_asked and now >= self._key_at + _KEY_PAUSE)
+        """Return True if the next image is a key frame; the request is used up."""
+        key = self._key_wanted or (self._key_asked and now >= self._key_at + _KEY_PAUSE_SECONDS)
         if key:
             self._key_wanted = self._key_asked = False
         return key
 
     def _take(self, sample: Sample) -> None:
-        """Take a message; it replaces one that was not encoded for lack of room."""
+        """Store a message, in place of one that was not encoded for lack of room."""
         if self._newest is not None:
             self.counts.skipped += 1
         self._newest = sample.payload.detach()
@@ -274,12 +285,12 @@ class Broadcast:
 
     async def _run(self) -> None:
         try:
-            await self._make_pictures()
+            await self._make_images()
         finally:
-            # Here and not when garbage is collected: an encoder may hold a hundred megabytes.
+            # Now, not at garbage collection: an encoder may hold a hundred megabytes.
             self._encoder = self._newest = self._last = self._shown = None
 
-    async def _make_pictures(self) -> None:
+    async def _make_images(self) -> None:
         while not self._over:
             payload = self._newest
             if payload is None or not any(viewer.can_accept for viewer in self.viewers):
@@ -299,10 +310,10 @@ class Broadcast:
                 self._show(encoded)
 
     def _unreadable(self, error: VideoError) -> None:
-        """Count an unreadable picture. Cameras send some now and then; after a first one the stream ends."""
+        """Count an unreadable image. Cameras send some now and then; after a first one the stream ends."""
         self.counts.failed += 1
         if self.counts.complaint != str(error):
-            # Once: viewers who come again and again must not fill the log.
+            # Once: viewers that reconnect repeatedly must not fill the log.
             self.counts.complaint = str(error)
             self._log.warning(f"{self.request.topic}: {error}")
         if self._shown is None:
@@ -322,13 +333,13 @@ class Broadcast:
             self._key_wanted = True
         return encoded
 
-    def _show(self, picture: Encoded | None) -> None:
-        if picture is None:
+    def _show(self, image: Encoded | None) -> None:
+        if image is None:
             self.counts.skipped += 1
             return
         self.counts.encoded += 1
-        self._shown = picture
-        if picture.key:
+        self._shown = image
+        if image.key:
             self._key_at = self.now()
         for viewer in tuple(self.viewers):
-            viewer.put(picture)
+            viewer.put(image)

@@ -1,8 +1,8 @@
-"""What can be wrong with a request for pictures, and with pictures.
+"""Errors of requests for images, and of images.
 
 `VideoError`
-    `RequestRefused`: the request cannot be answered; carries the HTTP status
-    `ImageUnreadable`: a message that holds no picture that can be shown
+    `RequestRefused`: the request is rejected; has the HTTP status
+    `ImageUnreadable`: the image of a message cannot be decoded
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ class VideoError(Exception):
 
 
 class RequestRefused(VideoError):
-    """A request for pictures that cannot be answered.
+    """A request for images is rejected.
 
     Attributes:
-        status: the HTTP status to answer with; the error's text is the answer.
+        status: HTTP status of the response; the text of the error is its body.
     """
 
     def __init__(self, status: int, reason: str) -> None:
@@ -25,4 +25,4 @@ class RequestRefused(VideoError):
 
 
 class ImageUnreadable(VideoError):
-    """A message whose picture cannot be shown; the text says why."""
+    """The image of a message cannot be decoded; the text gives the reason."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from rwt_transports.http.routes import MetricFamily
 
-#: Topics and types that are counted apart; names come from robots, so there is an end to it.
-MOST_STREAMS = 1000
+#: Maximum number of topics and types with counters of their own.
+MAX_STREAMS = 1000
 _OTHERS = ("", "")
 
 
@@ -17,13 +17,13 @@ class Counts:
     """Totals of one topic and type since the start.
 
     Attributes:
-        encoded: pictures.
-        skipped: messages that were not encoded, because no viewer had room or the codec left them out.
-        dropped: encoded pictures that a viewer did not get.
-        failed: messages that could not be encoded.
-        sent: pictures handed to viewers' connections.
-        sent_bytes: bytes handed to viewers' connections.
-        complaint: what the log said last about messages that could not be encoded.
+        encoded: number of encoded images.
+        skipped: number of messages not encoded: no viewer had room, or the codec left them out.
+        dropped: number of encoded images that a viewer did not receive.
+        failed: number of messages that could not be encoded.
+        sent: number of images sent to viewers.
+        sent_bytes: number of bytes sent to viewers.
+        complaint: last error that was logged.
     """
 
     encoded: int = 0
@@ -36,23 +36,23 @@ class Counts:
 
 
 class StreamMetrics:
-    """The totals of every stream since the start."""
+    """Totals of every stream since the start."""
 
     def __init__(self) -> None:
         self._counts: dict[tuple[str, str], Counts] = {}
 
     def of(self, topic: str, type: str) -> Counts:
-        """The totals to count in; beyond :data:`MOST_STREAMS` different ones all share one."""
+        """Return the counters of a stream; beyond :data:`MAX_STREAMS` streams, shared ones."""
         key = (topic, type)
-        if key not in self._counts and len(self._counts) >= MOST_STREAMS:
+        if key not in self._counts and len(self._counts) >= MAX_STREAMS:
             key = _OTHERS
         return self._counts.setdefault(key, Counts())
 
     def families(self, running: Iterable[tuple[str, str, int]]) -> Iterator[MetricFamily]:
-        """The metric families: present viewers and encoders, and the totals.
+        """Return the metric families: present viewers and encoders, and the totals.
 
         Args:
-            running: topic, type and number of viewers of each encoder that runs now.
+            running: topic, type and number of viewers of each running encoder.
         """
         viewers: dict[tuple[str, str], int] = {}
         encoders: dict[tuple[str, str], int] = {}

@@ -1,7 +1,7 @@
-"""What a request asks for: the query of `/stream`, `/snapshot` and `/stream_viewer`, checked.
+"""Requests for images: the query of `/stream`, `/snapshot` and `/stream_viewer`.
 
-Names and defaults are web_video_server's. What it takes and does not document (`qmin`, `qmax`, `gop`,
-`preset`) is taken too; a value that cannot be used is refused, where web_video_server takes its default.
+Names and defaults are those of web_video_server, including undocumented ones (`qmin`, `qmax`, `gop`,
+`preset`). Invalid values are rejected, whereas web_video_server uses its default.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from rwt_graph.errors import InvalidGraphName
 from rwt_graph.names import resolve
 from rwt_participant.qos import BEST_AVAILABLE, DEFAULT_QOS, SENSOR_DATA, QoS
 
-#: The largest width and height that may be asked for; squared, what a compressed picture may unfold into.
+#: Maximum width and height of a request; squared, maximum pixels of a decompressed image.
 MOST_PIXELS: Final = 4096
-#: What a width and a height may make together, pixels: 2560 x 1600. Enlarging costs the server, and a browser
-#: does it for nothing.
+#: Maximum width times height, in pixels: 2560 x 1600. Enlarging is expensive for the server, and free in a
+#: browser.
 MOST_AREA: Final = 4_096_000
 RAW: Final = "sensor_msgs/Image"
 COMPRESSED: Final = "sensor_msgs/CompressedImage"
 TYPES: Final = ("mjpeg", "png", "ros_compressed", "vp8", "vp9", "h264")
-#: Those of x264 that end in time: slower ones take seconds for a picture, and most of the memory.
+#: Presets of x264 that are fast enough: slower ones take seconds per image, and most of the memory.
 PRESETS: Final = ("ultrafast", "superfast", "veryfast", "faster", "fast", "medium")
-#: Of VP8, and what is done for each: `best` of the library, which pages written for `web_video_server` ask
-#: for, takes ten seconds for a large picture.
+#: Qualities of VP8, each with the library's deadline: its `best`, which pages for web_video_server request,
+#: takes ten seconds for a large image.
 QUALITIES: Final = {"realtime": "realtime", "good": "good", "best": "good"}
 QOS_PROFILES: Final[Mapping[str, QoS]] = {
     "default": DEFAULT_QOS,
@@ -40,10 +40,10 @@ TRANSPORTS: Final = ("raw", "compressed", "compressedDepth")
 
 @dataclass(frozen=True, slots=True)
 class Jpeg:
-    """Pictures as JPEG.
+    """Images as JPEG.
 
     Attributes:
-        quality: 1 to 100; None for 95, and for whatever a compressed picture already has.
+        quality: 1 to 100; None for 95, or for the quality of an image that is already compressed.
     """
 
     quality: int | None = None
@@ -51,10 +51,10 @@ class Jpeg:
 
 @dataclass(frozen=True, slots=True)
 class Png:
-    """Pictures as PNG.
+    """Images as PNG.
 
     Attributes:
-        level: of compression, 0 to 9.
+        level: compression level, 0 to 9.
     """
 
     level: int = 3
@@ -62,16 +62,16 @@ class Png:
 
 @dataclass(frozen=True, slots=True)
 class Video:
-    """Pictures as video.
+    """Images as video.
 
     Attributes:
         codec: `vp8`, `vp9` or `h264`.
-        bitrate: bits a second to aim at; None for what the codec's quality takes (h264 only).
-        qmin: the finest quantizer.
-        qmax: the coarsest quantizer.
-        gop: most pictures from one key frame to the next.
-        quality: of vp8, one of :data:`QUALITIES`; empty for others.
-        preset: of h264, one of :data:`PRESETS`; empty for others.
+        bitrate: target in bits per second; None for constant quality (h264 only).
+        qmin: smallest quantizer.
+        qmax: largest quantizer.
+        gop: maximum number of images from one key frame to the next.
+        quality: quality of vp8, one of :data:`QUALITIES`; empty for others.
+        preset: preset of h264, one of :data:`PRESETS`; empty for others.
     """
 
     codec: str
@@ -88,17 +88,17 @@ Coding = Jpeg | Png | Video
 
 @dataclass(frozen=True, slots=True)
 class StreamRequest:
-    """What a viewer wants to see. Equal requests are served by one encoder.
+    """Request of a viewer. Equal requests share one encoder.
 
     Attributes:
-        topic: absolute name.
-        coding: how pictures are sent.
-        width: pixels; None for the picture's own.
-        height: pixels; None for the picture's own.
-        invert: whether to turn the picture by half a turn.
-        transport: which of image_transport's topics to listen to: one of :data:`TRANSPORTS`.
-        prefers_compressed: `ros_compressed`: take the compressed topic if there is one.
-        qos_profile: a key of :data:`QOS_PROFILES`; empty for whatever the publishers offer.
+        topic: absolute name of the topic.
+        coding: encoding of the images.
+        width: width in pixels; None for the original width.
+        height: height in pixels; None for the original height.
+        invert: True to rotate the image by 180 degrees.
+        transport: topic of image_transport to subscribe to: one of :data:`TRANSPORTS`.
+        prefers_compressed: True to subscribe to the compressed topic if there is one (`ros_compressed`).
+        qos_profile: key of :data:`QOS_PROFILES`; empty for what the publishers offer.
     """
 
     topic: str
@@ -112,19 +112,19 @@ class StreamRequest:
 
     @property
     def type(self) -> str:
-        """The value of `type` in a query."""
+        """Value of `type` in a query."""
         if isinstance(self.coding, Video):
             return self.coding.codec
         return "png" if isinstance(self.coding, Png) else "mjpeg"
 
     @property
     def qos(self) -> QoS:
-        """The subscription's quality of service."""
+        """QoS of the subscription."""
         return QOS_PROFILES[self.qos_profile] if self.qos_profile else BEST_AVAILABLE
 
     @property
-    def changes_pictures(self) -> bool:
-        """Whether a JPEG picture cannot be passed on as it is."""
+    def changes_images(self) -> bool:
+        """True if a JPEG image has to be encoded again."""
         return (
             self.width is not None
             or self.height is not None
@@ -135,10 +135,10 @@ class StreamRequest:
 
 
 def read_request(query: str) -> StreamRequest:
-    """What a query string asks for; unknown keys are left alone (`token`, `_t` against caches).
+    """Parse a query string; unknown keys are ignored (`token`, `_t` against caches).
 
     Raises:
-        RequestRefused: 400, and the text says what is expected.
+        RequestRefused: a value is invalid (400); the text says what is expected.
     """
     given = dict(parse_qsl(query, keep_blank_values=True))
     topic = given.get("topic", "")
@@ -181,7 +181,7 @@ def _coding(type_: str, given: Mapping[str, str]) -> Coding:
 
 
 def _absolute(topic: str) -> str:
-    """The topic's canonical name, by which access is decided and encoders are shared."""
+    """Return the canonical name of a topic, for access control and for sharing encoders."""
     try:
         return resolve(topic)
     except InvalidGraphName as error:
@@ -189,7 +189,7 @@ def _absolute(topic: str) -> str:
 
 
 def _size(given: Mapping[str, str], name: str) -> int | None:
-    """A width or a height; web_video_server's -1 means the picture's own, as leaving it out does."""
+    """Return a width or height; -1 means the original, as in web_video_server."""
     return _number(given, name, 1, MOST_PIXELS) if given.get(name, "-1") != "-1" else None
 
 
@@ -197,7 +197,7 @@ def _number(given: Mapping[str, str], name: str, least: int, most: int, default:
     text = given.get(name)
     if text is None and default is not None:
         return default
-    # No int() of what is not plainly digits: it takes underscores, spaces and digits of other scripts.
+    # Only plain digits: int() accepts underscores, spaces and digits of other scripts.
     if (
         text is not None
         and text.isascii()

@@ -1,9 +1,9 @@
-"""Publishes service calls and the progress of goals, as ROS 2's service introspection and actions do.
+"""Service introspection, and topics of actions, as in ROS 2.
 
 Events of a service `/add` of type `pkg/srv/X` are on `/add/_service_event` (`pkg/srv/X_Event`): each request
-as it is received and each response as it is sent. ROS 2 has no failed calls, so of one that fails only the
-request is published. Those of an action `/go` are on `/go/_action/feedback` and `/go/_action/status`, and in
-the events of `/go/_action/send_goal` and `/go/_action/get_result`.
+and each response. ROS 2 has no failed calls: of such a call only the request is published. Events of an
+action `/go` are on `/go/_action/feedback` and `/go/_action/status`, and in the events of
+`/go/_action/send_goal` and `/go/_action/get_result`.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ _NOBODY: Final = bytes(16)
 
 
 class NotObservable(Exception):
-    """The graph's calls cannot be published: it speaks ROS 1, or its backend does not see them."""
+    """The calls of the graph cannot be published: it is a ROS 1 graph, or its backend does not see them."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Open:
-    """One call or goal under way: the client and sequence number of its events."""
+    """Pending call or goal: client and sequence number of its events."""
 
     service: str
     type: str
@@ -47,16 +47,16 @@ class _Open:
 
 
 class Introspection(CallObserver):
-    """Publishes the calls and goals of a graph until it is closed.
+    """Node that publishes the calls and goals of a graph.
 
     Args:
-        graph: of ROS 2.
-        takes: of which services and actions, by name; by default of all but rosapi's.
-        on_topic: called when a topic was added, before the first message is published on it.
-        name: the node's absolute name.
+        graph: graph of ROS 2.
+        takes: filter of services and actions by name; by default all except rosapi.
+        on_topic: called when a topic was added, before its first message.
+        name: absolute name of the node.
 
     Raises:
-        NotObservable: see there.
+        NotObservable: the calls of the graph cannot be published.
     """
 
     def __init__(
@@ -84,9 +84,9 @@ class Introspection(CallObserver):
         self._look()
 
     def _look(self) -> None:
-        """Add the topics of services and actions that are new, so that they can be subscribed to.
+        """Add the topics of new services and actions, so that they can be subscribed to.
 
-        Those of what is gone are withdrawn: clients may offer services under ever new names.
+        Topics of former ones are withdrawn: clients may offer services under ever new names.
         """
         self._needed.clear()
         for service in self._graph.services():
@@ -108,7 +108,7 @@ class Introspection(CallObserver):
             self._status_of(action)
 
     def _is_carried(self, action: ActionInfo) -> bool:
-        """Whether the action's server has the topics of ROS 2 itself, as it has over a network."""
+        """Return True if the action server itself has the topics of ROS 2, as over a network."""
         return self._graph.service(f"{action.name}/_action/send_goal") is not None
 
     def _events_of(self, service: str, type_name: str) -> Publisher | None:
@@ -121,7 +121,7 @@ class Introspection(CallObserver):
         return self._publisher(f"{action.name}/_action/status", "action_msgs/GoalStatusArray", LATCHED)
 
     def _publisher(self, topic: str, type_name: str, qos: QoS = DEFAULT_QOS) -> Publisher | None:
-        """The publisher of a topic; None where the topic has another type already."""
+        """Return the publisher of a topic; None if the topic has another type."""
         self._needed.add(topic)
         known, publisher = self._publishers.get(topic, ("", None))
         if publisher is not None and known == type_name:
@@ -185,7 +185,7 @@ class Introspection(CallObserver):
         return GoalEvents(watched.ended, watched.fed_back, watched.accepted)
 
     def publish_status(self, action: ActionInfo, goal_id: str, status: GoalStatus) -> None:
-        """Publish the status of an action's goals that have not ended, and of this one."""
+        """Publish the status of this goal and of the action's other active goals."""
         if self._is_carried(action):
             return
         goals = self._statuses.setdefault(action.name, {})
@@ -223,11 +223,11 @@ class Introspection(CallObserver):
         self._tell(step, RESPONSE_SENT, response)
 
     def now(self) -> dict[str, int]:
-        """The graph's time, as messages have it."""
+        """Return the time of the graph, as in messages."""
         return self._graph.distro.time(self._graph.clock.time_ns())
 
     def close(self) -> None:
-        """Publish nothing more. May be called twice."""
+        """Stop publishing. Idempotent."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -236,7 +236,7 @@ class Introspection(CallObserver):
 
 
 class _WatchedGoal:
-    """Publishes the events of one goal, and passes them on to its client."""
+    """Goal whose events are published, and forwarded to its client."""
 
     def __init__(
         self, introspection: Introspection, action: ActionInfo, goal_id: str, events: GoalEvents
@@ -249,12 +249,12 @@ class _WatchedGoal:
         self._result: _Open | None = None
 
     def sent(self, goal: Payload) -> None:
-        """The goal is sent."""
+        """Called when the goal is sent."""
         request: dict[str, object] = {"goal_id": uuid(self._id), "goal": goal.value()}
         self._sending = self._introspection.begin_step(self._action, "send_goal", "SendGoal", request)
 
     def accepted(self) -> None:
-        """The goal is accepted; ROS 2's clients ask for the result then."""
+        """Called when the goal is accepted; ROS 2 clients then request the result."""
         self._answer(accepted=True)
         self._introspection.publish_status(self._action, self._id, GoalStatus.EXECUTING)
         asked: dict[str, object] = {"goal_id": uuid(self._id)}
@@ -263,13 +263,13 @@ class _WatchedGoal:
             self._events.on_accepted()
 
     def fed_back(self, feedback: Payload) -> None:
-        """The goal's server has sent feedback."""
+        """Called when the action server has sent feedback."""
         self._introspection.publish_feedback(self._action, self._id, feedback)
         if self._events.on_feedback is not None:
             self._events.on_feedback(feedback)
 
     def ended(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
-        """The goal has ended, with a result or without."""
+        """Called when the goal has ended, with or without a result."""
         if self._result is None:
             self._answer(accepted=False)
         else:
@@ -286,5 +286,5 @@ class _WatchedGoal:
 
 
 def uuid(goal_id: str) -> dict[str, bytes]:
-    """A goal's id as `unique_identifier_msgs/UUID` has it."""
+    """Return a goal id as in `unique_identifier_msgs/UUID`."""
     return {"uuid": bytes.fromhex(goal_id)}

@@ -1,7 +1,7 @@
-"""Meshes and textures over HTTP: what a URDF names by ``package://`` becomes something a browser can fetch.
+"""Meshes and textures over HTTP: browsers can fetch what a URDF names by ``package://``.
 
-``package://my_arm/meshes/hand.dae`` is served as ``/packages/my_arm/meshes/hand.dae``. For ros3djs's
-``UrdfClient`` that is the option ``path: "http://HOST:PORT/packages/"``.
+``package://my_arm/meshes/hand.dae`` is served as ``/packages/my_arm/meshes/hand.dae``. For
+``UrdfClient`` of ros3djs, set the option ``path: "http://HOST:PORT/packages/"``.
 """
 
 from __future__ import annotations
@@ -48,22 +48,22 @@ _CHUNK = 256 * 1024
 
 
 class MeshFilesError(ValueError):
-    """A folder of packages that cannot be served; the text says which and why."""
+    """A folder of packages cannot be served; the text names it and the reason."""
 
 
 class MeshFiles:
-    """Serves the files of ROS packages.
+    """HTTP server of the files of ROS packages.
 
     Args:
-        folders: each a package, which is a folder with a `package.xml`, or a folder with packages somewhere
-            below it. A folder right below that has no `package.xml` in it is a package of the folder's name.
-            Of two packages of one name the first counts.
+        folders: packages (folders with a `package.xml`), or folders that contain packages at any depth. A
+            direct subfolder without `package.xml` is a package of its own name. If a name occurs twice, the
+            first package counts.
 
     Attributes:
-        http: what :func:`rwt.serve` takes.
+        http: extension for :func:`rwt.serve`.
 
     Raises:
-        MeshFilesError: one of them is no folder, or has nothing in it.
+        MeshFilesError: a path is not a folder, or is empty.
     """
 
     def __init__(self, folders: Iterable[Path]) -> None:
@@ -76,11 +76,11 @@ class MeshFiles:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The packages, sorted."""
+        """Names of the packages, sorted."""
         return tuple(sorted(self._roots))
 
     async def _page(self, request: HttpRequest, reader: Reader) -> HttpResponse:
-        """One file."""
+        """Serve one file."""
         return await anyio.to_thread.run_sync(self._answer, request)
 
     def _answer(self, request: HttpRequest) -> HttpResponse:
@@ -100,7 +100,7 @@ class MeshFiles:
 
 
 def _packages(folder: Path) -> Iterator[Path]:
-    """The roots of the packages at or below a folder."""
+    """Return the roots of the packages at or below a folder."""
     try:
         found = list(_walk(folder.absolute(), set()))
         found += [root for root in sorted(_folders(folder.absolute())) if not _touches(root, found)]
@@ -112,7 +112,7 @@ def _packages(folder: Path) -> Iterator[Path]:
 
 
 def _walk(folder: Path, seen: set[Path]) -> Iterator[Path]:
-    """Folders with a `package.xml`; nothing below one is looked at."""
+    """Iterate over the folders with a `package.xml`, without descending into them."""
     if folder.resolve() in seen:
         return  # a link to where the walk has been
     seen.add(folder.resolve())
@@ -128,14 +128,14 @@ def _folders(folder: Path) -> Iterator[Path]:
 
 
 def _touches(root: Path, found: Iterable[Path]) -> bool:
-    """Whether a folder is a package that was found, is in one, or has one in it."""
+    """Return True if a folder is, contains or is in a package that was found."""
     return any(root == other or root in other.parents or other in root.parents for other in found)
 
 
 def _below(root: Path, rest: str) -> Path | None:
-    """The file of that path in a package; None for a path that leads out of it, and for hidden ones.
+    """Return a file of a package; None for hidden files and paths that lead out of the package.
 
-    Links are followed: a workspace that was built with links has nothing else.
+    Symbolic links are followed: workspaces may be built from links only.
     """
     parts = rest.split("/")
     # On Windows a backslash and the colon of a drive leave the package.

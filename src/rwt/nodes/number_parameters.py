@@ -1,4 +1,4 @@
-"""Numeric ROS parameters with limits, which can be changed at any time."""
+"""Numeric ROS parameters with limits."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from rwt_participant.errors import ParameterRejected
 
 @dataclass(frozen=True, slots=True)
 class Number:
-    """One numeric parameter with its limits.
+    """Numeric parameter with limits, which can be changed at any time.
 
     Attributes:
-        name: of the parameter.
-        least: the lowest value that it takes; None takes any above 0.
-        most: the highest.
-        unit: of the value; empty for a count.
-        description: what it changes.
-        whole: whether it has no fraction.
+        name: name of the parameter.
+        least: minimum; None for any number above 0.
+        most: maximum.
+        unit: unit of the value; empty for a count.
+        description: effect of the parameter.
+        whole: True if it is an integer.
     """
 
     name: str
@@ -31,10 +31,10 @@ class Number:
     whole: bool = False
 
     def check(self, value: object) -> float:
-        """The value.
+        """Return a valid value.
 
         Raises:
-            ParameterRejected: it is no number, out of range, or has a fraction where there may be none.
+            ParameterRejected: it is not a number, out of range, or not an integer.
         """
         if isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value):
             enough = value > 0 if self.least is None else value >= self.least
@@ -46,10 +46,10 @@ class Number:
         raise ParameterRejected(f"{self.name} must be {kind} {limits}, got {value!r:.100}")
 
     def declare(self, node: Node, default: float, apply: Callable[[float], None]) -> None:
-        """Declare it on `node` and apply its value now and whenever it changes.
+        """Declare the parameter on `node`, and apply its value now and after each change.
 
         Raises:
-            ParameterRejected: `default` is none of its values.
+            ParameterRejected: `default` is not valid.
         """
 
         def on_change(value: object) -> None:

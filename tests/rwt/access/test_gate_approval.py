@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rwt.access.gate.approvals import MOST_OF_CLIENT
+from rwt.access.gate.approvals import MAX_OF_CLIENT
 from rwt.access.gate.record import CALLER
 from tests.rwt.access.gated_robot import GatedRobot, call, drive
 from tests.rwt.gateways.rosbridge.recording_client import Client
@@ -240,11 +240,11 @@ def test_two_rules_want_a_yes_each() -> None:
 def test_requests_are_bounded() -> None:
     robot = AskedRobot()
     agent = robot.client("agent")
-    for _ in range(MOST_OF_CLIENT + 1):
+    for _ in range(MAX_OF_CLIENT + 1):
         _blink(agent)
     (reply,) = agent.heard()
-    assert f"{MOST_OF_CLIENT} requests of this client wait" in reply["values"]
-    assert agent.peer.graph.calls_in_flight == MOST_OF_CLIENT
+    assert f"{MAX_OF_CLIENT} requests of this client wait" in reply["values"]
+    assert agent.peer.graph.calls_in_flight == MAX_OF_CLIENT
 
 
 def test_observing_asks_nobody() -> None:

@@ -1,1 +1,1 @@
-"""What a client's act has to pass before it reaches the robot: leases, limits, a person's yes, the stop."""
+"""Gate between clients and the robot: leases, limits, human approval and the emergency stop."""

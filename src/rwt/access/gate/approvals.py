@@ -1,11 +1,11 @@
-"""What waits for a person's yes, and what has had one."""
+"""Human approval: pending requests, and approvals that are valid for a while."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
 from rwt.access.errors import GateRefused
-from rwt.access.gate.rules import pattern
+from rwt.access.roles import glob_pattern
 from rwt_graph.api import PendingCall
 
 if TYPE_CHECKING:
@@ -17,32 +17,36 @@ if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
     from rwt_participant.timers import Timer
 
-#: Requests that wait at a time, of all clients: a person reads them.
-MOST_PENDING: Final = 100
+#: Maximum number of pending requests of all clients: a person reads them.
+MAX_PENDING: Final = 100
 
-#: Of one client.
-MOST_OF_CLIENT: Final = 20
+#: Maximum number of pending requests of one client.
+MAX_OF_CLIENT: Final = 20
 
-_LONGEST_CONTENT: Final = 2000
-"""Characters of a message that a person is shown."""
+#: Maximum number of characters of a message that a person is shown.
+_MAX_CONTENT: Final = 2000
 
 _Key = tuple["Actor", "GatedAct", str, str]
-"""What a yes is for: who, what, with which name, by which rule."""
+"""Subject of an approval: client, act, name and key of the rule."""
 
 
 class Approval(PendingCall):
-    """One act that waits for a person's answer.
+    """Request for the approval of one act.
+
+    States: pending until it is approved, denied (by a person, by timeout, or since the client left) or
+    withdrawn (:meth:`cancel`). It leaves :attr:`Approvals.pending` once and for all.
 
     Attributes:
-        id: a number, as text.
-        client: who asks.
-        act: see :data:`rwt.access.gate.rules.GatedAct`.
-        name: of the topic, service, action or parameter.
-        rule: which asks for the yes.
-        content: what is to be done, as JSON, cut.
-        asked_ns: ROS time.
-        go: does it; set by who asks.
-        refuse: is told why it is not done; set by who asks.
+        id: number of the request, as a string.
+        client: client that requests approval.
+        act: act to be approved.
+        name: name of the topic, service, action or parameter.
+        rule: rule that requires approval.
+        content: message to be sent, as JSON, truncated.
+        asked_ns: ROS time of the request.
+        go: performs the act once it is approved; None: the client has to send it again. Set by the requester.
+        refuse: called with the reason if the request is denied; set by the requester.
+        timer: denies the request after the timeout.
     """
 
     __slots__ = (
@@ -76,21 +80,24 @@ class Approval(PendingCall):
 
     @property
     def key(self) -> _Key:
-        """What the yes is for."""
+        """Subject of the approval."""
         return (self.client, self.act, self.name, self.rule.key)
 
     def cancel(self) -> None:
-        """Ask no more: the client has gone, or does not want it any longer."""
+        """Withdraw the request."""
         self._approvals.withdraw(self)
 
 
 class Approvals:
-    """The requests of one gate, and the answers that hold for a while.
+    """Requests for approval of one gate, and approvals that are valid for a while.
+
+    An approval with a duration stays valid until then. One without is for a single act: it is performed at
+    once, or, for a message, when the client sends it again.
 
     Args:
-        clock: of the graph.
-        recorder: notes requests and answers.
-        on_change: called when the list of what waits is another.
+        clock: clock of the graph.
+        recorder: records requests and answers.
+        on_change: called after a change of the pending requests.
     """
 
     def __init__(self, clock: Clock, recorder: Recorder, on_change: Callable[[], None]) -> None:
@@ -99,15 +106,16 @@ class Approvals:
         self._on_change = on_change
         self._count = 0
         self._pending: dict[str, Approval] = {}
+        # Until when on the steady clock, and whether it is for a single act.
         self._granted: dict[_Key, tuple[float, bool]] = {}
 
     @property
     def pending(self) -> tuple[Approval, ...]:
-        """What waits, oldest first."""
+        """Pending requests, oldest first."""
         return tuple(self._pending.values())
 
     def take(self, client: Actor, act: GatedAct, name: str, rule: Rule) -> bool:
-        """Whether an answer that was given holds for this act; one that is for a single act is used up."""
+        """Return True if an act is approved; an approval for a single act is used up."""
         key = (client, act, name, rule.key)
         granted = self._granted.get(key)
         if granted is None:
@@ -117,24 +125,24 @@ class Approvals:
             del self._granted[key]
         return self._clock.monotonic() < until
 
-    def waits(self, client: Actor, act: GatedAct, name: str, rule: Rule) -> Approval | None:
-        """The request for just this that waits already."""
+    def find(self, client: Actor, act: GatedAct, name: str, rule: Rule) -> Approval | None:
+        """Return the pending request for the same act, if any."""
         key = (client, act, name, rule.key)
         return next((each for each in self._pending.values() if each.key == key), None)
 
     def ask(self, client: Actor, act: GatedAct, name: str, rule: Rule, payload: Payload | None) -> Approval:
-        """Ask for a yes.
+        """Request approval.
 
         Raises:
-            GateRefused: as much waits already as people can read.
+            GateRefused: the maximum number of pending requests is reached.
         """
-        if sum(each.client is client for each in self._pending.values()) >= MOST_OF_CLIENT:
+        if sum(each.client is client for each in self._pending.values()) >= MAX_OF_CLIENT:
             raise GateRefused(
-                f"{MOST_OF_CLIENT} requests of this client wait for an answer", f"{rule.key}.approval"
+                f"{MAX_OF_CLIENT} requests of this client wait for an answer", f"{rule.key}.approval"
             )
-        if len(self._pending) >= MOST_PENDING:
-            raise GateRefused(f"{MOST_PENDING} requests wait for an answer", f"{rule.key}.approval")
-        assert rule.settings.approval is not None  # Only rules with it ask.
+        if len(self._pending) >= MAX_PENDING:
+            raise GateRefused(f"{MAX_PENDING} requests wait for an answer", f"{rule.key}.approval")
+        assert rule.settings.approval is not None  # Only rules with it require approval.
         self._count += 1
         approval = Approval(self, str(self._count), client, act, name, rule, _shown(payload))
         approval.asked_ns = self._clock.time_ns()
@@ -148,31 +156,32 @@ class Approvals:
         return approval
 
     def answer(self, id: str, *, approve: bool, by: Actor | None, seconds: float = 0.0) -> str:
-        """Answer a request.
+        """Approve or deny a request.
 
         Args:
-            id: of the request.
-            approve: yes or no.
-            by: who answers; None: the robot's own program, or a person whom a gateway has asked.
-            seconds: for how long a yes holds; 0: for this act alone.
+            id: id of the request.
+            approve: True to approve, False to deny.
+            by: client that answers; None: a program of the robot, or a person asked by a gateway.
+            seconds: duration of the approval; 0: for this act only.
 
         Returns:
-            What was said yes or no to, in words.
+            A description of what was approved or denied.
 
         Raises:
-            GateRefused: nothing waits under that id, or whoever answers may not.
+            GateRefused: no request of that id is pending, the client may not answer it, or `seconds` is
+                longer than the rule allows.
         """
         approval = self._pending.get(id)
         if approval is None:
             raise GateRefused(f"nothing waits for an answer under id {id[:40]!r}")
         settings = approval.rule.settings.approval
-        assert settings is not None  # Only rules with it ask.
+        assert settings is not None  # Only rules with it require approval.
         key = f"{approval.rule.key}.approval"
-        if by is not None and pattern(settings.roles).fullmatch(by.role) is None:
+        if by is not None and glob_pattern(settings.roles).fullmatch(by.role) is None:
             raise GateRefused(f"role {by.role!r} may not answer requests", f"{key}.roles")
         if by is approval.client:
             raise GateRefused("a client may not answer its own request", key)
-        # Written so that what is no number is refused too.
+        # Written so that NaN is rejected, too.
         if not 0 <= seconds <= settings.remember_seconds:
             raise GateRefused(
                 f"a yes holds for at most {settings.remember_seconds:g} s here, got {seconds:g}",
@@ -189,7 +198,7 @@ class Approvals:
         if seconds:
             self._granted[approval.key] = (now + seconds, False)
         elif approval.go is None:
-            # The client has to send it again, for which it has as long as there was to answer.
+            # The client has to send it again, within the timeout of the request.
             self._granted[approval.key] = (now + settings.seconds, True)
         if approval.go is not None:
             approval.go()
@@ -209,7 +218,7 @@ class Approvals:
             approval.refuse(f"{approval.act} {approval.name}: {why} ({approval.rule.key}.approval)")
 
     def withdraw(self, approval: Approval) -> None:
-        """Ask no more."""
+        """Withdraw a request that is still pending."""
         if self._pending.get(approval.id) is approval:
             self._end(approval)
 
@@ -219,8 +228,8 @@ class Approvals:
             approval.timer.cancel()
         self._on_change()
 
-    def left(self, client: Actor) -> None:
-        """Forget a client: what it asked, and what it was allowed."""
+    def leave(self, client: Actor) -> None:
+        """Deny the requests of a client that leaves, and drop its approvals."""
         for approval in [each for each in self._pending.values() if each.client is client]:
             self._deny(approval, None, "the client has left")
         self._granted = {key: held for key, held in self._granted.items() if key[0] is not client}
@@ -231,10 +240,10 @@ class Approvals:
 
 
 def _shown(payload: Payload | None) -> str:
-    """A message as a person is shown it."""
+    """Return a message as shown to a person."""
     if payload is None:
         return ""
-    if payload.kept_size > 2 * _LONGEST_CONTENT:
+    if payload.kept_size > 2 * _MAX_CONTENT:
         return f"{payload.type.name} of about {payload.kept_size} bytes"
     text = bytes(payload.json()).decode()
-    return text if len(text) <= _LONGEST_CONTENT else f"{text[:_LONGEST_CONTENT]}…"
+    return text if len(text) <= _MAX_CONTENT else f"{text[:_MAX_CONTENT]}…"

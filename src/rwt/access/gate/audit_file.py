@@ -23,92 +23,95 @@ _encode: Final = msgspec.json.Encoder().encode
 
 
 class AuditFile:
-    """Lines that a thread writes, in the order in which they are given.
+    """Audit file, written by a thread in the order of the calls.
 
-    What waits for the disk is bounded in bytes; lines beyond that are dropped, and the next line that is
-    written says how many. A file that has its size is renamed to `NAME.1`, which becomes `NAME.2`, and so on.
+    The queue is limited in bytes. Lines over the limit are dropped, and a line about their number is written
+    later. A file of maximum size is renamed to `NAME.1`, an older one from `NAME.1` to `NAME.2`, and so on.
+
+    ``_changed`` guards the queue (``_queue``, ``_queued_bytes``), the counts and ``_is_closing``. The file
+    and ``_is_torn`` belong to the thread.
 
     Attributes:
-        dropped: lines that were not written: the queue was full, or the disk.
+        dropped: number of lines that were not written: the queue was full, or writing failed.
 
     Args:
-        settings: see there; with a file.
+        settings: settings of the audit, with a file.
 
     Raises:
         OSError: the file cannot be opened.
     """
 
     def __init__(self, settings: AuditSettings) -> None:
-        assert settings.file is not None  # Without a file there is no audit file.
+        assert settings.file is not None  # Checked by the caller.
         self._path = settings.file
-        self._most_bytes = settings.file_bytes
+        self._max_bytes = settings.file_bytes
         self._files = settings.files
-        self._most_waiting = settings.queue_bytes
-        self._waiting: deque[bytes] = deque()
-        self._waiting_bytes = 0
-        self._unsaid = 0
+        self._max_queued_bytes = settings.queue_bytes
+        self._queue: deque[bytes] = deque()
+        self._queued_bytes = 0
+        self._unreported = 0
         self.dropped = 0
-        self._is_over = False
-        self._is_torn = False  # The last line may have been cut.
+        self._is_closing = False
+        self._is_torn = False  # The last line may be incomplete.
         self._changed = threading.Condition()
         self._file = self._open()
         self._thread = threading.Thread(target=self._run, name="rwt audit", daemon=True)
         self._thread.start()
 
     def _open(self) -> BinaryIO:
-        # For the owner alone: it tells who did what.
+        # Readable by the owner only: it names clients and what they did.
         descriptor = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
         return os.fdopen(descriptor, "ab", buffering=0)
 
     def write(self, line: Mapping[str, object]) -> None:
-        """Give the thread a line; never waits for the disk."""
+        """Queue a line; never blocks."""
         data = _encode(line) + b"\n"
         with self._changed:
-            if self._is_over or self._waiting_bytes + len(data) > self._most_waiting:
+            if self._is_closing or self._queued_bytes + len(data) > self._max_queued_bytes:
                 self.dropped += 1
-                self._unsaid += 1
+                self._unreported += 1
                 return
-            self._waiting.append(data)
-            self._waiting_bytes += len(data)
+            self._queue.append(data)
+            self._queued_bytes += len(data)
             self._changed.notify()
 
     @property
     def waiting(self) -> int:
-        """Bytes that wait for the disk, or are on their way to it."""
-        return self._waiting_bytes
+        """Number of bytes that are queued or being written."""
+        return self._queued_bytes
 
     def close(self) -> None:
-        """Write what waits, and end the thread; a disk that takes nothing is waited for 5 seconds."""
+        """Write the queue and end the thread; gives up after 5 seconds."""
         with self._changed:
-            self._is_over = True
+            self._is_closing = True
             self._changed.notify()
         self._thread.join(5.0)
 
     def _run(self) -> None:
         while True:
             with self._changed:
-                while not (self._waiting or self._is_over):
+                while not (self._queue or self._is_closing):
                     self._changed.wait()
-                lines = list(self._waiting)
-                taken = self._waiting_bytes
-                unsaid, self._unsaid = self._unsaid, 0
-                self._waiting.clear()
-                is_over = self._is_over and not lines
-            self._put(lines, unsaid)
+                lines = list(self._queue)
+                written = self._queued_bytes
+                unreported, self._unreported = self._unreported, 0
+                self._queue.clear()
+                is_last = self._is_closing and not lines
+            self._put(lines, unreported)
             with self._changed:
-                self._waiting_bytes -= taken
-            if is_over:
+                self._queued_bytes -= written
+            if is_last:
                 self._file.close()
                 return
 
-    def _put(self, lines: list[bytes], unsaid: int) -> None:
-        """Write lines, and behind them how many were dropped since the last ones that were written."""
-        said = {"decision": "left out", "text": f"{unsaid} lines were dropped"}
-        data = b"".join([b"\n"] * self._is_torn + lines + [_encode(said) + b"\n"] * bool(unsaid))
+    def _put(self, lines: list[bytes], unreported: int) -> None:
+        """Write lines, followed by one about the number of dropped ones."""
+        report = {"decision": "left out", "text": f"{unreported} lines were dropped"}
+        data = b"".join([b"\n"] * self._is_torn + lines + [_encode(report) + b"\n"] * bool(unreported))
         try:
-            if self._file.closed:  # A rotation has failed in the middle.
+            if self._file.closed:  # A rotation failed halfway.
                 self._file = self._open()
-            if self._file.tell() and self._file.tell() + len(data) > self._most_bytes:
+            if self._file.tell() and self._file.tell() + len(data) > self._max_bytes:
                 self._rotate()
             while data:
                 data = data[self._file.write(data) :]
@@ -119,7 +122,7 @@ class AuditFile:
                 if not self.dropped:
                     logger.error("the audit cannot be written: %s: %s", self._path, error.strerror)
                 self.dropped += len(lines)
-                self._unsaid += unsaid + len(lines)
+                self._unreported += unreported + len(lines)
 
     def _rotate(self) -> None:
         self._file.close()
@@ -133,12 +136,12 @@ class AuditFile:
 
 
 def numbered(path: Path, number: int) -> Path:
-    """The file that was begun so many files before the newest one."""
+    """Return the path of an older file; 0 is the newest."""
     return path.with_name(f"{path.name}.{number}") if number else path
 
 
 def read_audit(path: Path) -> Iterator[Mapping[str, object]]:
-    """The lines of an audit and of its older files, oldest first; a line that is no object is left out.
+    """Iterate over the lines of an audit and of its older files, oldest first; skip invalid lines.
 
     Raises:
         OSError: the newest file cannot be read.
@@ -152,4 +155,4 @@ def read_audit(path: Path) -> Iterator[Mapping[str, object]]:
                 try:
                     yield msgspec.json.decode(line, type=dict[str, object])
                 except msgspec.MsgspecError:
-                    continue  # Cut, by a machine that lost its power.
+                    continue  # Truncated by a power failure.

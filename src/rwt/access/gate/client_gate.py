@@ -1,4 +1,4 @@
-"""The gate as one client meets it: what :class:`rwt.access.client_graph.ClientGraph` asks."""
+"""Gate of one client, as :class:`rwt.access.client_graph.ClientGraph` uses it."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Final, Protocol, TypeVar
 from uuid import uuid4
 
 from rwt.access.errors import AccessError, GateRefused, NotAllowed
-from rwt.access.gate.gate import GATE_NODE
 from rwt.access.gate.node import SERVICES, STOP_TOPIC, TOPICS
 from rwt.access.gate.record import CALLER
-from rwt.access.gate.rules import pattern
+from rwt.access.gate.state import GATE_NODE
+from rwt.access.roles import glob_pattern
 from rwt_graph.api import ClientGoal, PendingCall
 from rwt_participant.errors import CallFailed, GoalRejected, RobotError, ServiceFailed
 from rwt_participant.goals import GoalStatus
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from rwt.access.gate.gate import Gate
     from rwt.access.gate.record import Actor
     from rwt.access.gate.rules import GatedAct, Rule
+    from rwt.access.gate.topic import GuardedTopic
     from rwt.access.roles import Role
     from rwt.delivery.counters import TopicCounts
     from rwt_graph.api import OnReply
@@ -33,82 +34,84 @@ if TYPE_CHECKING:
 
     Needed = list[tuple[GatedAct, str, Rule]]
 
-#: The service by which ROS 2 itself sends a goal to an action.
+#: Service by which ROS 2 itself sends a goal to an action.
 _SEND_GOAL: Final = re.compile(r"(?P<action>/.+)/_action/send_goal")
 
-#: The topic by which ROS 1 sends a goal to an action.
+#: Topic by which ROS 1 sends a goal to an action.
 _GOAL_TOPIC: Final = re.compile(r"(?P<action>/.+)/goal")
 
-
-#: Topics of which it is remembered that the audit says of a client that it publishes there.
-_MOST_NOTED: Final = 1000
+#: Maximum number of topics per client whose first publication is not recorded again; then all are forgotten.
+_MAX_RECORDED: Final = 1000
 
 T = TypeVar("T", bound="Inner")
 
 
 class Inner(Protocol):
-    """What publishes on a topic without the gate."""
+    """Publisher behind the gate: of a topic, and for one client where it keeps samples or runs goals."""
 
     @property
     def topic(self) -> str:
-        """Absolute name."""
+        """Absolute name of the topic."""
         ...
 
     @property
     def type(self) -> MessageType:
-        """Of its messages."""
+        """Type of the messages."""
         ...
 
     @property
     def counts(self) -> TopicCounts:
-        """Of the topic."""
+        """Counters of the topic."""
         ...
 
     @property
     def publish(self) -> Callable[[Payload], None]:
-        """Hands on a message."""
+        """Function that publishes a message."""
         ...
 
 
 class GatedPublisher:
-    """What a client publishes on where rules of the gate are about the topic."""
+    """Publisher of a client on a topic with gate rules."""
 
-    __slots__ = ("_actor", "_gate", "_inner", "counts", "topic", "type")
+    __slots__ = ("_actor", "_gate", "_guarded", "_inner", "counts", "topic", "type")
 
-    def __init__(self, gate: Gate, actor: Actor, inner: Inner) -> None:
+    def __init__(self, gate: Gate, actor: Actor, inner: Inner, guarded: GuardedTopic | None) -> None:
         self._gate = gate
         self._actor = actor
         self._inner = inner
+        self._guarded = guarded
         self.topic = inner.topic
         self.type = inner.type
         self.counts = inner.counts
 
     def publish(self, payload: Payload) -> None:
-        """Hand on a message, if the rules let it pass.
+        """Publish a message if it passes the rules.
 
         Raises:
-            GateRefused: a rule does not.
-            QuotaExceeded: as many bytes are kept for the client as may be.
+            GateRefused: a rule rejects it.
+            QuotaExceeded: the topic is latched, and `limits.kept_bytes` is reached.
         """
-        topic = self._gate.guarded(self.topic, self.type)
-        topic.publish(self._actor, payload, self._inner.publish)
+        guarded = self._guarded
+        if guarded is None or guarded.is_closed:
+            guarded = self._guarded = self._gate.guarded(self.topic, self.type)
+        guarded.publish(self._actor, payload, self._inner.publish)
 
 
 class GoalPublisher(GatedPublisher):
-    """What a client publishes on where messages are goals of an action, as on ROS 1."""
+    """Publisher of a client on a topic whose messages are goals of an action, as in ROS 1."""
 
     __slots__ = ("_action", "_own_rules")
 
     def __init__(self, gate: Gate, actor: Actor, inner: Inner, action: str) -> None:
-        super().__init__(gate, actor, inner)
+        super().__init__(gate, actor, inner, None)
         self._action = action
         self._own_rules = bool(gate.rules.of("publish", inner.topic))
 
     def publish(self, payload: Payload) -> None:
-        """Hand on a goal, if the rules let it pass that are about the action, and those about the topic.
+        """Publish a goal if it passes the rules for the action, and those for the topic.
 
         Raises:
-            GateRefused: a rule does not.
+            GateRefused: a rule rejects it.
         """
         try:
             _require_plain_goal(self._gate, self._actor, self._action)
@@ -120,8 +123,13 @@ class GoalPublisher(GatedPublisher):
             self._inner.publish(payload)
 
 
-class Waiting(PendingCall):
-    """A call that waits for one yes after the other."""
+class PendingApproval(PendingCall):
+    """Service call that requires approval: first the request for approval is pending, then the call itself.
+
+    Attributes:
+        asked: request for approval; if a call requires several, the last one.
+        then: the call, once it is approved.
+    """
 
     __slots__ = ("asked", "then")
 
@@ -130,19 +138,27 @@ class Waiting(PendingCall):
         self.then: PendingCall | None = None
 
     def cancel(self) -> None:
-        """Ask no more, and forget the call."""
+        """Withdraw the request, and cancel the call."""
         for each in (self.asked, self.then):
             if each is not None:
                 each.cancel()
 
 
 class WaitingGoal(ClientGoal):
-    """A goal that waits for a yes, and is like any other after it.
+    """Goal that requires approval.
+
+    States::
+
+        pending ──send(), once approved──> sent: every method forwards to the sent goal
+           └──refuse(), cancel(), abandon()──> ended: never sent
+
+    Attributes:
+        asked: request for approval; if the goal requires several, the last one.
 
     Args:
-        id: under which it is sent.
-        action: absolute name.
-        refused: is told why the goal is not sent.
+        id: goal id under which it is sent.
+        action: absolute name of the action.
+        refused: called with the reason if the goal is not sent; not after :meth:`abandon`.
     """
 
     def __init__(self, id: str, action: str, refused: Callable[[CallFailed], None]) -> None:
@@ -152,105 +168,107 @@ class WaitingGoal(ClientGoal):
         self._refused = refused
         self._sent: ClientGoal | None = None
         self._wants_feedback = True
-        self._is_over = False
+        self._has_ended = False
         self._reason = ""
 
     @property
     def status(self) -> GoalStatus:
-        """The last state that the server reported; UNKNOWN while it waits."""
+        """Last status that the server reported; UNKNOWN while the goal is pending."""
         return GoalStatus.UNKNOWN if self._sent is None else self._sent.status
 
     @property
     def reason(self) -> str:
-        """Why the goal ended as it did."""
+        """Reason for the end of the goal; empty if none was given."""
         return self._reason if self._sent is None else self._sent.reason
 
     def send(self, send: Callable[[str], ClientGoal]) -> None:
-        """Somebody has said yes."""
-        if not self._is_over:
+        """Send the approved goal."""
+        if not self._has_ended:
             self._sent = send(self.id)
             if not self._wants_feedback:
                 self._sent.want_feedback(False)
 
     def refuse(self, why: str) -> None:
-        """It is not sent."""
-        if not self._is_over:
-            self._is_over = True
+        """Refuse the goal; it is never sent."""
+        if not self._has_ended:
+            self._has_ended = True
             self._reason = why
             self._refused(GoalRejected(why))
 
     def cancel(self) -> None:
-        """Ask the server to cancel; a goal that waits is not sent."""
+        """Request cancellation by the server; a pending goal is not sent."""
         if self._sent is not None:
             self._sent.cancel()
-        elif not self._is_over:
+        elif not self._has_ended:
             if self.asked is not None:
                 self.asked.cancel()
             self.refuse("it was cancelled before a person had said yes")
 
     def want_feedback(self, wanted: bool) -> None:
-        """Say whether feedback is of use now."""
+        """Turn feedback on or off."""
         self._wants_feedback = wanted
         if self._sent is not None:
             self._sent.want_feedback(wanted)
 
     def abandon(self) -> None:
-        """Drop the goal's callbacks; a goal that waits is not sent."""
+        """Drop the goal's callbacks; a pending goal is not sent."""
         if self._sent is not None:
             self._sent.abandon()
         else:
-            self._is_over = True
+            self._has_ended = True
             if self.asked is not None:
                 self.asked.cancel()
 
 
 class ClientGate:
-    """The gate as one client meets it.
+    """Gate of one client.
+
+    The client is an actor of the gate from the constructor until :meth:`close`.
 
     Args:
-        gate: see there.
-        name: of the client; empty: the gate gives it one.
-        role: its role.
-        address: where it comes from.
+        gate: gate of the server.
+        name: name of the client; empty: the gate assigns one.
+        role: role of the client.
+        address: network address of the client.
     """
 
-    __slots__ = ("_actor", "_gate", "_noted")
+    __slots__ = ("_actor", "_gate", "_recorded")
 
     def __init__(self, gate: Gate, name: str, role: Role, address: str) -> None:
         self._gate = gate
-        self._noted: set[str] = set()
+        self._recorded: set[str] = set()
         self._actor = gate.join(name, role, address)
 
     @property
     def name(self) -> str:
-        """What the client is called by the gate."""
+        """Name of the client at the gate."""
         return self._actor.name
 
     def take_role(self, role: Role) -> None:
-        """The client has another role."""
+        """Switch the client to another role."""
         self._gate.take_role(self._actor, role)
 
     def close(self) -> None:
-        """The client has gone: what it holds is free, and what it asked is not done."""
+        """Remove the client: release its leases, and withdraw its requests for approval."""
         self._gate.leave(self._actor)
 
     def note_refusal(self, act: str, name: str, why: str) -> None:
-        """Note what the client's role does not allow."""
+        """Record an act that the client's role does not allow."""
         self._gate.recorder.note("refused", act, name, self._actor, why)
 
     # Topics
 
     def check_publisher(self, topic: str, qos: QoS | None) -> None:
-        """Look at a publisher before it is made.
+        """Check a publisher before it is created.
 
         Args:
-            topic: absolute name.
-            qos: its policies; None: those of the graph.
+            topic: absolute name of the topic.
+            qos: QoS of the publisher; None for the graph's default.
 
         Raises:
-            NotAllowed: the gate's own topic, or the stop, and the role may not stop the robot.
-            GateRefused: its last message would be heard again by whoever subscribes later, also when the
-                robot was told to stop meanwhile.
+            NotAllowed: the topic is the gate's own, or the emergency stop, which the role may not press.
+            GateRefused: the QoS is latched, and a rule defines a stop message for the topic: late subscribers
+                would receive the last command even after a stop.
         """
         if not self._gate.rules.all:
             return
@@ -263,61 +281,62 @@ class ClientGate:
         if topic in TOPICS:
             raise NotAllowed(f"{topic} is published by the gate alone")
         roles = self._gate.settings.emergency.stop_roles
-        if topic == STOP_TOPIC and pattern(roles).fullmatch(self._actor.role) is None:
+        if topic == STOP_TOPIC and glob_pattern(roles).fullmatch(self._actor.role) is None:
             raise NotAllowed(f"role {self._actor.role!r} may not stop the robot (gate.emergency.stop_roles)")
 
     def reserve_offer(self, name: str) -> None:
-        """Keep the gate's own services from being offered by clients.
+        """Check that a service or action of a client does not use a name of the gate.
 
         Raises:
-            NotAllowed: it is one of them.
+            NotAllowed: it does.
         """
         if self._gate.rules.all and name.startswith(f"{GATE_NODE}/"):
             raise NotAllowed(f"{name} is the gate's own")
 
     def publisher(self, inner: T) -> T | GatedPublisher:
-        """What the client publishes on; what it is given where no rule is about the topic."""
+        """Return a publisher that checks the rules; `inner` itself if there are none for the topic."""
         gate, actor = self._gate, self._actor
-        if gate.recorder.keeps_all and inner.topic not in self._noted:
-            if len(self._noted) >= _MOST_NOTED:
-                self._noted.clear()
-            self._noted.add(inner.topic)
+        if gate.recorder.keeps_all and inner.topic not in self._recorded:
+            if len(self._recorded) >= _MAX_RECORDED:
+                self._recorded.clear()
+            self._recorded.add(inner.topic)
             gate.recorder.note("allowed", "publish", inner.topic, actor, "begins to publish")
         as_goal = _GOAL_TOPIC.fullmatch(inner.topic)
         if as_goal and inner.type.name.endswith("ActionGoal") and gate.rules.of("goal", as_goal["action"]):
             return GoalPublisher(gate, actor, inner, as_goal["action"])
         if not gate.rules.of("publish", inner.topic):
             return inner
-        gate.guarded(inner.topic, inner.type).users.add(actor)
-        return GatedPublisher(gate, actor, inner)
+        guarded = gate.guarded(inner.topic, inner.type)
+        guarded.users.add(actor)
+        return GatedPublisher(gate, actor, inner, guarded)
 
-    def left_topic(self, topic: str) -> None:
-        """The client does not publish on a topic any more."""
-        self._gate.left_topic(self._actor, topic)
+    def leave_topic(self, topic: str) -> None:
+        """Note that the client no longer publishes on a topic."""
+        self._gate.leave_topic(self._actor, topic)
 
     def lease_seconds(self, topic: str) -> float | None:
-        """Silence after which the client loses the lease of a topic; None where no rule asks for one."""
+        """Return the seconds of silence after which the client loses a lease; None without a lease."""
         return self._gate.lease_seconds(self._actor.rights, topic)
 
     # Calls
 
     def is_own(self, service: str) -> bool:
-        """Whether a service is the gate's own, which decides itself who may call it."""
+        """Return True for a service of the gate, which itself decides who may call it."""
         return service in SERVICES and bool(self._gate.rules.all)
 
     def check_call(
         self, service: str, type: ServiceType, request: Payload, written: list[str]
     ) -> tuple[Payload, Needed]:
-        """The request as it may be sent, and to what a person has to say yes.
+        """Check a service call; return the request as it may be sent, and the acts that require approval.
 
         Args:
-            service: absolute name.
-            type: of the service.
-            request: of the client.
+            service: absolute name of the service.
+            type: type of the service.
+            request: request of the client.
             written: parameters that the call sets.
 
         Raises:
-            GateRefused: a rule does not let it through.
+            GateRefused: a rule rejects the call.
         """
         gate = self._gate
         acts: list[tuple[GatedAct, str]] = [("call", service), *(("set_param", name) for name in written)]
@@ -331,7 +350,7 @@ class ClientGate:
             return request, []
 
     def note_call(self, service: str, written: list[str]) -> None:
-        """Note a call that is made."""
+        """Record a call that is sent."""
         recorder = self._gate.recorder
         if recorder.keeps_all:
             for name in written:
@@ -342,15 +361,15 @@ class ClientGate:
     def call(
         self, needed: Needed, request: Payload, send: Callable[[Payload], PendingCall], on_reply: OnReply
     ) -> PendingCall:
-        """Make a call when a person has said yes to all that it needs.
+        """Send a call once all of its acts are approved.
 
         Args:
-            needed: see :meth:`check_call`.
-            request: of the client.
-            send: makes the call.
-            on_reply: is told why it is not made.
+            needed: acts that require approval, from :meth:`check_call`.
+            request: request of the client.
+            send: sends the call.
+            on_reply: called with the reason if the call is not sent.
         """
-        waiting = Waiting()
+        waiting = PendingApproval()
         kept = request.detach()
 
         def go() -> None:
@@ -366,7 +385,7 @@ class ClientGate:
         return waiting
 
     def as_caller(self, send: Callable[[], PendingCall]) -> PendingCall:
-        """Call a service of the gate's own, which then knows who calls."""
+        """Call a service of the gate, which finds the client in :data:`CALLER`."""
         context = copy_context()
         context.run(CALLER.set, self._actor)
         return context.run(send)
@@ -374,10 +393,10 @@ class ClientGate:
     # Goals
 
     def check_goal(self, action: str, type: ActionType, goal: Payload) -> tuple[Payload, Needed]:
-        """The goal as it may be sent, and to what a person has to say yes.
+        """Check a goal; return the goal as it may be sent, and the acts that require approval.
 
         Raises:
-            GateRefused: a rule does not let it through.
+            GateRefused: a rule rejects the goal.
         """
         try:
             return self._gate.check(self._actor, [("goal", action)], type.goal, goal)
@@ -393,19 +412,18 @@ class ClientGate:
         send: Callable[[str, Payload], ClientGoal],
         refused: Callable[[CallFailed], None],
     ) -> ClientGoal:
-        """Send a goal, when a person has said yes to all that it needs.
+        """Send a goal once all of its acts are approved.
 
         Args:
-            action: absolute name.
-            needed: see :meth:`check_goal`.
-            goal: of the client.
-            send: sends it under an id.
-            refused: is told why it is not sent.
+            action: absolute name of the action.
+            needed: acts that require approval, from :meth:`check_goal`.
+            goal: goal of the client.
+            send: sends the goal under a goal id.
+            refused: called with the reason if the goal is not sent.
         """
         gate, goal_id = self._gate, uuid4().hex
         if gate.recorder.keeps_all and not needed:
             gate.recorder.note("allowed", "goal", action, self._actor)
-
         if not needed:
             return send(goal_id, goal)
         kept = goal.detach()
@@ -425,15 +443,15 @@ class ClientGate:
         go: Callable[[], None],
         refuse: Callable[[str], None],
     ) -> None:
-        """Ask for one yes after the other."""
+        """Request one approval after the other."""
         gate = self._gate
         (act, name, rule), *others = needed
 
         def next_one() -> None:
             try:
-                # Meanwhile the robot may have been stopped, and the client may have another role.
+                # Meanwhile the emergency stop may be pressed, and the client may have another role.
                 for *_, each in needed:
-                    gate.require_moving(each)
+                    gate.require_released(each)
                 if not others:
                     go()
             except (AccessError, RobotError) as refused:
@@ -455,22 +473,22 @@ class ClientGate:
 
 
 def _require_plain_goal(gate: Gate, actor: Actor, action: str) -> None:
-    """Refuse a goal that does not come as one, where a rule wants to look at it or ask about it.
+    """Check that no rule needs to see a goal that is sent as a message or a service call.
 
     Raises:
-        GateRefused: a rule does, or the emergency stop forbids the goal.
+        GateRefused: a rule limits goals of the action or requires approval, or the emergency stop is pressed.
     """
     for rule in gate.rules.of("goal", action):
         if not rule.holds_for(actor.role):
             continue
-        gate.require_moving(rule)
+        gate.require_released(rule)
         settings = rule.settings
         if settings.fields or settings.approval or settings.largest_bytes:
             raise GateRefused(f"goals of {action} are only taken by `send_action_goal`", rule.key)
 
 
 def _refuse(gate: Gate, actor: Actor, act: GatedAct, name: str, refused: GateRefused) -> None:
-    """Note a refusal, and raise it unless the gate only observes."""
+    """Record a rejection, and raise it unless the gate only observes."""
     gate.recorder.note(
         "would refuse" if gate.is_observing else "refused", act, name, actor, str(refused), refused.rule
     )

@@ -1,10 +1,12 @@
-"""Limits of the fields of messages: ranges, rates, texts, and numbers that are none."""
+"""Limits on the fields of messages: ranges, rates of change, allowed strings, and non-finite numbers."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Final
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from operator import attrgetter, is_
+from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
@@ -18,25 +20,30 @@ if TYPE_CHECKING:
     from rwt.access.settings.gate import FieldLimit
     from rwt_interfaces.structs import MessageType
 
-#: The longest time between two messages, in seconds, that counts for a rate: after a pause nothing may jump.
-_LONGEST_STEP: Final = 0.1
+#: Longest interval, in seconds, that counts for a rate: a value must not jump after a pause.
+_MAX_STEP_SECONDS: Final = 0.1
 
-#: Silence, in seconds, after which the robot is taken to have stopped by itself.
-_STANDS_AFTER: Final = 0.5
+#: Seconds of silence after which the robot is assumed to have stopped by itself.
+_STANDSTILL_SECONDS: Final = 0.5
 
-Change = Callable[[object, str], object]
-"""Checks the value of one field, whose way is given, and returns the one to take in its place."""
+#: A JSON text that is passed on as received has no NaN and no infinity, but it may have `null`, which is NaN.
+_find_null: Final = re.compile(rb"null").search
+
+_Check = Callable[[Any, str, float, list[str]], object]
+"""Check of a value at a path at a time. Returns the value or its replacement, which it adds to the list."""
 
 
 class NoSuchField(Exception):
-    """A rule limits a field that the type has not, or that holds something else. The text says which."""
+    """A rule limits a field that the type does not have, or whose type does not fit. The text names it."""
 
 
 class Motion:
-    """What a topic was last told, for limits of rates.
+    """Values that were last passed on to a topic, for limits on rates.
+
+    The values of one message are collected by :meth:`note`, until :meth:`passed` or :meth:`refused`.
 
     Attributes:
-        at: when, in seconds of a steady clock.
+        at: time of the last message, in seconds of a steady clock.
     """
 
     __slots__ = ("_next", "_values", "at")
@@ -47,167 +54,126 @@ class Motion:
         self._next: dict[str, float] = {}
 
     def bounds(self, where: str, neutral: float, rate: float, now: float) -> tuple[float, float]:
-        """Between which numbers a field may be now.
+        """Return the smallest and the largest value that a field may have now.
 
-        Towards the neutral one it may jump; so braking is never limited.
+        A field may jump towards its neutral value, so that braking is never limited.
         """
         silence = now - self.at
-        last = neutral if silence > _STANDS_AFTER else self._values.get(where, neutral)
-        most = rate * min(silence, _LONGEST_STEP)
-        return min(last, neutral) - most, max(last, neutral) + most
+        last = neutral if silence > _STANDSTILL_SECONDS else self._values.get(where, neutral)
+        step = rate * min(silence, _MAX_STEP_SECONDS)
+        return min(last, neutral) - step, max(last, neutral) + step
 
     def note(self, where: str, value: float) -> None:
-        """Remember a number of the message at hand."""
+        """Collect a value of the current message."""
         self._next[where] = value
 
     def passed(self, now: float) -> None:
-        """The message at hand has gone to the robot."""
+        """Store the values of the current message, which was passed on."""
         self.at = now
         if self._next:
             self._values.update(self._next)
             self._next.clear()
 
     def refused(self) -> None:
-        """The message at hand has not gone to the robot."""
+        """Discard the values of the current message, which was rejected."""
         self._next.clear()
 
     def reset(self) -> None:
-        """The robot was told to stand."""
+        """Forget all values: the robot was told to stop."""
         self.at = -math.inf
         self._values.clear()
         self._next.clear()
 
 
 class FieldChecks:
-    """The limits of one rule, for messages of one type.
+    """Limits of one rule, compiled for messages of one type.
 
     Args:
-        rule: see above.
-        type: see above.
-        neutral: the stop message, away from which rates count; None: zeros.
+        rule: rule that states the limits.
+        type: type of the messages.
+        motion: values last passed on to the topic; None for requests and goals, whose rates are not limited.
+        neutral: stop message, away from which rates count; None: zeros.
 
     Raises:
-        NoSuchField: the type has no such field, or a number is limited like a text.
+        NoSuchField: the type has no such field, or it does not have the type that the limit is for.
     """
 
-    __slots__ = ("_finite", "_limits", "_neutral", "_rule", "_type")
+    __slots__ = ("_checks", "_float_sum", "_key", "_max_bytes", "_type")
 
-    def __init__(self, rule: Rule, type: MessageType, neutral: msgspec.Struct | None = None) -> None:
-        settings = rule.settings
-        self._rule = rule
+    def __init__(
+        self,
+        rule: Rule,
+        type: MessageType,
+        motion: Motion | None = None,
+        neutral: msgspec.Struct | None = None,
+    ) -> None:
+        settings, key = rule.settings, f"{rule.key}.fields"
+        self._key = rule.key
         self._type = type
-        self._neutral = neutral
-        self._finite = _float_fields(type) if settings.finite else ()
-        self._limits = tuple(
-            (_compiled(type, path, limit, f"{rule.key}.fields"), limit)
-            for path, limit in settings.fields.items()
-        )
+        self._max_bytes = settings.largest_bytes
+        self._float_sum = _compile_float_sum(type) if settings.finite else None
+        checks: list[_Check] = []
+        for path, limit in settings.fields.items():
+            attributes = _resolve(type, path, limit, key)
+            parts = list(zip(path.split("[]"), attributes.split("[]"), strict=True))
+            if limit.one_of:
+                leaf = _one_of(limit, key)
+            else:
+                neutrals = {} if limit.rate is None or neutral is None else _numbers_at(parts, neutral)
+                leaf = _in_range(limit, key, motion, neutrals)
+            checks.append(_at(parts, leaf))
+        self._checks = tuple(checks)
 
     @property
     def is_empty(self) -> bool:
-        """Whether every message of the type passes."""
-        return not (self._finite or self._limits or self._rule.settings.largest_bytes)
+        """True if every message of the type passes."""
+        return not (self._checks or self._float_sum or self._max_bytes)
 
-    def check(self, payload: Payload, motion: Motion | None, now: float) -> tuple[Payload, str]:
-        """The message to hand on, and what was brought within its limits, in words; empty: nothing.
+    def check(self, payload: Payload, now: float) -> tuple[Payload, str]:
+        """Check a message; return the one to pass on, and a description of what was clamped.
 
         Args:
-            payload: of the type.
-            motion: of the topic; None for requests and goals.
+            payload: message of the type.
             now: seconds of a steady clock.
 
         Raises:
-            GateRefused: it is beyond a limit; the text names the field and the rule.
+            GateRefused: a limit is exceeded; the text names the field and the rule.
         """
-        key = self._rule.key
-        largest = self._rule.settings.largest_bytes
-        if largest and payload.size > largest:
+        if self._max_bytes and payload.size > self._max_bytes:
             raise GateRefused(
-                f"a message of {payload.size} bytes: {largest} is the limit", f"{key}.largest_bytes"
+                f"a message of {payload.size} bytes: {self._max_bytes} is the limit",
+                f"{self._key}.largest_bytes",
             )
-        # JSON that is passed on as it came has no numbers that are none.
-        if not (self._limits or (self._finite and not payload.is_passthrough)):
+        if not self._checks and (
+            self._float_sum is None or (payload.is_passthrough and not _find_null(payload.json()))
+        ):
             return payload, ""
         given = payload.value()
-        value: object = given
-        where = _not_finite(given, self._finite, "")
-        if where:
-            raise GateRefused(f"{where}: expected a finite number", f"{key}.finite")
+        # A finite sum proves that every number is finite. Finite numbers may overflow: then look at each.
+        if self._float_sum is not None and not math.isfinite(self._float_sum(given)):
+            where = _not_finite(given, self._type, "")
+            if where:
+                raise GateRefused(f"{where}: expected a finite number", f"{self._key}.finite")
         changes: list[str] = []
-        for steps, limit in self._limits:
-            change = self._change(limit, motion, now, changes)
-            value = _applied(value, steps, "", change)
+        value: object = given
+        for check in self._checks:
+            value = check(value, "", now, changes)
         if value is given:
             return payload, ""
         try:
             return Payload.from_value(self._type, value), "; ".join(changes)
         except InvalidMessage as error:
-            # The limit itself is beyond what the field holds.
-            raise GateRefused(str(error), f"{key}.fields") from None
-
-    def _change(self, limit: FieldLimit, motion: Motion | None, now: float, changes: list[str]) -> Change:
-        def text(value: object, where: str) -> object:
-            if value not in limit.one_of:
-                raise GateRefused(
-                    f"{where}: expected {' or '.join(map(repr, limit.one_of))}, got {str(value)[:100]!r}",
-                    f"{self._rule.key}.fields",
-                )
-            return value
-
-        def number(value: object, where: str) -> object:
-            assert isinstance(value, int | float)  # The type's field is a number.
-            low = -math.inf if limit.min is None else limit.min
-            high = math.inf if limit.max is None else limit.max
-            if limit.rate is not None and motion is not None:
-                slowest, fastest = motion.bounds(where, self._neutral_at(where), limit.rate, now)
-                low, high = max(low, min(slowest, high)), min(high, max(fastest, low))
-            taken: float = value
-            if not low <= value <= high:
-                within = min(max(value, low), high)
-                if isinstance(value, int):
-                    within = math.ceil(within) if value < low else math.floor(within)
-                if limit.beyond == "refuse" or not low <= within <= high:
-                    raise GateRefused(
-                        f"{where}: expected {_range(low, high)}, got {value:g}", f"{self._rule.key}.fields"
-                    )
-                taken = within
-                changes.append(f"{where}: {taken:g} in place of {value:g}")
-            if limit.rate is not None and motion is not None:
-                motion.note(where, taken)
-            return value if taken == value else taken
-
-        return text if limit.one_of else number
-
-    def _neutral_at(self, where: str) -> float:
-        value: object = self._neutral
-        for part in where.split("."):
-            name, _, index = part.partition("[")
-            value = getattr(value, _attribute(name), None)
-            if index:
-                place = int(index[:-1])
-                value = value[place] if isinstance(value, Sequence) and place < len(value) else None
-        return float(value) if isinstance(value, int | float) else 0.0
+            # The limit itself is outside the range of the field's type.
+            raise GateRefused(str(error), f"{self._key}.fields") from None
 
 
-def _range(low: float, high: float) -> str:
-    if low == -math.inf:
-        return f"at most {high:g}"
-    return f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
+def _resolve(type: MessageType, path: str, limit: FieldLimit, key: str) -> str:
+    """Return a path with the names of attributes in place of fields, which the type has.
 
-
-def _attribute(name: str) -> str:
-    from rwt_interfaces.structs import python_name
-
-    return python_name(name)
-
-
-Steps = tuple[str, ...]
-"""The parts of a way: names of fields, and `[]` for every item of a list."""
-
-
-def _compiled(type: MessageType, path: str, limit: FieldLimit, key: str) -> Steps:
-    """The steps of a path, whose fields the type has."""
-    steps: list[str] = []
+    Raises:
+        NoSuchField: it has not, or the limit does not fit.
+    """
+    attributes: list[str] = []
     kind: field_types.FieldType = field_types.Message(type)
     for part in path.split("."):
         name, brackets, _ = part.partition("[]")
@@ -218,78 +184,169 @@ def _compiled(type: MessageType, path: str, limit: FieldLimit, key: str) -> Step
             known = ", ".join(slot.name for slot in kind.type.slots) or "none"
             raise NoSuchField(f'`{key}."{path}"`: {kind} has no field {name}; it has {known}')
         kind = slot.type
-        steps.append(name)
+        attributes.append(slot.attribute + brackets)
         if brackets:
             if not isinstance(kind, field_types.Array):
                 raise NoSuchField(f'`{key}."{path}"`: {name} is {kind} and no list: expected it without `[]`')
             kind = kind.element
-            steps.append("[]")
     wanted = field_types.String if limit.one_of else (field_types.Int, field_types.Float)
     if not isinstance(kind, wanted):
         raise NoSuchField(
             f'`{key}."{path}"`: expected a {"text" if limit.one_of else "number"}, and it is {kind}'
         )
-    return tuple(steps)
+    return ".".join(attributes)
 
 
-def _applied(value: object, steps: Steps, where: str, change: Change) -> object:
-    """The value with one of its fields changed; itself where nothing is."""
-    if not steps:
-        return change(value, where)
-    step, rest = steps[0], steps[1:]
-    if step == "[]":
-        assert isinstance(value, Sequence)  # Only lists have this step.
-        taken = [_applied(item, rest, f"{where}[{index}]", change) for index, item in enumerate(value)]
-        return value if all(map(_is, taken, value)) else taken
-    assert isinstance(value, msgspec.Struct)  # Only messages have fields.
-    name = _attribute(step)
-    inner = getattr(value, name)
-    changed = _applied(inner, rest, f"{where}.{step}" if where else step, change)
-    return value if changed is inner else msgspec.structs.replace(value, **{name: changed})
+def _at(parts: Sequence[tuple[str, str]], leaf: _Check) -> _Check:
+    """Compile a check of the fields at a path of a message.
+
+    Args:
+        parts: parts of the path between the `[]`, as ROS and as Python spells them.
+        leaf: check of the fields.
+    """
+    (text, attributes), *rest = parts
+    inner = _each(_at(rest, leaf)) if rest else leaf
+    if not attributes:  # The path ends with `[]`.
+        return inner
+    attributes = attributes.removeprefix(".")
+    get = attrgetter(attributes)
+    names = attributes.split(".")
+
+    def check(value: Any, where: str, now: float, changes: list[str]) -> object:
+        found = get(value)
+        taken = inner(found, where + text, now, changes)
+        return value if taken is found else _replaced(value, names, taken)
+
+    return check
 
 
-def _is(one: object, other: object) -> bool:
-    return one is other
+def _each(inner: _Check) -> _Check:
+    """Compile a check of every item of a list."""
+
+    def check(items: Any, where: str, now: float, changes: list[str]) -> object:
+        taken = [inner(item, f"{where}[{index}]", now, changes) for index, item in enumerate(items)]
+        return items if all(map(is_, taken, items)) else taken
+
+    return check
 
 
-FloatFields = tuple[tuple[str, bool, "FloatFields | None"], ...]
-"""The fields of a type in which floats are: the name, whether it is a list, and those of the message in it;
-None where it is a float itself."""
+def _replaced(message: msgspec.Struct, names: Sequence[str], new: object) -> msgspec.Struct:
+    """Return a copy of a message with another value at a path of attributes."""
+    first, *rest = names
+    return msgspec.structs.replace(
+        message, **{first: _replaced(getattr(message, first), rest, new) if rest else new}
+    )
 
 
-def _float_fields(type: MessageType) -> FloatFields:
-    found: list[tuple[str, bool, FloatFields | None]] = []
+def _one_of(limit: FieldLimit, key: str) -> _Check:
+    """Compile a check of strings."""
+    allowed = frozenset(limit.one_of)
+    expected = " or ".join(map(repr, limit.one_of))
+
+    def check(value: Any, where: str, now: float, changes: list[str]) -> object:
+        if value not in allowed:
+            raise GateRefused(f"{where}: expected {expected}, got {str(value)[:100]!r}", key)
+        return value
+
+    return check
+
+
+def _in_range(limit: FieldLimit, key: str, motion: Motion | None, neutrals: Mapping[str, float]) -> _Check:
+    """Compile a check of numbers; `neutrals` are those of the stop message, for limits on rates."""
+    lowest = -math.inf if limit.min is None else limit.min
+    highest = math.inf if limit.max is None else limit.max
+    rate = limit.rate
+
+    def check(value: Any, where: str, now: float, changes: list[str]) -> object:
+        low, high = lowest, highest
+        if rate is not None and motion is not None:
+            slowest, fastest = motion.bounds(where, neutrals.get(where, 0.0), rate, now)
+            low, high = max(low, min(slowest, high)), min(high, max(fastest, low))
+        taken = value
+        if not low <= value <= high:
+            taken = min(max(value, low), high)
+            if isinstance(value, int):
+                taken = math.ceil(taken) if value < low else math.floor(taken)
+            if limit.beyond == "refuse" or not low <= taken <= high:
+                raise GateRefused(f"{where}: expected {_range(low, high)}, got {value:g}", key)
+            changes.append(f"{where}: {taken:g} in place of {value:g}")
+        if rate is not None and motion is not None:
+            motion.note(where, taken)
+        return taken
+
+    return check
+
+
+def _range(low: float, high: float) -> str:
+    if low == -math.inf:
+        return f"at most {high:g}"
+    return f"at least {low:g}" if high == math.inf else f"{low:g} to {high:g}"
+
+
+def _numbers_at(parts: Sequence[tuple[str, str]], message: msgspec.Struct) -> Mapping[str, float]:
+    """Return the numbers of a message at a path, each under its path with indices."""
+    found: dict[str, float] = {}
+
+    def note(value: Any, where: str, now: float, changes: list[str]) -> object:
+        found[where] = float(value)
+        return value
+
+    _at(parts, note)(message, "", 0.0, [])
+    return found
+
+
+def _compile_float_sum(type: MessageType) -> Callable[[object], float] | None:
+    """Compile a function that adds up all floats of a message; None if the type has none."""
+    numbers: list[attrgetter[float]] = []
+    lists: list[attrgetter[Iterable[float]]] = []
+    messages: list[tuple[attrgetter[Iterable[object]], Callable[[object], float]]] = []
+
+    def collect(type: MessageType, prefix: str) -> None:
+        for slot in type.slots:
+            path = f"{prefix}{slot.attribute}"
+            match slot.type:
+                case field_types.Float():
+                    numbers.append(attrgetter(path))
+                case field_types.Array(element=field_types.Float()):
+                    lists.append(attrgetter(path))
+                case field_types.Message(inner):
+                    collect(inner, f"{path}.")
+                case field_types.Array(element=field_types.Message(inner)):
+                    inner_sum = _compile_float_sum(inner)
+                    if inner_sum is not None:
+                        messages.append((attrgetter(path), inner_sum))
+
+    collect(type, "")
+
+    def float_sum(message: object) -> float:
+        total = 0.0
+        for number in numbers:
+            total += number(message)
+        for items in lists:
+            total += sum(items(message))
+        for items_of, inner_sum in messages:
+            total += sum(map(inner_sum, items_of(message)))
+        return total
+
+    return float_sum if numbers or lists or messages else None
+
+
+def _not_finite(message: object, type: MessageType, where: str) -> str:
+    """Return the path of the first float that is not finite; empty if there is none."""
     for slot in type.slots:
         is_list = isinstance(slot.type, field_types.Array)
         kind = slot.type.element if isinstance(slot.type, field_types.Array) else slot.type
-        if isinstance(kind, field_types.Float):
-            found.append((slot.name, is_list, None))
-        elif isinstance(kind, field_types.Message):
-            within = _float_fields(kind.type)
-            if within:
-                found.append((slot.name, is_list, within))
-    return tuple(found)
-
-
-def _not_finite(value: object, fields: FloatFields, where: str) -> str:
-    """The way to the first float that is none or infinite; empty where all are finite."""
-    for name, is_list, within in fields:
-        inner = getattr(value, _attribute(name))
-        path = f"{where}.{name}" if where else name
-        if not is_list:
-            if within is None:
-                if not math.isfinite(inner):
-                    return path
-            elif found := _not_finite(inner, within, path):
-                return found
-        elif within is None:
-            # A sum is a quick proof; where it overflows, each number is looked at.
-            if not math.isfinite(sum(inner)):
-                for index, item in enumerate(inner):
-                    if not math.isfinite(item):
-                        return f"{path}[{index}]"
-        else:
-            for index, item in enumerate(inner):
-                if found := _not_finite(item, within, f"{path}[{index}]"):
+        if not isinstance(kind, field_types.Float | field_types.Message):
+            continue
+        value = getattr(message, slot.attribute)
+        if is_list and isinstance(kind, field_types.Float) and all(map(math.isfinite, value)):
+            continue
+        for index, item in enumerate(value if is_list else (value,)):
+            path = f"{where}{slot.name}[{index}]" if is_list else f"{where}{slot.name}"
+            if isinstance(kind, field_types.Message):
+                found = _not_finite(item, kind.type, f"{path}.")
+                if found:
                     return found
+            elif not math.isfinite(item):
+                return path
     return ""

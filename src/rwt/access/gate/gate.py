@@ -1,4 +1,4 @@
-"""The gate of one server: its rules, the topics they are about, the emergency stop and the approvals."""
+"""Gate of one server: rules, guarded topics, leases and the emergency stop."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import logging
 from typing import TYPE_CHECKING, Final
 
 from rwt.access.errors import GateRefused
-from rwt.access.gate.approvals import Approvals
-from rwt.access.gate.audit_file import AuditFile
 from rwt.access.gate.fields import FieldChecks, NoSuchField
-from rwt.access.gate.record import Actor, Recorder
-from rwt.access.gate.rules import Rules, pattern
+from rwt.access.gate.record import Actor
+from rwt.access.gate.rules import Rules
+from rwt.access.gate.state import GATE_NODE, GateState
 from rwt.access.gate.topic import GuardedTopic
 from rwt.access.graph_view import canonical
+from rwt.access.roles import glob_pattern
 from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Iterable
 
     from rwt.access.audit import Audit
     from rwt.access.gate.rules import GatedAct, Rule
@@ -27,61 +27,40 @@ if TYPE_CHECKING:
 
 logger: Final = logging.getLogger("rwt.bridge")
 
-GATE_NODE: Final = "/gate"
-"""The node as which the gate publishes stop messages, and tells who holds what."""
-
-#: Types for which the checks of requests and goals are remembered; at the bound all are forgotten.
-_MOST_TYPES: Final = 1000
+#: Maximum number of types whose compiled checks of requests and goals are cached; then the cache is cleared.
+_MAX_TYPES: Final = 1000
 
 
 class BadRule(Exception):
-    """A rule cannot be applied to what is in the graph. The text names the setting."""
+    """A rule does not fit the graph. The text names the setting."""
 
 
-class Gate:
-    """What clients' acts have to pass.
+class Gate(GateState):
+    """Gate of one server: checks what clients do to the robot against the rules of the settings.
+
+    Attributes by purpose, besides those of :class:`rwt.access.gate.state.GateState`:
+
+    * Rules: ``rules``, ``_checks`` (compiled for a type of requests or goals).
+    * Clients: ``_actors`` (by name), ``_count`` (number so far).
+    * Topics: ``_topics`` (by name; from the first publisher on, or since the robot has the topic).
 
     Attributes:
-        settings: see there.
-        rules: all of them.
-        participant: the gate's node in the graph.
-        clock: of the graph.
-        recorder: notes what happens.
-        approvals: what waits for a person's yes.
-        is_observing: whether it only says what it would refuse.
-        stopped_by: who has pressed the emergency stop; empty while it is released.
-        stopped_reason: why, as they say; or why it was released.
-        stopped_ns: ROS time of the last change.
-        last_by: who pressed or released it last.
-        on_leases, on_stop, on_approvals: called when these have changed.
+        rules: all rules.
 
     Args:
-        graph: the robot.
-        settings: see there.
-        audit: the server's log.
+        graph: graph of the robot.
+        settings: settings of the gate.
+        audit: log of the server.
 
     Raises:
-        BadRule: a rule does not fit a topic that is there.
-        OSError: the audit's file cannot be opened.
+        BadRule: a rule does not fit a topic, service or action of the graph.
+        OSError: the audit file cannot be opened.
     """
 
     def __init__(self, graph: Graph, settings: GateSettings, audit: Audit) -> None:
+        super().__init__(graph, settings, audit)
         self._graph = graph
-        self.settings = settings
         self.rules = Rules(settings.rules)
-        self.clock = graph.clock
-        self.is_observing = settings.mode == "observe"
-        self._file = AuditFile(settings.audit) if settings.audit.file is not None else None
-        self.recorder = Recorder(self._file, audit, graph.clock)
-        self.participant = graph.participant(GATE_NODE)
-        self.approvals = Approvals(graph.clock, self.recorder, self._approvals_changed)
-        self.on_leases: Callable[[], None] | None = None
-        self.on_stop: Callable[[], None] | None = None
-        self.on_approvals: Callable[[], None] | None = None
-        self.stopped_by = ""
-        self.stopped_reason = ""
-        self.last_by = ""
-        self.stopped_ns = graph.clock.time_ns()
         self._actors: dict[str, Actor] = {}
         self._count = 0
         self._topics: dict[str, GuardedTopic] = {}
@@ -95,7 +74,7 @@ class Gate:
             self._latch("the setting gate.emergency.at_start", "")
 
     def _check_rules(self) -> None:
-        """Apply every rule to what is in the graph now, so that mistakes are found before they matter."""
+        """Apply every rule to the present graph, to find mistakes at startup."""
         for topic in self._graph.topics():
             if topic.type is not None and self.rules.of("publish", topic.name):
                 guarded = self.guarded(topic.name, topic.type)
@@ -114,7 +93,7 @@ class Gate:
     # Clients
 
     def join(self, name: str, role: Role, address: str) -> Actor:
-        """Know a client from now on, under a name that no other has."""
+        """Add a client, under a name that no other client has."""
         self._count += 1
         actor = Actor(name or f"client:{self._count}", role, address)
         if actor.name in self._actors:
@@ -123,37 +102,37 @@ class Gate:
         return actor
 
     def leave(self, actor: Actor) -> None:
-        """Forget a client: what it holds is free, and what it asked is not done."""
+        """Remove a client: release its leases, and withdraw its requests for approval."""
         self._actors.pop(actor.name, None)
         for topic in tuple(self._topics.values()):
-            topic.left(actor, "its holder has left")
-        self.approvals.left(actor)
+            topic.leave(actor, "its holder has left")
+        self.approvals.leave(actor)
 
-    def left_topic(self, actor: Actor, name: str) -> None:
-        """A client does not publish on a topic any more."""
+    def leave_topic(self, actor: Actor, name: str) -> None:
+        """Remove a client that no longer publishes on a topic."""
         topic = self._topics.get(name)
         if topic is not None:
-            topic.left(actor, "its holder stopped publishing")
+            topic.leave(actor, "its holder stopped publishing")
 
     def take_role(self, actor: Actor, role: Role) -> None:
-        """A client has another role, which may allow less."""
+        """Switch a client to another role, which may allow less."""
         actor.rights = role
         for topic in tuple(self._topics.values()):
             if not role.allows("publish", topic.name):
-                topic.left(actor, "its holder's role may not publish there")
+                topic.leave(actor, "its holder's role may not publish there")
 
     # Topics
 
     @property
     def topics(self) -> tuple[GuardedTopic, ...]:
-        """The topics that rules are about and somebody has published on, or that the robot has."""
+        """Guarded topics: those that clients have published on, and those of the robot with rules."""
         return tuple(self._topics.values())
 
     def guarded(self, name: str, type: MessageType) -> GuardedTopic:
-        """The topic of that name, about which there are rules.
+        """Return the guarded topic of a name for which there are rules.
 
         Raises:
-            GateRefused: it is in use with another type.
+            GateRefused: the topic is in use with another type.
         """
         topic = self._topics.get(name)
         if topic is not None:
@@ -170,62 +149,41 @@ class Gate:
         return topic
 
     def _is_abandoned(self, topic: GuardedTopic) -> bool:
-        """Whether nobody but the gate itself knows of a topic any more."""
+        """Return True if only the gate itself uses a topic."""
         info = self._graph.topic(topic.name)
         others = () if info is None else (*info.publishers, *info.subscribers)
         return topic.is_idle and all(each.node == GATE_NODE for each in others)
-
-    def leases_changed(self) -> None:
-        """Tell who holds what now."""
-        if self.on_leases is not None:
-            self.on_leases()
-
-    def approve_message(self, topic: str, rule: Rule, client: Actor, payload: Payload) -> None:
-        """Refuse a message that nobody has said yes to, and ask.
-
-        Raises:
-            GateRefused: nobody has, yet.
-        """
-        if self.approvals.take(client, "publish", topic, rule):
-            return
-        text = f"publishing on {topic} needs a person's yes"
-        if not self.is_observing:
-            waits = self.approvals.waits(client, "publish", topic, rule)
-            waits = waits or self.approvals.ask(client, "publish", topic, rule, payload)
-            text += f", which was asked for under id {waits.id}: send it again when it is there"
-        raise GateRefused(text, f"{rule.key}.approval")
-
-    def _approvals_changed(self) -> None:
-        if self.on_approvals is not None:
-            self.on_approvals()
 
     # Requests and goals
 
     def check(
         self, actor: Actor, acts: Iterable[tuple[GatedAct, str]], type: MessageType, payload: Payload
     ) -> tuple[Payload, list[tuple[GatedAct, str, Rule]]]:
-        """The request or goal of a client as it may be sent, and the acts to which a person has to say yes.
+        """Check a client's request or goal.
 
         Args:
-            actor: the client.
-            acts: what it does with it, first what the payload is for.
-            type: of the payload.
-            payload: the request or the goal.
+            actor: client that sends it.
+            acts: acts and names that it is for; the first is checked for its fields.
+            type: type of the payload.
+            payload: request or goal.
+
+        Returns:
+            The payload as it may be sent, and the acts that require approval.
 
         Raises:
-            GateRefused: a rule does not let it through; the text says which.
+            GateRefused: a rule rejects it; the text names the rule.
         """
         asked: dict[tuple[GatedAct, Rule], list[str]] = {}
         for number, (act, name) in enumerate(acts):
             for rule in self.rules.of(act, name):
                 if not rule.holds_for(actor.role):
                     continue
-                self.require_moving(rule)
+                self.require_released(rule)
                 if number == 0:
                     payload = self._checked(actor, act, name, rule, type, payload)
                 if rule.settings.approval is not None:
                     asked.setdefault((act, rule), []).append(name)
-        # One yes of a rule is for all parameters of a call.
+        # One approval of a rule is for all parameters of a call.
         needed = [
             (act, ", ".join(names), rule)
             for (act, rule), names in asked.items()
@@ -238,33 +196,22 @@ class Gate:
             self.recorder.note("would refuse", act, name, actor, f"needs a person's yes ({key})", key)
         return payload, []
 
-    def require_moving(self, rule: Rule) -> None:
-        """Refuse what the emergency stop forbids.
-
-        Raises:
-            GateRefused: it is on, and the rule names it.
-        """
-        if self.stopped_by and rule.settings.emergency:
-            raise GateRefused(
-                f"the emergency stop is on: stopped by {self.stopped_by}", f"{rule.key}.emergency"
-            )
-
     def _checked(
         self, actor: Actor, act: GatedAct, name: str, rule: Rule, type: MessageType, payload: Payload
     ) -> Payload:
         checks = self._checks_of(rule, type)
         if isinstance(checks, str):
             raise GateRefused(f"the rules of {name} cannot be applied: {checks}")
-        taken, changes = checks.check(payload, None, self.clock.monotonic())
+        taken, changes = checks.check(payload, self.clock.monotonic())
         if changes:
             self.recorder.note("changed", act, name, actor, changes, rule.key)
         return payload if self.is_observing else taken
 
     def _checks_of(self, rule: Rule, type: MessageType) -> FieldChecks | str:
-        """The limits of a rule for a type of requests or goals; in words what is wrong with them."""
+        """Return the compiled limits of a rule for requests or goals, or an error text if they do not fit."""
         checks = self._checks.get((rule, type))
         if checks is None:
-            if len(self._checks) >= _MOST_TYPES:
+            if len(self._checks) >= _MAX_TYPES:
                 self._checks.clear()
             try:
                 checks = FieldChecks(rule, type)
@@ -277,10 +224,10 @@ class Gate:
     # Leases
 
     def leased(self, actor: Actor | None, name: str) -> GuardedTopic:
-        """The topic of that name, whose lease a client asks about.
+        """Return the topic whose lease a client asks about; None: the gate itself.
 
         Raises:
-            GateRefused: there is no lease there, or the client may not publish there.
+            GateRefused: the topic has no lease, or the client may not publish on it.
         """
         absolute = canonical(name)
         if actor is not None and not actor.rights.allows("publish", absolute):
@@ -301,8 +248,10 @@ class Gate:
         return topic
 
     def lease_seconds(self, role: Role, name: str) -> float | None:
-        """Silence after which a client of a role loses the lease of a topic; None where no rule asks for one,
-        and where the gate only observes."""
+        """Return the seconds of silence after which a client loses the lease of a topic.
+
+        None if no rule requires a lease for the role, and if the gate only observes.
+        """
         if self.is_observing:
             return None
         rules = self.rules.of("publish", canonical(name))
@@ -310,10 +259,10 @@ class Gate:
         return min((lease.seconds for lease in leases if lease is not None), default=None)
 
     def take_lease(self, actor: Actor, name: str) -> None:
-        """Give a client a lease that it asks for.
+        """Give a client a lease on request.
 
         Raises:
-            GateRefused: another one holds it, or as :meth:`leased`.
+            GateRefused: another client holds it, or as for :meth:`leased`.
         """
         topic = self.leased(actor, name)
         if topic.is_stopped:
@@ -324,25 +273,25 @@ class Gate:
         before = topic.lease.holder
         topic.lease.take(actor)
         if before is not None and before is not actor:
-            topic.halt()  # What the former holder said last is not what the new one wants.
+            topic.halt()  # Else the last command of the former holder would stay in effect.
 
     def release_lease(self, actor: Actor, name: str) -> None:
         """Free a lease, and stop the robot.
 
         Raises:
-            GateRefused: the client does not hold it, or as :meth:`leased`.
+            GateRefused: the client does not hold it, or as for :meth:`leased`.
         """
         topic = self.leased(actor, name)
         assert topic.lease is not None  # `leased` finds no others.
         self._require_holder(topic, actor)
-        topic.lease.lose(actor, "given back")
+        topic.lease.release(actor, "given back")
 
     def pass_lease(self, actor: Actor, name: str, to: str) -> None:
-        """Give a lease to another client, and stop the robot until that publishes.
+        """Give a lease to another client, and stop the robot until that client publishes.
 
         Raises:
-            GateRefused: the client does not hold it, the other one is not there or may not publish there, or
-                as :meth:`leased`.
+            GateRefused: the client does not hold it, the other one is unknown or may not publish on the
+                topic, or as for :meth:`leased`.
         """
         topic = self.leased(actor, name)
         assert topic.lease is not None  # `leased` finds no others.
@@ -353,7 +302,7 @@ class Gate:
                 f"there is no client {to[:80]!r}; each hears its own name from /gate/take_lease"
             )
         self.leased(other, name)
-        topic.lease.pass_on(other)
+        topic.lease.pass_to(other)
 
     def _require_holder(self, topic: GuardedTopic, actor: Actor) -> None:
         holder = None if topic.lease is None else topic.lease.holder
@@ -363,17 +312,18 @@ class Gate:
     # The emergency stop
 
     def stop(self, actor: Actor | None, reason: str = "") -> None:
-        """Stop the robot, and let nothing move it until that is released.
+        """Press the emergency stop: publish the stop messages, cancel goals, reject commands until release.
 
         Args:
-            actor: who stops it; None: a program of the robot itself.
-            reason: in words of theirs.
+            actor: client that presses it; None: a program of the robot itself.
+            reason: reason, in the client's words.
 
         Raises:
-            GateRefused: the role may not, or no rule says what there is to stop.
+            GateRefused: the role may not press it, or no rule is for the emergency stop; or the gate only
+                observes: then the stop messages are published nevertheless.
         """
         roles = self.settings.emergency.stop_roles
-        if actor is not None and pattern(roles).fullmatch(actor.role) is None:
+        if actor is not None and glob_pattern(roles).fullmatch(actor.role) is None:
             raise GateRefused(f"role {actor.role!r} may not stop the robot", "gate.emergency.stop_roles")
         if not any(rule.settings.emergency for rule in self.rules.all):
             raise GateRefused("no rule says what there is to stop: set gate.rules.NAME.emergency")
@@ -397,18 +347,18 @@ class Gate:
                 topic.emergency_stop()
         self._cancel_goals()
         if self.is_observing:
-            self.stopped_by = ""  # It refuses nothing.
+            self.stopped_by = ""  # Nothing is rejected.
         if self.on_stop is not None:
             self.on_stop()
 
     def release(self, actor: Actor | None, reason: str = "") -> None:
-        """Let the robot be moved again. Nobody holds a lease then.
+        """Release the emergency stop. All leases that it is for are free then.
 
         Raises:
-            GateRefused: the role may not.
+            GateRefused: the role may not release it.
         """
         roles = self.settings.emergency.release_roles
-        if actor is not None and pattern(roles).fullmatch(actor.role) is None:
+        if actor is not None and glob_pattern(roles).fullmatch(actor.role) is None:
             raise GateRefused(
                 f"role {actor.role!r} may not release the robot", "gate.emergency.release_roles"
             )
@@ -423,12 +373,12 @@ class Gate:
             self.on_stop()
 
     def _cancel_goals(self) -> None:
-        """Cancel the goals of every action that the stop is for, whoever sent them."""
+        """Cancel all goals of the actions that the emergency stop is for, whoever sent them."""
         for info in self._graph.actions():
             if self._stops("goal", info.name):
                 self.participant.cancel_every_goal(info.name)
         for topic in self._graph.topics():
-            # An action of ROS 1 that the graph knows by its topics alone.
+            # A ROS 1 action that the graph knows by its topics only.
             action, _, part = topic.name.rpartition("/")
             if topic.type is None or (part, topic.type.name) != ("cancel", "actionlib_msgs/GoalID"):
                 continue
@@ -439,15 +389,15 @@ class Gate:
         return any(rule.settings.emergency for rule in self.rules.of(act, name))
 
     def _publish_once(self, topic: str, type: MessageType) -> None:
-        """Publish a message of defaults."""
+        """Publish one message with default values."""
         publisher = self.participant.advertise(topic, type)
         publisher.publish(Payload.from_value(type, {}))
         publisher.close()
 
-    # Leaving
+    # Closing
 
     def close(self) -> None:
-        """Leave the graph, and write what the audit's queue holds."""
+        """Leave the graph, and flush the audit file."""
         for topic in self._topics.values():
             topic.close()
         self._topics.clear()
@@ -457,5 +407,5 @@ class Gate:
 
     @property
     def dropped_lines(self) -> int:
-        """Lines of the audit that could not be written."""
+        """Number of audit lines that could not be written."""
         return 0 if self._file is None else self._file.dropped

@@ -1,4 +1,4 @@
-"""Who may publish on a topic: one client at a time, as long as its messages come."""
+"""Leases: one client at a time may publish on a topic, as long as it keeps publishing."""
 
 from __future__ import annotations
 
@@ -16,29 +16,33 @@ if TYPE_CHECKING:
 
 
 class Lease:
-    """The lease of one topic.
+    """Lease of one topic.
 
-    It is given by publishing or by asking, passed on by who holds it, taken by a stronger role, and lost by
-    silence, by leaving, and when it is given back.
+    States::
 
-    A message costs no timer: the one timer there is looks, when it is due, whether the holder has been silent
-    for so long.
+        free ──publish, or take_lease──> held ──silence, leaving, release, emergency stop──> free
+                                          └──a stronger role publishes or asks, or the holder passes it on──┐
+                                           ^────────────────────────────────────────────────────────────────┘
+
+    A message starts no timer: the only timer checks, when it expires, how long the holder has been silent.
+    It runs while the lease is held.
 
     Attributes:
-        holder: who holds it; None: nobody does.
-        since_ns: ROS time since when.
+        settings: settings of the lease.
+        holder: client that holds the lease; None while it is free.
+        since_ns: ROS time of the last change of the holder.
 
     Args:
-        topic: absolute name.
-        key: of the setting, for texts.
-        settings: see there.
-        clock: of the graph.
-        on_change: called after each change of the holder: with what happened, who holds it now and who held
-            it before.
+        topic: absolute name of the topic.
+        key: key of the setting, for error texts.
+        settings: settings of the lease.
+        clock: clock of the graph.
+        on_change: called after each change of the holder, with a description of the change, the holder and
+            the holder before.
     """
 
     __slots__ = (
-        "_clock", "_heard_at", "_key", "_on_change", "_timer", "_topic", "holder", "settings", "since_ns",
+        "_clock", "_key", "_on_change", "_renewed_at", "_timer", "_topic", "holder", "settings", "since_ns",
     )  # fmt: skip
 
     def __init__(
@@ -55,15 +59,15 @@ class Lease:
         self._clock = clock
         self._on_change = on_change
         self._timer: Timer | None = None
-        self._heard_at = 0.0
+        self._renewed_at = 0.0
         self.holder: Actor | None = None
         self.since_ns = clock.time_ns()
 
     def require(self, client: Actor) -> None:
-        """Refuse unless a message of the client may pass, with which it takes the lease where it has to.
+        """Check that the client may publish: it holds the lease, or may take it by publishing.
 
         Raises:
-            GateRefused: another one holds it, who is named, or it has to be asked for.
+            GateRefused: another client holds the lease, or it is only given on request.
         """
         if client is self.holder:
             return
@@ -83,50 +87,50 @@ class Lease:
         order = self.settings.precedence
         return order.index(client.role) if client.role in order else len(order)
 
-    def heard(self, client: Actor) -> None:
-        """A message of a client has passed that :meth:`require` lets pass."""
-        self._heard_at = self._clock.monotonic()
+    def renew(self, client: Actor) -> None:
+        """Give or extend the lease: a message for which :meth:`require` passed was published."""
+        self._renewed_at = self._clock.monotonic()
         if client is not self.holder:
             self._give(client, "taken")
 
     def take(self, client: Actor) -> None:
-        """Give the lease to a client that asks for it, or go on with it.
+        """Give or extend the lease on request.
 
         Raises:
-            GateRefused: another one holds it, who is named.
+            GateRefused: another client holds the lease.
         """
         if client is not self.holder:
             self._require_free(client)
-        self.heard(client)
+        self.renew(client)
 
-    def pass_on(self, to: Actor) -> None:
+    def pass_to(self, client: Actor) -> None:
         """Give the lease to another client, which then has to publish like any holder."""
-        self._heard_at = self._clock.monotonic()
-        if to is not self.holder:
-            self._give(to, "passed on")
+        self._renewed_at = self._clock.monotonic()
+        if client is not self.holder:
+            self._give(client, "passed on")
 
-    def lose(self, client: Actor | None, why: str) -> None:
-        """Free the lease if a client holds it; None: whoever does."""
+    def release(self, client: Actor | None, why: str) -> None:
+        """Free the lease if `client` holds it; None: whoever holds it."""
         if self.holder is not None and client in (None, self.holder):
             self._stop_timer()
             self._give(None, why)
 
-    def _give(self, client: Actor | None, what: str) -> None:
+    def _give(self, client: Actor | None, change: str) -> None:
         before, self.holder = self.holder, client
         self.since_ns = self._clock.time_ns()
         if client is not None and self._timer is None:
-            self._timer = self._clock.call_later(self.settings.seconds, self._look)
-        self._on_change(what, client, before)
+            self._timer = self._clock.call_later(self.settings.seconds, self._check_silence)
+        self._on_change(change, client, before)
 
-    def _look(self) -> None:
-        """Free the lease of a holder that was silent for too long."""
+    def _check_silence(self) -> None:
+        """Free the lease if the holder has been silent for too long."""
         self._timer = None
-        left = self._heard_at + self.settings.seconds - self._clock.monotonic()
-        # Sums of floats round; a timer of less than a microsecond would run at once again.
+        left = self._renewed_at + self.settings.seconds - self._clock.monotonic()
+        # Sums of floats round: a timer of less than a microsecond would expire at once, again and again.
         if left > 1e-6:
-            self._timer = self._clock.call_later(left, self._look)
+            self._timer = self._clock.call_later(left, self._check_silence)
         else:
-            self.lose(None, f"lost by {self.settings.seconds:g} s of silence")
+            self.release(None, f"lost by {self.settings.seconds:g} s of silence")
 
     def _stop_timer(self) -> None:
         if self._timer is not None:

@@ -1,10 +1,10 @@
-"""The gate's own topics and services: who holds what, what waits for a yes, and the stop."""
+"""Topics and services of the gate: leases, approvals and the emergency stop."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final, Protocol, cast
+from typing import TYPE_CHECKING, Any, Final
 
 from rwt.access.errors import GateRefused
 from rwt.access.gate.record import CALLER
@@ -24,10 +24,10 @@ LEASES: Final = "/gate/leases"
 STOPPED: Final = "/gate/stopped"
 APPROVALS: Final = "/gate/approvals"
 TOPICS: Final = frozenset({LEASES, STOPPED, APPROVALS})
-"""What the gate tells: latched topics, on which clients do not publish."""
+"""Latched topics on which the gate publishes its state; clients cannot publish on them."""
 
 STOP_TOPIC: Final = "/gate/stop"
-"""A message here, an empty one, is a press of the emergency stop."""
+"""Topic on which any message, `std_msgs/Empty`, presses the emergency stop."""
 
 SERVICES: Final = {
     "/gate/take_lease": "rwt_gate_msgs/Lease",
@@ -37,15 +37,15 @@ SERVICES: Final = {
     "/gate/release_stop": "rwt_gate_msgs/Stop",
     "/gate/approve": "rwt_gate_msgs/Approve",
 }
-"""The gate's services with their types. They need no right to `call`: the gate's own settings decide."""
+"""Services of the gate with their types. They require no `call` permission: the gate's settings decide."""
 
 
 class GateNode:
-    """Serves what :data:`SERVICES` names, and publishes what has changed.
+    """Node of the gate: serves :data:`SERVICES` and publishes :data:`TOPICS`.
 
     Args:
-        gate: see there.
-        graph: the robot.
+        gate: gate of the server.
+        graph: graph of the robot.
     """
 
     def __init__(self, gate: Gate, graph: Graph) -> None:
@@ -63,7 +63,7 @@ class GateNode:
                 (APPROVALS, "rwt_gate_msgs/Approvals"),
             )
         }
-        handlers: dict[str, Callable[[Actor | None, _Request], dict[str, object]]] = {
+        handlers: dict[str, Callable[[Actor | None, Any], dict[str, object]]] = {
             "/gate/take_lease": self._take_lease,
             "/gate/release_lease": self._release_lease,
             "/gate/pass_lease": self._pass_lease,
@@ -75,23 +75,23 @@ class GateNode:
             type = graph.registry.service(SERVICES[name])
             participant.advertise_service(name, type, _answering(type, handler))
         participant.subscribe(STOP_TOPIC, self._on_stop, graph.registry.message("std_msgs/Empty"))
-        gate.on_leases = lambda: self._tell_soon(LEASES)
-        gate.on_stop = lambda: self._tell_soon(STOPPED)
-        gate.on_approvals = lambda: self._tell_soon(APPROVALS)
+        gate.on_leases = lambda: self._publish_soon(LEASES)
+        gate.on_stop = lambda: self._publish_soon(STOPPED)
+        gate.on_approvals = lambda: self._publish_soon(APPROVALS)
         for name in sorted(TOPICS):
-            self._tell(name)
+            self._publish(name)
 
-    def _tell_soon(self, name: str) -> None:
-        """Publish in the clock's next turn: of many changes at once, the outcome."""
+    def _publish_soon(self, name: str) -> None:
+        """Publish in the next turn of the clock: several changes at once are published once."""
         if name not in self._due:
             self._due.add(name)
-            self._clock.call_later(0.0, lambda: self._tell(name))
+            self._clock.call_later(0.0, lambda: self._publish(name))
 
-    def _tell(self, name: str) -> None:
+    def _publish(self, name: str) -> None:
         self._due.discard(name)
         publisher = self._publishers[name]
-        tell = {LEASES: self._leases, STOPPED: self._stopped, APPROVALS: self._approvals}[name]
-        publisher.publish(Payload.from_value(publisher.type, tell()))
+        state = {LEASES: self._leases, STOPPED: self._stopped, APPROVALS: self._approvals}[name]
+        publisher.publish(Payload.from_value(publisher.type, state()))
 
     def _leases(self) -> dict[str, object]:
         time = self._distro.time
@@ -123,7 +123,7 @@ class GateNode:
         waiting = []
         for each in self._gate.approvals.pending:
             settings = each.rule.settings.approval
-            assert settings is not None  # Only rules with it ask.
+            assert settings is not None  # Only rules with it require approval.
             waiting.append(
                 {
                     "id": each.id,
@@ -148,16 +148,16 @@ class GateNode:
 
     # Services
 
-    def _take_lease(self, actor: Actor | None, request: _Request) -> dict[str, object]:
-        return self._about_lease(actor, request("topic"), self._gate.take_lease)
+    def _take_lease(self, actor: Actor | None, request: Any) -> dict[str, object]:
+        return self._change_lease(actor, request.topic, self._gate.take_lease)
 
-    def _release_lease(self, actor: Actor | None, request: _Request) -> dict[str, object]:
-        return self._about_lease(actor, request("topic"), self._gate.release_lease)
+    def _release_lease(self, actor: Actor | None, request: Any) -> dict[str, object]:
+        return self._change_lease(actor, request.topic, self._gate.release_lease)
 
-    def _about_lease(
+    def _change_lease(
         self, actor: Actor | None, topic: str, change: Callable[[Actor, str], None]
     ) -> dict[str, object]:
-        """Change who holds a lease, and say who does then; it is said to those who are refused, too."""
+        """Change a lease, and return its holder, also if the change was rejected."""
         client, refusal = _client(actor), ""
         try:
             change(client, topic)
@@ -177,44 +177,24 @@ class GateNode:
             "seconds": seconds or 0.0,
         }
 
-    def _pass_lease(self, actor: Actor | None, request: _Request) -> dict[str, object]:
-        to = request("to")
-        self._gate.pass_lease(_client(actor), request("topic"), to)
+    def _pass_lease(self, actor: Actor | None, request: Any) -> dict[str, object]:
+        to = request.to
+        self._gate.pass_lease(_client(actor), request.topic, to)
         return {"success": True, "message": f"{to} holds it now"}
 
-    def _stop(self, actor: Actor | None, request: _Request) -> dict[str, object]:
-        self._gate.stop(actor, request("reason"))
+    def _stop(self, actor: Actor | None, request: Any) -> dict[str, object]:
+        self._gate.stop(actor, request.reason)
         return {"success": True, "message": "stopped; nothing moves the robot until it is released"}
 
-    def _release_stop(self, actor: Actor | None, request: _Request) -> dict[str, object]:
-        self._gate.release(actor, request("reason"))
+    def _release_stop(self, actor: Actor | None, request: Any) -> dict[str, object]:
+        self._gate.release(actor, request.reason)
         return {"success": True, "message": "released"}
 
-    def _approve(self, actor: Actor | None, request: _Request) -> dict[str, object]:
-        value = cast(_Fields, request.value)
+    def _approve(self, actor: Actor | None, request: Any) -> dict[str, object]:
         what = self._gate.approvals.answer(
-            value.id,
-            approve=value.approve,
-            by=actor,
-            seconds=value.seconds,
+            request.id, approve=request.approve, by=actor, seconds=request.seconds
         )
         return {"success": True, "message": what}
-
-
-class _Fields(Protocol):
-    id: str
-    approve: bool
-    seconds: float
-
-
-class _Request:
-    """The request of a call, by its fields."""
-
-    def __init__(self, payload: Payload) -> None:
-        self.value = payload.value()
-
-    def __call__(self, field: str) -> str:
-        return str(getattr(self.value, field))
 
 
 def _client(actor: Actor | None) -> Actor:
@@ -224,16 +204,16 @@ def _client(actor: Actor | None) -> Actor:
 
 
 def _answering(
-    type: ServiceType, handler: Callable[[Actor | None, _Request], dict[str, object]]
+    type: ServiceType, handler: Callable[[Actor | None, Any], dict[str, object]]
 ) -> Callable[[ServiceCall], None]:
-    """Answers calls by a handler; what the gate refuses is an answer too."""
+    """Return a callback that answers calls by a handler; a rejection by the gate is an answer, too."""
 
     def on_call(call: ServiceCall) -> None:
         actor = CALLER.get()
-        # What a yes sets off is not done by who says it.
+        # An approved act is performed for the client that requested it, not for the one that approves.
         CALLER.set(None)
         try:
-            answer = handler(actor, _Request(call.request))
+            answer = handler(actor, call.request.value())
         except GateRefused as refused:
             answer = {"success": False, "message": str(refused)}
         call.reply(Payload.from_value(type.response, answer))

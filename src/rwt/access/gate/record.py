@@ -1,4 +1,4 @@
-"""Who acts on the robot through the gate, and what is noted of it."""
+"""Clients as the gate knows them, and the record of what they do."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ Decision = Literal[
     "stop",
     "left out",
 ]
-"""What became of an act: what the gate did, or, of `lease` and `stop`, what changed."""
+"""Outcome of an act at the gate; `lease` and `stop`: a change of state."""
 
 DECISIONS: Final[tuple[Decision, ...]] = get_args(Decision)
 
-#: Lines of refusals and changes that one client may cause a second in the long run, and at once.
+#: Limit on lines about rejections and changes caused by one client: sustained rate, and burst.
 _LINES_PER_SECOND: Final = 20
-_LINES_AT_ONCE: Final = 200
+_LINES_BURST: Final = 200
 
 
 class Actor:
-    """A client as the gate knows it.
+    """Client as the gate knows it.
 
     Attributes:
-        name: unlike that of every other client of the server, such as `rosbridge:3`.
-        rights: its role now.
-        address: where it comes from; empty where the transport does not know.
-        lines: bounds how many lines of the audit its refusals cause.
-        left_out: lines beyond that since the last one.
+        name: unique name on this server, such as `rosbridge:3`.
+        rights: present role.
+        address: network address; empty if unknown.
+        lines: limit on the audit lines that its rejections cause.
+        left_out: number of lines over the limit since the last one that was written.
     """
 
     __slots__ = ("address", "left_out", "lines", "name", "rights")
@@ -54,12 +54,12 @@ class Actor:
         self.name = name
         self.rights = rights
         self.address = address
-        self.lines = RateLimit(_LINES_PER_SECOND, _LINES_AT_ONCE)
+        self.lines = RateLimit(_LINES_PER_SECOND, _LINES_BURST)
         self.left_out = 0
 
     @property
     def role(self) -> str:
-        """The name of its role."""
+        """Name of the present role."""
         return self.rights.name
 
     def __str__(self) -> str:
@@ -67,16 +67,19 @@ class Actor:
 
 
 CALLER: Final[ContextVar[Actor | None]] = ContextVar("caller of the gate", default=None)
-"""The client on whose behalf a service of the gate runs; None: a program of the robot itself."""
+"""Client on whose behalf a service of the gate runs; None: a program of the robot itself."""
 
 
 class Recorder:
-    """Notes what happens at the gate: in the audit's file where there is one, and in the server's log.
+    """Record of what happens at the gate: the audit file, if there is one, the server's log, and counters.
+
+    Attributes:
+        counts: number of events by decision.
 
     Args:
-        file: see there; None: no file.
-        audit: the log.
-        clock: of the graph.
+        file: audit file; None for none.
+        audit: log of the server.
+        clock: clock of the graph.
     """
 
     __slots__ = ("_audit", "_clock", "_file", "counts")
@@ -89,7 +92,7 @@ class Recorder:
 
     @property
     def keeps_all(self) -> bool:
-        """Whether what no rule is about is noted too."""
+        """True if acts without a rule are recorded, too."""
         return self._file is not None
 
     def note(
@@ -101,15 +104,15 @@ class Recorder:
         text: str = "",
         rule: str = "",
     ) -> None:
-        """Note one event.
+        """Record one event.
 
         Args:
-            decision: what became of it.
-            act: what was to be done, such as `publish`.
-            name: of the topic, service, action or parameter.
-            client: who did it; None: a program of the robot itself, or the gate.
-            text: why, or what changed.
-            rule: the key of the rule that decided.
+            decision: outcome of the act.
+            act: act, such as `publish`.
+            name: name of the topic, service, action or parameter.
+            client: client that acted; None: a program of the robot itself, or the gate.
+            text: reason, or what changed.
+            rule: key of the rule that decided.
         """
         self.counts[decision] += 1
         is_bounded = decision in ("refused", "would refuse", "changed")

@@ -1,18 +1,19 @@
-"""Which rules of the gate hold for a name and a role."""
+"""Rules of the gate, looked up by act and name."""
 
 from __future__ import annotations
 
-import fnmatch
-import re
 from typing import TYPE_CHECKING, Final, Literal
 
+from rwt.access.roles import absolute_globs, glob_pattern
+
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    import re
+    from collections.abc import Mapping
 
     from rwt.access.settings.gate import GateRule
 
 GatedAct = Literal["publish", "call", "goal", "set_param"]
-"""What the gate looks at; everything else is the role's matter alone."""
+"""Act with gate rules; for every other act the role alone decides."""
 
 _KEYS: Final[Mapping[GatedAct, str]] = {
     "publish": "topics",
@@ -21,16 +22,16 @@ _KEYS: Final[Mapping[GatedAct, str]] = {
     "set_param": "parameters",
 }
 
-#: Names come from clients, so what is remembered of them is bounded; at the bound all of it is forgotten.
-_MOST_NAMES: Final = 4096
+#: Maximum number of cached look-ups: names come from clients. At the limit the cache is cleared.
+_MAX_NAMES: Final = 4096
 
 
 class Rule:
-    """One rule.
+    """Rule of the gate.
 
     Attributes:
-        key: in the settings, such as `gate.rules.drive`.
-        settings: what it asks for.
+        key: key in the settings, such as `gate.rules.drive`.
+        settings: requirements of the rule.
     """
 
     __slots__ = ("_patterns", "_roles", "key", "settings")
@@ -39,16 +40,16 @@ class Rule:
         self.key = f"gate.rules.{name}"
         self.settings = settings
         self._patterns: dict[GatedAct, re.Pattern[str]] = {
-            act: name_pattern(getattr(settings, key)) for act, key in _KEYS.items()
+            act: glob_pattern(absolute_globs(getattr(settings, key))) for act, key in _KEYS.items()
         }
-        self._roles = pattern(settings.roles)
+        self._roles = glob_pattern(settings.roles)
 
     def names(self, act: GatedAct, name: str) -> bool:
-        """Whether it is about `name`, which is absolute."""
+        """Return True if the rule is about `name`, an absolute name."""
         return self._patterns[act].fullmatch(name) is not None
 
     def holds_for(self, role: str) -> bool:
-        """Whether it holds for clients of a role."""
+        """Return True if the rule applies to clients of a role."""
         return self._roles.fullmatch(role) is not None
 
     def __repr__(self) -> str:
@@ -63,20 +64,10 @@ class Rules:
         self._found: dict[tuple[GatedAct, str], tuple[Rule, ...]] = {}
 
     def of(self, act: GatedAct, name: str) -> tuple[Rule, ...]:
-        """The rules about a name, for whatever role."""
+        """Return the rules about a name, for any role."""
         found = self._found.get((act, name))
         if found is None:
-            if len(self._found) >= _MOST_NAMES:
+            if len(self._found) >= _MAX_NAMES:
                 self._found.clear()
             found = self._found[act, name] = tuple(rule for rule in self.all if rule.names(act, name))
         return found
-
-
-def pattern(globs: Iterable[str]) -> re.Pattern[str]:
-    """One pattern for several globs; one that matches nothing where there are none."""
-    return re.compile("|".join(map(fnmatch.translate, globs)) or r"(?!)")
-
-
-def name_pattern(globs: Iterable[str]) -> re.Pattern[str]:
-    """As :func:`pattern`, of absolute names."""
-    return pattern(glob if glob.startswith(("/", "*")) else f"/{glob}" for glob in globs)

@@ -1,11 +1,9 @@
-"""One topic that rules of the gate are about: what may be published on it, by whom, and what stops it."""
+"""Topic with gate rules: its checks, its lease and its stop message."""
 
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING, Final, NamedTuple, Protocol
-
-import msgspec
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from rwt.access.errors import GateRefused
 from rwt.access.gate.fields import FieldChecks, Motion, NoSuchField
@@ -17,206 +15,225 @@ from rwt_interfaces.payload import Payload
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from rwt.access.gate.record import Actor, Recorder
+    import msgspec
+
+    from rwt.access.gate.record import Actor, Decision
     from rwt.access.gate.rules import Rule
-    from rwt_graph.api import Participant, Publisher
-    from rwt_graph.clock import Clock
+    from rwt.access.gate.state import GateState
+    from rwt_graph.api import Publisher
     from rwt_interfaces.structs import MessageType
     from rwt_participant.timers import Timer
 
 logger: Final = logging.getLogger("rwt.bridge")
 
-#: Seconds between two stop messages while they are repeated.
-REPEAT_PERIOD: Final = 0.1
+#: Interval of the stop message while it is repeated, in seconds.
+_REPEAT_SECONDS: Final = 0.1
 
-#: Seconds of silence before a client that went on publishing while the robot was stopped moves it again.
-_REST: Final = 1.0
-
-
-class Shared(Protocol):
-    """What all topics of a gate share."""
-
-    participant: Participant
-    clock: Clock
-    recorder: Recorder
-    is_observing: bool
-
-    @property
-    def stopped_by(self) -> str:
-        """Who has pressed the emergency stop; empty while it is released."""
-        ...
-
-    def leases_changed(self) -> None:
-        """Tell who holds what now."""
-
-    def approve_message(self, topic: str, rule: Rule, client: Actor, payload: Payload) -> None:
-        """Refuse a message that nobody has said yes to, and ask.
-
-        Raises:
-            GateRefused: nobody has, yet.
-        """
+#: Seconds of silence required of a client that kept publishing while the robot was stopped.
+_PAUSE_SECONDS: Final = 1.0
 
 
-class _Part(NamedTuple):
-    """One rule, compiled for the topic's type."""
+class _CompiledRule(NamedTuple):
+    """Rule compiled for the topic's type."""
 
     rule: Rule
     checks: FieldChecks | None
     rate: RateLimit | None
 
 
-class GuardedTopic:
-    """A topic that rules are about.
-
-    What is wrong with a rule for the topic's type, such as a field that there is not, refuses every message.
+class _RoleRules(NamedTuple):
+    """Rules of a topic that apply to one role.
 
     Attributes:
-        name: absolute.
-        type: of its messages.
-        lease: who may publish; None: no rule asks for one.
-        fault: what is wrong with its rules; empty: nothing.
-        users: clients that publish on it.
-
-    Args:
-        shared: of the gate.
-        name: see above.
-        type: see above.
-        rules: all that are about it.
+        compiled: all of them, in the order of the settings.
+        lease: the topic's lease, if a rule requires it.
+        emergency: first rule that the emergency stop is for.
+        approvals: rules that require approval.
     """
 
-    def __init__(self, shared: Shared, name: str, type: MessageType, rules: Iterable[Rule]) -> None:
+    compiled: tuple[_CompiledRule, ...]
+    lease: Lease | None
+    emergency: Rule | None
+    approvals: tuple[Rule, ...]
+
+
+class GuardedTopic:
+    """Topic with gate rules.
+
+    Two things have states. The stop message::
+
+        idle ──halt()──> repeated every 0.1 s ──repeat_seconds are over, and no emergency stop──> idle
+                                 └──a client's message passes──> idle
+
+    A client, on a topic that the emergency stop is for::
+
+        moving ──a message while stopped──> paused ──stop released, then 1 s of silence or the stop message──┐
+          ^──────────────────────────────────────────────────────────────────────────────────────────────────┘
+
+    A message of a paused client is rejected after the release, too: it was meant for before the stop.
+
+    A rule that does not fit the topic's type, such as one for an unknown field, is a fault: every message is
+    rejected, and no stop message is published.
+
+    Attributes by purpose:
+
+    * Rules: ``_rules``, ``_compiled``, ``_by_role`` (compiled for each role on first use), ``fault``.
+    * Lease and clients: ``lease``, ``users``, ``_paused_at`` (paused clients, with the time of the last
+      rejected message).
+    * Rates: ``_motion`` (values last passed on).
+    * Stop message: ``_stop`` (its rule), ``_neutral`` (its value), ``_publisher``, ``_repeat_for`` (seconds),
+      ``_repeat_until`` (steady clock), ``_repeat`` (timer; None while idle).
+
+    Attributes:
+        name: absolute name.
+        type: type of the messages.
+        lease: lease of the topic; None if no rule requires one.
+        fault: description of what is wrong with the rules; empty if they fit.
+        users: clients that publish on the topic.
+        is_closed: True after :meth:`close`: the gate has another object for the topic, or none.
+
+    Args:
+        gate: state of the gate.
+        name: absolute name.
+        type: type of the messages.
+        rules: all rules about the topic.
+    """
+
+    def __init__(self, gate: GateState, name: str, type: MessageType, rules: Iterable[Rule]) -> None:
         self.name = name
         self.type = type
         self.fault = ""
         self.users: set[Actor] = set()
-        self._shared = shared
+        self.is_closed = False
+        self._gate = gate
         self._rules = tuple(rules)
+        self._compiled: tuple[_CompiledRule, ...] = ()
+        self._by_role: dict[str, _RoleRules] = {}
+        self._paused_at: dict[Actor, float] = {}
         self._motion = Motion()
-        self._publisher: Publisher | None = None
-        self._repeats: Timer | None = None
-        self._repeat_until = 0.0
-        self._restless: dict[Actor, float] = {}
-        self._by_role: dict[str, tuple[_Part, ...]] = {}
-        stops = [rule for rule in self._rules if rule.settings.stop is not None]
-        self._stop = stops[0] if stops else None
-        self._repeat_seconds = max(
-            (rule.settings.stop.repeat_seconds for rule in stops if rule.settings.stop), default=0.0
-        )
+        stops = [(rule, rule.settings.stop) for rule in self._rules if rule.settings.stop is not None]
+        self._stop = stops[0][0] if stops else None
         self._neutral: msgspec.Struct | None = None
-        self._parts: tuple[_Part, ...] = ()
+        self._publisher: Publisher | None = None
+        self._repeat_for = max((stop.repeat_seconds for _, stop in stops), default=0.0)
+        self._repeat_until = 0.0
+        self._repeat: Timer | None = None
         try:
             stop_message = self._make_stop()
             self._neutral = None if stop_message is None else stop_message.value()
-            self._parts = tuple(self._compile(rule) for rule in self._rules)
+            self._compiled = tuple(self._compile(rule) for rule in self._rules)
         except NoSuchField as wrong:
             self.fault = f"{wrong} ({self.type.name}, {name})"
         self.lease = self._make_lease()
         if self.fault:
             logger.error("the gate lets nothing through on %s: %s", name, self.fault)
         elif self._stop is not None:
-            # Before it is needed: over a network it takes a while until subscribers know of it.
-            self._publisher = shared.participant.advertise(name, type)
+            # Before it is needed: over a network, discovery by the subscribers takes a while.
+            self._publisher = gate.participant.advertise(name, type)
 
-    def _compile(self, rule: Rule) -> _Part:
-        checks = FieldChecks(rule, self.type, self._neutral)
-        most = rule.settings.messages_per_second
-        return _Part(
-            rule, None if checks.is_empty else checks, RateLimit(most, 1 + most // 10) if most else None
-        )
+    def _compile(self, rule: Rule) -> _CompiledRule:
+        checks = FieldChecks(rule, self.type, self._motion, self._neutral)
+        limit = rule.settings.messages_per_second
+        rate = RateLimit(limit, 1 + limit // 10) if limit else None
+        return _CompiledRule(rule, None if checks.is_empty else checks, rate)
 
     def _make_lease(self) -> Lease | None:
-        """The lease of the rule that gives the shortest one."""
+        """Return the lease of the rule with the shortest one."""
         found = [(rule.settings.lease, rule) for rule in self._rules if rule.settings.lease is not None]
         if not found:
             return None
         settings, rule = min(found, key=lambda each: each[0].seconds)
-        return Lease(self.name, f"{rule.key}.lease", settings, self._shared.clock, self._lease_changed)
+        return Lease(self.name, f"{rule.key}.lease", settings, self._gate.clock, self._lease_changed)
 
     def _make_stop(self) -> Payload | None:
-        """The stop message with the time of now; None where there is none."""
+        """Return the stop message, stamped now; None if there is none."""
         if self._stop is None or self._stop.settings.stop is None:
             return None
         try:
-            # A copy: a header is completed in it.
+            # A copy: from_value() completes the header in place.
             return Payload.from_value(
-                self.type, dict(self._stop.settings.stop.message), self._shared.clock.time_ns
+                self.type, dict(self._stop.settings.stop.message), self._gate.clock.time_ns
             )
         except InterfaceError as error:
             raise NoSuchField(f"`{self._stop.key}.stop.message`: {error}") from None
 
     @property
     def is_idle(self) -> bool:
-        """Whether nothing would be lost with it."""
+        """True if closing the topic loses no state."""
         held = self.lease is not None and self.lease.holder is not None
-        return not (self.users or held or self._repeats or self.is_stopped)
+        return not (self.users or held or self._repeat or self.is_stopped)
 
     @property
     def is_stopped(self) -> bool:
-        """Whether the emergency stop holds here."""
-        return bool(self._shared.stopped_by) and any(rule.settings.emergency for rule in self._rules)
+        """True while the emergency stop is pressed, if it is for this topic."""
+        return bool(self._gate.stopped_by) and any(rule.settings.emergency for rule in self._rules)
 
     @property
     def lease_rule(self) -> str:
-        """The key of the rule that gives the lease."""
+        """Key of the rule that requires the lease; empty if none does."""
         return next((rule.key for rule in self._rules if rule.settings.lease is not None), "")
 
     # Messages
 
-    def publish(self, client: Actor, payload: Payload, hand_on: Callable[[Payload], None]) -> None:
-        """Hand a client's message on, if every rule lets it pass.
+    def publish(self, client: Actor, payload: Payload, forward: Callable[[Payload], None]) -> None:
+        """Check a client's message, and forward it if it passes every rule.
 
         Args:
-            client: who publishes.
-            payload: of the topic's type.
-            hand_on: publishes it.
+            client: client that publishes.
+            payload: message of the topic's type.
+            forward: publishes the message.
 
         Raises:
-            GateRefused: a rule does not; the text says which.
+            GateRefused: a rule rejects the message; the text names the rule.
         """
-        parts = self._by_role.get(client.role)
-        if parts is None:
-            parts = self._by_role[client.role] = self._parts_of(client.role)
-        if not parts and not self.fault:
-            hand_on(payload)
+        role = client.rights.name
+        rules = self._by_role.get(role)
+        if rules is None:
+            rules = self._by_role[role] = self._rules_of(role)
+        if not rules.compiled and not self.fault:
+            forward(payload)
             return
-        shared = self._shared
-        now = shared.clock.monotonic()
-        leased = self.lease if any(part.rule.settings.lease for part in parts) else None
-        taken = payload
+        gate = self._gate
+        now = gate.clock.monotonic()
         try:
-            taken = self._passed(client, parts, leased, payload, now)
+            passed = self._check(client, rules, payload, now)
         except GateRefused as refused:
             self._motion.refused()
-            decision = "would refuse" if shared.is_observing else "refused"
-            shared.recorder.note(decision, "publish", self.name, client, str(refused), refused.rule)  # type: ignore[arg-type]  # one of two literals
-            if not shared.is_observing:
+            decision: Decision = "would refuse" if gate.is_observing else "refused"
+            gate.recorder.note(decision, "publish", self.name, client, str(refused), refused.rule)
+            if not gate.is_observing:
                 raise
-            hand_on(payload)
+            forward(payload)
             return
         self._motion.passed(now)
-        if leased is not None:
-            leased.heard(client)
-        if self._repeats is not None:
+        if rules.lease is not None:
+            rules.lease.renew(client)
+        if self._repeat is not None:
             self._end_repeats()
-        hand_on(payload if shared.is_observing else taken)
+        forward(payload if gate.is_observing else passed)
 
-    def _parts_of(self, role: str) -> tuple[_Part, ...]:
-        return tuple(part for part in self._parts if part.rule.holds_for(role))
+    def _rules_of(self, role: str) -> _RoleRules:
+        compiled = tuple(each for each in self._compiled if each.rule.holds_for(role))
+        rules = [each.rule for each in compiled]
+        return _RoleRules(
+            compiled,
+            self.lease if any(rule.settings.lease for rule in rules) else None,
+            next((rule for rule in rules if rule.settings.emergency), None),
+            tuple(rule for rule in rules if rule.settings.approval is not None),
+        )
 
-    def _passed(
-        self, client: Actor, parts: tuple[_Part, ...], lease: Lease | None, payload: Payload, now: float
-    ) -> Payload:
-        """The message as it may be published."""
+    def _check(self, client: Actor, rules: _RoleRules, payload: Payload, now: float) -> Payload:
+        """Return a message as it may be published."""
         if self.fault:
             raise GateRefused(f"the rules of {self.name} cannot be applied: {self.fault}")
-        if self._restless or self._shared.stopped_by:
-            self._require_moving(client, parts, payload, now)
-        if lease is not None:
-            lease.require(client)
+        if rules.emergency is not None and (self._paused_at or self._gate.stopped_by):
+            self._require_moving(client, rules.emergency, payload, now)
+        if rules.lease is not None:
+            rules.lease.require(client)
         changed: list[str] = []
-        for rule, checks, rate in parts:
+        for rule, checks, rate in rules.compiled:
             if checks is not None:
-                payload, changes = checks.check(payload, self._motion, now)
+                payload, changes = checks.check(payload, now)
                 if changes:
                     changed.append(changes)
             if rate is not None and not rate.take(now):
@@ -224,98 +241,96 @@ class GuardedTopic:
                     f"more than {rule.settings.messages_per_second} messages a second on {self.name}",
                     f"{rule.key}.messages_per_second",
                 )
-        for rule, _, _ in parts:
-            if rule.settings.approval is not None:
-                self._shared.approve_message(self.name, rule, client, payload)
+        # Last, so that only what passes every other rule is approved, or uses up an approval.
+        for rule in rules.approvals:
+            self._gate.require_approval(self.name, rule, client, payload)
         if changed:
-            self._shared.recorder.note(
-                "changed", "publish", self.name, client, "; ".join(changed), parts[0].rule.key
-            )
+            first = rules.compiled[0].rule.key
+            self._gate.recorder.note("changed", "publish", self.name, client, "; ".join(changed), first)
         return payload
 
-    def _require_moving(self, client: Actor, parts: tuple[_Part, ...], payload: Payload, now: float) -> None:
-        """Refuse while the robot is stopped, and after it as long as the client just goes on as before."""
-        rule = next((part.rule for part in parts if part.rule.settings.emergency), None)
-        if rule is None:
-            return
-        if self._shared.stopped_by:
-            self._restless[client] = now
-            raise GateRefused(
-                f"the emergency stop is on: stopped by {self._shared.stopped_by}", f"{rule.key}.emergency"
-            )
-        refused_at = self._restless.get(client)
+    def _require_moving(self, client: Actor, rule: Rule, payload: Payload, now: float) -> None:
+        """Check that the emergency stop is released, and that the client is not paused.
+
+        Raises:
+            GateRefused: it is pressed, or the client kept publishing across the release.
+        """
+        if self._gate.stopped_by:
+            self._paused_at[client] = now
+            self._gate.require_released(rule)
+        refused_at = self._paused_at.get(client)
         if refused_at is None:
             return
-        if now - refused_at < _REST and not _same(payload.value(), self._neutral):
-            self._restless[client] = now
+        if now - refused_at < _PAUSE_SECONDS and not _is_equal(payload.value(), self._neutral):
+            self._paused_at[client] = now
             raise GateRefused(
                 "the emergency stop was released while this client went on publishing:"
-                f" be silent for {_REST:g} s, or send the stop message first",
+                f" be silent for {_PAUSE_SECONDS:g} s, or send the stop message first",
                 f"{rule.key}.emergency",
             )
-        del self._restless[client]
+        del self._paused_at[client]
 
-    # Standing still
+    # Stopping
 
-    def _lease_changed(self, what: str, holder: Actor | None, before: Actor | None) -> None:
-        shared = self._shared
-        shared.recorder.note("lease", "publish", self.name, holder or before, what, self.lease_rule)
-        if before is not None and what != "taken" and not shared.is_observing:
-            # Who takes it by publishing says itself what the robot does.
+    def _lease_changed(self, change: str, holder: Actor | None, before: Actor | None) -> None:
+        gate = self._gate
+        gate.recorder.note("lease", "publish", self.name, holder or before, change, self.lease_rule)
+        # A client that takes the lease by publishing says itself how the robot moves.
+        if before is not None and change != "taken" and not gate.is_observing:
             self.halt()
-        shared.leases_changed()
+        gate.leases_changed()
 
     def emergency_stop(self) -> None:
-        """Stop, and let nobody hold the lease."""
-        if self.lease is None or self.lease.holder is None or self._shared.is_observing:
+        """Publish the stop message, and release the lease."""
+        if self.lease is None or self.lease.holder is None or self._gate.is_observing:
             self.halt()
         else:
-            self.lease.lose(None, "lost by the emergency stop")  # Which halts.
+            self.lease.release(None, "lost by the emergency stop")  # _lease_changed() calls halt().
 
     def halt(self) -> None:
-        """Publish the stop message now, and again until the robot's own time-out is past."""
+        """Publish the stop message now, and repeat it until the robot's own timeout has expired."""
         if self._publisher is None or self.fault:
             return
         self._motion.reset()
-        self._repeat_until = self._shared.clock.monotonic() + self._repeat_seconds
-        self._say_stop()
+        self._repeat_until = self._gate.clock.monotonic() + self._repeat_for
+        self._publish_stop()
 
-    def _say_stop(self) -> None:
-        """Publish the stop message, and go on with it where that has to be."""
+    def _publish_stop(self) -> None:
         self._end_repeats()
         publisher = self._publisher
         message = self._make_stop()
         if publisher is None or message is None:
             return
-        clock = self._shared.clock
-        if self.is_stopped or clock.monotonic() + REPEAT_PERIOD <= self._repeat_until:
-            self._repeats = clock.call_later(REPEAT_PERIOD, self._say_stop)
+        clock = self._gate.clock
+        if self.is_stopped or clock.monotonic() + _REPEAT_SECONDS <= self._repeat_until:
+            self._repeat = clock.call_later(_REPEAT_SECONDS, self._publish_stop)
         publisher.publish(message)
 
     def _end_repeats(self) -> None:
-        if self._repeats is not None:
-            self._repeats.cancel()
-            self._repeats = None
+        if self._repeat is not None:
+            self._repeat.cancel()
+            self._repeat = None
 
     # Clients
 
-    def left(self, client: Actor, why: str) -> None:
-        """A client does not publish here any more."""
+    def leave(self, client: Actor, why: str) -> None:
+        """Remove a client that no longer publishes here, and release its lease."""
         self.users.discard(client)
-        self._restless.pop(client, None)
+        self._paused_at.pop(client, None)
         if self.lease is not None:
-            self.lease.lose(client, why)
+            self.lease.release(client, why)
 
     def close(self) -> None:
-        """Leave the topic."""
+        """Close the topic's publisher."""
+        self.is_closed = True
         self._end_repeats()
         if self._publisher is not None:
             self._publisher.close()
             self._publisher = None
 
 
-def _same(one: msgspec.Struct, other: msgspec.Struct | None) -> bool:
-    """Whether two messages of one type say the same, whatever their headers."""
+def _is_equal(one: msgspec.Struct, other: msgspec.Struct | None) -> bool:
+    """Return True if two messages of one type are equal, headers apart."""
     if other is None:
         return False
     names = (name for name in one.__struct_fields__ if name != "header")

@@ -22,7 +22,7 @@ from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
 from mcp_types.version import HANDSHAKE_PROTOCOL_VERSIONS
 
 from rwt.access.audit import LineRate, one_line
-from rwt.access.gate.rules import pattern
+from rwt.access.roles import glob_pattern
 from rwt.delivery.http_traffic import Visitors
 from rwt.delivery.shared_graph import SharedGraph
 from rwt.gateways.mcp.agent import Agent
@@ -375,7 +375,7 @@ class McpGateway:
         given = False
         while (asked := _asked_by(gate, client)) is not None:
             settings = asked.rule.settings.approval
-            if settings is None or pattern(settings.roles).fullmatch(caller.role.name) is None:
+            if settings is None or glob_pattern(settings.roles).fullmatch(caller.role.name) is None:
                 return given
             try:
                 await allow(caller.owner, f"{asked.act} {asked.name}: {asked.content} ({asked.rule.key})")

@@ -1,1 +1,1 @@
-"""From pixels to bytes: image and video encoders and their containers."""
+"""Image and video encoders, and their containers."""

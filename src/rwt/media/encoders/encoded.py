@@ -1,4 +1,4 @@
-"""The interface of encoders, and the encoded picture."""
+"""Interface of encoders, and encoded images."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """What a player must know before the first picture of a video.
+    """Description of a video that a player needs before the first frame.
 
     Attributes:
         codec: `vp8`, `vp9` or `h264`.
-        width: pixels.
-        height: pixels.
-        parameters: what the codec itself wants to be known; empty where there is nothing.
+        width: width in pixels.
+        height: height in pixels.
+        parameters: parameters of the codec; may be empty.
     """
 
     codec: str
@@ -28,15 +28,15 @@ class Track:
 
 @dataclass(frozen=True, slots=True)
 class Encoded:
-    """One encoded picture, the same for every viewer.
+    """Encoded image, shared by all viewers.
 
     Attributes:
-        data: the encoder's bytes.
-        stamp_ns: the message's own time stamp, nanoseconds.
-        at_ms: when it was encoded, milliseconds on a clock that never goes back.
-        media_type: of `data` by itself; empty for video.
-        track: of the video that it is part of; None for a picture by itself.
-        key: whether it can be shown without any other.
+        data: encoded bytes.
+        stamp_ns: time stamp of the message, in nanoseconds.
+        at_ms: time of encoding, in milliseconds of a steady clock.
+        media_type: media type of `data`; empty for video.
+        track: description of the video; None for a single image.
+        key: True if it can be decoded without any other.
     """
 
     data: bytes
@@ -48,16 +48,16 @@ class Encoded:
 
 
 class Encoder(Protocol):
-    """Turns messages into what viewers get. Used by one thread at a time, never by the event loop's."""
+    """Encoder of messages. Used by one thread at a time, never by the thread of the event loop."""
 
     def encode(self, payload: Payload, at_ms: int, *, key: bool) -> Encoded | None:
-        """One picture; None when the codec leaves it out.
+        """Encode one image; None if the codec leaves it out.
 
         Args:
-            payload: a `sensor_msgs/Image` or `sensor_msgs/CompressedImage`.
-            at_ms: when, milliseconds on a clock that never goes back.
-            key: whether it must be one that a video can begin with.
+            payload: `sensor_msgs/Image` or `sensor_msgs/CompressedImage`.
+            at_ms: present time, in milliseconds of a steady clock.
+            key: True to encode a key frame.
 
         Raises:
-            ImageUnreadable: it cannot be shown.
+            ImageUnreadable: the image cannot be decoded.
         """

@@ -1,4 +1,4 @@
-"""JPEG and PNG pictures. Imported with the first viewer."""
+"""JPEG and PNG encoder. Imported with the first viewer."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rwt.media.encoders.encoded import Encoded
 from rwt.media.encoders.jpeg import encode_jpeg
-from rwt.media.encoders.pixels import Bytes, read_picture, without_alpha
+from rwt.media.encoders.pixels import Bytes, read_image, without_alpha
 from rwt.media.stream_request import COMPRESSED, Jpeg, Png, StreamRequest
 from rwt_tf2 import stamp_ns
 
@@ -17,29 +17,29 @@ if TYPE_CHECKING:
 _JPEG_MAGIC = b"\xff\xd8\xff"
 _PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 _DEFAULT_QUALITY = 95
-#: Higher levels of PNG take four times as long, for a few bytes in a thousand.
-_HIGHEST_LEVEL = 6
+#: Maximum level of PNG: higher ones take four times as long and save less than 1 %.
+_MAX_LEVEL = 6
 
 
 class ImageEncoder:
-    """Makes a JPEG or a PNG of each message, or passes on the one that it holds."""
+    """Encoder of JPEG or PNG images; a message that already holds one is passed through."""
 
     def __init__(self, request: StreamRequest, coding: Jpeg | Png) -> None:
         self._request = request
         self._coding = coding
 
     def encode(self, payload: Payload, at_ms: int, *, key: bool) -> Encoded:
-        """See :meth:`.encoded.Encoder.encode`; every picture can be shown without others."""
+        """See :meth:`.encoded.Encoder.encode`; every image is a key frame."""
         message: Any = payload.value()
         stamp = stamp_ns(message.header.stamp)
-        if payload.type.name == COMPRESSED and not self._request.changes_pictures:
+        if payload.type.name == COMPRESSED and not self._request.changes_images:
             data = bytes(message.data)
             if data.startswith(_JPEG_MAGIC):
                 return Encoded(data, stamp, at_ms, "image/jpeg")
-            # A PNG is passed on only to those who asked for the compressed topic as it is.
+            # A PNG is passed through only if the compressed topic was requested as it is.
             if data.startswith(_PNG_MAGIC) and self._request.prefers_compressed:
                 return Encoded(data, stamp, at_ms, "image/png")
-        pixels = read_picture(payload, self._request)
+        pixels = read_image(payload, self._request)
         if isinstance(self._coding, Png):
             return Encoded(_png(pixels, self._coding.level), stamp, at_ms, "image/png")
         quality = self._coding.quality or _DEFAULT_QUALITY
@@ -50,5 +50,5 @@ def _png(pixels: Bytes, level: int) -> bytes:
     from PIL import Image
 
     written = io.BytesIO()
-    Image.fromarray(pixels).save(written, "PNG", compress_level=min(level, _HIGHEST_LEVEL))
+    Image.fromarray(pixels).save(written, "PNG", compress_level=min(level, _MAX_LEVEL))
     return written.getvalue()

@@ -1,7 +1,7 @@
-"""JPEG, by simplejpeg where it is installed (the extra `video`), else by Pillow.
+"""JPEG encoder: simplejpeg if it is installed (extra `video`), otherwise Pillow.
 
-simplejpeg lets other threads run while it works and Pillow mostly does not, so with Pillow the event loop
-stutters by some milliseconds a picture, whatever thread encodes it.
+simplejpeg releases the GIL while it encodes; Pillow mostly does not, and delays the event loop by some
+milliseconds pern image, whatever thread encodes it.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 
 def encode_jpeg(pixels: Pixels, quality: int) -> bytes:
-    """One picture.
+    """Encode one image.
 
     Args:
-        pixels: rows x columns x red, green, blue, or rows x columns of grey.
+        pixels: rows x columns x red, green and blue, or rows x columns of grey.
         quality: 1 to 100.
     """
     return _encoder()(pixels, quality)

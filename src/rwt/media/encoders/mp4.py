@@ -1,7 +1,7 @@
-"""Fragmented MP4 with H.264 as it is made: a header, then one fragment for each picture.
+"""Live fragmented MP4 with H.264: a header, then one fragment for each frame.
 
-ISO/IEC 14496-12 (boxes and fragments) and 14496-15 (how H.264 lies in them). For why it is written here see
-:mod:`rwt.media.encoders.webm`.
+ISO/IEC 14496-12 (boxes and fragments) and 14496-15 (H.264 in them). :mod:`rwt.media.encoders.webm` gives the
+reason for a writer of our own.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from typing import Final
 TYPE: Final = "video/mp4"
 _TIMESCALE: Final = 1000
 _IDENTITY: Final = struct.pack(">9I", 0x10000, 0, 0, 0, 0x10000, 0, 0, 0, 0x40000000)
-#: Flags of a sample: depends on nothing; depends on others and is no point to begin at (8.8.3.1).
+#: Flags of a sample: independent; dependent on others and not a sync sample (8.8.3.1).
 _KEY_SAMPLE, _OTHER_SAMPLE = 0x02000000, 0x01010000
-#: How long a picture lasts until it is known when the next one comes, milliseconds.
+#: How long a frame lasts until it is known when the next one comes, milliseconds.
 _GUESSED_DURATION: Final = 33
 _START_CODE: Final = re.compile(rb"\x00*\x00\x00\x01")
 _SPS, _PPS = 7, 8
 
 
 class Mp4:
-    """Writes one viewer's stream, whose time begins at 0.
+    """Writer of one viewer's stream; its time starts at 0.
 
     Args:
-        width: pixels.
-        height: pixels.
-        parameters: the encoder's sequence and picture parameter sets, each after a start code.
+        width: width in pixels.
+        height: height in pixels.
+        parameters: sequence and frame parameter sets, each after a start code.
     """
 
     def __init__(self, width: int, height: int, parameters: bytes) -> None:
@@ -38,20 +38,20 @@ class Mp4:
         self._last_ms: int | None = None
 
     def header(self) -> bytes:
-        """What comes before the first picture."""
+        """Return the bytes before the first frame."""
         ftyp = _box(b"ftyp", b"iso5", struct.pack(">I", 512), b"iso5", b"iso6", b"mp41")
         trex = _box(b"trex", _version(0), struct.pack(">5I", 1, 1, 0, 0, 0))
         moov = _box(b"moov", self._mvhd(), self._trak(), _box(b"mvex", trex))
         return ftyp + moov
 
-    def picture(self, data: bytes, at_ms: int, *, key: bool) -> bytes:
-        """One coded picture at its time: units after start codes."""
+    def frame(self, data: bytes, at_ms: int, *, key: bool) -> bytes:
+        """Return a fragment with one frame; `data` has units after start codes."""
         self._sequence += 1
         duration = _GUESSED_DURATION if self._last_ms is None else max(1, at_ms - self._last_ms)
         self._last_ms = at_ms
         sample = b"".join(struct.pack(">I", len(unit)) + unit for unit in units(data))
         mfhd = _box(b"mfhd", _version(0), struct.pack(">I", self._sequence))
-        tfhd = _box(b"tfhd", _version(0, 0x020000), struct.pack(">I", 1))  # offsets count from the moof
+        tfhd = _box(b"tfhd", _version(0, 0x020000), struct.pack(">I", 1))  # offsets are relative to the moof
         tfdt = _box(b"tfdt", _version(1), struct.pack(">Q", at_ms))
         flags = _KEY_SAMPLE if key else _OTHER_SAMPLE
 
@@ -79,7 +79,7 @@ class Mp4:
         return _box(b"trak", tkhd, _box(b"mdia", mdhd, hdlr, minf))
 
     def _sample_table(self) -> bytes:
-        """What samples are; where they are is in the fragments."""
+        """Return the description of the samples; their positions are in the fragments."""
         entry = struct.pack(">6xH16x2H2II", 1, self._width, self._height, 0x480000, 0x480000, 0)
         avc1 = _box(b"avc1", entry, struct.pack(">H32xHh", 1, 24, -1), self._avc_configuration())
         stsd = _box(b"stsd", _version(0), struct.pack(">I", 1), avc1)
@@ -100,7 +100,7 @@ class Mp4:
 
 
 def units(stream: bytes) -> list[bytes]:
-    """The units of a byte stream, without their start codes (H.264 annex B)."""
+    """Split a byte stream into units without start codes (H.264 annex B)."""
     return [unit for unit in _START_CODE.split(stream) if unit]
 
 

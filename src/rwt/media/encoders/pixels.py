@@ -1,6 +1,6 @@
-"""The pixels of messages as arrays of bytes: grey, red-green-blue, or with alpha. Imported by encoders only.
+"""Pixels of image messages as arrays of bytes: grey, RGB or RGBA. Imported by encoders only.
 
-Depths (`16UC1`, `32FC1`) are shown as greys from 0 to the largest of the picture, as web_video_server does.
+Depths (`16UC1`, `32FC1`) are scaled to greys by the largest of the image, as in web_video_server.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 Bytes = NDArray[np.uint8]
-#: Samples as they come: rows x columns x values of a pixel, one or two bytes each, or floats.
+#: Samples of a message: rows x columns x values of a pixel, of one or two bytes each, or floats.
 Samples = NDArray[np.generic]
 
 
@@ -45,10 +45,10 @@ class CompressedImage(Protocol):
 
 
 def read_raw(message: RawImage) -> Bytes:
-    """The picture of a `sensor_msgs/Image`: rows x columns of grey, or x 3 or 4 values a pixel.
+    """Return the pixels of a `sensor_msgs/Image`: rows x columns of grey, or x 3 or 4 values per pixel.
 
     Raises:
-        ImageUnreadable: the encoding is not one of those of :data:`SHOWN`, or there are too few bytes.
+        ImageUnreadable: the encoding is not in :data:`SHOWN`, or there are too few bytes.
     """
     show = SHOWN.get(message.encoding)
     if show is None:
@@ -62,10 +62,10 @@ def read_raw(message: RawImage) -> Bytes:
 
 
 def read_compressed(message: CompressedImage) -> Bytes:
-    """The picture of a `sensor_msgs/CompressedImage`.
+    """Return the pixels of a `sensor_msgs/CompressedImage`.
 
     Raises:
-        ImageUnreadable: it is broken, too large, or of a kind that cannot be read.
+        ImageUnreadable: the image is corrupt, too large, or of an unknown format.
     """
     try:
         image = open_compressed(message, MOST_PIXELS**2)
@@ -78,14 +78,14 @@ def read_compressed(message: CompressedImage) -> Bytes:
 
 
 def shaped(pixels: Bytes, request: StreamRequest) -> Bytes:
-    """The picture in the size that is asked for, and the right way up."""
+    """Return an image in the requested size and orientation."""
     if request.invert:
         pixels = pixels[::-1, ::-1]
     return resized(pixels, request.width or pixels.shape[1], request.height or pixels.shape[0])
 
 
 def resized(pixels: Bytes, width: int, height: int) -> Bytes:
-    """The picture in that size, contiguous."""
+    """Return a contiguous image of a size."""
     if pixels.shape[:2] == (height, width):
         return np.ascontiguousarray(pixels)
     from PIL import Image
@@ -95,7 +95,7 @@ def resized(pixels: Bytes, width: int, height: int) -> Bytes:
 
 
 def without_alpha(pixels: Bytes) -> Bytes:
-    """The picture for codings that have no alpha."""
+    """Return an image without its alpha channel."""
     if pixels.ndim == 3 and pixels.shape[2] == 4:
         return np.ascontiguousarray(pixels[:, :, :3])
     return pixels
@@ -105,7 +105,7 @@ def without_alpha(pixels: Bytes) -> Bytes:
 
 
 def _bytes_of(samples: Samples) -> Bytes:
-    """Values of one or two bytes as one byte each."""
+    """Return values of one or two bytes as one byte each."""
     if samples.dtype.itemsize == 1:
         return samples.view(np.uint8)
     return (samples.astype(np.uint16) >> 8).astype(np.uint8)
@@ -126,7 +126,7 @@ def _grey(samples: Samples) -> Bytes:
 
 
 def _scaled(samples: Samples) -> Bytes:
-    """Depths: the largest is white, and what is not a number is black."""
+    """Convert depths: the largest is white, and NaN is black."""
     values = np.nan_to_num(samples[:, :, 0].astype(np.float32), nan=0.0, posinf=0.0, neginf=0.0)
     largest = float(values.max(initial=0.0))
     if largest <= 0:
@@ -136,7 +136,7 @@ def _scaled(samples: Samples) -> Bytes:
 
 
 def _yuv(luma: slice, u: int, v: int) -> Callable[[Samples], Bytes]:
-    """YUV 4:2:2 (BT.601, video range): four bytes are two pixels."""
+    """Return a converter of YUV 4:2:2 (BT.601, video range): four bytes are two pixels."""
 
     def show(samples: Samples) -> Bytes:
         rows, columns = samples.shape[:2]
@@ -157,27 +157,27 @@ def _yuv(luma: slice, u: int, v: int) -> Callable[[Samples], Bytes]:
 
 
 def _bayer(pattern: str) -> Callable[[Samples], Bytes]:
-    """A mosaic of one colour a pixel; what is missing is the mean of the nearest that have it."""
+    """Return a converter of a Bayer mosaic; a missing colour is the mean of its nearest neighbours."""
 
     def show(samples: Samples) -> Bytes:
         mosaic = _bytes_of(samples)[:, :, 0]
         rows, columns = mosaic.shape
         if rows < 2 or columns < 2:
             raise ImageUnreadable(f"a Bayer picture has at least 2x2 pixels, got {columns}x{rows}")
-        picture = np.empty((rows, columns, 3), np.uint8)
+        image = np.empty((rows, columns, 3), np.uint8)
         for channel, colour in enumerate("rgb"):
             plane = np.zeros((rows, columns), np.uint16)
             for at, letter in enumerate(pattern):
                 if letter == colour:
                     plane[at // 2 :: 2, at % 2 :: 2] = mosaic[at // 2 :: 2, at % 2 :: 2]
-            picture[:, :, channel] = _filled_green(plane) if colour == "g" else _filled(plane)
-        return picture
+            image[:, :, channel] = _filled_green(plane) if colour == "g" else _filled(plane)
+        return image
 
     return show
 
 
 def _filled(plane: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """Every fourth pixel is known: bilinear. Mirrored edges keep the pattern."""
+    """Interpolate bilinearly, with every fourth pixel known. Mirrored edges keep the pattern."""
     padded = np.pad(plane, 1, mode="reflect")
     across = padded[:, :-2] + 2 * padded[:, 1:-1] + padded[:, 2:]
     filled: NDArray[np.uint16] = (across[:-2] + 2 * across[1:-1] + across[2:] + 2) // 4
@@ -185,7 +185,7 @@ def _filled(plane: NDArray[np.uint16]) -> NDArray[np.uint16]:
 
 
 def _filled_green(plane: NDArray[np.uint16]) -> NDArray[np.uint16]:
-    """Every second pixel is known, as on a chessboard: the mean of four neighbours."""
+    """Interpolate by the mean of four neighbours, with every second pixel known as on a chessboard."""
     padded = np.pad(plane, 1, mode="reflect")
     around = padded[:-2, 1:-1] + padded[2:, 1:-1] + padded[1:-1, :-2] + padded[1:-1, 2:]
     return (around + 4 * plane + 2) // 4
@@ -220,14 +220,14 @@ SHOWN: Final[Mapping[str, Callable[[Samples], Bytes]]] = {
         for pattern in ("rggb", "bggr", "gbrg", "grbg")
     },
 }
-"""Every value of `encoding` that can be shown, and how its values become what is shown."""
+"""Supported values of `encoding`, each with its converter."""
 
 
-def read_picture(payload: Payload, request: StreamRequest) -> Bytes:
-    """The picture in its size.
+def read_image(payload: Payload, request: StreamRequest) -> Bytes:
+    """Return the pixels of a message in the requested size.
 
     Raises:
-        ImageUnreadable: it cannot be shown.
+        ImageUnreadable: the image cannot be decoded.
     """
     message: Any = payload.value()
     compressed = payload.type.name == COMPRESSED

@@ -1,4 +1,4 @@
-"""Video: VP8, VP9 and H.264 by PyAV (the extra `video`). Imported with the first viewer."""
+"""Video encoder: VP8, VP9 and H.264 by PyAV (extra `video`). Imported with the first viewer."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from av.video.frame import PictureType, VideoFrame
 
 from rwt.media.encoders import colours
 from rwt.media.encoders.encoded import Encoded, Track
-from rwt.media.encoders.pixels import Bytes, read_picture, resized, without_alpha
+from rwt.media.encoders.pixels import Bytes, read_image, resized, without_alpha
 from rwt.media.errors import ImageUnreadable
 from rwt.media.stream_request import StreamRequest, Video
 from rwt_tf2 import stamp_ns
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _MILLISECONDS: Final = Fraction(1, 1000)
 _ENCODERS: Final = {"vp8": "libvpx", "vp9": "libvpx-vp9", "h264": "libx264"}
-#: No picture is kept back: a viewer sees the last one, not the one before.
+#: No frame is delayed: a viewer sees the last one, not the one before.
 _OPTIONS: Final = {
     "vp8": {"lag-in-frames": "0", "auto-alt-ref": "0"},
     "vp9": {
@@ -35,19 +35,18 @@ _OPTIONS: Final = {
     },
     "h264": {"tune": "zerolatency", "forced-idr": "1"},
 }
-#: The constant quality of H.264 where no bit rate is asked for, as web_video_server has it.
+#: Constant quality of H.264 without a bit rate, as in web_video_server.
 _H264_QUALITY: Final = "20"
 
 
 class VideoEncoder:
-    """Makes one video of a topic's pictures, in the size of the first; see
-    :class:`rwt.media.encoders.encoded.Encoder`.
+    """Encoder of one video, in the size of its first frame; a :class:`rwt.media.encoders.encoded.Encoder`.
 
     Args:
-        request: what is wanted.
-        video: how it is sent.
-        reserve: called with the pixels of a picture before there is an encoder of that size; raises
-            `ImageUnreadable` where they are too many.
+        request: request of the viewers.
+        video: encoding of the video.
+        reserve: called with the number of pixels of a frame before an encoder of that size is created; raises
+            `ImageUnreadable` if they are too many.
     """
 
     def __init__(self, request: StreamRequest, video: Video, reserve: Callable[[int], None]) -> None:
@@ -60,7 +59,7 @@ class VideoEncoder:
 
     def encode(self, payload: Payload, at_ms: int, *, key: bool) -> Encoded | None:
         """See :meth:`rwt.media.encoders.encoded.Encoder.encode`."""
-        pixels = without_alpha(read_picture(payload, self._request))
+        pixels = without_alpha(read_image(payload, self._request))
         codec = self._codec or self._open(pixels)
         frame = VideoFrame.from_ndarray(
             resized(pixels, codec.width, codec.height), "rgb24" if pixels.ndim == 3 else "gray"
@@ -87,7 +86,7 @@ class VideoEncoder:
         self._reserve(pixels.shape[0] * pixels.shape[1])
         codec = av.CodecContext.create(_ENCODERS[video.codec], "w")
         assert isinstance(codec, VideoCodecContext)
-        # Colours have half the resolution in these videos: an odd row or column is left out.
+        # Chroma has half the resolution: an odd row or column is left out.
         codec.width, codec.height = max(2, pixels.shape[1] & ~1), max(2, pixels.shape[0] & ~1)
         codec.pix_fmt = "yuv420p"
         codec.colorspace = colours.MATRIX
@@ -99,11 +98,11 @@ class VideoEncoder:
         codec.gop_size = video.gop
         codec.max_b_frames = 0
         codec.flags |= Flags.low_delay
-        # The threads of libvpx wait for each other without letting go of the processor: with others at work
-        # on it a picture took twenty times as long on two threads as on one.
+        # The threads of libvpx busy-wait for each other: on a loaded machine a frame took twenty times as
+        # long on two threads as on one.
         codec.thread_count = 1
         if video.codec == "h264":
-            codec.flags |= Flags.global_header  # the parameter sets apart, as MP4 wants them
+            codec.flags |= Flags.global_header  # separate parameter sets, as MP4 requires
         if video.bitrate is not None:
             codec.bit_rate = video.bitrate
         codec.options = _options(video)

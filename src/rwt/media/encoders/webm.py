@@ -1,7 +1,7 @@
-"""WebM as it is made: a header, then one block for each picture (RFC 8794, RFC 9559).
+"""Live WebM: a header, then one block for each frame (RFC 8794, RFC 9559).
 
-The libraries' writers hold each picture back until the next one comes, and know nothing of a viewer who joins
-late; both would cost a slow camera a second of delay. What is written here is the little of the format that a
+The writers of the libraries delay each frame until the next one, and do not support viewers that join late;
+with a slow camera either would cost a second of delay. This module writes the small part of the format that a
 live stream of one track needs.
 """
 
@@ -13,19 +13,19 @@ from typing import Final
 from rwt.media.encoders import colours
 
 _UNKNOWN_SIZE: Final = b"\x01\xff\xff\xff\xff\xff\xff\xff"
-#: A block gives its time in 16 signed bits after its cluster's, milliseconds.
-_LONGEST_CLUSTER: Final = 30_000
+#: Maximum length of a cluster, in milliseconds: times of blocks are relative to it, in 16 signed bits.
+_MAX_CLUSTER_MS: Final = 30_000
 _CODECS: Final = {"vp8": b"V_VP8", "vp9": b"V_VP9"}
 TYPE: Final = "video/webm"
 
 
 class Webm:
-    """Writes one viewer's stream, whose time begins at 0.
+    """Writer of one viewer's stream; its time starts at 0.
 
     Args:
         codec: `vp8` or `vp9`.
-        width: pixels.
-        height: pixels.
+        width: width in pixels.
+        height: height in pixels.
     """
 
     def __init__(self, codec: str, width: int, height: int) -> None:
@@ -35,7 +35,7 @@ class Webm:
         self._cluster_ms: int | None = None
 
     def header(self) -> bytes:
-        """What comes before the first picture."""
+        """Return the bytes before the first frame."""
         app = f"robot-web-tools {version('robot-web-tools')}".encode()
         ebml = (
             _number(0x4286, 1)  # EBMLVersion
@@ -68,10 +68,10 @@ class Webm:
         )
         return _element(0x1654AE6B, _element(0xAE, track))
 
-    def picture(self, data: bytes, at_ms: int, *, key: bool) -> bytes:
-        """One coded picture at its time; a key picture begins a cluster."""
+    def frame(self, data: bytes, at_ms: int, *, key: bool) -> bytes:
+        """Return a block with one frame; a key frame begins a cluster."""
         opening = b""
-        if key or self._cluster_ms is None or at_ms - self._cluster_ms > _LONGEST_CLUSTER:
+        if key or self._cluster_ms is None or at_ms - self._cluster_ms > _MAX_CLUSTER_MS:
             self._cluster_ms = at_ms
             opening = _id(0x1F43B675) + _UNKNOWN_SIZE + _number(0xE7, at_ms)
         after = (at_ms - self._cluster_ms).to_bytes(2, "big", signed=True)
@@ -80,12 +80,12 @@ class Webm:
 
 
 def _id(number: int) -> bytes:
-    """An element's ID, whose first bits say how long it is."""
+    """Return the ID of an element; its first bits encode its length."""
     return number.to_bytes((number.bit_length() + 7) // 8, "big")
 
 
 def _element(number: int, payload: bytes) -> bytes:
-    # Sizes of four bytes: 28 bits are more than any picture.
+    # Sizes of four bytes: 28 bits are more than any frame.
     return _id(number) + (len(payload) | 0x1000_0000).to_bytes(4, "big") + payload
 
 

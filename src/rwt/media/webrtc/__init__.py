@@ -1,4 +1,4 @@
-"""Pictures and sound over WebRTC: topics as tracks (WHEP), and cameras and microphones as topics (WHIP)."""
+"""Images and audio over WebRTC: topics as tracks (WHEP), and cameras and microphones as topics (WHIP)."""
 
 from rwt.media.webrtc.audio_topics import AudioTopics
 from rwt.media.webrtc.whep import watch_routes

@@ -1,4 +1,4 @@
-"""What the samples of an `audio_common_msgs/AudioData` are, by the `AudioInfo` beside it."""
+"""Format of the samples of `audio_common_msgs/AudioData`, as described by an `AudioInfo`."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ if TYPE_CHECKING:
 DATA: Final = "audio_common_msgs/AudioData"
 INFO: Final = "audio_common_msgs/AudioInfo"
 INFO_SUFFIX: Final = "_info"
-"""Of the topic beside one of sound: audio_common has `audio_info` beside `audio`."""
+"""Suffix of the topic of `AudioInfo`: audio_common has `audio_info` for `audio`."""
 CODING: Final = "WAVE"
-"""How `coding_format` names samples that are not compressed; audio_common spells it `wave`."""
+"""Value of `coding_format` for uncompressed samples; audio_common spells it `wave`."""
 SAMPLE_BYTES: Final = 2
-"""Of a sample of `S16LE`."""
-LOWEST_RATE: Final = 8_000
-HIGHEST_RATE: Final = 192_000
-MOST_CHANNELS: Final = 2
+"""Size of a sample of `S16LE`."""
+MIN_RATE: Final = 8_000
+MAX_RATE: Final = 192_000
+MAX_CHANNELS: Final = 2
 MESSAGE_SECONDS: Final = 1.0
-"""Longest message that is read."""
+"""Maximum length of a message."""
 BURST_SECONDS: Final = 1.0
-"""Sound that may come at once, beyond what time has passed for: a network holds some up."""
+"""Maximum amount of audio ahead of real time: a network may delay some."""
 SAMPLE_FORMATS: Final[dict[str, tuple[str, float, float]]] = {
     "S8": ("i1", 1 << 7, 0.0),
     "U8": ("u1", 1 << 7, 128.0),
@@ -42,18 +42,18 @@ SAMPLE_FORMATS: Final[dict[str, tuple[str, float, float]]] = {
     "F32LE": ("<f4", 1.0, 0.0),
     "F32BE": (">f4", 1.0, 0.0),
 }
-"""By GStreamer's names, which audio_common uses: the dtype, the largest value and the one of silence."""
+"""By GStreamer's name, which audio_common uses: dtype, largest value and value of silence."""
 
 
 class AudioUnreadable(VideoError):
-    """Sound that cannot be decoded; the text says why."""
+    """The audio cannot be decoded; the text gives the reason."""
 
 
 class AudioBudget:
-    """How much sound may be taken: as much as time has passed, and a burst.
+    """Rate limit for audio: real time, and a burst.
 
     Args:
-        now: seconds on a clock that never goes back.
+        now: returns the seconds of a steady clock.
     """
 
     def __init__(self, now: Callable[[], float] = monotonic) -> None:
@@ -61,7 +61,7 @@ class AudioBudget:
         self._paid_until = float("-inf")
 
     def take(self, seconds: float) -> bool:
-        """Whether so much more may be taken; it then is."""
+        """Return True if that much audio is within the limit, and count it."""
         now = self._now()
         paid_until = max(self._paid_until, now - BURST_SECONDS) + seconds
         if paid_until > now:
@@ -72,12 +72,12 @@ class AudioBudget:
 
 @dataclass(frozen=True, slots=True)
 class AudioFormat:
-    """How samples are to be read.
+    """Format of samples.
 
     Attributes:
-        rate: samples a second of each channel, LOWEST_RATE to HIGHEST_RATE.
-        channels: 1 or 2, whose samples take turns.
-        samples: one of SAMPLE_FORMATS.
+        rate: sample rate in Hz, MIN_RATE to MAX_RATE.
+        channels: 1 or 2, interleaved.
+        samples: key of SAMPLE_FORMATS.
     """
 
     rate: int
@@ -86,14 +86,14 @@ class AudioFormat:
 
     @property
     def layout(self) -> str:
-        """FFmpeg's name for the channels."""
+        """Name of the channel layout in FFmpeg."""
         return "mono" if self.channels == 1 else "stereo"
 
     def read(self, data: bytes | memoryview) -> AudioFrame | None:
-        """The samples of one message, as 16-bit ones; None where there are none.
+        """Decode the samples of one message to 16 bits; None if it is empty.
 
         Raises:
-            AudioUnreadable: no whole number of samples, or more than a second of them.
+            AudioUnreadable: the number of samples is not an integer, or they last more than a second.
         """
         dtype, full, silence = SAMPLE_FORMATS[self.samples]
         width = np.dtype(dtype).itemsize * self.channels
@@ -119,16 +119,16 @@ def _as_int16(values: NDArray[Any], full: float, silence: float) -> NDArray[np.i
     if values.dtype.kind == "i" and values.dtype.itemsize == SAMPLE_BYTES:
         return values.astype(np.int16, copy=False)
     scaled = (values.astype(np.float64) - silence) * ((1 << 15) / full)
-    # What is no number is silence: a cast of it would be anything.
+    # NaN becomes silence: casting it is undefined.
     bounded = np.clip(np.nan_to_num(scaled, nan=0.0), -(1 << 15), (1 << 15) - 1)
     return bounded.astype(np.int16)
 
 
 def read_info(payload: Payload) -> AudioFormat:
-    """The format that an `AudioInfo` tells.
+    """Return the format described by an `AudioInfo`.
 
     Raises:
-        AudioUnreadable: it cannot be decoded here; says what can.
+        AudioUnreadable: the format is not supported; the text names those that are.
     """
     info: Any = payload.value()
     coding, samples = str(info.coding_format), str(info.sample_format).upper()
@@ -138,10 +138,10 @@ def read_info(payload: Payload) -> AudioFormat:
         raise AudioUnreadable(
             f"`sample_format` {samples!r:.40} cannot be decoded here, only {', '.join(SAMPLE_FORMATS)}"
         )
-    if not 1 <= info.channels <= MOST_CHANNELS:
+    if not 1 <= info.channels <= MAX_CHANNELS:
         raise AudioUnreadable(f"{info.channels} channels, where 1 or 2 can be heard")
-    if not LOWEST_RATE <= info.sample_rate <= HIGHEST_RATE:
+    if not MIN_RATE <= info.sample_rate <= MAX_RATE:
         raise AudioUnreadable(
-            f"`sample_rate` {info.sample_rate}, where {LOWEST_RATE} to {HIGHEST_RATE} can be decoded"
+            f"`sample_rate` {info.sample_rate}, where {MIN_RATE} to {MAX_RATE} can be decoded"
         )
     return AudioFormat(int(info.sample_rate), int(info.channels), samples)

@@ -1,7 +1,7 @@
-"""Sound topics as Opus: one encoder for all who listen to a topic, and a short queue of packets for each.
+"""Audio topics as Opus: one encoder per topic, and a short queue of packets for each listener.
 
-Sound is read and encoded in a worker thread. Without listeners nothing is subscribed to. What a topic brings
-faster than it can be heard is left out, and so is the oldest of what waits too long.
+Audio is decoded and encoded in a worker thread. Without listeners the topic is not subscribed to. Audio
+faster than real time is dropped, and so are the oldest messages and packets of a full queue.
 """
 
 from __future__ import annotations
@@ -33,29 +33,29 @@ if TYPE_CHECKING:
 
 NAME: Final = "whep"
 PATIENCE: Final = 5.0
-"""Seconds to wait for an `AudioInfo`: the robot's own page sends one a second."""
+"""Seconds to wait for an `AudioInfo`: the dashboard sends one per second."""
 WAITING_BYTES: Final = 2 << 20
 WAITING_MESSAGES: Final = 64
-"""Of a topic, while those before are encoded; a message of the page is a twentieth of a second."""
+"""Maximum queue of a topic; a message of the dashboard holds a twentieth of a second."""
 WAITING_PACKETS: Final = 25
-"""Of 20 ms, for one listener."""
+"""Maximum queue of a listener, in packets of 20 ms."""
 
 logger = logging.getLogger("rwt.media.webrtc")
 
 
 class Listener:
-    """A listener's queue of packets.
+    """Queue of packets for one listener.
 
     Attributes:
-        work: to which its share of the encoder's work is charged.
-        failure: why there is no more sound; None while there may be some.
+        work: account to which its share of the encoder's work is charged.
+        failure: reason why the audio ended; None if it did not fail.
     """
 
     def __init__(self, broadcast: AudioBroadcast, work: Work) -> None:
         self._broadcast = broadcast
         self.work = work
         self.failure: AudioUnreadable | None = None
-        # The oldest gives way to the newest.
+        # The newest packet replaces the oldest.
         self._waiting: deque[OpusPacket] = deque(maxlen=WAITING_PACKETS)
         self._woken = anyio.Event()
         self._over = False
@@ -66,7 +66,7 @@ class Listener:
         self._woken.set()
 
     async def next(self) -> OpusPacket | None:
-        """The next packet, waiting for it; None when there will be no more."""
+        """Wait for the next packet; None at the end of the audio."""
         while not self._waiting:
             if self._over:
                 return None
@@ -79,7 +79,7 @@ class Listener:
         self._broadcast.leave(self)
 
     def end(self, failure: AudioUnreadable | None = None) -> None:
-        """End the sound after the packets that are queued already."""
+        """End the audio after the queued packets."""
         if not self._over:
             self.failure = failure
             self._over = True
@@ -87,18 +87,18 @@ class Listener:
 
 
 class AudioBroadcast:
-    """What all who listen to a topic share: the subscriptions and the encoder.
+    """Subscriptions and encoder shared by all listeners of a topic.
 
     Args:
-        node: whose subscriptions they are.
-        topic: of `audio_common_msgs/AudioData`.
-        samples: how they are to be read, until another `AudioInfo` comes.
-        threads: the worker threads that all broadcasts share.
-        on_end: called once when the last listener has left, or when the sound cannot be decoded.
+        node: node that subscribes.
+        topic: topic of `audio_common_msgs/AudioData`.
+        samples: format of the samples until another `AudioInfo` arrives.
+        threads: worker threads shared by all broadcasts.
+        on_end: called once when the last listener has left, or when the audio cannot be decoded.
 
     Attributes:
-        topic: as given.
-        listeners: everyone who listens.
+        topic: topic, as given.
+        listeners: present listeners.
     """
 
     def __init__(
@@ -126,17 +126,17 @@ class AudioBroadcast:
         )
 
     def join(self, work: Work) -> Listener:
-        """A new listener.
+        """Add a listener.
 
         Args:
-            work: what its share of the encoder's work is charged to.
+            work: account to which its share of the encoder's work is charged.
         """
         listener = Listener(self, work)
         self.listeners.append(listener)
         return listener
 
     def leave(self, listener: Listener) -> None:
-        """The last listener who leaves ends it."""
+        """Remove a listener; the last one ends the broadcast."""
         if listener in self.listeners:
             self.listeners.remove(listener)
             listener.end()
@@ -144,7 +144,7 @@ class AudioBroadcast:
                 self.end()
 
     def end(self, failure: AudioUnreadable | None = None) -> None:
-        """Stop, and let every listener go."""
+        """Stop, and end the audio of every listener."""
         if self._over:
             return
         self._over = True
@@ -156,7 +156,7 @@ class AudioBroadcast:
         self._woken.set()
 
     def _take(self, sample: Sample) -> None:
-        """Take a message of either topic, in the order in which they come; the oldest make room."""
+        """Queue a message of either topic, in order of arrival; drop the oldest ones of a full queue."""
         payload = sample.payload.detach()
         self._waiting.append((time.monotonic(), payload))
         self._waiting_bytes += payload.kept_size
@@ -190,22 +190,22 @@ class AudioBroadcast:
                         listener.put(packet)
 
     def _complain(self, error: AudioUnreadable) -> None:
-        # Once: a microphone that goes on and on must not fill the log.
+        # Once: a microphone must not fill the log.
         if self._complaint != str(error):
             self._complaint = str(error)
             logger.warning("%s: %s", self.topic, error)
 
 
 def topics_of(name: str) -> tuple[str, str]:
-    """What has to be subscribed to for the sound of a topic: the samples, and how they are to be read."""
+    """Return the topics to subscribe to for the audio of a topic: samples, and their format."""
     return name, f"{name}{INFO_SUFFIX}"
 
 
 class AudioTopics:
-    """The sound topics of a graph, for those who may subscribe to them.
+    """Audio topics of a graph.
 
     Args:
-        graph: whose topics are heard.
+        graph: graph of the robot.
     """
 
     def __init__(self, graph: Graph) -> None:
@@ -214,16 +214,16 @@ class AudioTopics:
         self._threads = EncoderThreads()
 
     def close(self) -> None:
-        """Let every listener go and leave the graph."""
+        """End all audio, and leave the graph."""
         for broadcast in tuple(self._broadcasts.values()):
             broadcast.end()
         self._node.close()
 
     async def find(self, topic: str, reader: Reader) -> tuple[str, AudioFormat]:
-        """The topic that is meant, and how its samples are to be read.
+        """Return the absolute name of a topic and the format of its samples.
 
         Raises:
-            RequestRefused: its reader may not hear it, there is none, or it cannot be decoded.
+            RequestRefused: the reader may not subscribe to it, it does not exist, or it cannot be decoded.
         """
         try:
             name = resolve(topic)
@@ -252,7 +252,7 @@ class AudioTopics:
         return ", ".join(sorted(names)) or "none"
 
     async def _info(self, name: str) -> Payload:
-        """The next `AudioInfo`, or the one that is kept for those who come later."""
+        """Wait for the next `AudioInfo`; a retained one arrives at once."""
         topic = f"{name}{INFO_SUFFIX}"
         told = self._node.graph.topic(topic)
         if told is not None and told.type is not None and told.type.name != INFO:
@@ -277,7 +277,7 @@ class AudioTopics:
         return got[0]
 
     def listen(self, name: str, samples: AudioFormat, work: Work) -> Listener:
-        """A listener of what :meth:`find` has found. Ends with its `leave`."""
+        """Add a listener to a topic found by :meth:`find`; its `leave` removes it."""
         broadcast = self._broadcasts.get(name)
         if broadcast is None:
             broadcast = AudioBroadcast(self._node, name, samples, self._threads, self._ended)

@@ -1,4 +1,4 @@
-"""Which of a few bit rates a viewer gets, by what its receiver says of the line."""
+"""Bit rate ladder: selects one of a few bit rates for a viewer by the feedback of its receiver."""
 
 from __future__ import annotations
 
@@ -7,38 +7,38 @@ from collections.abc import Sequence
 from typing import Final
 
 RUNGS: Final = (1.0, 0.35, 0.12)
-"""The bit rates of a topic's videos, as parts of the one that was asked for. All viewers of a topic, a size
-and a rate share them: there are no more encoders than these."""
+"""Bit rates as parts of the requested one. All viewers with equal requests share them, so there is at most
+one encoder per rung."""
 WINDOW_SECONDS: Final = 1.0
 QUIET: Final = 30_000
-"""Bits a second below which nothing is concluded: a picture that stands still needs no more."""
+"""Bits per second below which feedback is ignored: a still image needs no more."""
 MARGIN: Final = 1.3
-"""The estimate must be above what is sent by so much, for all of the patience, before more is tried."""
+"""Required ratio of the estimate to the sent rate, during the whole patience, for a step up."""
 PATIENCE_SECONDS: Final = 5.0
 MOST_PATIENCE_SECONDS: Final = 60.0
 LOSS: Final = 0.1
-"""Part of the packets lost from which on less is sent (draft-ietf-rmcat-gcc section 6)."""
+"""Packet loss above which the rate steps down (draft-ietf-rmcat-gcc section 6)."""
 KEYS: Final = 5
-"""Key pictures that a viewer may ask for in :data:`KEY_SECONDS` before less is sent to it: they are large,
-and go to everybody who shares its encoder."""
+"""Number of requests for key frames within :data:`KEY_SECONDS` that steps down: key frames are large, and go
+to all viewers of the encoder."""
 KEY_SECONDS: Final = 10.0
 KEY_PAUSE_SECONDS: Final = 0.5
-"""Receivers ask again and again until the one key picture has come."""
+"""Receivers repeat a request until the key frame arrives: repeats within this time count once."""
 SETTLE_SECONDS: Final = 1.5
-"""After a change nothing is concluded for so long: reports are of what was sent before."""
+"""Seconds after a change in which feedback is ignored: it is about the former rate."""
 
 
 class BitrateLadder:
-    """Follows the feedback of one viewer.
+    """Bit rate ladder of one viewer.
 
-    A receiver's estimate (REMB) rises no higher than somewhat above what it gets, and falls below that when
-    the line is full. So it is compared with what is sent, and not with what was meant to be.
+    A receiver's estimate (REMB) stays slightly above the received rate, and falls below it on congestion. So
+    it is compared with the rate that is sent, not with the target.
 
     Args:
-        rates: bits a second of each rung, the most first.
+        rates: bits per second of each rung, in descending order.
 
     Attributes:
-        rung: which one to send, 0 the best.
+        rung: index of the rate to send, 0 for the highest.
     """
 
     def __init__(self, rates: Sequence[int]) -> None:
@@ -51,12 +51,12 @@ class BitrateLadder:
         self._keys: deque[float] = deque(maxlen=KEYS)
 
     def sent(self, size: int, now: float) -> None:
-        """So many bytes have been sent."""
+        """Count bytes that were sent."""
         self._sent.append((now, size))
         self._forget(now)
 
     def rate(self, now: float) -> float:
-        """Bits a second that are sent now."""
+        """Return the present rate in bits per second."""
         self._forget(now)
         return 8 * sum(size for _, size in self._sent) / WINDOW_SECONDS
 
@@ -65,7 +65,7 @@ class BitrateLadder:
             self._sent.popleft()
 
     def estimated(self, bits: int, now: float) -> None:
-        """The receiver's estimate of what the line carries, bits a second."""
+        """Handle the receiver's bandwidth estimate in bits per second."""
         rate = self.rate(now)
         if now - self._changed_at < SETTLE_SECONDS or rate < QUIET:
             return
@@ -82,12 +82,12 @@ class BitrateLadder:
             self._good_since = None
 
     def lost(self, fraction: float, now: float) -> None:
-        """The part of the last packets that has not arrived, 0 to 1."""
+        """Handle a report of packet loss, 0 to 1."""
         if fraction > LOSS and now - self._changed_at >= SETTLE_SECONDS:
             self._lower(self.rung + 1, now)
 
     def asked_for_key(self, now: float) -> None:
-        """The receiver has lost so much that it can show nothing before the next key picture."""
+        """Handle a request for a key frame."""
         keys = self._keys
         if keys and now - keys[-1] < KEY_PAUSE_SECONDS:
             return
@@ -99,7 +99,7 @@ class BitrateLadder:
     def _lower(self, rung: int, now: float) -> None:
         self._good_since = None
         if rung < len(self._rates) and rung != self.rung:
-            # What was tried and did not hold is tried again later, and later each time.
+            # Exponential back-off of the next step up.
             self._patience = min(2 * self._patience, MOST_PATIENCE_SECONDS)
             self.rung = rung
             self._changed_at = now

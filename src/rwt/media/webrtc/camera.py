@@ -1,6 +1,6 @@
-"""The camera of a client as `sensor_msgs/CompressedImage` (JPEG) on a topic.
+"""Camera of a client, published as `sensor_msgs/CompressedImage` (JPEG).
 
-A picture is made a message only when the one before is: what comes meanwhile is left out.
+Frames that arrive while another is encoded are dropped, except for the newest.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph, ClientPublisher
 
 TYPE: Final = "sensor_msgs/CompressedImage"
+#: Default JPEG quality, 1 to 100.
 QUALITY: Final = 85
-"""Of the JPEG pictures, 1 to 100, where none is asked for."""
 
 logger = logging.getLogger("rwt.media.webrtc")
 
 
 @dataclass(frozen=True, slots=True)
 class CameraRequest:
-    """How a client's pictures are published.
+    """Request to publish a client's camera.
 
     Attributes:
-        topic: where.
-        frame_id: the frame of reference that they name.
-        quality: of the JPEG pictures, 1 to 100.
+        topic: topic to publish on.
+        frame_id: frame of reference of the images.
+        quality: JPEG quality, 1 to 100.
     """
 
     topic: str
@@ -51,12 +51,12 @@ class CameraRequest:
 
 
 class Camera:
-    """Publishes the pictures of one track.
+    """Publisher of the images of one track.
 
     Args:
-        client: the graph as the client may act on it.
-        wanted: what was asked for.
-        end: called with the reason when there will be no more pictures.
+        client: graph as the client may use it.
+        wanted: request of the client.
+        end: called with the reason when the camera has ended.
 
     Raises:
         AccessError: the client may not publish on the topic.
@@ -73,15 +73,15 @@ class Camera:
 
     @property
     def topic(self) -> str:
-        """Where it publishes, absolute."""
+        """Absolute name of the topic."""
         return self._publisher.topic
 
     def renew(self) -> None:
-        """Publish as the client's role allows from now on. Raises AccessError where it may not."""
+        """Request the publisher again, after a change of role. Raises AccessError if it may not publish."""
         self._publisher = self._client.publisher(self._wanted.topic, TYPE)
 
     async def take(self, track: MediaStreamTrack) -> None:
-        """Take every picture as it comes; a later one replaces one that is not published yet."""
+        """Receive the frames of a track; a frame replaces one that is not encoded yet."""
         try:
             while True:
                 frame = await track.recv()
@@ -96,7 +96,7 @@ class Camera:
             self._end("the camera has ended")
 
     async def publish(self) -> None:
-        """Publish what has been taken, until cancelled."""
+        """Publish received frames until cancelled."""
         clock = self._client.clock
         while True:
             await self._woken.wait()
@@ -123,7 +123,7 @@ class Camera:
 
 
 def _encode(frame: VideoFrame, quality: int) -> tuple[bytes, float]:
-    """A picture as JPEG, and the processor's seconds that it took."""
+    """Encode a frame as JPEG; return it and the CPU seconds used."""
     began = time.thread_time()
     pixels = np.asarray(frame.to_ndarray(format="rgb24"), np.uint8)
     data = encode_jpeg(pixels, quality)

@@ -13,18 +13,18 @@ if TYPE_CHECKING:
     from aiortc import RTCRtpReceiver
 
 MOST_WAITING: Final = 32
-"""Pictures, or packets of sound, that wait for their decoder: what is about a second old is of no use. Each
+"""Images, or packets of audio, that wait for their decoder: what is about a second old is of no use. Each
 is at most what aiortc's jitter buffer holds."""
 
 logger = logging.getLogger("rwt.media.webrtc")
 
-# aiortc 1.16 puts what has arrived into the one, and asks for a whole picture once the other is set.
+# aiortc 1.16 puts what has arrived into the one, and asks for a key frame once the other is set.
 _QUEUE: Final = "_RTCRtpReceiver__decoder_queue"
 _ERROR: Final = "_RTCRtpReceiver__decoder_error"
 
 
 class DecoderQueue(Queue[Any]):
-    """What waits for a decoder. When it is full all that waits is dropped, and a whole picture asked for:
+    """What waits for a decoder. When it is full all that waits is dropped, and a key frame asked for:
     the others build upon each other.
 
     Args:

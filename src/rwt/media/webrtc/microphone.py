@@ -1,7 +1,7 @@
-"""The microphone of a client as `audio_common_msgs/AudioData` on a topic, and its `AudioInfo` beside it.
+"""Microphone of a client, published as `audio_common_msgs/AudioData` with its `AudioInfo`.
 
-A message holds a twentieth of a second of 16-bit samples, as those of the robot's own page do. What comes
-faster than sound can is left out, and so is what waits for longer than half a second.
+A message holds a twentieth of a second of 16-bit samples, like those of the dashboard. Audio faster than real
+time is dropped, and so is audio queued for longer than half a second.
 """
 
 from __future__ import annotations
@@ -29,24 +29,24 @@ if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph, ClientPublisher
 
 RATES: Final = (8_000, 12_000, 16_000, 24_000, 48_000)
-"""Samples a second that can be asked for: those of Opus (RFC 6716 section 2.1.3)."""
+"""Supported sample rates: those of Opus (RFC 6716 section 2.1.3)."""
 RATE: Final = 48_000
 MESSAGES_PER_SECOND: Final = 20
-WAITING: Final = 24_000
-"""Sound that may wait to be published, in samples at 48 kHz: half a second."""
-LONGEST_SECONDS: Final = 0.12
-"""Of one packet of Opus (RFC 6716 section 2.1.4)."""
+MAX_QUEUED_SAMPLES: Final = 24_000
+"""Maximum queue, in samples at 48 kHz: half a second."""
+MAX_PACKET_SECONDS: Final = 0.12
+"""Maximum length of an Opus packet (RFC 6716 section 2.1.4)."""
 
 logger = logging.getLogger("rwt.media.webrtc")
 
 
 @dataclass(frozen=True, slots=True)
 class MicrophoneRequest:
-    """How a client's sound is published.
+    """Request to publish a client's microphone.
 
     Attributes:
-        topic: where.
-        rate: samples a second, one of RATES.
+        topic: topic to publish on.
+        rate: sample rate in Hz, one of RATES.
         channels: 1 or 2.
     """
 
@@ -56,11 +56,11 @@ class MicrophoneRequest:
 
     @property
     def info_topic(self) -> str:
-        """Where it is told how the samples are to be read."""
+        """Topic of the `AudioInfo`."""
         return f"{self.topic}{INFO_SUFFIX}"
 
     def info(self) -> dict[str, object]:
-        """What is told there, an `AudioInfo`."""
+        """Return the fields of the `AudioInfo`."""
         return {
             "channels": self.channels,
             "sample_rate": self.rate,
@@ -71,13 +71,13 @@ class MicrophoneRequest:
 
 
 class Microphone:
-    """Publishes the sound of one track.
+    """Publisher of the audio of one track.
 
     Args:
-        client: the graph as the client may act on it.
-        wanted: what was asked for.
-        end: called with the reason when there will be no more sound.
-        allowance: how much sound is taken.
+        client: graph as the client may use it.
+        wanted: request of the client.
+        end: called with the reason when the microphone has ended.
+        allowance: rate limit of the audio.
 
     Raises:
         AccessError: the client may not publish on one of the two topics.
@@ -111,16 +111,16 @@ class Microphone:
 
     @property
     def topic(self) -> str:
-        """Where it publishes, absolute."""
+        """Absolute name of the topic."""
         return self._data.topic
 
     def renew(self) -> None:
-        """Publish as the client's role allows from now on. Raises AccessError where it may not."""
+        """Request the publishers again, after a change of role. Raises AccessError if it may not publish."""
         self._data = self._client.publisher(self._wanted.topic, DATA)
         self._info = self._client.publisher(self._wanted.info_topic, INFO)
 
     async def take(self, track: MediaStreamTrack) -> None:
-        """Take all sound as it comes, until there is no more."""
+        """Receive the audio of a track until it ends."""
         try:
             while True:
                 frame = await track.recv()
@@ -130,18 +130,18 @@ class Microphone:
             self._end("the microphone has ended")
 
     def put(self, frame: AudioFrame) -> None:
-        """Let a piece of sound be published, or leave it out: what is too much, and the oldest that waits."""
+        """Queue audio, or drop it over the rate limit; drop the oldest audio of a full queue."""
         seconds = frame.samples / frame.sample_rate
-        if seconds > LONGEST_SECONDS or not self._allowance.take(seconds):
+        if seconds > MAX_PACKET_SECONDS or not self._allowance.take(seconds):
             return
         self._waiting.append(frame)
         self._waiting_samples += _length(frame)
-        while self._waiting_samples > WAITING:
+        while self._waiting_samples > MAX_QUEUED_SAMPLES:
             self._waiting_samples -= _length(self._waiting.popleft())
         self._woken.set()
 
     async def publish(self) -> None:
-        """Publish what has been taken, until cancelled."""
+        """Publish received audio until cancelled."""
         while True:
             await self._woken.wait()
             self._woken.clear()
@@ -150,7 +150,7 @@ class Microphone:
             self._waiting_samples = 0
             try:
                 pieces, seconds = await anyio.to_thread.run_sync(self._samples, frames)
-                self._client.work.add(seconds, "pictures")  # As all work on media is counted.
+                self._client.work.add(seconds, "pictures")  # The kind under which all media work is counted.
                 for piece in pieces:
                     self._publish(piece)
             except Exception:
@@ -160,25 +160,25 @@ class Microphone:
 
     def _publish(self, piece: bytes) -> None:
         if self._until_info == 0:
-            # Again and again, for those who come later.
+            # Repeated for late subscribers.
             self._until_info = MESSAGES_PER_SECOND
             self._offer(self._info, self._wanted.info())
         self._until_info -= 1
         self._offer(self._data, {"data": piece})
 
     def _offer(self, publisher: ClientPublisher, message: dict[str, object]) -> None:
-        """Publish a message, unless the gate refuses it."""
+        """Publish a message unless the gate rejects it."""
         try:
             publisher.publish(Payload.from_value(publisher.type, message))
         except AccessError as refused:
             logger.debug("sound for %s was refused: %s", self._wanted.topic, refused)
 
     def _samples(self, frames: tuple[AudioFrame, ...]) -> tuple[list[bytes], float]:
-        """What can be published now, a message each, and the processor's seconds that it took."""
+        """Return the data of the messages that are complete, and the CPU seconds used."""
         began = time.thread_time()
         made: list[bytes] = []
         for frame in frames:
-            # The clock of the sender says nothing here, and what was left out makes a gap in it.
+            # Ignore the sender's clock: dropped audio leaves gaps in it.
             frame.pts = None
             pieces = self._resampler.resample(frame)
             made.extend(piece.to_ndarray().astype("<i2", copy=False).tobytes() for piece in pieces)
@@ -186,5 +186,5 @@ class Microphone:
 
 
 def _length(frame: AudioFrame) -> int:
-    """How long a piece of sound is, in samples at 48 kHz."""
+    """Return the length of audio in samples at 48 kHz."""
     return int(frame.samples * RATE // frame.sample_rate)

@@ -1,4 +1,4 @@
-"""Opus (RFC 6716) as the one codec of sound in the sessions of this package."""
+"""Opus (RFC 6716), the only audio codec of this package."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ _MAPPED: Final = re.compile(r"(?im)^a=rtpmap:\d+ opus/48000/2\r?$")
 
 
 def require_opus(description: Description) -> None:
-    """Refuse an offer whose sound cannot be Opus, which every WebRTC browser has (RFC 7874 section 3).
+    """Check that an offer has Opus, which every WebRTC browser supports (RFC 7874 section 3).
 
     Raises:
-        BadDescription: it has no `a=rtpmap` of Opus.
+        BadDescription: there is no `a=rtpmap` of Opus.
     """
     if not _MAPPED.search(description.text):
         raise BadDescription("the sound that is offered has no opus/48000/2 (RFC 7587), the one codec here")
 
 
 def only_opus(transceiver: RTCRtpTransceiver) -> None:
-    """Let a section of sound use Opus alone."""
+    """Restrict an audio section to Opus."""
     transceiver.setCodecPreferences([RTCRtpCodecCapability(mimeType=CODEC, clockRate=48_000, channels=2)])

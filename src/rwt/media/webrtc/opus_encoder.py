@@ -1,4 +1,4 @@
-"""From messages of sound to packets of Opus (RFC 6716, RFC 7587). Used by one thread at a time."""
+"""Encoder from audio messages to Opus packets (RFC 6716, RFC 7587). Used by one thread at a time."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
 
 RATE: Final = 48_000
-"""Of RTP time stamps of Opus, whatever the sound has (RFC 7587 section 4.1)."""
+"""Clock rate of RTP time stamps of Opus, whatever the sample rate (RFC 7587 section 4.1)."""
 FRAME: Final = 960
-"""Samples of a packet: 20 ms."""
+"""Number of samples of a packet: 20 ms."""
 BITS: Final = {1: 64_000, 2: 96_000}
-"""Bits a second, by channels: more than speech needs, since robots hear other things, too."""
+"""Bit rate by number of channels: more than speech needs, since robots record other sounds, too."""
 GAP_SECONDS: Final = 0.2
-"""A topic that is silent for longer goes on at the time of its next message."""
+"""After a longer gap, time stamps continue at the time of the next message."""
 
 
 @dataclass(frozen=True, slots=True)
 class OpusPacket:
-    """20 ms of sound.
+    """20 ms of audio.
 
     Attributes:
-        data: as it goes into RTP.
-        at: of its first sample, in samples at 48 kHz.
+        data: payload of the RTP packet.
+        at: time of its first sample, in samples at 48 kHz.
     """
 
     data: bytes
@@ -39,14 +39,14 @@ class OpusPacket:
 
 
 class OpusEncoder:
-    """Encodes one topic.
+    """Encoder of one topic.
 
     Args:
-        samples: how they are to be read, until another `AudioInfo` comes.
-        now: seconds on a clock that never goes back.
+        samples: format of the samples until another `AudioInfo` arrives.
+        now: returns the seconds of a steady clock.
 
     Attributes:
-        complaint: why the last message that could not be read could not; None while all could.
+        complaint: error of the last message that could not be decoded; None if there was none.
     """
 
     def __init__(self, samples: AudioFormat, now: Callable[[], float] = time.monotonic) -> None:
@@ -69,13 +69,14 @@ class OpusEncoder:
         self._codec = codec
 
     def encode(self, messages: Sequence[tuple[float, Payload]]) -> list[OpusPacket]:
-        """The packets that are whole with these messages.
+        """Return the packets that these messages complete.
 
         Args:
-            messages: `AudioData` and `AudioInfo` in their order, and when each came, in seconds.
+            messages: `AudioData` and `AudioInfo` in order, each with its time of arrival in seconds.
 
         Raises:
-            AudioUnreadable: an `AudioInfo` tells of what cannot be decoded, or nothing could be read yet.
+            AudioUnreadable: the format of an `AudioInfo` is not supported, or no message could be decoded
+                yet.
         """
         packets: list[OpusPacket] = []
         for came, payload in messages:

@@ -1,7 +1,7 @@
-"""An image topic as a video track for one viewer, out of the encoders that all viewers share.
+"""Video track of an image topic for one viewer, from the encoders that all viewers share.
 
-aiortc sends pictures that are encoded already, but tells their track nothing of what the receiver asks for:
-key pictures (PLI, FIR) and less (REMB, receiver reports). So the sender's own methods are put in front of;
+aiortc sends images that are encoded already, but tells their track nothing of what the receiver asks for:
+key frames (PLI, FIR) and less (REMB, receiver reports). So the sender's own methods are put in front of;
 `tests/rwt/media/webrtc` looks whether they are what they were.
 """
 
@@ -41,22 +41,22 @@ if TYPE_CHECKING:
 
 _MILLISECONDS: Final = Fraction(1, 1000)
 PACKET_BYTES: Final = 1000
-"""About what one packet carries of a picture."""
+"""Approximate payload of one packet."""
 RESENDABLE: Final = 128
-"""Packets that may be asked for again at once, as many as aiortc keeps."""
+"""Maximum number of packets that may be requested again at once: those that aiortc keeps."""
 COARSEST: Final = 63
-"""Largest quantizer of the lower rungs, which have to keep to their rate."""
+"""Maximum quantizer of the lower rungs, which have to keep their rate."""
 
 
 class TopicTrack(MediaStreamTrack):
-    """What one viewer sees of a topic.
+    """Video track of a topic for one viewer.
 
     Args:
-        server: whose encoders are shared.
-        request: what the viewer asked for, with the topic that it means.
-        work: to which the viewer's share of the encoders' work is charged.
-        on_end: called once when there will be no more pictures, with the reason.
-        now: seconds on a clock that never goes back.
+        server: server with the shared encoders.
+        request: request of the viewer, with the resolved topic.
+        work: account to which the viewer's share of the encoders' work is charged.
+        on_end: called once with the reason when the video has ended.
+        now: returns the seconds of a steady clock.
     """
 
     kind = "video"
@@ -83,7 +83,7 @@ class TopicTrack(MediaStreamTrack):
 
     @property
     def rung(self) -> int:
-        """Which of the bit rates is sent, 0 the best."""
+        """Index of the present bit rate, 0 for the highest."""
         return self._rung
 
     def follow(self, sender: RTCRtpSender) -> None:
@@ -112,16 +112,16 @@ class TopicTrack(MediaStreamTrack):
             try:
                 bits, ssrcs = unpack_remb_fci(packet.fci)
             except ValueError:
-                return  # Another message of the application layer.
+                return  # Another application layer message.
             if ssrc in ssrcs:
                 self._chooser.estimated(bits, now)
         elif isinstance(packet, RtcpRtpfbPacket) and packet.fmt == RTCP_RTPFB_NACK:
-            # What is sent again is not more than what was sent, however much is said to be lost.
+            # Bound retransmissions by what was sent, whatever the receiver claims to have lost.
             packet.lost = packet.lost[: self._resendable]
             self._resendable -= len(packet.lost)
 
     async def recv(self) -> Packet[Any]:
-        """The next picture, encoded; raises MediaStreamError when there will be none."""
+        """Wait for the next encoded frame; raises MediaStreamError at the end of the video."""
         while True:
             viewer = self._join()
             encoded = await viewer.next()
@@ -135,7 +135,7 @@ class TopicTrack(MediaStreamTrack):
                 self._end(str(viewer.failure or "the topic's pictures have ended"))
 
     def _join(self) -> Viewer:
-        """The viewer of the rung that is wanted."""
+        """Return the viewer of the selected rung, joining its broadcast if needed."""
         if self.readyState != "live":
             raise MediaStreamError
         wanted, viewer = self._chooser.rung, self._viewer
@@ -146,7 +146,7 @@ class TopicTrack(MediaStreamTrack):
         except RequestRefused as refused:
             if viewer is None:
                 self._end(str(refused))
-            # There is no room for another encoder: what there is goes on.
+            # No room for another encoder: stay on the present rung.
             self._chooser.rung = self._rung
             return viewer
         if viewer is not None:
@@ -160,7 +160,7 @@ class TopicTrack(MediaStreamTrack):
         raise MediaStreamError
 
     def stop(self) -> None:
-        """Watch no more."""
+        """Stop watching."""
         super().stop()
         viewer, self._viewer = self._viewer, None
         if viewer is not None:
@@ -168,7 +168,7 @@ class TopicTrack(MediaStreamTrack):
 
 
 def rung_requests(request: StreamRequest) -> tuple[StreamRequest, ...]:
-    """What is asked of the encoders for each rung: equal for all viewers who asked for the same."""
+    """Return the request for each rung; equal requests give equal ones, which share encoders."""
     video = request.coding
     assert isinstance(video, Video)
     best = _bitrate(request)
@@ -186,7 +186,7 @@ def _bitrate(request: StreamRequest) -> int:
 def _packet(encoded: Encoded) -> Packet[Any]:
     data = encoded.data
     if encoded.key and encoded.track is not None and encoded.track.codec == "h264":
-        # A receiver may begin here, and knows nothing yet: the parameter sets go first (RFC 6184).
+        # A receiver may start here: the parameter sets go first (RFC 6184).
         data = encoded.track.parameters + data
     packet = Packet(data)
     packet.pts = encoded.at_ms

@@ -1,25 +1,27 @@
-"""WHEP (draft-ietf-wish-whep): ``POST /whep?topic=…`` with an offer, and the topic comes as a video track;
-with ``audio=…``, beside it or instead of it, a topic of sound comes as Opus.
+"""WHEP (draft-ietf-wish-whep): ``POST /whep?topic=…`` with an offer returns an image topic as a video track.
 
-The parameters of pictures are those of ``/stream``; `type` is `vp8` or `h264`, by default what the offer has,
-VP8 first.
+``audio=…``, alone or with `topic`, adds an audio topic as Opus. The parameters of images are those of
+``/stream``; `type` is `vp8` or `h264`, by default what the offer has, VP8 first.
 """
 
 from __future__ import annotations
 
-from collections.abc import Awaitable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import partial
-from typing import TYPE_CHECKING, Final, Never
+from typing import TYPE_CHECKING, Any, Final, Never
 from urllib.parse import parse_qsl, urlencode
 
-from aiortc import RTCRtpCodecCapability, RTCRtpSender
+from aiortc import MediaStreamTrack, RTCRtpCodecCapability, RTCRtpSender
+from aiortc.mediastreams import MediaStreamError
+from av import Packet
 
 from rwt.media.errors import RequestRefused
 from rwt.media.stream_request import Video, read_request
 from rwt.media.webrtc.audio_topics import topics_of
-from rwt.media.webrtc.audio_track import AudioTrack
 from rwt.media.webrtc.opus import only_opus, require_opus
+from rwt.media.webrtc.opus_encoder import RATE
 from rwt.media.webrtc.video_track import TopicTrack
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import Audience, HttpResponse, Route
@@ -29,7 +31,7 @@ from rwt_transports.webrtc.signalling import SDP, answering, opened, resource_ro
 if TYPE_CHECKING:
     from rwt.media.stream_request import StreamRequest
     from rwt.media.webrtc.audio import AudioFormat
-    from rwt.media.webrtc.audio_topics import AudioTopics
+    from rwt.media.webrtc.audio_topics import AudioTopics, Listener
     from rwt.nodes.video import WebVideoServer
     from rwt_transports.endpoint import PeerInfo, Sink
     from rwt_transports.http.routes import HttpRequest, Reader
@@ -39,23 +41,23 @@ if TYPE_CHECKING:
 
 PATH: Final = "/whep"
 BITRATE: Final = 1_500_000
-"""Bits a second where none are asked for."""
+"""Default bit rate in bits per second."""
 KEY_EVERY: Final = 300
-"""Pictures from one key picture to the next where none is asked for: receivers ask when they need one."""
+"""Default interval of key frames, in frames: receivers request one when they need it."""
 CODECS: Final = {"vp8": "video/VP8", "h264": "video/H264"}
 
 
 def watch_routes(
-    peers: Peers, video: WebVideoServer | None, sound: AudioTopics | None
+    peers: Peers, video: WebVideoServer | None, audio: AudioTopics | None
 ) -> tuple[Route[Reader], ...]:
-    """The routes by which topics are watched and heard over WebRTC.
+    """Return the routes of WHEP.
 
     Args:
-        peers: that are accepted.
-        video: what encodes pictures; None where there is none.
-        sound: what encodes sound; None where there is none.
+        peers: peers of the server.
+        video: server with the image encoders; None if images are not served.
+        audio: audio topics; None if audio is not served.
     """
-    source = Sources(peers, video, sound)
+    source = Sources(peers, video, audio)
 
     def page(request: HttpRequest, reader: Reader) -> Awaitable[HttpResponse]:
         return answering(request, SDP, partial(source.offered, reader))
@@ -65,11 +67,11 @@ def watch_routes(
 
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """Where pictures and sound come from; as for :func:`watch_routes`."""
+    """Sources of video and audio tracks; attributes as for :func:`watch_routes`."""
 
     peers: Peers
     video: WebVideoServer | None
-    sound: AudioTopics | None
+    audio: AudioTopics | None
 
     async def offered(self, reader: Reader, request: HttpRequest) -> HttpResponse:
         """Answer an offer."""
@@ -80,7 +82,7 @@ class Sources:
         _check_sections(description, wants_video, bool(audio))
         try:
             stream = await self._find_video(given, description, reader) if wants_video else None
-            heard = await self._find_sound(audio, reader) if audio else None
+            heard = await self._find_audio(audio, reader) if audio else None
         except RequestRefused as refused:
             raise Refused(refused.status, str(refused)) from refused
         topics: tuple[str, ...] = () if heard is None else topics_of(heard[0])
@@ -107,13 +109,13 @@ class Sources:
         self.video.check_room(stream)
         return stream
 
-    async def _find_sound(self, topic: str, reader: Reader) -> tuple[str, AudioFormat]:
-        if self.sound is None:
+    async def _find_audio(self, topic: str, reader: Reader) -> tuple[str, AudioFormat]:
+        if self.audio is None:
             raise RequestRefused(404, "no sound is served here")
-        return await self.sound.find(topic, reader)
+        return await self.audio.find(topic, reader)
 
     def _show(self, peer: Peer, stream: StreamRequest, reader: Reader) -> None:
-        assert self.video is not None  # It has found the topic.
+        assert self.video is not None  # It found the topic.
         track = TopicTrack(self.video, stream, reader.work, peer.fail)
         sender = peer.connection.addTrack(track)
         track.follow(sender)
@@ -121,12 +123,50 @@ class Sources:
         transceiver.setCodecPreferences(_codecs(stream.type))
 
     def _play(self, peer: Peer, heard: tuple[str, AudioFormat], reader: Reader) -> None:
-        assert self.sound is not None  # It has found the topic.
-        track = AudioTrack(self.sound.listen(*heard, reader.work), peer.fail)
-        # Also of a peer that never finds its path, whose sender never asks the track for anything.
+        assert self.audio is not None  # It found the topic.
+        track = AudioTrack(self.audio.listen(*heard, reader.work), peer.fail)
+        # Also for a peer that never connects: its sender never calls recv().
         peer.when_ended(track.stop)
         peer.connection.addTrack(track)
         only_opus(peer.connection.getTransceivers()[-1])
+
+
+_SAMPLE: Final = Fraction(1, RATE)
+
+
+class AudioTrack(MediaStreamTrack):
+    """Audio track of a topic for one listener, from the encoder that all listeners share.
+
+    Args:
+        listener: queue of packets.
+        on_end: called once with the reason when the audio has ended.
+    """
+
+    kind = "audio"
+
+    def __init__(self, listener: Listener, on_end: Callable[[str], None]) -> None:
+        super().__init__()
+        self._listener = listener
+        self._on_end = on_end
+
+    async def recv(self) -> Packet[Any]:
+        """Wait for the next 20 ms, encoded; raises MediaStreamError at the end of the audio."""
+        if self.readyState != "live":
+            raise MediaStreamError
+        encoded = await self._listener.next()
+        if encoded is None:
+            self.stop()
+            self._on_end(str(self._listener.failure or "the topic's sound has ended"))
+            raise MediaStreamError
+        packet = Packet(encoded.data)
+        packet.pts = encoded.at
+        packet.time_base = _SAMPLE
+        return packet
+
+    def stop(self) -> None:
+        """Stop listening."""
+        super().stop()
+        self._listener.leave()
 
 
 def _check_sections(description: Description, wants_video: bool, wants_audio: bool) -> None:
@@ -146,10 +186,10 @@ def _refuse(sink: Sink, info: PeerInfo) -> Never:
 
 
 def read_query(query: str, description: Description) -> StreamRequest:
-    """What a query asks for, with what the offer can take where it does not say.
+    """Parse a query; the codec defaults to one of the offer.
 
     Raises:
-        RequestRefused: 400, and the text says what is expected.
+        RequestRefused: a value is invalid (400); the text says what is expected.
     """
     given = dict(parse_qsl(query, keep_blank_values=True))
     type_ = given.setdefault("type", "vp8" if "VP8/90000" in description.text else "h264")
@@ -163,7 +203,7 @@ def read_query(query: str, description: Description) -> StreamRequest:
 
 
 def _codecs(type_: str) -> list[RTCRtpCodecCapability]:
-    """What aiortc may choose from: one codec, and its retransmission."""
+    """Return the capabilities for aiortc: one codec, and its retransmission."""
     wanted = (CODECS[type_].lower(), "video/rtx")
     known = RTCRtpSender.getCapabilities("video").codecs
     return [codec for codec in known if codec.mimeType.lower() in wanted]

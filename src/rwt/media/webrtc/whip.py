@@ -1,11 +1,13 @@
-"""WHIP (RFC 9725): ``POST /whip?topic=…&audio=…`` with an offer, and a client's camera and microphone become
-topics, by the client's role and through the gate."""
+"""WHIP (RFC 9725): ``POST /whip?topic=…&audio=…`` with an offer publishes a client's camera and microphone.
+
+They are topics like others: the client's role and the gate decide.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable, Container, Iterator
+from collections.abc import Awaitable, Callable, Container, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Final, Never
@@ -17,9 +19,10 @@ from rwt.media.webrtc.camera import QUALITY, Camera, CameraRequest
 from rwt.media.webrtc.decoding import bound_decoding
 from rwt.media.webrtc.microphone import RATE, RATES, Microphone, MicrophoneRequest
 from rwt.media.webrtc.opus import only_opus, require_opus
-from rwt.media.webrtc.senders import SendersTopic, Sending
 from rwt_graph.errors import InvalidGraphName
+from rwt_interfaces.payload import Payload
 from rwt_participant.errors import RobotError
+from rwt_participant.qos import LATCHED
 from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import Audience, HttpResponse, Route
@@ -40,25 +43,28 @@ if TYPE_CHECKING:
 
 PATH: Final = "/whip"
 NODE: Final = "/whip"
+#: Latched topic of present senders: the recording light of an operator's camera.
+SENDERS_TOPIC: Final = "/whip/senders"
+SENDERS_TYPE: Final = "rwt_gate_msgs/MediaSenders"
 
 
 @dataclass(frozen=True, slots=True)
 class MediaRequest:
-    """What a query asks for: a camera, a microphone or both.
+    """Request for a camera, a microphone or both.
 
     Attributes:
-        camera: how pictures are published; None for none.
-        microphone: how sound is published; None for none.
+        camera: request for the camera; None for none.
+        microphone: request for the microphone; None for none.
     """
 
     camera: CameraRequest | None
     microphone: MicrophoneRequest | None
 
     def check(self, description: Description) -> None:
-        """Compare with what is offered.
+        """Compare the request with an offer.
 
         Raises:
-            BadDescription: it lacks what is asked for, or has more than that.
+            BadDescription: the offer has too few or too many sections.
         """
         offered = sorted(description.media)
         wanted = [kind for kind, each in (("audio", self.microphone), ("video", self.camera)) if each]
@@ -72,10 +78,10 @@ class MediaRequest:
 
 
 def read_query(query: str) -> MediaRequest:
-    """What a query string asks for.
+    """Parse a query string.
 
     Raises:
-        BadDescription: it cannot be used; says what is expected.
+        BadDescription: a value is invalid; the text says what is expected.
     """
     given = dict(parse_qsl(query, keep_blank_values=True))
     topic, audio = given.get("topic"), given.get("audio")
@@ -101,13 +107,12 @@ def _number(given: dict[str, str], name: str, usual: int, possible: Container[in
 
 
 class IncomingMedia:
-    """The cameras and microphones of clients, as topics; satisfies what a server asks of a gateway when roles
-    change.
+    """Cameras and microphones of clients, as topics; a server reloads its roles like those of a gateway.
 
     Args:
-        graph: where they are published.
-        access: who may do what.
-        linger: seconds that a publisher outlives its last user.
+        graph: graph of the robot.
+        access: access control of the server.
+        linger: seconds for which a publisher outlives its last user.
     """
 
     def __init__(self, graph: Graph, access: Access, linger: float) -> None:
@@ -118,7 +123,7 @@ class IncomingMedia:
         self._count = 0
 
     def routes(self, peers: Peers) -> tuple[Route[GraphView], ...]:
-        """The routes by which they come."""
+        """Return the routes of WHIP."""
 
         def page(request: HttpRequest, reader: GraphView) -> Awaitable[HttpResponse]:
             return answering(request, SDP, partial(self._offered, peers, reader))
@@ -134,7 +139,7 @@ class IncomingMedia:
         async def answer(peer: Peer) -> str:
             sender.watch(peer)
             for kind in description.media:
-                # Of what nobody has asked for there is nothing that would take it.
+                # Sections that were not requested have no receiver.
                 taken = sender.takes(kind)
                 transceiver = peer.connection.addTransceiver(kind, "recvonly" if taken else "inactive")
                 if taken:
@@ -155,7 +160,7 @@ class IncomingMedia:
         name = f"whip:{self._count}"
         client = self._access.client(self._shared, reader.role, request.address, name)
         try:
-            sender = MediaSender(client, name, wanted, self._tell, self._forget)
+            sender = MediaSender(client, name, wanted, self._publish_senders, self._forget)
         except (AccessError, RobotError, InvalidGraphName) as error:
             client.close()
             status = 403 if isinstance(error, AccessError) else 409
@@ -166,20 +171,20 @@ class IncomingMedia:
 
     def _forget(self, sender: MediaSender) -> None:
         if self._senders.pop(sender, None) is not None:
-            self._tell()
+            self._publish_senders()
 
-    def _tell(self) -> None:
-        """Say who sends now."""
-        self._topic.tell(each for sender in self._senders for each in sender.sending())
+    def _publish_senders(self) -> None:
+        """Publish the present senders."""
+        self._topic.publish(each for sender in self._senders for each in sender.sending())
 
     def reload_roles(self) -> None:
-        """Let each client publish as the settings allow now, and end those that may not."""
+        """Apply new settings to every client, and end those that may no longer publish."""
         for sender, info in tuple(self._senders.items()):
             try:
                 sender.take_role(self._access.admission.role_now(info, None).name, self._access)
             except (Refused, AccessError, RobotError) as error:
                 sender.end(str(error))
-        self._tell()
+        self._publish_senders()
 
     def close(self) -> None:
         """Leave the graph."""
@@ -193,14 +198,16 @@ def _refuse(sink: Sink, info: PeerInfo) -> Never:
 
 
 class MediaSender:
-    """One client that sends its camera, its microphone or both.
+    """Client that sends its camera, its microphone or both.
+
+    States: waiting until its peer is connected (``_since_ns`` is None), sending, closed (``_over``).
 
     Args:
-        client: the graph as the client may act on it.
-        name: of the client.
-        wanted: what was asked for.
-        on_begin: called once when its peer is connected, so that what it sends is received.
-        on_close: called once when it has ended.
+        client: graph as the client may use it.
+        name: name of the client.
+        wanted: request of the client.
+        on_begin: called once when its peer is connected.
+        on_close: called once when it is closed.
 
     Raises:
         AccessError: the client may not publish on one of the topics.
@@ -230,11 +237,11 @@ class MediaSender:
         self._over = False
 
     def takes(self, kind: str) -> bool:
-        """Whether tracks of that kind, ``audio`` or ``video``, are published."""
+        """Return True if tracks of a kind, ``audio`` or ``video``, are published."""
         return kind in self._sinks
 
     def watch(self, peer: Peer) -> None:
-        """Publish what the peer's tracks bring, until the peer ends."""
+        """Publish the tracks of a peer until it ends."""
         self._peer = peer
         peer.connection.on("track", self._begin)
         peer.connection.on("connectionstatechange", self._state_changed)
@@ -253,26 +260,26 @@ class MediaSender:
             self._on_begin()
 
     def sending(self) -> Iterator[Sending]:
-        """What is received of it now: nothing before its peer is connected."""
+        """Return the tracks being sent; none before the peer is connected."""
         if self._since_ns is not None:
             role = self._client.role.name
             for kind, sink in self._sinks.items():
                 yield Sending(sink.topic, kind, self._name, role, self._since_ns)
 
     def take_role(self, name: str, access: Access) -> None:
-        """Publish as the role `name` from now on. Raises AccessError where that may not."""
+        """Switch to another role. Raises AccessError if it may not publish."""
         self._client.take_role(access.admission.roles[name])
         for sink in self._sinks.values():
             sink.renew()
 
     def end(self, reason: str) -> None:
-        """End it, and its peer."""
+        """Close the sender and its peer."""
         if self._peer is not None and not self._peer.closed:
             self._peer.fail(reason)
         self.close()
 
     def close(self) -> None:
-        """Publish nothing more."""
+        """Stop publishing, and release the client's resources."""
         if self._over:
             return
         self._over = True
@@ -280,3 +287,53 @@ class MediaSender:
             task.cancel()
         self._client.close()
         self._on_close(self)
+
+
+@dataclass(frozen=True, slots=True)
+class Sending:
+    """Track that a client sends.
+
+    Attributes:
+        topic: topic on which it is published.
+        kind: ``video`` or ``audio``.
+        client: name of the client at the gate and in the audit.
+        role: role of the client.
+        since_ns: ROS time of the beginning.
+    """
+
+    topic: str
+    kind: str
+    client: str
+    role: str
+    since_ns: int
+
+
+class SendersTopic:
+    """Publisher of :data:`SENDERS_TOPIC`, on which no client can publish.
+
+    Args:
+        shared: resources of the gateway, whose participant publishes.
+        access: access control, which reserves the topic.
+    """
+
+    def __init__(self, shared: SharedGraph, access: Access) -> None:
+        access.reserve(SENDERS_TOPIC)
+        self._distro = shared.graph.distro
+        self._publisher = shared.participant.advertise(
+            SENDERS_TOPIC, shared.graph.registry.message(SENDERS_TYPE), LATCHED
+        )
+        self.publish(())
+
+    def publish(self, senders: Iterable[Sending]) -> None:
+        """Publish the present senders."""
+        fields = [
+            {
+                "topic": each.topic,
+                "kind": each.kind,
+                "client": each.client,
+                "role": each.role,
+                "since": self._distro.time(each.since_ns),
+            }
+            for each in senders
+        ]
+        self._publisher.publish(Payload.from_value(self._publisher.type, {"senders": fields}))

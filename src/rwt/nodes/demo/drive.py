@@ -28,7 +28,7 @@ class Chassis:
 
 @dataclass(slots=True)
 class Limits:
-    """What the motors can do; m/s, rad/s, m/s², rad/s²."""
+    """Limits of the motors, in m/s, rad/s, m/s² and rad/s²."""
 
     speed: float = 0.8
     turn_rate: float = 2.0
@@ -45,7 +45,7 @@ class Velocity:
 
     @property
     def is_zero(self) -> bool:
-        """Whether it stands still."""
+        """True if the robot stands still."""
         return self.linear == 0.0 and self.angular == 0.0
 
 

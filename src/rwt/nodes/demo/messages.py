@@ -56,7 +56,7 @@ def turn_about_y(angle: float) -> Message:
 
 
 def turns_about(axis: Literal["y", "z"]) -> Callable[[float], Message]:
-    """What makes a `geometry_msgs/Quaternion` of an angle about an axis."""
+    """Return a factory of `geometry_msgs/Quaternion` from an angle about an axis."""
     return turn_about_y if axis == "y" else quaternion_from_yaw
 
 

@@ -129,7 +129,7 @@ class DemoRobot:
         self._node.create_timer(REPORT_PERIOD, self._report)
         Diagnostics(self._node, self._drive, self._battery, self._navigation, REPORT_PERIOD)
         graph, namespace = self._node.graph, self._node.namespace
-        # The square in the middle of the picture; two tiles of 3 m reach through a room.
+        # The square in the middle of the image; two tiles of 3 m reach through a room.
         self._depth_cloud = DepthCloudEncoder(
             graph,
             namespace=namespace,

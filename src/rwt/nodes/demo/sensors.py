@@ -1,4 +1,4 @@
-"""What the robot senses: the laser's scans and the battery."""
+"""Sensors of the robot: laser scans and battery state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A decimated copy of a point cloud topic, made while it has subscribers."""
+"""Decimated copy of a point cloud topic."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ VOXEL: Final = Number("voxel", 0.0, 1000.0, "m", "Edge of a cube of which one po
 
 
 class CloudDecimator:
-    """Publishes fewer of the points of a `sensor_msgs/PointCloud2` topic, while the result has subscribers.
+    """Node that publishes fewer points of a `sensor_msgs/PointCloud2` topic, while it has subscribers.
 
     Points keep their fields. `stride` and `voxel` are ROS parameters and can be changed while it works.
 
     Args:
-        graph: where the topics are.
-        source: the topic with all points.
-        topic: of the result; by default the source's name and `/decimated`.
-        name: of the node.
-        namespace: of the node, which names without a slash at their beginning are relative to.
-        stride: every so many points are taken, of organised clouds every so many rows and columns.
-        voxel: edge of a cube in metres of which one point is taken; 0 for none. It comes after `stride`, and
-            what it leaves is one row of points that all have a place.
+        graph: graph of the robot.
+        source: topic with all points.
+        topic: topic of the result; by default the name of the source and `/decimated`.
+        name: name of the node.
+        namespace: namespace of the node; relative names are resolved in it.
+        stride: take every n-th point; in organised clouds every n-th row and column.
+        voxel: edge in metres of the cubes of which one point each is taken; 0 for none. Applied after
+            `stride`; the result is one row of finite points.
 
     Raises:
-        ParameterRejected: a number that the parameter of this name does not take.
+        ParameterRejected: a number is out of range.
     """
 
     def __init__(

@@ -1,6 +1,6 @@
-"""Depth and colour as one picture, and back: the depth-cloud encoder of Toris et al. 2015, section IV-C.
+"""Depth and colour as one image, and back: the depth-cloud encoder of Toris et al. 2015, section IV-C.
 
-The picture is 2N x 2N pixels::
+The image is 2N x 2N pixels::
 
     near depth │ far depth
     ───────────┼──────────
@@ -53,11 +53,11 @@ _WHITE_BLACK: Final = np.array([[255] * 3, [0] * 3], np.uint8)
 
 @dataclass(frozen=True, slots=True)
 class DepthImage:
-    """What a picture holds.
+    """Decoded depth-cloud image.
 
     Attributes:
-        depths: N x N, metres along the optical axis; filled in where not `valid`.
-        valid: where a depth was measured.
+        depths: N x N, metres along the optical axis; interpolated where not `valid`.
+        valid: True where a depth was measured.
         colours: N x N x 3, red, green and blue.
     """
 
@@ -66,22 +66,22 @@ class DepthImage:
     colours: Bytes
 
 
-def encode_picture(depths: Depths, colours: Bytes, depth_per_tile: float = 1.0) -> Bytes:
-    """The picture of one pair.
+def encode_image(depths: Depths, colours: Bytes, depth_per_tile: float = 1.0) -> Bytes:
+    """Encode depths and colours as one image.
 
-    Depths are written so that they are read again within half a step, a step being `depth_per_tile` / 765:
-    the far tile begins where a reader begins to look at it.
+    Depths are decoded again within half a step of `depth_per_tile` / 765: the far tile begins where decoders
+    begin to use it.
 
     Args:
-        depths: N x N, metres; 0, NaN and infinity are unknown, and so is what lies beyond both tiles.
+        depths: N x N, metres; 0, NaN, infinity and depths beyond both tiles are unknown.
         colours: N x N x 3, red, green and blue.
-        depth_per_tile: metres that one tile spans; the two together reach to 1.99 times that.
+        depth_per_tile: range of one tile in metres; both together reach 1.99 times as far.
 
     Returns:
         2N x 2N x 3, red, green and blue.
 
     Raises:
-        ImageShape: the arrays are not square, or do not agree.
+        ImageShape: the arrays are not square, or differ in shape.
     """
     size = depths.shape[0]
     if depths.shape != (size, size) or colours.shape != (size, size, 3):
@@ -91,38 +91,38 @@ def encode_picture(depths: Depths, colours: Bytes, depth_per_tile: float = 1.0) 
     steps, known = _steps(depths, depth_per_tile)
     filled = fill_unknown(steps, known)
     near, far = _tables()
-    picture = np.empty((2 * size, 2 * size, 3), np.uint8)
-    picture[:size, :size] = near.take(filled, axis=0)
-    picture[:size, size:] = far.take(filled, axis=0)
-    picture[size:, :size] = _WHITE_BLACK.take(known, axis=0)
-    picture[size:, size:] = colours
-    return picture
+    image = np.empty((2 * size, 2 * size, 3), np.uint8)
+    image[:size, :size] = near.take(filled, axis=0)
+    image[:size, size:] = far.take(filled, axis=0)
+    image[size:, :size] = _WHITE_BLACK.take(known, axis=0)
+    image[size:, size:] = colours
+    return image
 
 
-def decode_picture(picture: Bytes, depth_per_tile: float = 1.0) -> DepthImage:
-    """What is in a picture, by the arithmetic of `ROS3D.DepthCloud` without its filters against noise.
+def decode_image(image: Bytes, depth_per_tile: float = 1.0) -> DepthImage:
+    """Decode an image like `ROS3D.DepthCloud`, without its noise filters.
 
     Args:
-        picture: 2N x 2N x 3, red, green and blue, after whatever it went through.
-        depth_per_tile: metres that one tile spans, as it was encoded.
+        image: 2N x 2N x 3, red, green and blue.
+        depth_per_tile: range of one tile in metres, as encoded.
 
     Raises:
-        ImageShape: it is not such a picture.
+        ImageShape: the image does not have that shape.
     """
-    rows = picture.shape[0]
-    if picture.shape != (rows, rows, 3) or rows % 2:
-        raise ImageShape(f"expected a picture of 2N x 2N x 3, got {picture.shape}")
+    rows = image.shape[0]
+    if image.shape != (rows, rows, 3) or rows % 2:
+        raise ImageShape(f"expected a picture of 2N x 2N x 3, got {image.shape}")
     size = rows // 2
-    near = _gather(picture[:size, :size])
-    far = _gather(picture[:size, size:])
+    near = _gather(image[:size, :size])
+    far = _gather(image[:size, size:])
     share = np.where(near > NEAR_IS_FULL, np.float32(NEAR_IS_FULL) + far, near)
-    mask = _gather(picture[size:, :size])
+    mask = _gather(image[size:, :size])
     depths = (share * np.float32(depth_per_tile)).astype(np.float32)
-    return DepthImage(depths, mask <= 0.5, np.ascontiguousarray(picture[size:, size:]))
+    return DepthImage(depths, mask <= 0.5, np.ascontiguousarray(image[size:, size:]))
 
 
 def _steps(depths: Depths, depth_per_tile: float) -> tuple[Steps, Mask]:
-    """The number of each depth in :func:`_tables`, and which are known."""
+    """Return the index of each depth in :func:`_tables`, and a mask of known ones."""
     with np.errstate(invalid="ignore", over="ignore"):
         shares = depths * np.float32(LEVELS / depth_per_tile)
         known = (shares > 0) & (shares <= _FARTHEST - _FAR_LIFT)
@@ -133,7 +133,7 @@ def _steps(depths: Depths, depth_per_tile: float) -> tuple[Steps, Mask]:
 
 @cache
 def _tables() -> tuple[Bytes, Bytes]:
-    """The pixels of the near and of the far tile for each number of steps."""
+    """Return the pixels of the near and far tile for each number of steps."""
     steps = np.arange(_FARTHEST + 1)
     return _grey(np.minimum(steps, LEVELS)), _grey(np.maximum(steps - _NEAR_STEPS - 1, 0))
 
@@ -148,7 +148,7 @@ def _grey(sums: NDArray[np.int64]) -> Bytes:
 
 
 def _gather(tile: Bytes) -> Depths:
-    """The share of a tile, 0 … 1: the mean of the channels."""
+    """Return the values of a tile, 0 … 1: the mean of the channels."""
     total = tile[:, :, 0].astype(np.uint16)
     total += tile[:, :, 1]
     total += tile[:, :, 2]
@@ -156,18 +156,17 @@ def _gather(tile: Bytes) -> Depths:
 
 
 def fill_unknown(steps: Steps, known: Mask) -> Steps:
-    """Depths without holes, so that a video codec has no edges to spend bits on.
+    """Fill unknown depths, so that a video codec spends no bits on edges.
 
-    Along each row what is unknown lies on the line between its known neighbours; at the ends the nearest is
-    held. Rows without any known depth are copies of the nearest row above that has one, or of the first that
-    has. What is known stays as it is.
+    Each row is interpolated linearly between known neighbours, and extended at the ends. A row without a
+    known depth is a copy of the nearest row above that has one, or else of the first that has.
 
     Args:
-        steps: rows x columns of depths in any unit; what is not `known` is not looked at.
-        known: the same shape.
+        steps: rows x columns of depths in any unit; ignored where not `known`.
+        known: mask of the same shape.
 
     Returns:
-        A new array, or `steps` itself where everything is known; zeros where nothing is.
+        A new array; `steps` itself if everything is known; zeros if nothing is.
     """
     rows: Mask = np.any(known, axis=1)
     if not rows.any():
@@ -180,7 +179,7 @@ def fill_unknown(steps: Steps, known: Mask) -> Steps:
 
 
 def _along_rows(steps: Steps, known: Mask) -> None:
-    """Fill the rows in place; one without any known depth becomes whatever it becomes."""
+    """Fill the rows in place; one without a known depth is undefined."""
     width = steps.shape[1]
     columns = np.arange(width, dtype=np.int16)
     # From each pixel to the last known one at or before it, and to the next one at or after it.
@@ -198,7 +197,7 @@ def _along_rows(steps: Steps, known: Mask) -> None:
 
 
 def _nearest(rows: Mask) -> NDArray[np.intp]:
-    """For each row the last one above with something in it, or the first one of all."""
+    """Return for each row the last non-empty one above, or the first of all."""
     numbers = np.arange(len(rows))
     above = np.maximum.accumulate(np.where(rows, numbers, -1))
     return np.where(above < 0, int(np.argmax(rows)), above)

@@ -1,4 +1,4 @@
-"""Depth images as metres, and the square that an encoder takes out of a picture."""
+"""Depth images in metres, and square crops of images."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ METRES: Final[Mapping[str, float]] = MappingProxyType({"16UC1": 0.001, "mono16":
 
 
 def read_depths(message: RawImage) -> Depths:
-    """A depth image in metres along the optical axis, rows x columns; 0 and NaN are unknown.
+    """Return a depth image in metres along the optical axis, rows x columns; 0 and NaN are unknown.
 
     Raises:
-        DepthsUnreadable: it is no depth image, or there are too few bytes.
+        DepthsUnreadable: the image is not a depth image, or there are too few bytes.
     """
     unit = METRES.get(message.encoding)
     if unit is None:
@@ -40,12 +40,12 @@ def read_depths(message: RawImage) -> Depths:
 
 
 def square(image: NDArray[Pixel], crop: int, size: int) -> NDArray[Pixel]:
-    """The middle of an image as a square; zeros where the image does not reach.
+    """Return a centred square crop of an image; zeros outside the image.
 
     Args:
-        image: rows x columns, and values of a pixel if there are several.
-        crop: edge of what is taken, pixels of the image.
-        size: edge of the result; each of its pixels is the nearest of the image.
+        image: rows x columns, or rows x columns x values of a pixel.
+        crop: edge of the crop, in pixels of the image.
+        size: edge of the result in pixels, by nearest neighbour.
     """
     rows, columns = image.shape[:2]
     steps = (np.arange(size) * crop) // size - crop // 2

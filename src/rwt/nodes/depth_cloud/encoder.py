@@ -1,4 +1,4 @@
-"""The depth-cloud encoder: two image topics become one, which `ROS3D.DepthCloud` takes as a video."""
+"""Depth-cloud encoder: combines depth and colour images into one topic for `ROS3D.DepthCloud`."""
 
 from __future__ import annotations
 
@@ -32,29 +32,29 @@ MAX_DEPTH_PER_TILE: Final = Number(
 
 
 class DepthCloudEncoder:
-    """Publishes depth and colour as one picture, while it has subscribers.
+    """Node that publishes depth and colour as one image, while it has subscribers.
 
-    A depth image goes with the latest colour image if their times are `slop` seconds apart at most. Both lie
-    on the same pixels (registered), and the middle of both is taken. The layout of the picture is in
-    :mod:`rwt.nodes.depth_cloud.depth_image`.
+    A depth image is combined with the latest colour image if their stamps differ by at most `slop` seconds.
+    Both must be registered (same pixels); the centre of both is used.
+    :mod:`rwt.nodes.depth_cloud.depth_image` describes the layout of the result.
 
     Node, topic and parameters have the names of ROS 1's `depthcloud_encoder`; `crop_size`,
     `target_resolution` and `max_depth_per_tile` are ROS parameters and can be changed while it works.
 
     Args:
-        graph: where the topics are.
+        graph: graph of the robot.
         depth: topic of `sensor_msgs/Image`, 16UC1 (millimetres) or 32FC1 (metres).
         colour: topic of `sensor_msgs/Image`.
-        topic: of the result, `sensor_msgs/Image` of rgb8.
-        name: of the node.
-        namespace: of the node, which names without a slash at their beginning are relative to.
-        crop_size: edge of the square that is taken out of both, pixels; black where it reaches beyond.
-        target_resolution: edge of a tile, pixels; the picture is twice as large.
-        max_depth_per_tile: metres that one of the two depth tiles spans.
-        slop: seconds.
+        topic: topic of the result, `sensor_msgs/Image` of rgb8.
+        name: name of the node.
+        namespace: namespace of the node; relative names are resolved in it.
+        crop_size: edge of the square crop of both images, in pixels; black outside the images.
+        target_resolution: edge of a tile in pixels; the image is twice as large.
+        max_depth_per_tile: range of one depth tile in metres.
+        slop: maximum difference of the stamps in seconds.
 
     Raises:
-        ParameterRejected: a number that the parameter of this name does not take.
+        ParameterRejected: a number is out of range.
     """
 
     def __init__(
@@ -78,9 +78,9 @@ class DepthCloudEncoder:
         MAX_DEPTH_PER_TILE.declare(self._node, max_depth_per_tile, self._set_depth_per_tile)
         self._slop_ns = round(slop * NANOSECONDS)
         self._latest: dict[str, tuple[int, Payload]] = {}
-        pictures = self._node.advertise(topic, _IMAGE, qos=SENSOR_DATA)
+        images = self._node.advertise(topic, _IMAGE, qos=SENSOR_DATA)
         self._work: LatestOnly[tuple[Payload, Payload]] = LatestOnly(
-            self._node, pictures, self._encode, self._listen
+            self._node, images, self._encode, self._listen
         )
 
     def close(self) -> None:
@@ -130,15 +130,15 @@ class DepthCloudEncoder:
             self._work.offer((depth, colour))
 
     def _encode(self, pair: tuple[Payload, Payload]) -> Mapping[str, object]:
-        """One picture. Runs in a worker thread; numpy is loaded with the first subscriber."""
-        from rwt.nodes.depth_cloud.depth_image import encode_picture
+        """Encode one image. Runs in a worker thread; numpy is loaded with the first subscriber."""
+        from rwt.nodes.depth_cloud.depth_image import encode_image
         from rwt.nodes.depth_cloud.depths import read_depths, square
 
         depth: Any = pair[0].value()
         crop, size = self._crop, self._size  # They may be changed meanwhile.
         depths = square(read_depths(depth), crop, size)
         colours = square(_colours(pair[1].value()), crop, size)
-        picture = encode_picture(depths, colours, self._depth_per_tile)
+        image = encode_image(depths, colours, self._depth_per_tile)
         edge = 2 * size
         return {
             "header": depth.header,
@@ -147,12 +147,12 @@ class DepthCloudEncoder:
             "encoding": "rgb8",
             "is_bigendian": 0,
             "step": 3 * edge,
-            "data": picture.tobytes(),
+            "data": image.tobytes(),
         }
 
 
 def _colours(message: Any) -> NDArray[Any]:
-    """A picture's red, green and blue."""
+    """Return the red, green and blue of an image."""
     import numpy as np
 
     from rwt.media.encoders.pixels import read_raw

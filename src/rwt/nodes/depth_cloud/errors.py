@@ -8,12 +8,12 @@ class DepthCloudError(ValueError):
 
 
 class ImageShape(DepthCloudError):
-    """An array that has not the shape it must have; the text says both."""
+    """An array does not have the expected shape; the text states both."""
 
 
 class CloudUnreadable(DepthCloudError):
-    """A `sensor_msgs/PointCloud2` whose fields, steps and data do not agree; the text says how."""
+    """The fields, steps and data of a `sensor_msgs/PointCloud2` are inconsistent; the text says how."""
 
 
 class DepthsUnreadable(DepthCloudError):
-    """An image that holds no depths; the text says why."""
+    """An image is not a depth image; the text gives the reason."""

@@ -21,20 +21,20 @@ _COMPLAIN_EVERY: Final = 10.0
 
 
 class Closable(Protocol):
-    """Something that can be closed."""
+    """Object that can be closed."""
 
     def close(self) -> None:
         """Close it."""
 
 
 class LatestOnly(Generic[T]):
-    """Turns inputs into messages in a worker thread, one at a time, and keeps the latest meanwhile.
+    """Worker that turns inputs into messages in a thread, one at a time; it keeps only the latest input.
 
     Args:
-        node: that publishes.
-        topic: of the results.
-        work: makes the result; runs in a worker thread. What it cannot read it refuses by raising.
-        listen: subscribes to the inputs, which it gives to :meth:`offer`; what it returns is closed
+        node: node that publishes.
+        topic: publisher of the results.
+        work: returns the result, in a worker thread; raises an error for unreadable input.
+        listen: subscribes to the inputs and passes them to :meth:`offer`; the returned subscription is closed
             when the topic has no subscribers.
     """
 
@@ -56,7 +56,7 @@ class LatestOnly(Generic[T]):
         node.create_timer(LOOK_EVERY, self._look)
 
     def offer(self, item: T) -> None:
-        """Process `item` next, in place of one that waits."""
+        """Process `item` next, in place of a pending one."""
         self._next = item
         if not self._busy:
             self._busy = True

@@ -1,4 +1,4 @@
-"""`sensor_msgs/PointCloud2` as records, and fewer of them. Points keep every field that they came with."""
+"""Decimation of `sensor_msgs/PointCloud2`. Points are records that keep every field."""
 
 from __future__ import annotations
 
@@ -47,10 +47,10 @@ class Cloud(Protocol):
 
 
 def read_points(cloud: Cloud) -> Records:
-    """The points as records with the cloud's fields, rows x columns; a view of the message's bytes.
+    """Return the points as records, rows x columns; a view of the bytes of the message.
 
     Raises:
-        CloudUnreadable: the fields do not fit the step or have no names of their own, or there are too few
+        CloudUnreadable: the fields do not fit the step, their names are not unique, or there are too few
             bytes.
     """
     step, columns, rows = cloud.point_step, cloud.width, cloud.height
@@ -68,7 +68,7 @@ def read_points(cloud: Cloud) -> Records:
 
 
 def _record(cloud: Cloud) -> np.dtype[np.void]:
-    """The type of one point."""
+    """Return the dtype of one point."""
     order, step = ">" if cloud.is_bigendian else "<", cloud.point_step
     if not 0 < step <= _LONGEST_POINT:
         raise CloudUnreadable(f"points of {step} bytes; 1 to {_LONGEST_POINT} can be read")
@@ -90,23 +90,22 @@ def _record(cloud: Cloud) -> np.dtype[np.void]:
 
 
 def every(points: Records, stride: int) -> Records:
-    """Every `stride`-th point; of an organised cloud every `stride`-th row and column."""
+    """Return every `stride`-th point; in an organised cloud every `stride`-th row and column."""
     return points[::stride, ::stride] if points.shape[0] > 1 else points[:, ::stride]
 
 
 def one_per_voxel(points: Records, size: float) -> Records:
-    """The first point of each cube of `size`; points without a place (NaN, infinity) are left out, and so are
-    those more than a million cubes away.
+    """Return the first point of each cube, without infinite points and those over a million cubes away.
 
     Args:
-        points: with fields x, y and z, metres.
-        size: edge of a cube, metres.
+        points: records with fields x, y and z, in metres.
+        size: edge of a cube in metres.
 
     Returns:
-        The points that stay, in their order, as one row.
+        The remaining points in their order, as one row.
 
     Raises:
-        CloudUnreadable: a field is missing, or an array.
+        CloudUnreadable: a field is missing, or is an array.
     """
     for axis in _AXES:
         if axis not in (points.dtype.names or ()) or points.dtype[axis].shape:
@@ -125,17 +124,17 @@ def one_per_voxel(points: Records, size: float) -> Records:
 
 
 def _as_bytes(points: Records) -> Records:
-    """The same points as bytes: numpy copies these whole, and of records it may leave out what is between."""
+    """Return the points as bytes: copies of records may lose the padding between fields."""
     return points.view(np.dtype((np.void, points.dtype.itemsize)))
 
 
 def cloud_of(points: Records, like: Cloud, *, is_dense: bool | None = None) -> Mapping[str, object]:
-    """A message of these points, with the header, fields and byte order of another.
+    """Return a message of points, with the header, fields and byte order of another.
 
     Args:
-        points: rows x columns, of the other's fields.
-        like: the other.
-        is_dense: whether all points have a place; None for what the other says.
+        points: rows x columns, with the fields of the other message.
+        like: the other message.
+        is_dense: True if all points are finite; None for the value of the other message.
     """
     rows, columns = points.shape
     step = like.point_step

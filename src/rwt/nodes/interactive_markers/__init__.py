@@ -7,7 +7,7 @@
     markers.apply_changes()
 
 The topics are those of ROS's package `interactive_markers`, and those that its proxy adds for browsers, so
-rviz and ros3djs's `InteractiveMarkerClient` show them without further ado.
+rviz and `InteractiveMarkerClient` of ros3djs show them.
 """
 
 from rwt.nodes.interactive_markers.controls import (

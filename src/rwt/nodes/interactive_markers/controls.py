@@ -34,7 +34,7 @@ class Axis(IntEnum):
 
 
 class Mode(IntEnum):
-    """What dragging a control does: `interaction_mode` of `visualization_msgs/InteractiveMarkerControl`."""
+    """Effect of dragging a control: `interaction_mode` of `visualization_msgs/InteractiveMarkerControl`."""
 
     NONE = 0
     MENU = 1
@@ -79,7 +79,7 @@ def interactive_marker(
     description: str = "",
     controls: Iterable[Control] = (),
 ) -> Mapping[str, object]:
-    """A `visualization_msgs/InteractiveMarker`.
+    """Return a `visualization_msgs/InteractiveMarker`.
 
     Args:
         name: unique in its server.

@@ -1,4 +1,4 @@
-"""What a person did to a marker, as its viewer reports it."""
+"""Feedback of viewers: what a person did to a marker."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rwt_participant.messages import Message
 
 
 class Event(IntEnum):
-    """What happened, with the numbers of `visualization_msgs/InteractiveMarkerFeedback`."""
+    """Kind of event, numbered as in `visualization_msgs/InteractiveMarkerFeedback`."""
 
     KEEP_ALIVE = 0
     POSE_UPDATE = 1
@@ -21,18 +21,18 @@ class Event(IntEnum):
 
 
 class BadFeedback(ValueError):
-    """A viewer sent feedback that means nothing; the text says which field is wrong."""
+    """A viewer sent invalid feedback; the text names the field."""
 
 
 @dataclass(frozen=True, slots=True)
 class Feedback:
-    """One event.
+    """Event reported by a viewer.
 
     Attributes:
         marker: name of the interactive marker.
         control: name of the control that was used; may be empty.
-        event: what happened.
-        frame: the frame of `pose`.
+        event: kind of event.
+        frame: frame of `pose`.
         pose: `geometry_msgs/Pose` of the marker as its viewer has it. For where the marker is, ask the
             server: when the mouse goes up, ros3djs reports the last pose that came back to it, which is
             older.
@@ -52,10 +52,10 @@ class Feedback:
 
 
 def read_feedback(message: Message) -> Feedback:
-    """Feedback from a `visualization_msgs/InteractiveMarkerFeedback`.
+    """Read a `visualization_msgs/InteractiveMarkerFeedback`.
 
     Raises:
-        BadFeedback: an event that there is none of, or a pose that is no place.
+        BadFeedback: the event is unknown, or the pose is invalid.
     """
     try:
         event = Event(message.event_type)

@@ -41,12 +41,12 @@ class MenuEntry:
 
     @property
     def parent_number(self) -> int:
-        """Number of the entry that it is under, 0 at the top."""
+        """Number of the parent entry; 0 at the top."""
         return 0 if self._parent is None else self._parent.number
 
     @property
     def shown(self) -> bool:
-        """Whether it and everything that it is under is visible."""
+        """True if the entry and all entries above it are visible."""
         return self.visible and (self._parent is None or self._parent.shown)
 
 
@@ -81,11 +81,11 @@ class Menu:
         return entry
 
     def entry(self, number: int) -> MenuEntry | None:
-        """The entry of that number."""
+        """Return the entry of a number."""
         return self._entries.get(number)
 
     def messages(self) -> Iterator[Mapping[str, object]]:
-        """Each entry that is shown as `visualization_msgs/MenuEntry`, the upper ones first."""
+        """Return each visible entry as `visualization_msgs/MenuEntry`, parents first."""
         for entry in self._entries.values():
             if entry.shown:
                 yield {

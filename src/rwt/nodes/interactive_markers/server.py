@@ -1,4 +1,4 @@
-"""A server of interactive markers: their poses, and callbacks for what people do to them."""
+"""Server of interactive markers: poses, and callbacks for events."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class _Entry:
 
 
 class InteractiveMarkerServer:
-    """Shows markers under one namespace and reports what people do to them.
+    """Server of the markers of one namespace; reports events to callbacks.
 
     Changes show when :meth:`apply_changes` is called, all at once; those that a callback makes do when it
     returns. Every method may be called from any thread once the graph runs.
@@ -85,7 +85,7 @@ class InteractiveMarkerServer:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The markers that there are, applied or not, in the order of their insertion."""
+        """Names of the markers, applied or not, in order of insertion."""
         with self._lock:
             return tuple(self._entries)
 
@@ -134,7 +134,7 @@ class InteractiveMarkerServer:
             return self._entry(name).marker
 
     def erase(self, name: str) -> None:
-        """Take a marker away.
+        """Remove a marker.
 
         Raises:
             NoSuchMarker: there is none of that name.
@@ -144,13 +144,12 @@ class InteractiveMarkerServer:
             del self._entries[name]
 
     def clear(self) -> None:
-        """Take all markers away."""
+        """Remove all markers."""
         with self._lock:
             self._entries.clear()
 
     def apply_changes(self) -> None:
-        """Show everything that was changed since the last time, menus included; nothing is sent if nothing
-        was."""
+        """Publish all changes since the last call, including menus; no-op without changes."""
         with self._lock:
             for entry in self._entries.values():
                 entry.redraw_menu()
@@ -171,7 +170,7 @@ class InteractiveMarkerServer:
             )
 
     def close(self) -> None:
-        """Take all markers away, in the viewers too, and the topics with them."""
+        """Remove all markers, also from the viewers, and withdraw the topics."""
         self.clear()
         self.apply_changes()
         self._topics.close()
@@ -209,7 +208,7 @@ class InteractiveMarkerServer:
         self.apply_changes()
 
     def _take(self, entry: _Entry, feedback: Feedback) -> bool:
-        """Whether the event counts; a pose is taken over with it."""
+        """Return True if an event is valid; take over its pose."""
         now = self._node.clock.monotonic()
         if feedback.client != entry.client and now < entry.held_until:
             # Two people who drag one marker would tear it apart.

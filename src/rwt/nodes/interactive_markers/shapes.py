@@ -1,4 +1,4 @@
-"""What a control looks like: `visualization_msgs/Marker` by shape. Metres, in the frame of the marker."""
+"""Shapes of controls: `visualization_msgs/Marker`, in metres, in the frame of the marker."""
 
 from __future__ import annotations
 

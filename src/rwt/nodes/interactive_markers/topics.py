@@ -1,4 +1,4 @@
-"""The topics and services of interactive markers, by distribution.
+"""Topics and services of interactive markers, by distribution.
 
 ==============================  =====================  ========
 `<ns>/update`                   what has changed       both
@@ -9,8 +9,8 @@
 `<ns>/tunneled/get_init`        everything, a service  both
 ==============================  =====================  ========
 
-The tunneled ones are those of `interactive_marker_proxy`, which ros3djs asks for: a browser should not have
-to know of sequence numbers.
+The tunneled ones are those of `interactive_marker_proxy`, which ros3djs uses: they hide sequence numbers from
+browsers.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _KEEP_ALIVE_PERIOD = 0.5
 
 
 class MarkerTopics:
-    """The publishers, subscriptions and services of one server.
+    """Publishers, subscriptions and services of one server.
 
     Args:
         node: publishes, and names the server to clients.
@@ -74,7 +74,7 @@ class MarkerTopics:
     def publish(
         self, sequence: int, markers: Sequence[Message], poses: Sequence[Message], erases: Sequence[str]
     ) -> None:
-        """Publish changes: markers that are new, poses of others, and names of those that are gone."""
+        """Publish changes: new markers, poses of others, and names of removed ones."""
         update = {
             "server_id": self._server_id,
             "seq_num": sequence,

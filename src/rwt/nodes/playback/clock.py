@@ -1,4 +1,4 @@
-"""The clock of a graph that plays a recording, and the topic `/clock` for programs that follow it."""
+"""Clock of a graph that plays a recording, and the topic `/clock`."""
 
 from __future__ import annotations
 
@@ -15,14 +15,13 @@ if TYPE_CHECKING:
 
 
 class PlaybackClock(SteadyClock):
-    """ROS time is that of a recording; steady time and timers are real.
+    """Clock whose ROS time is that of a recording; steady time and timers are real.
 
-    Give it to the graph, and the graph to a :class:`~rwt.nodes.playback.player.Player`, which tells it the
-    time: messages are published with the very stamps that they were recorded with, and clients that
-    ask for the time get the recording's.
+    Pass it to the graph, and the graph to a :class:`~rwt.nodes.playback.player.Player`, which sets its time:
+    messages are published with their recorded stamps, and clients see the time of the recording.
 
     Args:
-        start_ns: the time before a player plays, nanoseconds since the epoch.
+        start_ns: time before a player plays, in nanoseconds since the epoch.
     """
 
     is_real = False
@@ -34,16 +33,16 @@ class PlaybackClock(SteadyClock):
         self._held: int | None = None
 
     def follow(self, playback: Playback, position: Callable[[], int]) -> None:
-        """Take ROS time from `position` from now on, which is that of `playback`."""
+        """Take ROS time from `position`, the one of `playback`, from now on."""
         self.playback = playback
         self._position = position
 
     def hold(self, time_ns: int | None) -> None:
-        """Stand at a time while a message is published; None lets it go on."""
+        """Hold the clock at a time while a message is published; None to continue."""
         self._held = time_ns
 
     def time_ns(self) -> int:
-        """The recording's time, nanoseconds since the epoch."""
+        """Return the time of the recording, in nanoseconds since the epoch."""
         held = self._held
         return self._position() if held is None else held
 
@@ -52,7 +51,7 @@ CLOCK = "/clock"
 
 
 class ClockTopic:
-    """Publishes `rosgraph_msgs/Clock` at a rate in real time; a graph with simulated time does it itself."""
+    """Publisher of `rosgraph_msgs/Clock` in real time; with simulated time the graph itself publishes it."""
 
     def __init__(self, graph: Graph, participant: Participant, hertz: float) -> None:
         self._clock = graph.clock
@@ -69,6 +68,6 @@ class ClockTopic:
         self._timer = self._clock.call_later(self._period, self._tick)
 
     def close(self) -> None:
-        """Publish no more."""
+        """Stop publishing."""
         if self._timer is not None:
             self._timer.cancel()

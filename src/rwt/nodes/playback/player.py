@@ -1,4 +1,4 @@
-"""Plays a recording into a graph: the robot of a recording, at any speed, paused, looped or stepped."""
+"""Player of a recording in a graph, at any speed, paused, looped or stepped."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ _BATCH: Final = 200
 
 @dataclass(frozen=True, slots=True)
 class PlayOptions:
-    """How a recording is played.
+    """Options of playback.
 
     Attributes:
-        rate: recorded seconds in a second.
-        start, end: seconds from the recording's beginning; `end` None is its end.
-        loop: whether it begins again at its end; one that is over at once does not.
-        paused: whether it waits to be resumed.
-        selection: which topics.
-        remap: names to publish under, by recorded name.
-        clock_hz: how often `/clock` is published; 0 for never.
-        answer_services: whether recorded service calls are answered again.
+        rate: recorded seconds per second.
+        start, end: seconds from the beginning of the recording; `end` None is its end.
+        loop: True to repeat at the end, unless the recording has no duration.
+        paused: True to begin paused.
+        selection: topics to play.
+        remap: published names by recorded name.
+        clock_hz: rate of `/clock`; 0 for none.
+        answer_services: True to answer service calls as recorded.
     """
 
     rate: float = 1.0
@@ -65,23 +65,23 @@ class PlayOptions:
 
 
 class Player:
-    """Publishes a recording's messages in the order and at the distances in which they were logged.
+    """Node that publishes the messages of a recording in order and at the times of the recording.
 
     It is driven by the graph's clock: with a :class:`PlaybackClock` messages have the stamps that they were
     recorded with; with a :class:`~rwt_graph.clock.SimulatedClock` each `advance` plays that much of the
     recording, and no event loop is needed. Everything here belongs to the graph's own thread.
 
     Args:
-        graph: any backend; its registry is taught the recording's types.
-        recording: an open one; it is read from another thread, and stays open until `close`.
+        graph: graph of any backend; the types of the recording are added to its registry.
+        recording: open recording; it is read by another thread, and must stay open until `close`.
 
     Attributes:
-        played: messages that were published so far.
-        publications: the topics.
-        finished: set when the end was reached, and nothing loops; not set again by a seek.
+        played: number of messages published so far.
+        publications: topics of the recording.
+        finished: set at the end if playback does not loop; a seek does not clear it.
 
     Raises:
-        ValueError: `rate`, `start` or `end` are not possible.
+        ValueError: `rate`, `start` or `end` is out of range.
     """
 
     def __init__(self, graph: Graph, recording: Recording, options: PlayOptions | None = None) -> None:
@@ -121,7 +121,7 @@ class Player:
 
     @property
     def losses(self) -> tuple[str, ...]:
-        """What of the recording could not be played so far, in words; empty while all of it could."""
+        """Return a description of what could not be played so far; empty if there was nothing."""
         damaged, unreadable = self._recording.damaged, self.publications.unreadable
         found = [f"{name}: {why}" for name, why in self.publications.skipped.items()]
         if self._recording.end_ns >= END_OF_TIME_NS:
@@ -139,7 +139,7 @@ class Player:
 
     @property
     def position_ns(self) -> int:
-        """The recording's time that is played now, nanoseconds since the epoch."""
+        """Present time of the recording, in nanoseconds since the epoch."""
         if self._paused:
             return self._anchor_ns
         gone = round((self._clock.monotonic() - self._anchor_at) * self._rate * NANOSECONDS)
@@ -152,32 +152,32 @@ class Player:
 
     @property
     def start_ns(self) -> int:
-        """Where playing begins."""
+        """Time at which playback begins."""
         return self._begin
 
     @property
     def end_ns(self) -> int:
-        """Where playing ends."""
+        """Time at which playback ends."""
         return self._end
 
     @property
     def paused(self) -> bool:
-        """Whether time stands still."""
+        """True while playback is paused."""
         return self._paused
 
     @property
     def rate(self) -> float:
-        """Recorded seconds in a second."""
+        """Recorded seconds per second."""
         return self._rate
 
     @property
     def seeks(self) -> int:
-        """How often it has jumped to another time, to the beginning of a further round too."""
+        """Number of jumps in time, including those to the beginning of a loop."""
         return self._seeks
 
     @property
     def node(self) -> str:
-        """The node as which it publishes, and whose services control it."""
+        """Node that publishes, and whose services control playback."""
         return NODE
 
     def _place(self, position_ns: int) -> None:
@@ -188,14 +188,14 @@ class Player:
     # -- control -------------------------------------------------------------------------------------------
 
     def resume(self) -> None:
-        """Go on."""
+        """Resume playback."""
         if self._paused:
             self._place(self._anchor_ns)
             self._paused = False
             self._arm()
 
     def pause(self) -> None:
-        """Stand still."""
+        """Pause playback."""
         if not self._paused:
             self._place(self.position_ns)
             self._paused = True
@@ -209,10 +209,10 @@ class Player:
             self.pause()
 
     def set_rate(self, rate: float) -> None:
-        """Play faster or slower from now on.
+        """Change the rate.
 
         Raises:
-            ValueError: not a number from 0.001 to 1000.
+            ValueError: the rate is not a number from 0.001 to 1000.
         """
         checked = checked_rate(rate)
         self._place(self.position_ns)
@@ -220,7 +220,7 @@ class Player:
         self._arm()
 
     def play_next(self) -> bool:
-        """Publish the next message while paused, and stand at its time; False while playing or at the end."""
+        """Publish the next message while paused. Returns False while playing or at the end."""
         if not self._paused or self._next is None:
             return False
         self._place(self._next.log_time)
@@ -243,9 +243,9 @@ class Player:
             yield
 
     def seek(self, time_ns: int) -> bool:
-        """Go on at a time of the recording; False if it is outside of what is played.
+        """Jump to a time of the recording. Returns False if it is outside of the played range.
 
-        Topics whose messages are kept for late joiners get what was kept then.
+        Latched topics publish again what was retained at that time.
         """
         if not self._begin <= time_ns <= self._end:
             return False
@@ -261,7 +261,7 @@ class Player:
         self._arm()
 
     def close(self) -> None:
-        """Stop and leave the graph; the recording is the caller's to close. May be called twice."""
+        """Stop and leave the graph; the caller closes the recording. Idempotent."""
         self._paused = True
         self._next = None
         self._disarm()
@@ -282,7 +282,7 @@ class Player:
     # -- playing -------------------------------------------------------------------------------------------
 
     def _arm(self) -> None:
-        """Wait for the next message, or for the end."""
+        """Start the timer for the next message, or for the end."""
         self._disarm()
         if not self._paused:
             due = self._end if self._next is None else self._next.log_time
@@ -296,7 +296,7 @@ class Player:
             timer.cancel()
 
     def _play_due(self) -> None:
-        """Publish what is due; not all at once if it is much, so that others get their turn."""
+        """Publish the messages that are due, in several turns of the event loop if there are many."""
         for _ in range(_BATCH):
             if self._paused:
                 return  # By a subscriber.
@@ -315,7 +315,7 @@ class Player:
         return log_time <= self._anchor_ns + round(gone)
 
     def _publish_next(self) -> bool:
-        """Publish the next message; gives whether there is another."""
+        """Publish the next message. Returns False if it was the last."""
         message = self._next
         assert message is not None and self._ahead is not None  # Looked at by who calls this.
         self._next = self._ahead.next()
@@ -354,7 +354,7 @@ class Player:
         self._next = self._ahead.next()
 
     def _keep_earlier(self, time_ns: int) -> None:
-        """Publish again what late joiners would have got at a time: the newest of what is kept."""
+        """Publish again what late subscribers would have received at a time: the newest retained messages."""
         kept = self.publications.kept()
         if not kept or time_ns <= self._recording.start_ns:
             return
@@ -372,7 +372,7 @@ class Player:
 
 
 def _bounds(recording: Recording, options: PlayOptions) -> tuple[int, int]:
-    """From when to when is played."""
+    """Return the range of time to play."""
     if recording.start_ns >= END_OF_TIME_NS:
         raise ValueError("the recording begins after the 19th of January 2038, where ROS time ends")
     # The index of a damaged file may say that it ends before it begins.
@@ -391,7 +391,7 @@ def _bounds(recording: Recording, options: PlayOptions) -> tuple[int, int]:
 
 
 def checked_rate(rate: float) -> float:
-    """A rate that can be played.
+    """Check a rate, and return it.
 
     Raises:
         ValueError: it is out of range.

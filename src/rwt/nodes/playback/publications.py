@@ -1,4 +1,4 @@
-"""The topics of a recording in a graph: types, publishers, and messages from recorded bytes."""
+"""Topics of a recording in a graph: types, publishers, and messages from recorded bytes."""
 
 from __future__ import annotations
 
@@ -40,18 +40,18 @@ class _Publication:
 
 
 class Publications:
-    """Publishes what was recorded.
+    """Publishers of the topics of a recording.
 
     Args:
-        participant: whose publishers these are.
-        registry: which knows the recording's types.
-        recording: whose topics are advertised, at once.
-        selection: which of them.
-        remap: names to publish under, by recorded name.
+        participant: participant that publishes.
+        registry: registry with the types of the recording.
+        recording: recording whose topics are advertised at once.
+        selection: topics to play.
+        remap: published names by recorded name.
 
     Attributes:
-        skipped: why topics are not played, by name.
-        unreadable: messages that could not be read.
+        skipped: reasons why topics are not played, by name.
+        unreadable: number of messages that could not be read.
     """
 
     def __init__(
@@ -76,11 +76,11 @@ class Publications:
 
     @property
     def topics(self) -> frozenset[str]:
-        """The recorded names of what is played."""
+        """Recorded names of the topics that are played."""
         return frozenset(name for name, _ in self._by_topic)
 
     def kept(self) -> dict[str, int]:
-        """The recorded names of topics whose messages are kept for late joiners, and how many are kept."""
+        """Recorded names of latched topics, each with its history depth."""
         return {
             name: each.publisher.qos.depth
             for (name, _), each in self._by_topic.items()
@@ -109,7 +109,7 @@ class Publications:
         self._by_topic[topic.name, topic.type] = _Publication(publisher, message, read)
 
     def publish(self, message: RecordedMessage) -> bool:
-        """Publish one message; False if it is of a topic that is not played, or cannot be read."""
+        """Publish one message. Returns False if its topic is not played, or if it cannot be read."""
         publication = self._by_topic.get((message.topic, message.type))
         if publication is None:
             return False
@@ -124,7 +124,7 @@ class Publications:
 
 
 def read_payload(encoding: MessageEncoding, message: MessageType, data: bytes) -> Payload:
-    """A recorded message; raises InvalidMessage if it does not fit."""
+    """Return a recorded message; raises InvalidMessage if it does not fit its type."""
     return _READERS[encoding](message, data)
 
 
@@ -161,7 +161,7 @@ def _add_types(registry: Registry, name: str, text: str) -> None:
 
 
 def _add_service(registry: Registry, name: str, texts: dict[str, str]) -> None:
-    """Put a service together from the event message that service introspection publishes."""
+    """Add a service type, derived from the event message of service introspection."""
     request, response = texts.get(f"{name}_Request"), texts.get(f"{name}_Response")
     if request is None or response is None:
         return
@@ -171,6 +171,6 @@ def _add_service(registry: Registry, name: str, texts: dict[str, str]) -> None:
 
 
 def _known(registry: Registry, name: str, text: str) -> bool:
-    """Whether a registry has a message of that name with those fields and constants."""
+    """Return True if a registry has a message of that name with equal fields and constants."""
     known = registry.known_definition(name)
     return known is not None and known == parse_message(text, name, distro=registry.distro)

@@ -1,4 +1,4 @@
-"""Reads a recording ahead of the player, in a thread: files are read and unpacked off the event loop."""
+"""Read-ahead of a recording in a thread, off the event loop."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ AHEAD_BYTES: Final = 32 * 1024 * 1024
 
 
 class ReadAhead:
-    """The messages of an iterator, which a thread takes from it up to a bound.
+    """Bounded queue of the messages of an iterator, filled by a thread.
 
     Attributes:
-        failure: why reading ended too soon; empty where it did not.
+        failure: error that ended reading; empty if there was none.
 
     Args:
-        messages: what is read. It is used by the thread alone, and closed by it.
+        messages: iterator to read; only the thread uses it, and closes it.
     """
 
     def __init__(self, messages: Iterator[RecordedMessage]) -> None:
@@ -38,7 +38,7 @@ class ReadAhead:
         self._thread.start()
 
     def next(self) -> RecordedMessage | None:
-        """The next message, waiting for the disk where it must; None at the end."""
+        """Return the next message, waiting for the disk if necessary; None at the end."""
         with self._changed:
             while not self._ready:
                 if self._ended:
@@ -51,7 +51,7 @@ class ReadAhead:
             return message
 
     def close(self) -> None:
-        """Read no more."""
+        """Stop reading."""
         with self._changed:
             self._closed = True
             self._ended = True
@@ -74,7 +74,7 @@ class ReadAhead:
                 self._changed.notify()
 
     def _put(self, message: RecordedMessage) -> bool:
-        """Add a message when there is room; False after :meth:`close`."""
+        """Add a message once there is room. Returns False after :meth:`close`."""
         with self._changed:
             while (len(self._ready) >= AHEAD_MESSAGES or self._bytes >= AHEAD_BYTES) and not self._closed:
                 self._changed.wait()

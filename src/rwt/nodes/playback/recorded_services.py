@@ -1,8 +1,8 @@
-"""Answers service calls as they were answered when the recording was made.
+"""Recorded services: service calls get the responses of the recording.
 
-What was asked and answered is in the topics of ROS 2's service introspection, `/NAME/_service_event`. A
-request equal to a recorded one gets the recorded response; one that was asked several times gets its
-responses in order, and then the last again. Any other request fails, saying so.
+Requests and responses are in the topics of service introspection of ROS 2, `/NAME/_service_event`. A request
+equal to a recorded one gets the recorded response; repeated requests get theirs in order, then the last one
+again. Any other request fails.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _REQUESTS: Final = (0, 1)
 
 
 class _CallInfo(Protocol):
-    """`service_msgs/ServiceEventInfo`, as far as it is needed here."""
+    """Used fields of `service_msgs/ServiceEventInfo`."""
 
     event_type: int
     client_gid: Sequence[int]
@@ -37,7 +37,7 @@ class _CallInfo(Protocol):
 
 
 class _ServiceEvent(Protocol):
-    """The message of any service's introspection."""
+    """Event message of any service."""
 
     info: _CallInfo
     request: Sequence[object]
@@ -45,7 +45,7 @@ class _ServiceEvent(Protocol):
 
 
 class RecordedServices:
-    """Offers every service whose calls were recorded with their contents, and that no node offers yet."""
+    """Server of every service whose calls were recorded with contents, and that no node provides."""
 
     def __init__(self, graph: Graph, recording: Recording, selection: TopicSelection, node: str) -> None:
         self._graph = graph
@@ -77,7 +77,7 @@ class RecordedServices:
 
 
 class _RecordedCalls:
-    """The recorded responses of one service, by the CDR of the request."""
+    """Recorded responses of one service, by the CDR of the request."""
 
     def __init__(self, name: str, service: ServiceType) -> None:
         self._name = name
@@ -88,11 +88,11 @@ class _RecordedCalls:
 
     @property
     def known(self) -> int:
-        """How many different requests have an answer."""
+        """Number of different requests with a response."""
         return len(self._responses)
 
     def learn(self, topic: RecordedTopic, event: MessageType, message: RecordedMessage) -> None:
-        """Take in one event."""
+        """Add one recorded event."""
         try:
             recorded = cast("_ServiceEvent", read_payload(topic.encoding, event, message.data).value())
             call = (bytes(recorded.info.client_gid), recorded.info.sequence_number)

@@ -1,4 +1,4 @@
-"""The services with which a player is controlled: those of rosbag2's player, by its names and types."""
+"""Services that control a player, with the names and types of the rosbag2 player."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ BURST_TURN: Final = 200
 
 
 class Controlled(Protocol):
-    """What the services control; see :class:`rwt.nodes.playback.player.Player`."""
+    """Controls of a player; see :class:`rwt.nodes.playback.player.Player`."""
 
     @property
     def paused(self) -> bool:
-        """Whether time stands still."""
+        """True while playback is paused."""
         ...
 
     @property
     def rate(self) -> float:
-        """Recorded seconds in a second."""
+        """Recorded seconds per second."""
         ...
 
     def resume(self) -> None:
-        """Go on."""
+        """Resume playback."""
 
     def pause(self) -> None:
-        """Stand still."""
+        """Pause playback."""
 
     def toggle_paused(self) -> None:
         """Pause or resume."""
 
     def set_rate(self, rate: float) -> None:
-        """Play faster or slower."""
+        """Change the rate."""
 
     def play_next(self) -> bool:
         """Publish one message."""
@@ -52,7 +52,7 @@ class Controlled(Protocol):
         ...
 
     def seek(self, time_ns: int) -> bool:
-        """Go on at a time."""
+        """Jump to a time."""
         ...
 
 
@@ -61,7 +61,7 @@ _Answering = Callable[[object, Callable[[Answer], None]], None]
 
 
 class PlayerServices:
-    """Offers `/rosbag2_player/pause` and the others until it is closed."""
+    """Server of `/rosbag2_player/pause` and the other services."""
 
     def __init__(self, graph: Graph, player: Controlled, node: str) -> None:
         self._player = player
@@ -96,7 +96,7 @@ class PlayerServices:
         self._participant.advertise_service(name, interface, on_call)
 
     def _burst(self, asked: Any, reply: Callable[[Answer], None]) -> None:
-        """Publish turn by turn: a burst may be all of a long recording."""
+        """Publish in several turns of the event loop: a burst may be a whole long recording."""
         steps = self._player.steps(asked.num_messages)
 
         def turn(done: int) -> None:
@@ -130,7 +130,7 @@ def _answer_at_once(
 
 
 def _doing(action: Callable[[], None]) -> Callable[[object], Answer]:
-    """A handler of what neither asks nor answers anything."""
+    """Return a handler for an empty request and response."""
 
     def handle(_: object) -> Answer:
         action()

@@ -1,4 +1,4 @@
-"""rosapi: what clients ask about the graph, as services under `/rosapi`."""
+"""rosapi: services about the graph, under `/rosapi`."""
 
 from rwt.nodes.rosapi.node import DISCLOSURES, Rosapi
 

@@ -23,7 +23,7 @@ _ACTIONLIB = ("cancel", "feedback", "goal", "result", "status")
 
 
 def topics(node: Node, _: Any) -> Answer:
-    """Every topic and its type (API-02)."""
+    """Return every topic with its type (API-02)."""
     topics = [topic for topic in node.graph.topics() if not _is_hidden(topic.name)]
     return {
         "topics": [topic.name for topic in topics],
@@ -32,7 +32,7 @@ def topics(node: Node, _: Any) -> Answer:
 
 
 def topics_for_type(node: Node, request: Any) -> Answer:
-    """The topics of one type, in either spelling of its name."""
+    """Return the topics of one type, in either spelling of its name."""
     wanted = _two_part(request.type)
     return {
         "topics": [topic.name for topic in node.graph.topics() if topic.type and topic.type.name == wanted]
@@ -40,7 +40,7 @@ def topics_for_type(node: Node, request: Any) -> Answer:
 
 
 def topics_and_raw_types(node: Node, _: Any) -> Answer:
-    """Every topic with its type and the full text of the definition (API-06)."""
+    """Return every topic with its type and the full text of the definition (API-06)."""
     topics = [topic for topic in node.graph.topics() if topic.type is not None and not _is_hidden(topic.name)]
     return {
         "topics": [topic.name for topic in topics],
@@ -50,66 +50,66 @@ def topics_and_raw_types(node: Node, _: Any) -> Answer:
 
 
 def topic_type(node: Node, request: Any) -> Answer:
-    """The type of a topic; empty if there is no such topic."""
+    """Return the type of a topic; empty if it does not exist."""
     topic = _topic(node, request.topic)
     return {"type": _type_name(node, topic.type) if topic else ""}
 
 
 def publishers(node: Node, request: Any) -> Answer:
-    """The nodes that publish on a topic."""
+    """Return the nodes that publish on a topic."""
     topic = _topic(node, request.topic)
     return {"publishers": sorted({end.node for end in topic.publishers}) if topic else []}
 
 
 def subscribers(node: Node, request: Any) -> Answer:
-    """The nodes that subscribe to a topic."""
+    """Return the nodes that subscribe to a topic."""
     topic = _topic(node, request.topic)
     return {"subscribers": sorted({end.node for end in topic.subscribers}) if topic else []}
 
 
 def services(node: Node, _: Any) -> Answer:
-    """Every service."""
+    """Return every service."""
     return {"services": [service.name for service in node.graph.services() if not _is_hidden(service.name)]}
 
 
 def services_for_type(node: Node, request: Any) -> Answer:
-    """The services of one type."""
+    """Return the services of one type."""
     wanted = _two_part(request.type)
     return {"services": [service.name for service in node.graph.services() if service.type.name == wanted]}
 
 
 def service_type(node: Node, request: Any) -> Answer:
-    """The type of a service; empty if there is no such service."""
+    """Return the type of a service; empty if it does not exist."""
     service = node.graph.service(_absolute(request.service))
     return {"type": _type_name(node, service.type) if service else ""}
 
 
 def service_providers(node: Node, request: Any) -> Answer:
-    """The nodes that offer services of a type, which the request has in its field `service`."""
+    """Return the nodes that provide services of a type; the request names it in the field `service`."""
     wanted = _two_part(request.service)
     found = {service.node for service in node.graph.services() if service.type.name == wanted}
     return {"providers": sorted(found)}
 
 
 def service_node(node: Node, request: Any) -> Answer:
-    """The node that offers a service; empty if there is none."""
+    """Return the node that provides a service; empty if there is none."""
     service = node.graph.service(_absolute(request.service))
     return {"node": service.node if service else ""}
 
 
 def service_host(node: Node, request: Any) -> Answer:
-    """The host on which a service runs; empty if there is no such service."""
+    """Return the host of a service; empty if it does not exist."""
     service = node.graph.service(_absolute(request.service))
     return {"host": socket.gethostname() if service else ""}
 
 
 def nodes(node: Node, _: Any) -> Answer:
-    """Every node, each name once."""
+    """Return every node, each name once."""
     return {"nodes": sorted({each.name for each in node.graph.nodes()})}
 
 
 def node_details(node: Node, request: Any) -> Answer:
-    """What a node takes part in; of an unknown node ROS 1 says nothing, and ROS 2 fails (API-14)."""
+    """Return the topics and services of a node; an unknown one is empty in ROS 1, fails in ROS 2 (API-14)."""
     name = _absolute(request.node)
     found = [each for each in node.graph.nodes() if each.name == name]
     if not found and node.graph.distro.rosapi_fails_for_unknown_nodes:
@@ -122,7 +122,7 @@ def node_details(node: Node, request: Any) -> Answer:
 
 
 def action_servers(node: Node, _: Any) -> Answer:
-    """Every action, and every set of topics that is one in ROS 1 (API-12)."""
+    """Return every action, including those that are sets of topics in ROS 1 (API-12)."""
     topics = {topic.name for topic in node.graph.topics()}
     prefixes = {name.removesuffix("/goal") for name in topics if name.endswith("/goal")}
     over_topics = {prefix for prefix in prefixes if all(f"{prefix}/{end}" in topics for end in _ACTIONLIB)}
@@ -130,7 +130,7 @@ def action_servers(node: Node, _: Any) -> Answer:
 
 
 def action_type(node: Node, request: Any) -> Answer:
-    """The type of an action; empty if there is no such action."""
+    """Return the type of an action; empty if it does not exist."""
     name = _absolute(request.action)
     action = node.graph.action(name)
     if action is not None:
@@ -142,12 +142,12 @@ def action_type(node: Node, request: Any) -> Answer:
 
 
 def get_time(node: Node, _: Any) -> Answer:
-    """ROS time now (API-11)."""
+    """Return the ROS time (API-11)."""
     return {"time": node.graph.distro.time(node.graph.clock.time_ns())}
 
 
 def get_ros_version(node: Node, _: Any) -> Answer:
-    """The version of ROS and the distribution whose names are spoken here."""
+    """Return the version of ROS and the distribution of the graph."""
     return {"version": node.graph.distro.ros_version, "distro": node.graph.distro.name}
 
 
@@ -160,12 +160,12 @@ def _type_name(node: Node, type: MessageType | ServiceType | ActionType | None) 
 
 
 def _is_hidden(name: str) -> bool:
-    """Whether ROS 2 leaves the name out of lists: a part of it begins with an underscore (API-02)."""
+    """Return True if ROS 2 does not list a name: a part of it begins with an underscore (API-02)."""
     return "/_" in name
 
 
 def _absolute(name: str) -> str:
-    """The absolute name, or what was given if it cannot be one, which then names nothing."""
+    """Return the absolute name; an invalid name is returned unchanged."""
     try:
         return resolve(name)
     except InvalidGraphName:
@@ -173,7 +173,7 @@ def _absolute(name: str) -> str:
 
 
 def _two_part(name: str) -> str:
-    """The two-part type name, or what was given if it cannot be one, which then names nothing."""
+    """Return the two-part name of a type; an invalid name is returned unchanged."""
     try:
         return two_part(name)
     except InterfaceError:

@@ -1,4 +1,4 @@
-"""The node `/rosapi`, and what each of its services reveals."""
+"""Node `/rosapi`: services about the graph, types and parameters."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ DISCLOSURES: Final[Mapping[str, Disclosure]] = MappingProxyType(
         for service in (*_SERVICES, graph_services.VERSION)
     }
 )
-"""What every service of rosapi reveals, by the two-part name of its type in each distribution."""
+"""Declarations of what the services of rosapi reveal, by two-part type name in each distribution."""
 
 
 class Rosapi:
-    """Serves rosapi for one graph, from construction until `close`."""
+    """Node that serves rosapi for one graph until `close`."""
 
     def __init__(self, graph: Graph) -> None:
         self._node = Node(graph, "rosapi")

@@ -1,7 +1,7 @@
-"""Services about parameters, with their values as JSON text in both directions (API-07).
+"""Services about parameters; values are JSON text (API-07).
 
-Names are `/node:name` on ROS 2 and `/name` on ROS 1 (API-08). On ROS 2 a failure is in the response, as
-`successful` and `reason`; ROS 1's types lack these fields, so there it fails the call.
+Names are `/node:name` on ROS 2 and `/name` on ROS 1 (API-08). On ROS 2 the response states a failure in
+`successful` and `reason`; the types of ROS 1 lack these fields, so the call fails.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ _STRING: Final = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"')
 
 
 async def get_param_names(node: Node, _: Any) -> Answer:
-    """The names of all parameters."""
+    """Return the names of all parameters."""
     return {"names": sorted(await node.params.names())}
 
 
 async def get_param(node: Node, request: Any) -> Answer:
-    """One value; if there is none, the request's default, and without that null (API-07)."""
+    """Return a value; if there is none, the default of the request, otherwise null (API-07)."""
     default = request.default_value if node.distro.rosapi_reports_failures else request.default
     if len(default) > MOST_DEFAULT:
         raise ServiceFailed(
@@ -61,7 +61,7 @@ def _as_text(value: ParameterValue) -> str:
 
 
 def _as_json(default: str) -> str:
-    """A default as JSON text, as values are: it stays if it is that already, and is a string otherwise."""
+    """Return a default as JSON text: unchanged if it is JSON, otherwise as a string."""
     if not default:
         return "null"
     try:
@@ -72,7 +72,7 @@ def _as_json(default: str) -> str:
 
 
 def _is_bounded(text: str) -> bool:
-    """Whether JSON holds no more values than a parameter may have."""
+    """Return True if JSON has at most as many values as a parameter may have."""
     if _values(text) <= MOST_VALUES:
         return True
     if len(text) > _LONG_TEXT:
@@ -81,14 +81,14 @@ def _is_bounded(text: str) -> bool:
 
 
 def _values(text: str) -> int:
-    """How many values are in JSON at most: what is in its strings is counted too."""
+    """Return an upper bound of the number of values in JSON: the contents of strings count, too."""
     return 1 + text.count(",") + text.count("[") + text.count("{")
 
 
 async def _full_name(node: Node, name: str) -> str:
-    """Where the robot's description is on ROS 2: what viewers ask for has the name that it had on ROS 1.
+    """Return the parameter of the robot's description on ROS 2: viewers request it by its ROS 1 name.
 
-    Nothing is guessed where several nodes of that namespace have one, or none has.
+    Only if exactly one node of that namespace has one.
     """
     above, _, last = name.rpartition("/")
     in_nodes = node.distro.parameters_belong_to_nodes
@@ -103,7 +103,7 @@ async def _full_name(node: Node, name: str) -> str:
 
 
 async def set_param(node: Node, request: Any) -> Answer:
-    """Set one value from JSON text."""
+    """Set a value from JSON text."""
     if not _is_bounded(request.value):
         return _failed(
             node,
@@ -122,7 +122,7 @@ async def set_param(node: Node, request: Any) -> Answer:
 
 
 async def has_param(node: Node, request: Any) -> Answer:
-    """Whether a parameter is there."""
+    """Return True if a parameter exists."""
     try:
         return {"exists": await node.params.has(request.name)}
     except RobotError:
@@ -130,7 +130,7 @@ async def has_param(node: Node, request: Any) -> Answer:
 
 
 async def delete_param(node: Node, request: Any) -> Answer:
-    """Remove one parameter."""
+    """Delete a parameter."""
     try:
         await node.params.delete(request.name)
     except NotFound as error:
@@ -142,7 +142,7 @@ async def delete_param(node: Node, request: Any) -> Answer:
 
 
 async def search_param(node: Node, request: Any) -> Answer:
-    """The full name of the first parameter whose last part is the one asked for; empty if none is."""
+    """Return the full name of the first parameter with a given last part; empty if there is none."""
     wanted = request.name.strip("/")
     for name in sorted(await node.params.names()):
         if wanted in (name.rpartition(":")[2], name.strip("/"), name.rpartition("/")[2]):

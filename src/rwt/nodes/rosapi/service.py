@@ -1,4 +1,4 @@
-"""A row of the tables of services in this folder."""
+"""Row of the tables of services in this folder."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ Answer = dict[str, object]
 
 @dataclass(frozen=True, slots=True)
 class Service:
-    """One service.
+    """Service of rosapi.
 
     Attributes:
-        name: below ``/rosapi/``.
-        type: of the distribution's package of rosapi, without the package.
-        handler: makes the answer of the node to a request.
-        is_listing: whether the answer depends on nothing but what the graph lists, so that one serves all
-            clients until that changes.
-        reveals: what a client learns and changes by it. There is no default: a service that reveals nothing
-            of the robot says so, with :data:`rwt_graph.disclosure.NOTHING`.
+        name: name below ``/rosapi/``.
+        type: name of the type, without the distribution's package of rosapi.
+        handler: returns the response of the node to a request.
+        is_listing: True if the response only depends on the names in the graph: it is cached until they
+            change.
+        reveals: declaration of what the service reveals. There is no default: a service that reveals nothing
+            declares :data:`rwt_graph.disclosure.NOTHING`.
     """
 
     name: str
@@ -40,7 +40,7 @@ class Service:
     is_listing: bool = False
 
     def serve(self, node: Node) -> ServiceHandler:
-        """The service's handler, for a node that offers it."""
+        """Return the handler of the service for a node."""
         if self.is_listing:
             return Listing(node, self)
         return partial(_at_once, self.handler, node)
@@ -49,14 +49,16 @@ class Service:
 def _at_once(
     handler: Callable[[Node, Any], Answer | Awaitable[Answer]], node: Node, request: Any
 ) -> Answer | Awaitable[Answer]:
-    """The answer now if nothing has to be waited for: tasks would do, in one turn of the event loop, all that
-    many clients ask for at a time."""
+    """Return the response now if the handler does not wait.
+
+    With a task per request, the requests of many clients would all run in one turn of the event loop.
+    """
     answer = handler(node, request)
     return run_until_it_waits(answer) if isinstance(answer, Coroutine) else answer
 
 
 class Listing:
-    """The answer of a service that lists the graph, made once for each change of it."""
+    """Cached response of a service that lists the graph."""
 
     __slots__ = ("_answer", "_node", "_service", "_version")
 
@@ -67,7 +69,7 @@ class Listing:
         self._answer: Payload
 
     def __call__(self, request: Any) -> Payload:
-        """The answer, the same object until the graph changes."""
+        """Return the response, the same object until the graph changes."""
         graph = self._node.graph
         version = graph.version
         if version != self._version:

@@ -1,4 +1,4 @@
-"""Services about types: their fields, constants and names."""
+"""Services about types: names, fields and constants."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def interfaces(node: Node, _: Any) -> Answer:
-    """The names of all messages, services and actions that are known."""
+    """Return the names of all known messages, services and actions."""
     spell = node.graph.registry.distro.type_name
     return {
         "interfaces": sorted(spell(name, kind) for kind in KINDS for name in node.graph.registry.names(kind))
@@ -26,7 +26,7 @@ def interfaces(node: Node, _: Any) -> Answer:
 
 
 def _details(kind: Kind, part: str) -> Callable[[Node, Any], Answer]:
-    """The service that tells the fields of one part of a type, and of the messages in it."""
+    """Return the service that describes one part of a type, including nested messages."""
 
     def answer(node: Node, request: Any) -> Answer:
         registry = node.graph.registry

@@ -32,7 +32,7 @@ _TIMES: dict[str, TypeDef] = {
 
 
 def typedefs(message: MessageType, registry: Registry) -> list[TypeDef]:
-    """The message, and the messages in it depth first, each once."""
+    """Return the message and its nested messages, depth first, each once."""
     found: dict[str, TypeDef] = {}
     _collect(message.definition, registry, found)
     return list(found.values())
@@ -67,14 +67,14 @@ def _typedef(definition: MessageDefinition, registry: Registry) -> TypeDef:
 
 
 def _array_length(field: WrittenType) -> int:
-    """-1 for a scalar, 0 for a sequence, N for an array of N."""
+    """Return -1 for a scalar, 0 for a sequence, N for an array of N."""
     if not field.is_array:
         return -1
     return field.length or 0
 
 
 def _example(field: Field) -> str:
-    """The text of the field's default value (API-05)."""
+    """Return the text of a field's default value (API-05)."""
     kind = field.type
     if kind.is_array:
         return "[]"

@@ -1,4 +1,4 @@
-"""tf2_web_republisher: the transforms a page asks for, as often as it asks and where they have moved."""
+"""tf2_web_republisher: transforms that a page requests, at its rate and only if they have moved."""
 
 from rwt.nodes.tf.republisher import Tf2WebRepublisher
 

@@ -1,4 +1,4 @@
-"""The node `/tf2_web_republisher`: its action, its service, and the streams that they start."""
+"""Node `/tf2_web_republisher`: action, service, and the streams that they start."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class _RepublishRequest(RequestMessage, Protocol):
 
 
 class Tf2WebRepublisher:
-    """Serves tf2_web_republisher for one graph, from construction until `close` (TFR-01 to TFR-10).
+    """Node that serves tf2_web_republisher for one graph until `close` (TFR-01 to TFR-10).
 
     The action `/tf2_web_republisher`, over the topics of actionlib too in either distribution; and the
     service `/republish_tfs`, which answers with the name of a topic. It listens to `/tf` and `/tf_static`
@@ -84,7 +84,7 @@ class Tf2WebRepublisher:
         return True
 
     async def _run_goal(self, goal: ReceivedGoal) -> None:
-        """Send feedback until the goal is canceled (TFR-08), or no client has taken any for a while."""
+        """Send feedback until the goal is canceled (TFR-08), or no client has received any for a while."""
         request = Request.read(goal.request)
         number = self._make_room()
         with anyio.CancelScope() as scope:
@@ -102,7 +102,7 @@ class Tf2WebRepublisher:
         raise GoalCanceled({})
 
     def _republish(self, message: _RepublishRequest) -> dict[str, str]:
-        """A topic of its own for each call (TFR-09)."""
+        """Publish on a separate topic for each call (TFR-09)."""
         try:
             request = Request.read(message)
         except RequestRefused as error:
@@ -122,7 +122,7 @@ class Tf2WebRepublisher:
         return {"topic_name": publisher.name}
 
     def _make_room(self) -> int:
-        """The number of a new stream; where there are too many the oldest ends."""
+        """Return the number of a new stream; end the oldest if there are too many."""
         if len(self._streams) >= MOST_STREAMS:
             oldest = next(iter(self._streams))
             self._streams.pop(oldest).stop(
@@ -144,7 +144,7 @@ _TYPE: Final = "tf2_msgs/TFMessage"
 
 
 def listen(node: Node) -> Buffer:
-    """A buffer that is filled from `/tf` and `/tf_static` until the node is closed."""
+    """Return a buffer that is filled from `/tf` and `/tf_static` until the node is closed."""
     buffer = Buffer()
     feed = Feed(buffer)
     _subscribe(node, "/tf_static", partial(feed.take, static=True))

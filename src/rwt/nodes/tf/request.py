@@ -23,7 +23,7 @@ MOST_FRAMES: Final = 1000
 
 
 class RequestMessage(Protocol):
-    """The fields that the action's goal and the service's request have in common."""
+    """Fields common to the goal of the action and the request of the service."""
 
     source_frames: Sequence[str]
     target_frame: str
@@ -33,19 +33,19 @@ class RequestMessage(Protocol):
 
 
 class RequestRefused(ValueError):
-    """A request that cannot be served; the text says what to change."""
+    """A request is rejected; the text says what to change."""
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """One subscription to transforms.
+    """Subscription to transforms.
 
     Attributes:
-        target: the frame they are seen from; empty for each frame's own parent, the mode that sends the tree.
-        sources: the frames; empty for all that there are.
-        angular: rotation from which on a transform is sent again, radians.
-        linear: the same for translation, metres.
-        period: seconds from one look to the next.
+        target: target frame; empty for the parent of each frame, the mode that sends the tree.
+        sources: source frames; empty for all.
+        angular: minimum rotation for sending a transform again, in radians.
+        linear: minimum translation for sending a transform again, in metres.
+        period: seconds between updates.
     """
 
     target: str
@@ -56,10 +56,10 @@ class Request:
 
     @classmethod
     def read(cls, message: RequestMessage) -> Request:
-        """Read a message; the names lose a leading slash (TFR-03).
+        """Parse a message; a leading slash of names is removed (TFR-03).
 
         Raises:
-            RequestRefused: a rate or a threshold that is no number, a negative rate, or too many frames.
+            RequestRefused: a rate or threshold is NaN, a rate is negative, or there are too many frames.
         """
         for name in ("angular_thres", "trans_thres", "rate"):
             value = getattr(message, name)

@@ -1,4 +1,4 @@
-"""The transforms sent to one client: as the feedback of a goal, or on a topic of its own."""
+"""Streams of transforms to one client: feedback of a goal, or a separate topic."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DIGITS: Final = 6
 
 
 def to_message(transforms: Iterable[StampedTransform]) -> dict[str, object]:
-    """The fields of the feedback and of `TFArray`."""
+    """Return the fields of the feedback and of `TFArray`."""
     return {"transforms": [write_transform(_rounded(each)) for each in transforms]}
 
 
@@ -38,10 +38,10 @@ def _rounded(stamped: StampedTransform) -> StampedTransform:
 
 
 class GoalStream:
-    """Feedback of one goal.
+    """Stream that is the feedback of one goal.
 
     Attributes:
-        reason: why it was stopped; empty while it runs.
+        reason: reason why it was stopped; empty while it runs.
     """
 
     def __init__(
@@ -85,10 +85,10 @@ class GoalStream:
 
 
 class TopicStream:
-    """A topic of one call of the service (TFR-09).
+    """Stream on a topic, for one call of the service (TFR-09).
 
-    It ends after `timeout` seconds without a subscriber. Nothing is sent before the first
-    subscriber comes, and each that comes gets everything.
+    It ends after `timeout` seconds without a subscriber. Nothing is sent before the first subscriber, and
+    each new one receives all transforms.
     """
 
     QOS: Final = QoS(depth=10, durability=Durability.TRANSIENT_LOCAL)
@@ -136,7 +136,7 @@ class TopicStream:
             self._publisher.publish(to_message(due))
 
     def stop(self, reason: str) -> None:
-        """Withdraw the topic. The reason is for goals, which have a client to send it to."""
+        """Withdraw the topic. The reason is ignored: only goals have a client to send it to."""
         if self._timer is None:
             return
         self._timer.cancel()
@@ -150,16 +150,16 @@ SHARE: Final = 0.25
 a second, and other clients must be served, too."""
 
 _NEWEST: Final = 0.2
-"""How much the last turn counts in what a turn usually takes: one that was held up must not slow a stream."""
+"""Weight of the last turn in the moving average of its duration: one delayed turn must not slow a stream."""
 
 
 class CpuBudget:
-    """The processor time of one stream: it rests after each turn to stay within its part of :data:`SHARE`.
+    """CPU budget of one stream: it pauses after each turn to stay within its part of :data:`SHARE`.
 
     Args:
-        monotonic: seconds of the robot's clock.
-        streams: how many there are.
-        worked: seconds of processor time that this thread has taken.
+        monotonic: returns the seconds of the robot's clock.
+        streams: returns the number of streams.
+        worked: returns the CPU seconds of this thread.
     """
 
     def __init__(
@@ -175,7 +175,7 @@ class CpuBudget:
         self._rests_until = float("-inf")
 
     def turn(self, work: Callable[[], None]) -> None:
-        """Do `work`, unless the stream rests."""
+        """Run `work`, unless the stream pauses."""
         now = self._monotonic()
         if now < self._rests_until:
             return

@@ -1,4 +1,4 @@
-"""Filters of transforms: those that have moved since they were sent last."""
+"""Filters of transforms: select those that have moved since they were sent."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ GRACE: Final = 2.0
 
 
 class TransformFilter(Protocol):
-    """The transforms that one client has been sent, and which are due again."""
+    """Filter of the transforms of one client."""
 
     def due(self, buffer: Buffer, now_ns: int) -> list[StampedTransform]:
-        """The transforms to send now; they count as sent."""
+        """Return the transforms to send now; they count as sent."""
 
     def forget(self) -> None:
         """Forget what was sent: every transform is due."""
 
 
 class MissingFrames:
-    """Logs once that a frame cannot be looked up, until that works again (TFR-06)."""
+    """Log of frames that cannot be looked up: once per frame, until it is found again (TFR-06)."""
 
     def __init__(self, say: Callable[[str], None], monotonic: Callable[[], float]) -> None:
         self._say = say
@@ -34,28 +34,28 @@ class MissingFrames:
         self._said: set[str] = set()
 
     def miss(self, frame: str, why: LookupFailed) -> None:
-        """A frame could not be looked up."""
+        """Note that a frame could not be looked up."""
         since = self._since.setdefault(frame, self._monotonic())
         if frame not in self._said and self._monotonic() - since >= GRACE:
             self._said.add(frame)
             self._say(str(why))
 
     def found(self, frame: str) -> None:
-        """A frame was looked up."""
+        """Note that a frame was looked up."""
         if self._since.pop(frame, None) is not None:
             self._said.discard(frame)
 
 
 def make_filter(request: Request, missing: MissingFrames) -> TransformFilter:
-    """The filter that a request asks for."""
+    """Return the filter for a request."""
     return TargetFrameFilter(request, missing) if request.target else TreeFilter(request, missing)
 
 
 class TargetFrameFilter:
-    """Each source frame as seen from the target (TFR-02), sent again when it has moved (TFR-04).
+    """Filter of each source frame relative to the target (TFR-02), sent again if it has moved (TFR-04).
 
-    A frame that cannot be looked up is left out, also the first time: the original then sends a transform of
-    zeros (TFR-07).
+    Frames that cannot be looked up are left out, also at first: tf2_web_republisher sends zeros then
+    (TFR-07).
     """
 
     def __init__(self, request: Request, missing: MissingFrames) -> None:
@@ -64,7 +64,7 @@ class TargetFrameFilter:
         self._sent: dict[str, Transform] = {}
 
     def due(self, buffer: Buffer, now_ns: int) -> list[StampedTransform]:
-        """The transforms that moved, stamped with the time of sending."""
+        """Return the transforms that moved, stamped with the present time."""
         target = self._request.target
         found = []
         for source in self._request.sources or self._others(buffer):
@@ -98,15 +98,16 @@ class TargetFrameFilter:
 
 
 def half_angle(a: Transform, b: Transform) -> float:
-    """The angle that thresholds are measured in: acos of the dot product, which is half the rotation's.
+    """Return the angle that thresholds apply to: acos of the dot product, which is half the rotation.
 
-    It goes to π where the quaternion's sign has flipped (TFR-05); clients' thresholds were chosen with it.
+    It is near π if the sign of the quaternion has flipped (TFR-05); thresholds of clients were chosen with
+    it.
     """
     return math.acos(max(-1.0, min(1.0, dot(a.rotation, b.rotation))))
 
 
 class TreeFilter:
-    """Each frame in its own parent, sent again only when it makes a difference to where frames are.
+    """Filter of each frame relative to its parent, sent again only if the poses of frames change.
 
     A robot that drives moves one transform of its tree, and every frame as seen from the map. What the client
     holds stays within the thresholds for each frame as seen from the root: where that is exceeded, all
@@ -119,7 +120,7 @@ class TreeFilter:
         self._sent: dict[str, StampedTransform] = {}
 
     def due(self, buffer: Buffer, now_ns: int) -> list[StampedTransform]:
-        """The transforms to send, parents first, stamped with their own times."""
+        """Return the transforms to send, parents first, with their own stamps."""
         edges = self._edges(buffer)
         true = _poses(edges)
         due = {frame for frame, edge in edges.items() if self._is_new(edge)}
@@ -134,7 +135,7 @@ class TreeFilter:
         self._sent.clear()
 
     def _edges(self, buffer: Buffer) -> dict[str, StampedTransform]:
-        """The latest transforms of the frames asked for and of all above them, parents first."""
+        """Return the latest transforms of the requested frames and their ancestors, parents first."""
         edges: dict[str, StampedTransform] = {}
         for source in self._request.sources or buffer.frames():
             way: list[StampedTransform] = []
@@ -153,7 +154,7 @@ class TreeFilter:
     def _needed(
         self, edges: Mapping[str, StampedTransform], true: Mapping[str, Transform], due: set[str]
     ) -> set[str]:
-        """What has to be sent besides `due` for frames that would be wrong; empty when none is.
+        """Return the transforms needed besides `due` to keep every frame within the thresholds.
 
         Correcting one frame moves others that were checked before, so callers repeat until nothing is needed.
         """
@@ -181,7 +182,7 @@ class TreeFilter:
 
 
 def _poses(edges: Mapping[str, StampedTransform]) -> dict[str, Transform]:
-    """Each frame's pose in its root; `edges` has parents first."""
+    """Return the pose of each frame in its root; `edges` has parents first."""
     poses: dict[str, Transform] = {}
     for frame, edge in edges.items():
         poses[frame] = poses.get(edge.parent, IDENTITY) @ edge.transform

@@ -1,4 +1,4 @@
-"""Pictures and video of image topics over HTTP, as `web_video_server` serves them."""
+"""Images and video of image topics over HTTP, as `web_video_server` serves them."""
 
 from rwt.nodes.video.server import WebVideoServer
 

@@ -1,4 +1,4 @@
-"""The bodies of HTTP responses: multipart streams of pictures, videos, and the HTML that shows them."""
+"""Bodies of HTTP responses: multipart streams of images, videos, and HTML pages."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ Join = Callable[[], Viewer]
 
 
 async def multipart(join: Join, counts: Counts) -> AsyncGenerator[bytes, None]:
-    """Pictures as parts (RFC 2046 section 5.1).
+    """Send images as parts (RFC 2046 section 5.1).
 
-    The boundary after a part goes out with it, not with the next: browsers show a part when they see its end.
+    The boundary after a part is sent with it, not with the next: browsers show a part at its end.
     """
     viewer = join()
     try:
         yield f"--{BOUNDARY}\r\n".encode()
-        while (picture := await viewer.next()) is not None:
-            part = _part(picture)
+        while (image := await viewer.next()) is not None:
+            part = _part(image)
             counts.sent += 1
             counts.sent_bytes += len(part)
             yield part
@@ -36,34 +36,34 @@ async def multipart(join: Join, counts: Counts) -> AsyncGenerator[bytes, None]:
         viewer.leave()
 
 
-def _part(picture: Encoded) -> bytes:
+def _part(image: Encoded) -> bytes:
     head = (
-        f"Content-type: {picture.media_type}\r\n"
-        f"X-Timestamp: {timestamp(picture)}\r\n"
-        f"Content-Length: {len(picture.data)}\r\n\r\n"
+        f"Content-type: {image.media_type}\r\n"
+        f"X-Timestamp: {timestamp(image)}\r\n"
+        f"Content-Length: {len(image.data)}\r\n\r\n"
     )
-    return b"".join((head.encode(), picture.data, f"\r\n--{BOUNDARY}\r\n".encode()))
+    return b"".join((head.encode(), image.data, f"\r\n--{BOUNDARY}\r\n".encode()))
 
 
-def timestamp(picture: Encoded) -> str:
-    """The message's time in seconds, with six decimals, as web_video_server writes it."""
-    seconds, rest = divmod(picture.stamp_ns // 1000, 1_000_000)
+def timestamp(image: Encoded) -> str:
+    """Return the time of the message in seconds, with six decimals as in web_video_server."""
+    seconds, rest = divmod(image.stamp_ns // 1000, 1_000_000)
     return f"{seconds}.{rest:06d}"
 
 
 async def video_stream(join: Join, counts: Counts) -> AsyncGenerator[bytes, None]:
-    """A video that begins with the viewer's first picture, at its time 0."""
+    """Send a video that begins with the viewer's first image, at time 0."""
     viewer = join()
     try:
         container: Webm | Mp4 | None = None
         began = 0
-        while (picture := await viewer.next()) is not None:
+        while (image := await viewer.next()) is not None:
             opening = b""
             if container is None:
-                assert picture.track is not None  # Videos are made of nothing else.
-                container, began = _container(picture.track), picture.at_ms
+                assert image.track is not None  # Videos are made of nothing else.
+                container, began = _container(image.track), image.at_ms
                 opening = container.header()
-            part = opening + container.picture(picture.data, picture.at_ms - began, key=picture.key)
+            part = opening + container.frame(image.data, image.at_ms - began, key=image.key)
             counts.sent += 1
             counts.sent_bytes += len(part)
             yield part
@@ -104,7 +104,7 @@ video.onprogress = video.ontimeupdate = () => {
 
 
 def viewer_page(topic: str, query: str, *, video: bool) -> bytes:
-    """The page of `/stream_viewer`: it shows `/stream` with the same query."""
+    """Return the page of `/stream_viewer`, which shows `/stream` with the same query."""
     source = escape(f"stream?{query}")
     element = (
         _VIDEO.format(source=source, script=VIDEO_SCRIPT)
@@ -115,12 +115,12 @@ def viewer_page(topic: str, query: str, *, video: bool) -> bytes:
 
 
 def topic_list(topics: Iterable[str], infos: Sequence[str], query: str) -> str:
-    """The image topics with their links, those of one camera together, as HTML.
+    """Return the image topics with links as HTML, grouped by camera.
 
     Args:
         topics: image topics, sorted.
         infos: topics of camera infos.
-        query: of the page that this is shown on: its token goes with the links.
+        query: query of the enclosing page: its token is added to the links.
     """
     bases = [info.removesuffix("camera_info") for info in infos if info.endswith("/camera_info")]
     cameras: dict[str, list[str]] = {}

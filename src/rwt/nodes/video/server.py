@@ -1,4 +1,4 @@
-"""The node that serves pictures and video: its pages, and the encoders that viewers share."""
+"""Node that serves images and video: its pages, and the encoders that viewers share."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ from rwt_transports.http.routes import (
 )
 
 NAME: Final = "web_video_server"
-#: Seconds to wait for a topic that is not there yet, and for a snapshot's picture.
+#: Seconds to wait for a topic that is not there yet, and for a snapshot's image.
 PATIENCE: Final = 5.0
 _LOOK_EVERY: Final = 0.1
 
-#: As web_video_server has them: a picture of a moment ago must not come from a cache.
+#: As web_video_server has them: an image of a moment ago must not come from a cache.
 _NO_CACHE: Final[Mapping[str, str]] = MappingProxyType(
     {
         "Cache-Control": "no-cache, no-store, must-revalidate, pre-check=0, post-check=0, max-age=0",
@@ -59,18 +59,18 @@ _Page = Callable[[HttpRequest, StreamRequest, VisibleTopics], Awaitable[HttpResp
 
 
 class WebVideoServer:
-    """Serves the pictures of image topics over HTTP, with the paths and parameters of web_video_server.
+    """Node that serves image topics over HTTP, with the paths and parameters of web_video_server.
 
     Args:
-        graph: whose topics are shown.
-        most_viewers: viewers at a time; further ones are refused with status 503.
-        most_encoders: different streams at a time, likewise.
-        most_pixels: of one picture of each different video together, those of VP9 twice; an encoder keeps
-            up to fifty bytes for each.
-        now: seconds that never go back, by which a viewer is found to have stalled; real time.
+        graph: graph of the robot.
+        most_viewers: maximum number of viewers; others are rejected with status 503.
+        most_encoders: maximum number of different streams; others are rejected with status 503.
+        most_pixels: maximum sum of the pixels of all different videos, VP9 counted twice; an encoder uses up
+            to fifty bytes for each.
+        now: returns the seconds of a steady clock in real time, to detect stalled viewers.
 
     Attributes:
-        http: its pages, its list of image topics and its metrics, for :func:`rwt.serve`.
+        http: pages, list of image topics and metrics, for :func:`rwt.serve`.
     """
 
     def __init__(
@@ -97,37 +97,37 @@ class WebVideoServer:
         )
 
     def close(self) -> None:
-        """Let every viewer go and leave the graph."""
+        """End every stream, and leave the graph."""
         for broadcast in tuple(self._broadcasts.values()):
             broadcast.end()
         self._node.close()
 
     async def find(self, stream: StreamRequest, reader: Reader) -> StreamRequest:
-        """The request with the topic that it means, which its reader may see.
+        """Return the request with its topic resolved.
 
         Raises:
-            RequestRefused: there is no such topic, or it may not be shown.
+            RequestRefused: the topic does not exist, or the reader may not subscribe to it.
         """
         topics = VisibleTopics(self._node.graph, reader)
         topics.require(stream.topic)
         return await self._resolved(stream, topics)
 
     def watch(self, stream: StreamRequest, work: Work) -> Viewer:
-        """A viewer of what :meth:`find` has found; equal requests share an encoder. Ends with its `leave`.
+        """Add a viewer for a request from :meth:`find`, until its `leave`; equal requests share an encoder.
 
         Raises:
-            RequestRefused: there is no room.
+            RequestRefused: a limit is reached.
         """
         self.check_room(stream)
         return self._join(stream, work)
 
     def _section(self, request: HttpRequest, reader: Reader) -> str:
-        """The list of image topics, for the index page of the server, as HTML."""
+        """Return the list of image topics as HTML, for the index page."""
         topics = VisibleTopics(self._node.graph, reader)
         return topic_list(topics.of_types(RAW, COMPRESSED), topics.of_types(INFO), request.query)
 
     def _metrics(self) -> Iterator[MetricFamily]:
-        """What is counted, for `/metrics`."""
+        """Return the metric families for `/metrics`."""
         return self._stream_metrics.families(
             (request.topic, request.type, len(broadcast.viewers))
             for request, broadcast in self._broadcasts.items()
@@ -136,7 +136,7 @@ class WebVideoServer:
     # -- pages ---------------------------------------------------------------------------------------------
 
     async def _answer(self, page: _Page, request: HttpRequest, reader: Reader) -> HttpResponse:
-        """A page about a topic, for a reader who may see it."""
+        """Answer a page about a topic, for a reader that may subscribe to it."""
         try:
             stream = read_request(request.query)
             topics = VisibleTopics(self._node.graph, reader)
@@ -173,22 +173,22 @@ class WebVideoServer:
             raise RequestRefused(400, f"a snapshot is a picture: `type` mjpeg or png, not {stream.type}")
         stream = await self._resolved(stream, topics)
         self.check_room(stream)
-        picture = await self._one_picture(stream, topics.reader.work)
-        headers = {**_NO_CACHE, "X-Timestamp": timestamp(picture)}
+        image = await self._one_image(stream, topics.reader.work)
+        headers = {**_NO_CACHE, "X-Timestamp": timestamp(image)}
         counts = self._stream_metrics.of(stream.topic, stream.type)
         counts.sent += 1
-        counts.sent_bytes += len(picture.data)
-        return HttpResponse(picture.data, content_type=picture.media_type, headers=headers)
+        counts.sent_bytes += len(image.data)
+        return HttpResponse(image.data, content_type=image.media_type, headers=headers)
 
-    async def _one_picture(self, stream: StreamRequest, work: Work) -> Encoded:
-        viewer, picture = self._join(stream, work), None
+    async def _one_image(self, stream: StreamRequest, work: Work) -> Encoded:
+        viewer, image = self._join(stream, work), None
         try:
             with anyio.move_on_after(PATIENCE):
-                picture = await viewer.next()
+                image = await viewer.next()
         finally:
             viewer.leave()
-        if picture is not None:
-            return picture
+        if image is not None:
+            return image
         if viewer.failure is not None:
             raise RequestRefused(422, f"{stream.topic}: {viewer.failure}")
         raise RequestRefused(504, f"no picture came on {stream.topic} within {PATIENCE:g} s")
@@ -196,10 +196,10 @@ class WebVideoServer:
     # -- sharing -------------------------------------------------------------------------------------------
 
     async def _resolved(self, stream: StreamRequest, topics: VisibleTopics) -> StreamRequest:
-        """The request with the topic that it means, waiting a little for one that is not there yet.
+        """Return the request with its topic resolved, after a short wait for a missing topic.
 
         Raises:
-            RequestRefused: there is none, or it may not be shown.
+            RequestRefused: the topic does not exist, or the reader may not subscribe to it.
         """
         _check_codec(stream)
         until = anyio.current_time() + PATIENCE
@@ -210,10 +210,10 @@ class WebVideoServer:
         return resolved
 
     def check_room(self, stream: StreamRequest) -> None:
-        """Whether one more may look at `stream`.
+        """Check that there is room for one more viewer of `stream`.
 
         Raises:
-            RequestRefused: not now.
+            RequestRefused: a limit is reached.
         """
         viewers = [viewer for broadcast in self._broadcasts.values() for viewer in broadcast.viewers]
         if len(viewers) >= self._most_viewers:
@@ -235,10 +235,10 @@ class WebVideoServer:
             raise RequestRefused(503, f"{many} different streams are running already (limits.video_encoders)")
 
     def _check_pixels(self, stream: StreamRequest, pixels: int) -> None:
-        """Whether there is room for a video beside the others.
+        """Check that there is room for a video.
 
         Raises:
-            ImageUnreadable: there is not.
+            ImageUnreadable: the limit on pixels is reached.
         """
         others = (each for each in tuple(self._broadcasts.values()) if each.request != stream)
         taken = sum(broadcast.pixels for broadcast in others)
@@ -249,10 +249,10 @@ class WebVideoServer:
             )
 
     def _reserve(self, stream: StreamRequest, pixels: int) -> None:
-        """Count the pixels of a video that begins. Runs in the encoder's thread.
+        """Count the pixels of a new video. Runs in the thread of the encoder.
 
         Raises:
-            ImageUnreadable: they are too many.
+            ImageUnreadable: the limit on pixels is reached.
         """
         broadcast = self._broadcasts.get(stream)
         if broadcast is None:
@@ -266,7 +266,7 @@ class WebVideoServer:
             raise
 
     def _join(self, stream: StreamRequest, work: Work) -> Viewer:
-        """A viewer of what is asked for; the first one starts the encoder."""
+        """Add a viewer; the first one starts the encoder."""
         broadcast = self._broadcasts.get(stream)
         if broadcast is None:
             counts = self._stream_metrics.of(stream.topic, stream.type)
@@ -283,7 +283,7 @@ class WebVideoServer:
         return broadcast.join(work)
 
     def _join_while_allowed(self, stream: StreamRequest, reader: Reader) -> Viewer:
-        """A viewer that ends when its reader may not see the topic any more."""
+        """Add a viewer that ends when its reader may no longer subscribe to the topic."""
         viewer = self._join(stream, reader.work)
         try:
             viewer.when_ended = reader.while_allowed((stream.topic,), viewer.cut)
@@ -297,7 +297,7 @@ class WebVideoServer:
 
 
 def _counted(stream: StreamRequest, pixels: int) -> int:
-    """The pixels as which those of a video count: an encoder of VP9 keeps twice as much for each."""
+    """Return the pixels that a video counts as; twice for VP9, since its encoder uses twice the memory."""
     return 2 * pixels if stream.type == "vp9" else pixels
 
 
@@ -310,7 +310,7 @@ def _check_codec(stream: StreamRequest) -> None:
 
 
 def _make_encoder(stream: StreamRequest, reserve: Callable[[int], None]) -> Encoder:
-    """Make the encoder of a request. Runs in a worker thread, because it loads the libraries."""
+    """Create the encoder of a request. Runs in a worker thread, because it loads libraries."""
     if isinstance(stream.coding, Video):
         from rwt.media.encoders.video import VideoEncoder
 

@@ -1,4 +1,4 @@
-"""Which topics hold pictures, which of them a reader may see, and which one a request means."""
+"""Image topics: those that a reader may subscribe to, and the one that a request means."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ INFO: Final = "sensor_msgs/CameraInfo"
 
 
 class VisibleTopics:
-    """The topics of a graph that one reader may subscribe to.
+    """Topics of a graph that one reader may subscribe to.
 
-    The pages of this package know the graph's topics by this alone, so none of them can show a hidden one.
+    The pages of this package have no other access to the graph, so they cannot reveal a hidden topic.
 
     Attributes:
-        reader: who that is.
+        reader: reader of the page.
     """
 
     def __init__(self, graph: Graph, reader: Reader) -> None:
@@ -30,7 +30,7 @@ class VisibleTopics:
         self.reader = reader
 
     def of_types(self, *types: str) -> list[str]:
-        """The topics of these types, two-part names, sorted."""
+        """Return the topics of some types (two-part names), sorted."""
         return sorted(
             topic.name
             for topic in self._graph.topics()
@@ -38,27 +38,27 @@ class VisibleTopics:
         )
 
     def type_of(self, topic: str) -> str | None:
-        """A topic's type by its two-part name; None for one that is hidden, not there, or without a type."""
+        """Return the two-part type name of a topic; None if it is hidden, unknown or without a type."""
         info = self._graph.topic(topic) if self.reader.may_subscribe(topic) else None
         return info.type.name if info is not None and info.type is not None else None
 
     def require(self, topic: str) -> None:
-        """Refuse a request for a topic that the reader may not see, whether it is there or not.
+        """Check that the reader may subscribe to a topic, whether it exists or not.
 
         Raises:
-            RequestRefused: with status 403.
+            RequestRefused: the reader may not (403).
         """
         if not self.reader.may_subscribe(topic):
             raise RequestRefused(403, f"you may not subscribe to {topic}")
 
     def resolve(self, request: StreamRequest) -> StreamRequest | None:
-        """The request with the topic to listen to; None while there is none. Equal ones then are equal.
+        """Return the request with the topic to subscribe to; None if there is none yet.
 
-        As image_transport names them, a camera's compressed pictures are below its raw ones. They are taken
-        when they are asked for, and when there are no others (web_video_server shows nothing then).
+        Compressed images have a topic below the raw ones, as in image_transport. It is used on request, and
+        if there is no raw topic (where web_video_server shows nothing).
 
         Raises:
-            RequestRefused: 400 for a topic that holds no pictures.
+            RequestRefused: the topic has no images (400).
         """
         own = self.type_of(request.topic)
         below = "compressedDepth" if request.transport == "compressedDepth" else "compressed"
@@ -75,6 +75,6 @@ class VisibleTopics:
         return replace(request, transport="raw", prefers_compressed=passes_on)
 
     def not_found(self, topic: str) -> RequestRefused:
-        """That a topic is not there, and which are."""
+        """Return the error for a missing topic, with the topics that exist."""
         known = ", ".join(self.of_types(RAW, COMPRESSED)) or "none"
         return RequestRefused(404, f"there is no topic {topic}; image topics are: {known}")

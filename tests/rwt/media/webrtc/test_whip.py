@@ -18,7 +18,7 @@ from websockets.asyncio.client import connect
 
 from rwt import Server
 from rwt.access.settings import AuthSettings, RoleSettings, TokenSettings
-from rwt.media.webrtc.senders import TOPIC as SENDERS
+from rwt.media.webrtc.whip import SENDERS_TOPIC
 from rwt.settings.webrtc import WebRtcSettings
 from rwt_participant.qos import LATCHED
 from tests.rwt.media.webrtc.test_whep import _post
@@ -113,7 +113,7 @@ def _senders(server: Server) -> list[list[tuple[str, str, str, str]]]:
         told.append([(each.topic, each.kind, each.client, each.role) for each in message.senders])
         assert all(each.since.sec > 0 for each in message.senders)
 
-    server.node("looker").subscribe(SENDERS, take, "rwt_gate_msgs/MediaSenders", qos=LATCHED)
+    server.node("looker").subscribe(SENDERS_TOPIC, take, "rwt_gate_msgs/MediaSenders", qos=LATCHED)
     return told
 
 
@@ -152,7 +152,7 @@ async def test_nobody_else_says_who_sends() -> None:
                 server.urls[0], additional_headers={"Authorization": f"Bearer {token}"}
             ) as client:
                 await client.send('{"op": "set_level", "level": "error"}')
-                for name in (SENDERS, SENDERS[1:]):
+                for name in (SENDERS_TOPIC, SENDERS_TOPIC[1:]):
                     for op in ("advertise", "publish"):
                         message: dict[str, Any] = {
                             "op": op,
@@ -162,10 +162,10 @@ async def test_nobody_else_says_who_sends() -> None:
                         }
                         await client.send(json.dumps(message))
                         answer = json.loads(await asyncio.wait_for(client.recv(), 20))
-                        assert f"{SENDERS} is published by the server alone" in answer["msg"]
+                        assert f"{SENDERS_TOPIC} is published by the server alone" in answer["msg"]
             async with sender() as camera:
-                status, why = await camera.offer(_url(server, f"topic={SENDERS}&token={token}"))
-                assert (status, why) == (403, f"{SENDERS} is published by the server alone\n")
+                status, why = await camera.offer(_url(server, f"topic={SENDERS_TOPIC}&token={token}"))
+                assert (status, why) == (403, f"{SENDERS_TOPIC} is published by the server alone\n")
         assert told == [[]]
 
 

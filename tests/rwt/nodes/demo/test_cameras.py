@@ -18,7 +18,7 @@ from rwt.nodes.demo.world.lens import Lens
 from rwt.nodes.demo.world.map import Box, Pillar, World, house, walled
 from rwt.nodes.demo.world.pose import Pose
 from rwt.nodes.demo.world.view import FARTHEST, View
-from rwt.nodes.depth_cloud.depth_image import decode_picture
+from rwt.nodes.depth_cloud.depth_image import decode_image
 from rwt.nodes.depth_cloud.depths import square
 from rwt.nodes.depth_cloud.point_cloud import read_points
 
@@ -174,7 +174,7 @@ async def test_a_depth_cloud_and_a_thin_cloud_of_the_same_room(lab: Any) -> None
     assert 500 < thin.size < 120 * 160
     picture = await _first(lab, "/depthcloud_encoded")
     assert (picture.width, picture.height) == (512, 512)
-    found = decode_picture(np.frombuffer(picture.data, np.uint8).reshape(512, 512, 3), 3.0)
+    found = decode_image(np.frombuffer(picture.data, np.uint8).reshape(512, 512, 3), 3.0)
     depth = np.frombuffer((await _first(lab, "/camera/depth/image_raw")).data, "<u2").reshape(480, 640)
     middle = square(depth * np.float32(0.001), 480, 256)
     assert np.array_equal(found.valid, (middle > 0) & (middle < 5.97))

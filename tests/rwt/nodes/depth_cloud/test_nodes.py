@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from rwt.nodes.depth_cloud import CloudDecimator, DepthCloudEncoder
-from rwt.nodes.depth_cloud.depth_image import decode_picture
+from rwt.nodes.depth_cloud.depth_image import decode_image
 from rwt.nodes.depth_cloud.encoder import CROP_SIZE
 from rwt.nodes.depth_cloud.latest_only import LatestOnly
 from rwt_participant.errors import ParameterRejected
@@ -48,7 +48,7 @@ def _seen(message: Any, tile: float = 1.0) -> tuple[Any, Any]:
     """The middle of a picture: metres, and red."""
     edge = message.height
     picture = np.frombuffer(message.data, np.uint8).reshape(edge, edge, 3)
-    found = decode_picture(picture, tile)
+    found = decode_image(picture, tile)
     middle = edge // 4
     return float(found.depths[middle, middle]), int(found.colours[middle, middle, 0])
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from rwt.nodes.depth_cloud.depth_image import LEVELS, decode_picture, encode_picture
+from rwt.nodes.depth_cloud.depth_image import LEVELS, decode_image, encode_image
 from rwt.nodes.depth_cloud.depths import read_depths, square
 from rwt.nodes.depth_cloud.errors import DepthsUnreadable, ImageShape
 from tests.rwt.nodes.video.conftest import image, payload
@@ -43,7 +43,7 @@ def _shader(picture: Any, column: int, row: int) -> tuple[float, float, tuple[fl
 @pytest.mark.parametrize("tile", [0.5, 1.0, 3.0])
 def test_every_depth_is_read_again_within_half_a_step(tile: float) -> None:
     depths = np.linspace(1e-4, 1.99 * tile, 200 * 200, dtype=np.float32).reshape(200, 200)
-    found = decode_picture(encode_picture(depths, _colours(200), tile), tile)
+    found = decode_image(encode_image(depths, _colours(200), tile), tile)
     assert found.valid.all()
     assert np.abs(found.depths - depths).max() <= 0.501 * tile / LEVELS
 
@@ -53,8 +53,8 @@ def test_the_shader_reads_what_the_decoder_reads() -> None:
     depths = np.linspace(0.01, 1.99 * tile, size * size, dtype=np.float32).reshape(size, size)
     depths[3:6, 10:30] = 0
     colours = _colours(size)
-    picture = encode_picture(depths, colours, tile)
-    found = decode_picture(picture, tile)
+    picture = encode_image(depths, colours, tile)
+    found = decode_image(picture, tile)
     assert np.array_equal(found.colours, colours)
     for row in range(size):
         for column in range(size):
@@ -67,7 +67,7 @@ def test_the_shader_reads_what_the_decoder_reads() -> None:
 def test_the_tiles_are_where_they_belong_and_grey() -> None:
     depths = np.array([[0.5, 1.5], [0.0, 0.25]], np.float32)
     colours = np.arange(12, dtype=np.uint8).reshape(2, 2, 3)
-    picture = encode_picture(depths, colours, 1.0)
+    picture = encode_image(depths, colours, 1.0)
     near, far, mask, colour = picture[:2, :2], picture[:2, 2:], picture[2:, :2], picture[2:, 2:]
     assert near.astype(int).sum(axis=2).tolist() == [[382, 765], [191, 191]]
     assert far.astype(int).sum(axis=2).tolist() == [[0, 390], [0, 0]]
@@ -80,7 +80,7 @@ def test_the_tiles_are_where_they_belong_and_grey() -> None:
 def test_what_is_no_depth_is_masked(unknown: float) -> None:
     depths = np.full((6, 6), 0.5, np.float32)
     depths[2:4, 1:4] = unknown
-    found = decode_picture(encode_picture(depths, _colours(6)))
+    found = decode_image(encode_image(depths, _colours(6)))
     expected = np.ones((6, 6), bool)
     expected[2:4, 1:4] = False
     assert np.array_equal(found.valid, expected)
@@ -88,14 +88,14 @@ def test_what_is_no_depth_is_masked(unknown: float) -> None:
 
 
 def test_an_image_without_any_depth_is_all_masked() -> None:
-    found = decode_picture(encode_picture(np.zeros((4, 4), np.float32), _colours(4)))
+    found = decode_image(encode_image(np.zeros((4, 4), np.float32), _colours(4)))
     assert not found.valid.any()
 
 
 @given(arrays(np.float32, (5, 5), elements=st.floats(width=32)), st.floats(0.01, 1000), st.integers(0, 255))
 def test_any_depths_at_all(depths: Any, tile: float, colour: int) -> None:
     colours = np.full((5, 5, 3), colour, np.uint8)
-    found = decode_picture(encode_picture(depths, colours, tile), tile)
+    found = decode_image(encode_image(depths, colours, tile), tile)
     share = depths.astype(float) / tile
     inside, outside = (share > 1e-6) & (share < 1.989), ~((share > 0) & (share < 1.991))
     assert found.valid[inside].all()
@@ -105,11 +105,11 @@ def test_any_depths_at_all(depths: Any, tile: float, colour: int) -> None:
 
 def test_shapes_that_do_not_fit_are_refused() -> None:
     with pytest.raises(ImageShape, match=r"got \(4, 5\) and \(4, 4, 3\)"):
-        encode_picture(np.zeros((4, 5), np.float32), _colours(4))
+        encode_image(np.zeros((4, 5), np.float32), _colours(4))
     with pytest.raises(ImageShape, match=r"2N x 2N x 3, got \(3, 3, 3\)"):
-        decode_picture(_colours(3))
+        decode_image(_colours(3))
     with pytest.raises(ImageShape, match="got"):
-        decode_picture(_colours(4)[:, :2])
+        decode_image(_colours(4)[:, :2])
 
 
 # -- the images that it is made of -------------------------------------------------------------------------

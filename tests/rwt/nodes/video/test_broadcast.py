@@ -15,7 +15,7 @@ import pytest
 from rwt.media.broadcast import Broadcast, EncoderThreads, Viewer
 from rwt.media.encoders.encoded import Encoded, Track
 from rwt.media.errors import ImageUnreadable
-from rwt.media.stream_metrics import MOST_STREAMS, Counts, StreamMetrics
+from rwt.media.stream_metrics import MAX_STREAMS, Counts, StreamMetrics
 from rwt.media.stream_request import read_request
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from tests.rwt.nodes.readers import CountedWork
@@ -286,7 +286,7 @@ async def test_a_picture_that_the_codec_leaves_out_is_missed_by_nobody(video: St
 
 def test_counts_are_kept_apart_up_to_a_bound() -> None:
     metrics = StreamMetrics()
-    for number in range(MOST_STREAMS + 10):
+    for number in range(MAX_STREAMS + 10):
         metrics.of(f"/t{number}", "mjpeg").encoded += 1
     assert metrics.of("/t3", "mjpeg").encoded == 1
     encoded = next(
@@ -295,7 +295,7 @@ def test_counts_are_kept_apart_up_to_a_bound() -> None:
     values = {labels["topic"]: value for labels, value in encoded[3]}
     assert values["/t3"] == 1
     assert values[""] == 10
-    assert len(values) == MOST_STREAMS + 1
+    assert len(values) == MAX_STREAMS + 1
 
 
 async def test_viewers_share_the_work_of_the_encoder(stills: Studio) -> None:

@@ -41,8 +41,8 @@ def test_what_does_not_matter_to_a_type_does_not_part_its_viewers() -> None:
     "query", ["topic=/a&quality=80", "topic=/a&invert=", "topic=/a&width=3", "topic=/a&type=png"]
 )
 def test_what_changes_a_picture(query: str) -> None:
-    assert read_request(query).changes_pictures
-    assert not read_request("topic=/a&width=-1").changes_pictures
+    assert read_request(query).changes_images
+    assert not read_request("topic=/a&width=-1").changes_images
 
 
 @pytest.mark.parametrize(

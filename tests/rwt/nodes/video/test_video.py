@@ -40,7 +40,7 @@ def _video(
 def _written(video: list[Encoded]) -> bytes:
     assert video[0].track is not None
     container, began = _container(video[0].track), video[0].at_ms
-    parts = [container.picture(each.data, each.at_ms - began, key=each.key) for each in video]
+    parts = [container.frame(each.data, each.at_ms - began, key=each.key) for each in video]
     return container.header() + b"".join(parts)
 
 
@@ -128,11 +128,11 @@ def test_webm_byte_by_byte() -> None:
     assert bytes.fromhex("18538067 01ffffffffffffff") in header
     assert bytes.fromhex("b010000002 0280 ba10000002 01e0") in header
     # A cluster of unknown size at 5 ms, and in it a block of track 1 that can be shown by itself.
-    key = webm.picture(b"abc", 5, key=True)
+    key = webm.frame(b"abc", 5, key=True)
     assert key == bytes.fromhex("1f43b675 01ffffffffffffff e710000001 05 a310000007 81 0000 80") + b"abc"
-    assert webm.picture(b"d", 45, key=False) == bytes.fromhex("a310000005 81 0028 00") + b"d"
+    assert webm.frame(b"d", 45, key=False) == bytes.fromhex("a310000005 81 0028 00") + b"d"
     # 16 bits of milliseconds end: another cluster.
-    assert webm.picture(b"d", 40_000, key=False).startswith(bytes.fromhex("1f43b675"))
+    assert webm.frame(b"d", 40_000, key=False).startswith(bytes.fromhex("1f43b675"))
 
 
 def test_an_mp4_fragment_byte_by_byte() -> None:
@@ -141,7 +141,7 @@ def test_an_mp4_fragment_byte_by_byte() -> None:
     header = mp4.header()
     assert header[4:8] == b"ftyp"
     assert b"avcC\x01\x42\xc0\x0a\xff\xe1\x00\x05" + sps + b"\x01\x00\x02\x68\xce" in header
-    fragment = mp4.picture(b"\0\0\1\x65\x01\x02", 7, key=True)
+    fragment = mp4.frame(b"\0\0\1\x65\x01\x02", 7, key=True)
     expected = (
         "00000064 6d6f6f66"
         " 00000010 6d666864 00000000 00000001"

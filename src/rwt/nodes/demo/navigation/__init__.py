@@ -1,1 +1,1 @@
-"""How the demo robot finds and follows its way."""
+"""Navigation of the demo robot: path planning and following."""

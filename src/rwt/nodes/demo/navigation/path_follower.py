@@ -51,7 +51,7 @@ class PathFollower:
         return pose.distance_to(*self._points[self._reached])
 
     def arrived(self, pose: Pose) -> bool:
-        """Whether position and heading are within the tolerances."""
+        """Return True if position and heading are within the tolerances."""
         return (
             pose.distance_to(self.goal.x, self.goal.y) <= self.position_tolerance
             and abs(wrap_angle(self.goal.heading - pose.heading)) <= self.heading_tolerance

@@ -21,7 +21,7 @@ _STEPS = tuple((dx, dy, math.hypot(dx, dy)) for dx in (-1, 0, 1) for dy in (-1, 
 
 
 class NoPath(Exception):
-    """There is no way to the goal; the text says why."""
+    """No path to the goal exists; the text gives the reason."""
 
 
 class Planner:
@@ -130,7 +130,7 @@ class Planner:
         return corners
 
     def _sees(self, here: Point, there: Point) -> bool:
-        """Whether the straight line is nowhere closer to a wall than a way may go."""
+        """Return True if a straight line keeps the minimum distance to walls."""
         pieces = max(1, math.ceil(math.dist(here, there) / (_CELL / 2)))
         for i in range(1, pieces):
             part = i / pieces

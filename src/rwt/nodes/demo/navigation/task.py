@@ -57,7 +57,7 @@ class MoveBaseRequest(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class _Interface:
-    """How one action spells a navigation task.
+    """Spelling of a navigation task in one action.
 
     Attributes:
         target: where a goal leads.
@@ -122,7 +122,7 @@ class Navigation:
 
     @property
     def active(self) -> bool:
-        """Whether a goal is being driven to."""
+        """True while the robot drives to a goal."""
         return self._task is not None
 
     def steer(self, overridden: bool) -> Velocity:

@@ -20,9 +20,9 @@ from rwt_participant.qos import SENSOR_DATA
 if TYPE_CHECKING:
     from rwt.nodes.demo.world.view import View
 
-#: The cloud has every second row and column of every third picture: whole, it would be 147 MB/s.
+#: The cloud has every second row and column of every third image: whole, it would be 147 MB/s.
 _POINTS_SKIP, _POINTS_EVERY = 2, 3
-#: Of the compressed pictures, as image_transport has it.
+#: Of the compressed images, as image_transport has it.
 _JPEG_QUALITY = 80
 
 
@@ -30,7 +30,7 @@ class CameraPublisher:
     """Publishes `/camera/image_raw`, its compressed form, `/camera/depth/image_raw` and
     `/camera/depth/points`, each only while it has subscribers, and their camera infos.
 
-    Pictures are drawn in a worker thread, from arrays: numpy is loaded with the first subscriber.
+    Images are drawn in a worker thread, from arrays: numpy is loaded with the first subscriber.
     """
 
     def __init__(self, node: Node, drive: DifferentialDrive, world: World, mount: Mount, lens: Lens) -> None:
@@ -56,7 +56,7 @@ class CameraPublisher:
         self._points = node.advertise("camera/depth/points", "sensor_msgs/PointCloud2", qos=SENSOR_DATA)
 
     def set_rate(self, rate: float) -> None:
-        """Publish `rate` pictures a second from now on."""
+        """Publish `rate` images a second from now on."""
         self._period = 1 / rate
         if self._timer is not None:
             self._timer.cancel()
@@ -78,7 +78,7 @@ class CameraPublisher:
         return self._colours, self._jpegs, self._depths, self._points
 
     async def _shoot(self) -> None:
-        """Publish one picture of every kind that is wanted, all of the same moment."""
+        """Publish one image of every kind that is wanted, all of the same moment."""
         header = messages.header(self._node.clock.time_ns(), self._frame)
         self._shots += 1
         for infos in (self._infos, self._depth_infos):

@@ -15,8 +15,8 @@ class Lens:
     """A pinhole camera without distortion.
 
     Attributes:
-        width: columns of the picture.
-        height: rows of the picture.
+        width: columns of the image.
+        height: rows of the image.
         field_of_view: from the left edge to the right one, radians.
     """
 

@@ -1,4 +1,4 @@
-"""What a camera on the robot sees of the world: colours and depths by casting one ray for each column.
+"""View of a camera on the robot: colours and depths, by casting one ray per column.
 
 Everything solid reaches from the floor to the ceiling, so one ray tells a whole column: how far the wall is,
 where its floor and ceiling lines are, and which strip of its texture is seen. That draws 640x480 in a few
@@ -50,7 +50,7 @@ _STEP: Final = 4 * len(_FIELDS)
 
 @dataclass(frozen=True, slots=True)
 class RayHits:
-    """The nearest solid thing in each column of a picture.
+    """The nearest solid thing in each column of an image.
 
     Attributes:
         pose: of the camera.
@@ -86,7 +86,7 @@ class View:
         self._tiles, self._ceiling = self._level_surfaces()
 
     def cast_rays(self, pose: Pose) -> RayHits:
-        """Cast a ray for each column of the picture from a camera at `pose`."""
+        """Cast a ray for each column of the image from a camera at `pose`."""
         cos, sin = math.cos(pose.heading), math.sin(pose.heading)
         dx = (cos - self._slopes * sin).astype(np.float32)
         dy = (sin + self._slopes * cos).astype(np.float32)
@@ -98,16 +98,16 @@ class View:
         return RayHits(pose, depth, ((colour % len(_COLOURS) * _SHADES + shade) * _ALONG + strip) * _UP)
 
     def colours(self, hits: RayHits) -> NDArray[np.uint8]:
-        """The picture, rows x columns x red, green, blue."""
+        """The image, rows x columns x red, green, blue."""
         above = np.multiply.outer(self._rises, hits.depth)
         above += np.float32(self._height)
         above *= np.float32(_UP / CEILING)
         texel = above.astype(np.int32)
         outside = (above < 0) | (texel >= _UP)
         texel += hits.texel
-        picture = self._atlas.take(texel, mode="clip")
-        np.copyto(picture, self._surroundings(hits), where=outside)
-        return np.ascontiguousarray(picture.view(np.uint8).reshape(*picture.shape, 4)[:, :, :3])
+        image = self._atlas.take(texel, mode="clip")
+        np.copyto(image, self._surroundings(hits), where=outside)
+        return np.ascontiguousarray(image.view(np.uint8).reshape(*image.shape, 4)[:, :, :3])
 
     def depths(self, hits: RayHits) -> NDArray[np.uint16]:
         """Millimetres along the viewing axis, rows x columns; 0 where nothing is measured (REP 118)."""
@@ -122,11 +122,11 @@ class View:
         return np.stack(tiles), _packed(light[:, None] * np.array((215, 220, 225)))
 
     def _surroundings(self, hits: RayHits) -> NDArray[np.uint32]:
-        """The picture without anything solid: the ceiling, and a floor of tiles that stay where they are."""
+        """The image without anything solid: the ceiling, and a floor of tiles that stay where they are."""
         rows, columns = len(self._rises), len(self._slopes)
-        picture = np.empty((rows, columns), np.uint32)
+        image = np.empty((rows, columns), np.uint32)
         horizon = int(np.count_nonzero(self._rises >= 0))
-        picture[:horizon] = self._ceiling[:horizon, None]
+        image[:horizon] = self._ceiling[:horizon, None]
         pose, reach = hits.pose, self._planes[horizon:]
         cos, sin = math.cos(pose.heading), math.sin(pose.heading)
         # + 1000: truncation is then rounding down, whichever side of the origin a tile is on.
@@ -136,8 +136,8 @@ class View:
         y += np.float32(pose.y / _TILE + 1000)
         odd = ((x.astype(np.int32) + y.astype(np.int32)) & 1).astype(bool)
         below = self._tiles[:, horizon:, None]
-        picture[horizon:] = np.where(odd, below[0], below[1])
-        return picture
+        image[horizon:] = np.where(odd, below[0], below[1])
+        return image
 
 
 class _Sides:
@@ -222,7 +222,7 @@ def _packed(colours: NDArray[np.float64]) -> NDArray[np.uint32]:
 def point_cloud(
     header: Message, depths: NDArray[np.uint16], colours: NDArray[np.uint8], lens: Lens, skip: int
 ) -> Message:
-    """`sensor_msgs/PointCloud2`, organised as the picture; NaN where no depth was measured.
+    """`sensor_msgs/PointCloud2`, organised as the image; NaN where no depth was measured.
 
     Points are in the optical frame: x to the right, y down, z forwards, metres. `rgb` is the bytes blue,
     green, red and 0 taken as a float, as PCL has it.

@@ -1,0 +1,110 @@
+"""State that a gate shares with its topics: graph access, audit, approvals and the emergency stop."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from rwt.access.errors import GateRefused
+from rwt.access.gate.approvals import Approvals
+from rwt.access.gate.audit_file import AuditFile
+from rwt.access.gate.record import Recorder
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rwt.access.audit import Audit
+    from rwt.access.gate.record import Actor
+    from rwt.access.gate.rules import Rule
+    from rwt.access.settings.gate import GateSettings
+    from rwt_graph.api import Graph
+    from rwt_interfaces.payload import Payload
+
+GATE_NODE: Final = "/gate"
+"""Node as which the gate publishes stop messages and its own state."""
+
+
+class GateState:
+    """State that a gate shares with its topics.
+
+    The emergency stop is released or pressed: ``stopped_by`` names who pressed it, and is empty while it is
+    released. In mode ``observe`` a press publishes the stop messages, and is released at once.
+
+    Attributes by purpose:
+
+    * Environment: ``settings``, ``is_observing``, ``clock``, ``participant``, ``recorder``.
+    * Emergency stop: ``stopped_by``, and of its last change ``last_by``, ``stopped_reason``, ``stopped_ns``.
+    * Human approval: ``approvals``.
+    * Listeners, set by the gate's node: ``on_leases``, ``on_stop``, ``on_approvals``.
+
+    Attributes:
+        settings: settings of the gate.
+        is_observing: True if the gate only records what it would reject.
+        clock: clock of the graph.
+        participant: the gate's node in the graph.
+        recorder: record of what happens.
+        approvals: requests for approval.
+        stopped_by: client or program that pressed the emergency stop; empty while it is released.
+        stopped_reason: reason for the last press or release, in the words of the client.
+        stopped_ns: ROS time of the last press or release.
+        last_by: client or program that pressed or released the stop last.
+        on_leases, on_stop, on_approvals: called after a change.
+
+    Args:
+        graph: graph of the robot.
+        settings: settings of the gate.
+        audit: log of the server.
+
+    Raises:
+        OSError: the audit file cannot be opened.
+    """
+
+    def __init__(self, graph: Graph, settings: GateSettings, audit: Audit) -> None:
+        self.settings = settings
+        self.is_observing = settings.mode == "observe"
+        self.clock = graph.clock
+        self._file = AuditFile(settings.audit) if settings.audit.file is not None else None
+        self.recorder = Recorder(self._file, audit, graph.clock)
+        self.participant = graph.participant(GATE_NODE)
+        self.approvals = Approvals(graph.clock, self.recorder, self._approvals_changed)
+        self.stopped_by = ""
+        self.stopped_reason = ""
+        self.stopped_ns = graph.clock.time_ns()
+        self.last_by = ""
+        self.on_leases: Callable[[], None] | None = None
+        self.on_stop: Callable[[], None] | None = None
+        self.on_approvals: Callable[[], None] | None = None
+
+    def require_released(self, rule: Rule) -> None:
+        """Check that the emergency stop does not forbid what a rule is for.
+
+        Raises:
+            GateRefused: it is pressed, and the rule names it.
+        """
+        if self.stopped_by and rule.settings.emergency:
+            raise GateRefused(
+                f"the emergency stop is on: stopped by {self.stopped_by}", f"{rule.key}.emergency"
+            )
+
+    def require_approval(self, topic: str, rule: Rule, client: Actor, payload: Payload) -> None:
+        """Use up the approval for a message, or request one.
+
+        Raises:
+            GateRefused: the message is not approved yet.
+        """
+        if self.approvals.take(client, "publish", topic, rule):
+            return
+        text = f"publishing on {topic} needs a person's yes"
+        if not self.is_observing:
+            request = self.approvals.find(client, "publish", topic, rule)
+            request = request or self.approvals.ask(client, "publish", topic, rule, payload)
+            text += f", which was asked for under id {request.id}: send it again when it is there"
+        raise GateRefused(text, f"{rule.key}.approval")
+
+    def leases_changed(self) -> None:
+        """Report that a lease has another holder."""
+        if self.on_leases is not None:
+            self.on_leases()
+
+    def _approvals_changed(self) -> None:
+        if self.on_approvals is not None:
+            self.on_approvals()
