@@ -118,12 +118,14 @@ class Burst:
     it is large.
 
     Attributes:
+        frames: its frames; read-only.
+        is_sealed: True if it takes no more frames.
         size: bytes of its frames.
         members: the queues that hold it; they are told what was added once it is sealed.
     """
 
     __slots__ = (
-        "_apart", "_apart_by", "_filled", "_first", "_framed", "_frames", "_framing", "_others", "_sealed",
+        "_apart", "_apart_by", "_filled", "_first", "_framed", "_framing", "_others", "frames", "is_sealed",
         "members", "size",
     )  # fmt: skip
 
@@ -131,10 +133,10 @@ class Burst:
     """Bytes after which a burst takes no more: what a queue may hold that it does not count yet."""
 
     def __init__(self, frame: Frame) -> None:
-        self._frames = [frame]
+        self.frames = [frame]
         self._first = self.size = frame.size
         self.members: list[BurstMember] = []
-        self._sealed = False
+        self.is_sealed = False
         self._framing: object = None
         self._framed = b""
         self._others: dict[object, bytes] | None = None
@@ -142,26 +144,22 @@ class Burst:
         self._apart: Sequence[bytes] = ()
         self._apart_by: object = None
 
-    def __len__(self) -> int:
-        """How many frames it has."""
-        return len(self._frames)
-
     def add(self, frame: Frame) -> bool:
         """Take one more frame; False, and nothing is taken, when it is sealed or would be too large."""
         size = self.size + frame.size
-        if self._sealed or size > Burst.LARGE:
+        if self.is_sealed or size > Burst.LARGE:
             return False
-        self._frames.append(frame)
+        self.frames.append(frame)
         self.size = size
         return True
 
     def seal(self) -> None:
         """Take no more."""
-        if self._sealed:
+        if self.is_sealed:
             return
-        self._sealed = True
+        self.is_sealed = True
         members, self.members = self.members, []
-        added = len(self._frames) - 1
+        added = len(self.frames) - 1
         if added:
             size = self.size - self._first
             for member in members:
@@ -208,7 +206,8 @@ class Burst:
         joined: Callable[[Sequence[Frame]], bytes] | None,
         apart: Callable[[Sequence[Frame]], Sequence[bytes]] | None,
     ) -> bytes:
-        return self._joined(self._frames, framing, joined)
+        frames = self.frames
+        return frames[0].framed(framing) if len(frames) == 1 else _joined(frames, framing, joined)
 
     def join_filled(
         self,
@@ -219,23 +218,21 @@ class Burst:
     ) -> bytes:
         """As :meth:`framed`, with a receiver's own bytes in the gaps."""
         if apart is None:
-            return self._joined([frame.filled(own) for frame in self._frames], framing, joined)
+            return _joined([frame.filled(own) for frame in self.frames], framing, joined)
         if self._apart_by is not apart:
-            self._apart = apart(self._frames)
+            self._apart = apart(self.frames)
             self._apart_by = apart
         return own.join(self._apart)
 
-    @staticmethod
-    def _joined(
-        frames: Sequence[Frame],
-        framing: Callable[[Frame], bytes],
-        joined: Callable[[Sequence[Frame]], bytes] | None,
-    ) -> bytes:
-        if len(frames) == 1:
-            return frames[0].framed(framing)
-        if joined is not None:
-            return joined(frames)
-        return b"".join([frame.framed(framing) for frame in frames])
+
+def _joined(
+    frames: Sequence[Frame],
+    framing: Callable[[Frame], bytes],
+    joined: Callable[[Sequence[Frame]], bytes] | None,
+) -> bytes:
+    if joined is not None:
+        return joined(frames)
+    return b"".join([frame.framed(framing) for frame in frames])
 
 
 class FilledBurst(Burst):
@@ -250,9 +247,6 @@ class FilledBurst(Burst):
         self._framing: object = None
         self._framed = b""
         self._others: dict[object, bytes] | None = None
-
-    def __len__(self) -> int:
-        return len(self._all)
 
     @property
     def size(self) -> int:  # type: ignore[override]  # a burst's own is counted, this one is looked up

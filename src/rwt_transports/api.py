@@ -239,8 +239,9 @@ class DriverCallbacks(Protocol):
 class Gathering(Protocol):
     """Callbacks that can give several pieces for one call of the system, and take back what it left."""
 
-    def take_pieces(self) -> Sequence[Buffer]:
-        """The next pieces to write, empty when there are none for now."""
+    def take_pieces(self) -> tuple[Sequence[Buffer], bool]:
+        """Return the next pieces to write, and True if the driver must come again once they are written.
+        There are no pieces if nothing is queued."""
 
     def put_back(self, pieces: Sequence[Buffer]) -> None:
         """The network has not taken these, the last of the pieces that were taken: they go first next."""

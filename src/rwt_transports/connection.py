@@ -217,6 +217,7 @@ class Connection:
         "_step_wise",
         "_wire",
         "address",
+        "get_buffer",
         "outbox",
         "put_back",
         "take",
@@ -240,8 +241,10 @@ class Connection:
         self._holding = wire if isinstance(wire, Holding) else None
         self._step_wise = wire if isinstance(wire, StepWise) else None
         self.outbox = _ConnectionSink(self, self._wire.framing, limits, link.wake)
+        # The driver calls the wire and the outbox directly here, since it does so for every message.
+        self.get_buffer: Callable[[], memoryview | None] = self._wire.get_buffer
         self.take: Callable[[], Buffer | None] = self.outbox.take
-        self.take_pieces: Callable[[], Sequence[Buffer]] = self.outbox.take_pieces
+        self.take_pieces: Callable[[], tuple[Sequence[Buffer], bool]] = self.outbox.take_pieces
         self.put_back: Callable[[Sequence[Buffer]], None] = self.outbox.put_back
         self._endpoint: Endpoint | None = None
         self._closed_with: tuple[int, str] | None = None
@@ -282,12 +285,8 @@ class Connection:
         except Exception:
             self._broken_inside()
 
-    def get_buffer(self) -> memoryview | None:
-        """Where the next bytes may be received directly."""
-        return self._wire.get_buffer()
-
     def buffer_updated(self, count: int) -> None:
-        """`count` bytes were received into the buffer that :meth:`get_buffer` gave."""
+        """`count` bytes were received into the buffer that `get_buffer` gave."""
         self._alive = True
         self.outbox.received += count
         try:
@@ -316,6 +315,7 @@ class Connection:
         self._end_endpoint(ABNORMAL, "the connection was lost")
         # What it refers to refers to it, and would stay until a full collection of garbage.
         self._wire, self._holding, self._step_wise = _NO_WIRE, None, None
+        self.get_buffer = _NO_WIRE.get_buffer
 
     # -- the endpoint's side -------------------------------------------------------------------------------
 

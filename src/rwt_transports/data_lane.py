@@ -60,26 +60,23 @@ class DataLane:
     """Every queue of one connection.
 
     Attributes:
+        schedule: heap of the queues that wait, by tag; empty if nothing waits.
         size: bytes that wait.
         messages: whole messages that wait.
         dropped: messages dropped so far, by reason.
     """
 
-    __slots__ = ("_entered", "_last", "_limits", "_position", "_turns", "dropped", "messages", "size")
+    __slots__ = ("_entered", "_last", "_limits", "_position", "dropped", "messages", "schedule", "size")
 
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
-        self._turns: list[tuple[int, int, Queue]] = []
+        self.schedule: list[tuple[int, int, Queue]] = []
         self._entered = 0  # breaks ties between equal tags: first come, first served
         self._position = 0
         self._last = 0
         self.size = 0
         self.messages = 0
         self.dropped: dict[DropReason, int] = {}
-
-    def __bool__(self) -> bool:
-        """Whether anything waits."""
-        return bool(self._turns)
 
     def add(self, queue: Queue, pieces: Sequence[Frame], expires_ns: int) -> None:
         """Let one message wait, and drop what that is too much for."""
@@ -112,8 +109,8 @@ class DataLane:
 
     def next(self) -> Frame | None:
         """Take the frame whose turn it is; None if nothing waits, or nothing that has not expired."""
-        while self._turns:
-            _, _, queue = heappop(self._turns)
+        while self.schedule:
+            _, _, queue = heappop(self.schedule)
             queue.scheduled = False
             self._drop_expired(queue)
             if not queue.begun and not queue.waiting:
@@ -126,19 +123,24 @@ class DataLane:
             self._last = max(self._last, queue.finish)
             if queue.begun or queue.waiting:
                 self._schedule(queue)
+            self._forgive()
             return frame
-        # Nothing waits: no topic owes anything from the time before.
-        self._position = self._last
+        self._forgive()
         return None
+
+    def _forgive(self) -> None:
+        """Start afresh if nothing waits: no topic owes anything from the time before."""
+        if not self.schedule:
+            self._position = self._last
 
     def clear(self) -> None:
         """Drop everything that waits, without a report."""
-        for _, _, queue in self._turns:
+        for _, _, queue in self.schedule:
             queue.waiting.clear()
             queue.begun.clear()
             queue.size = 0
             queue.scheduled = False
-        self._turns.clear()
+        self.schedule.clear()
         self.size = 0
         self.messages = 0
 
@@ -147,7 +149,7 @@ class DataLane:
             queue.scheduled = True
             self._entered += 1
             tag = max(self._position, queue.finish) + queue.next_size()
-            heappush(self._turns, (tag, self._entered, queue))
+            heappush(self.schedule, (tag, self._entered, queue))
 
     def _begin(self, queue: Queue) -> Frame:
         first, further, _ = queue.waiting.popleft()
@@ -171,7 +173,7 @@ class DataLane:
     def _largest_queue(self) -> Queue | None:
         """The queue that holds most bytes among those that have more than their newest message; one that
         keeps all only where there is no other."""
-        rich = [queue for _, _, queue in self._turns if len(queue.waiting) > 1]
+        rich = [queue for _, _, queue in self.schedule if len(queue.waiting) > 1]
         return max(rich, key=lambda queue: (not queue.rules.keep_all, queue.size), default=None)
 
     def leave_out(self, queue: Queue, reason: DropReason) -> None:

@@ -340,22 +340,23 @@ class Outbox:
                 if not ready:
                     self._empty()
                     return None
-            if self._large:
-                data = self._take_mixed(self._settle_bursts(), SLICE_BYTES)
-            else:
-                if len(ready) == 1:
-                    piece, framing = ready[0], self._framing
-                    data = (
-                        piece.framed(self.whole, framing.joined, framing.apart)
-                        if isinstance(piece, Burst)
-                        else piece
-                    )
-                else:
-                    data = b"".join(self._settle_bursts())
-                ready.clear()
-                self.bursts = False
-                self._make_room()
+            data = self._take_mixed(self._settle_bursts(), SLICE_BYTES) if self._large else self._take_small()
         self._taken += len(data)
+        return data
+
+    def _take_small(self) -> Buffer:
+        """Take all ready bytes as one piece; none of them is large."""
+        ready = self.ready
+        if len(ready) == 1:
+            piece, framing = ready[0], self._framing
+            data = (
+                piece.framed(self.whole, framing.joined, framing.apart) if isinstance(piece, Burst) else piece
+            )
+        else:
+            data = b"".join(self._settle_bursts())
+        ready.clear()
+        self.bursts = False
+        self._make_room()
         return data
 
     def _settle_bursts(self) -> list[Buffer]:
@@ -369,13 +370,27 @@ class Outbox:
                     ready[at] = piece.framed(self.whole, framing.joined, framing.apart)
         return cast("list[Buffer]", ready)
 
-    def take_pieces(self) -> Sequence[Buffer]:
-        """The next pieces to write, empty when there are none: small ones joined, large ones uncopied."""
+    def take_pieces(self) -> tuple[Sequence[Buffer], bool]:
+        """Return the next pieces to write, and True if the caller must come again once they are written.
+
+        Small pieces are joined, large ones uncopied. There are no pieces if nothing is queued.
+        """
         if not self.ready and not self._begun:
             self._refill()
-        if not self._large and not self._begun:
-            data = self.take()
-            return () if data is None else (data,)
+            if not self.ready:
+                self._empty()
+                return (), False
+        pieces: Sequence[Buffer]
+        if self._large or self._begun:
+            pieces = self._gather()
+        else:
+            pieces = (self._take_small(),)
+            self._taken += len(pieces[0])
+        # There is room as long as nothing waits.
+        return pieces, self.room <= 0 or self._on_empty is not None
+
+    def _gather(self) -> Sequence[Buffer]:
+        """Take large pieces and what is in front of them, up to what one call of the system gets."""
         pieces: list[Buffer] = []
         left = GATHER_BYTES
         while left > 0:
@@ -389,7 +404,8 @@ class Outbox:
         self._taken += GATHER_BYTES - left
         if self.ready and not self._large and not self._begun:
             # The end of the last large message, and what is small behind it.
-            pieces += filter(None, (self.take(),))
+            pieces.append(self._take_small())
+            self._taken += len(pieces[-1])
         return pieces
 
     def put_back(self, pieces: Sequence[Buffer]) -> None:
@@ -419,7 +435,7 @@ class Outbox:
         return data
 
     def _make_room(self) -> None:
-        waiting = self.ready or self._begun or self._control or self._data
+        waiting = self.ready or self._begun or self._control or self._data.schedule
         self.room = 0 if waiting or self._closed else self._limits.ready_bytes
 
     def _empty(self) -> None:

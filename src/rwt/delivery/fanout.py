@@ -202,7 +202,7 @@ class EncodedStream:
             self._encoded_bytes += frame.size
             self._sent_at = self._monotonic()
             burst = self._burst
-            if burst is not None and burst.add(frame):
+            if burst is not None and not burst.is_sealed and burst.add(frame):
                 for send in self._apart:
                     send(frame)
             else:
@@ -216,8 +216,10 @@ class EncodedStream:
         A burst of one frame costs more than the frame. So all gates share one only while the last one grew;
         otherwise the first gate alone has one, which shows whether it would have grown.
         """
-        all_share = self._burst is not None and len(self._burst) > 1
-        self._end_burst()
+        last = self._burst
+        all_share = last is not None and len(last.frames) > 1
+        if last is not None and not last.is_sealed:
+            last.seal()
         burst = Burst(frame)
         apart = []
         for join, send in self._direct if all_share else self._direct[:1]:
@@ -229,8 +231,7 @@ class EncodedStream:
                 send(frame)
                 apart.append(send)
         self._apart = apart
-        if len(apart) < len(self._direct):
-            self._burst = burst
+        self._burst = burst if len(apart) < len(self._direct) else None
 
     def _end_burst(self) -> None:
         burst, self._burst = self._burst, None

@@ -344,9 +344,34 @@ class _Link(asyncio.BufferedProtocol):
 
     def flush(self) -> None:
         """Write what there is, as far as the network takes it."""
-        if self._gathering is not None:
-            self._flush_gathered(self._gathering)
+        gathering, transport = self._gathering, self._transport
+        if gathering is None:
+            self._flush_one_by_one()
             return
+        # Small data goes through the transport, and large data by one `writev`: `transport.writelines` copies
+        # the pieces before Python 3.12, and always copies what the socket does not accept.
+        write, more = transport.write, True
+        while more and self._writable and self._open:
+            pieces, more = gathering.take_pieces()
+            size = len(pieces[0]) if len(pieces) == 1 else sum(map(len, pieces))
+            if (
+                size >= GATHERED_BYTES
+                and not transport.get_write_buffer_size()
+                and not transport.is_closing()
+            ):
+                left = self._gathered(pieces, size)
+                if left:
+                    # The transport watches the socket: it reports when it is writable again, or fails.
+                    first = memoryview(left[0])
+                    gathering.put_back((first[WATCHED_BYTES:], *left[1:]))
+                    write(first[:WATCHED_BYTES])
+                    more = True
+            else:
+                for piece in pieces:
+                    write(piece)
+
+    def _flush_one_by_one(self) -> None:
+        """Write through the transport, which encrypts, or past which nothing can be written."""
         if self._tls and isinstance(self._callbacks, Gathering):
             self._flush_encrypted(self._callbacks)
             return
@@ -365,7 +390,9 @@ class _Link(asyncio.BufferedProtocol):
     def _flush_encrypted(self, gathering: Gathering) -> None:
         """Write a little at a time: what is encrypted waits in a buffer that never shrinks again."""
         write, over = self._transport.write, monotonic() + ENCRYPTING_SECONDS
-        while self._takes_more() and (pieces := gathering.take_pieces()):
+        more = True
+        while more and self._takes_more():
+            pieces, more = gathering.take_pieces()
             for at, piece in enumerate(pieces):
                 view = memoryview(piece)
                 for start in range(0, len(view), ENCRYPTED_BYTES):
@@ -376,34 +403,6 @@ class _Link(asyncio.BufferedProtocol):
             if monotonic() > over:
                 self.wake()
                 return
-
-    def _flush_gathered(self, gathering: Gathering) -> None:
-        """Write small data by the transport, and the pieces of large data by one call of the system.
-
-        asyncio's own call for several pieces copies them before Python 3.12, and keeps a copy of what the
-        network does not take.
-        """
-        take, transport = gathering.take_pieces, self._transport
-        write = transport.write
-        while self._writable and self._open:
-            pieces = take()
-            if not pieces:
-                return
-            size = len(pieces[0]) if len(pieces) == 1 else sum(map(len, pieces))
-            if (
-                size >= GATHERED_BYTES
-                and not transport.get_write_buffer_size()
-                and not transport.is_closing()
-            ):
-                left = self._gathered(pieces, size)
-                if left:
-                    # asyncio's transport is to see when the network takes more, or why it never will.
-                    first = memoryview(left[0])
-                    gathering.put_back((first[WATCHED_BYTES:], *left[1:]))
-                    write(first[:WATCHED_BYTES])
-            else:
-                for piece in pieces:
-                    write(piece)
 
     def _gathered(self, pieces: Sequence[Buffer], size: int) -> Sequence[Buffer]:
         """Write pieces by one call, past the transport, in which nothing waits; returns what is left."""

@@ -283,8 +283,30 @@ class WebSocketWire:
         """Read frames; each whole message goes to :attr:`message` within the call."""
         if self._ended:
             return
+        position = 0
         try:
-            self._read(data)
+            if self._staged is not None:
+                position = self._stage(self._staged, data, 0)
+            elif self._tail:
+                data = self._tail + data
+                self._tail = b""
+            end = len(data)
+            while position < end and not self._ended:
+                if self._is_held:
+                    self._tail = data[position:]
+                    return
+                if self._skip:
+                    position = self._skip_some(data, position, end)
+                    continue
+                if self._plain:
+                    position = self._read_usual(data, position, end)
+                    if position == end or self._ended:
+                        return
+                following = self._read_frame(data, position, end)
+                if following == position:
+                    self._tail = data[position:]
+                    return
+                position = following
         except ProtocolViolation as violation:
             self._fail(violation.code, str(violation))
 
@@ -322,31 +344,6 @@ class WebSocketWire:
         if answer:
             self._events.answer(answer)
         self._events.ended(code, reason, agreed=False)
-
-    def _read(self, data: bytes) -> None:
-        position = 0
-        if self._staged is not None:
-            position = self._stage(self._staged, data, 0)
-        elif self._tail:
-            data = self._tail + data
-            self._tail = b""
-        end = len(data)
-        while position < end and not self._ended:
-            if self._is_held:
-                self._tail = data[position:]
-                return
-            if self._skip:
-                position = self._skip_some(data, position, end)
-                continue
-            if self._plain:
-                position = self._read_usual(data, position, end)
-                if position == end or self._ended:
-                    return
-            following = self._read_frame(data, position, end)
-            if following == position:
-                self._tail = data[position:]
-                return
-            position = following
 
     def _read_usual(self, data: bytes, position: int, end: int) -> int:
         """Read whole, masked, small messages, nearly all that clients send; returns where something else

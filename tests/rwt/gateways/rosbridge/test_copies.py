@@ -102,7 +102,9 @@ class Wire:
 
 
 def _pieces(reader: Connection) -> Iterator[Buffer]:
-    while pieces := reader.take_pieces():
+    more = True
+    while more:
+        pieces, more = reader.take_pieces()
         yield from pieces
 
 
