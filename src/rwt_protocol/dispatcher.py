@@ -11,7 +11,7 @@ from rwt_protocol.ops import SPEC_OF, Direction, Op, ReplyTo, inbound
 C = TypeVar("C")
 
 Steps = Iterator[None]
-"""What a handler has still to do, in short steps. Its end is the end of the op."""
+"""Rest of the work of a handler, in short steps. Its end is the end of the op."""
 
 INTERNAL_ERROR: Final = "internal error"
 """What a peer hears of an exception that is not a `Refused`."""

@@ -26,12 +26,13 @@ from rwt_transports.api import (
     Wire,
     WireEvents,
 )
-from rwt_transports.background import Paced, TaskStarter
+from rwt_transports.background import TaskStarter
 from rwt_transports.endpoint import Accept, Endpoint, PeerInfo
 from rwt_transports.errors import Refused, log_exception
 from rwt_transports.http.routes import EVERY_NAME, NO_PROXIES, Hosts, Proxies
 from rwt_transports.limits import AddressCount, Limits
 from rwt_transports.outbox import Outbox
+from rwt_transports.turns import REQUESTS_SECONDS, Turns, loop_turns, no_turns
 from rwt_transports.websocket.close_codes import ABNORMAL, GOING_AWAY, INTERNAL_ERROR, POLICY
 from rwt_transports.websocket.deflate import deflate_server
 from rwt_transports.websocket.extensions import DeflateTerms
@@ -89,7 +90,7 @@ class ListenerState:
         subprotocols: what WebSockets may speak besides rosbridge.
         ended: set when the one peer has gone, and when the listener has closed.
         tasks: where an HTTP handler runs that waits or streams; there while the listener is open.
-        requests: those over HTTP, of which one turn of the event loop reads few.
+        requests: turns in which HTTP requests are read.
         connections: those that are open.
     """
 
@@ -107,7 +108,7 @@ class ListenerState:
     access_log: bool = False
     subprotocols: frozenset[str] = frozenset()
     tasks: TaskStarter | None = None
-    requests: Paced = field(default_factory=Paced)
+    requests: Turns = field(default_factory=no_turns)
     ended: anyio.Event = field(default_factory=anyio.Event)
     buffers: ReceiveBufferPool = field(default_factory=ReceiveBufferPool)
     connections: set[PeerConnection] = field(default_factory=set)
@@ -162,8 +163,8 @@ class ListenerState:
         """Let handlers run and check time-outs within the block; then close every connection with 1001."""
         async with anyio.create_task_group() as tasks:
             self.tasks = TaskStarter()
+            self.requests = loop_turns(REQUESTS_SECONDS)
             tasks.start_soon(self.tasks.run, tasks)
-            tasks.start_soon(self.requests.run)
             tasks.start_soon(self.watch)
             try:
                 yield

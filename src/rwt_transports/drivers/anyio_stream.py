@@ -1,4 +1,4 @@
-"""Any anyio byte stream, on asyncio or trio: a reading and a writing task for each peer."""
+"""Driver for any anyio byte stream, on asyncio or trio: a reading and a writing task for each peer."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
 from functools import partial
 from ssl import SSLContext
-from time import monotonic
 from typing import Final
 from weakref import WeakValueDictionary
 
@@ -20,8 +19,6 @@ from anyio.streams.tls import TLSStream
 from rwt_protocol.frames import Buffer
 from rwt_transports.api import Attach, BindAddress, HangUp, RemoteAddress
 from rwt_transports.drivers.sockets import (
-    HELD_BACK_SECONDS,
-    READ_SECONDS,
     Handshakes,
     accept_peers,
     bind_tcp,
@@ -32,6 +29,7 @@ from rwt_transports.drivers.sockets import (
 from rwt_transports.drivers.task_link import TaskLink
 from rwt_transports.drivers.tls_buffers import ENCRYPTED_BYTES
 from rwt_transports.errors import log_exception
+from rwt_transports.turns import READ_SECONDS, Turns, loop_turns
 
 logger = logging.getLogger("rwt_transports")
 
@@ -39,65 +37,40 @@ READ_BYTES = 64 * 1024
 BACKLOG = 512
 
 GONE = (anyio.EndOfStream, anyio.BrokenResourceError, anyio.ClosedResourceError)
-"""How a stream says that its other end has gone; TLS says the first of them to a writer, too."""
+"""Exceptions of a stream whose other end is gone. Under TLS, a writer can get `EndOfStream`, too."""
 
 
-class _Turn:
-    """How much of large messages was received in a turn of the loop, of all connections together.
-
-    Each task reads once a turn at most, and what it has read is handed on within it. Where all together have
-    used :data:`READ_SECONDS`, those that go on with a large message wait in a line: the first of them for the
-    loop's next turn, in which the count begins anew. Nobody counts the turns in which nobody waits.
-    """
-
-    __slots__ = ("__weakref__", "_line", "_received", "is_held_back")
-
-    def __init__(self, is_held_back: Callable[[], bool] = bool) -> None:
-        self._line = anyio.Lock()
-        self.is_held_back = is_held_back
-        self._received = 0.0  # seconds
-
-    @property
-    def is_full(self) -> bool:
-        """Whether as much was received as one turn may."""
-        return self._received > READ_SECONDS or self._line.statistics().tasks_waiting > 0
-
-    def note(self, seconds: float) -> None:
-        """Count time for which a part of a large message was taken."""
-        self._received += seconds
-
-    async def wait(self) -> None:
-        """Wait for a later turn, behind those that wait already."""
-        async with self._line:
-            if self._received > READ_SECONDS:
-                await anyio.lowlevel.checkpoint()
-                self._received = 0.0
+_turns: Final[WeakValueDictionary[tuple[object, Callable[[], bool]], Turns]] = WeakValueDictionary()
+"""Turns in which large messages are received, by event loop and hold-back function."""
 
 
-_turns: Final[WeakValueDictionary[tuple[object, Callable[[], bool]], _Turn]] = WeakValueDictionary()
-"""Those of each event loop."""
-
-
-def _turn_of(is_held_back: Callable[[], bool]) -> _Turn:
-    """What all connections of this event loop share that are held back together, of however many
-    listeners."""
-    return _turns.setdefault((anyio.lowlevel.current_token(), is_held_back), _Turn(is_held_back))
+def _turns_of(is_held_back: Callable[[], bool]) -> Turns:
+    """Return the turns of the running event loop and this hold-back function, shared by all listeners."""
+    key = (anyio.lowlevel.current_token(), is_held_back)
+    return _turns.setdefault(key, loop_turns(READ_SECONDS, is_held_back=is_held_back))
 
 
 class _Link(TaskLink):
-    """One stream."""
+    """Stream of one peer.
 
-    __slots__ = ("_finishing", "_socket", "_stream", "_turn")
+    Attributes by purpose, beside those of `TaskLink`:
 
-    def __init__(self, stream: ByteStream, turn: _Turn) -> None:
+    * Stream: ``_stream``, ``_socket`` (None if it has none).
+    * Reading: ``_turns`` (turns in which large messages are received).
+    * Writing: ``_finishing`` (True if the stream is to be half-closed once everything is written).
+    """
+
+    __slots__ = ("_finishing", "_socket", "_stream", "_turns")
+
+    def __init__(self, stream: ByteStream, turns: Turns) -> None:
         super().__init__()
         self._stream = stream
         self._socket: socket.socket | None = stream.extra(SocketAttribute.raw_socket, None)
-        self._turn = turn
+        self._turns = turns
         self._finishing = False
 
     def hang_up(self) -> HangUp:
-        """Whether the peer has hung up, which nobody sees while nothing is read from it."""
+        """Return whether the peer has hung up. While reading is paused, nothing else shows it."""
         file = -1 if self._socket is None else self._socket.fileno()
         return HangUp.NO if file < 0 else hang_up_of(file)
 
@@ -128,21 +101,21 @@ class _Link(TaskLink):
         except GONE:
             self._scope.cancel()
 
-    async def _not_held_back(self) -> None:
-        while self._turn.is_held_back():  # noqa: ASYNC110 - by an event it would be at once, see there
-            await anyio.sleep(HELD_BACK_SECONDS)
-
     async def _receive_large(self, data: bytes) -> None:
-        """Take a part of a large message, in a turn that has room for it."""
-        await self._not_held_back()
-        if self._turn.is_full:
-            await self._turn.wait()
-            await self._not_held_back()  # Another message may have come to its end meanwhile.
-        began = monotonic()
-        try:
-            self._callbacks.receive(data)
-        finally:
-            self._turn.note(monotonic() - began)
+        """Deliver a part of a large message, in a turn that has time for it."""
+        if not self._turns.must_wait:
+            self._turns.do(partial(self._callbacks.receive, data))
+            return
+        taken = anyio.Event()
+
+        def deliver_late() -> None:
+            try:
+                self._turns.do(partial(self._callbacks.receive, data))
+            finally:
+                taken.set()
+
+        self._turns.wait(deliver_late)
+        await taken.wait()
 
     async def _write(self) -> None:
         try:
@@ -151,7 +124,7 @@ class _Link(TaskLink):
                 more = False
                 while (data := self._callbacks.take()) is not None:
                     if more:
-                        # What is ahead of it has been taken by the network, so the peer reads.
+                        # The network accepted the data before it, so the peer is reading.
                         self._callbacks.progress()
                     await self._send(data)
                     more = True
@@ -165,7 +138,7 @@ class _Link(TaskLink):
         if not isinstance(self._stream, TLSStream):
             await self._stream.send(data if isinstance(data, bytes) else bytes(data))
             return
-        with memoryview(data) as view:  # What is encrypted waits in a buffer that never shrinks again.
+        with memoryview(data) as view:  # The buffer for encrypted bytes never shrinks.
             for start in range(0, len(view), ENCRYPTED_BYTES):
                 await self._stream.send(bytes(view[start : start + ENCRYPTED_BYTES]))
 
@@ -176,8 +149,8 @@ class AnyioDriver:
 
     async def connect(self, address: RemoteAddress, attach: Attach, tasks: TaskGroup) -> None:
         """Reach the other side and serve its stream in a task."""
-        turn = _turn_of(address.is_held_back)
-        tasks.start_soon(serve_stream, attach, await _connected(address), turn)
+        turns = _turns_of(address.is_held_back)
+        tasks.start_soon(serve_stream, attach, await _connected(address), turns)
 
     def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
         """Accept peers within the block; gives the port in use, 0 for a Unix socket."""
@@ -191,10 +164,10 @@ class AnyioDriver:
             else await bind_tcp(address.host, address.port, shared=address.shared)
         )
         port = 0 if address.path else int(sockets[0].getsockname()[1])
-        turn = _turn_of(address.is_held_back)
-        serve = partial(serve_stream, attach, turn=turn)
+        turns = _turns_of(address.is_held_back)
+        serve = partial(serve_stream, attach, turns=turns)
         if address.tls is not None:
-            serve = partial(_serve_in_tls, address, address.tls, attach, turn, Handshakes())
+            serve = partial(_serve_in_tls, address, address.tls, attach, turns, Handshakes())
         try:
             async with AsyncExitStack() as listeners, anyio.create_task_group() as tasks:
                 for each in sockets:
@@ -207,17 +180,17 @@ class AnyioDriver:
                 remove_unix(address.path)
 
 
-async def serve_stream(attach: Attach, stream: ByteStream, turn: _Turn | None = None) -> None:
+async def serve_stream(attach: Attach, stream: ByteStream, turns: Turns | None = None) -> None:
     """Serve the one peer at the other end of `stream`, until its connection ends.
 
     Args:
-        attach: takes the new peer.
-        stream: its bytes.
-        turn: of all connections beside it.
+        attach: called with the link of the peer.
+        stream: bytes of the peer.
+        turns: turns in which large messages are received; None if the peer is the only one.
     """
     address = stream.extra(SocketAttribute.remote_address, "")
     host, port = (str(address[0]), int(address[1])) if isinstance(address, tuple) else ("", 0)
-    link = _Link(stream, turn or _Turn())
+    link = _Link(stream, turns or loop_turns(READ_SECONDS))
     try:
         attach(link, host, port)
         await link.run()
@@ -230,7 +203,7 @@ async def _serve_in_tls(
     address: BindAddress,
     tls: SSLContext,
     attach: Attach,
-    turn: _Turn,
+    turns: Turns,
     handshakes: Handshakes,
     stream: ByteStream,
 ) -> None:
@@ -243,7 +216,7 @@ async def _serve_in_tls(
     finally:
         address.addresses.leave(host)
     if encrypted is not None:
-        await serve_stream(attach, encrypted, turn)
+        await serve_stream(attach, encrypted, turns)
 
 
 async def _shake_hands(

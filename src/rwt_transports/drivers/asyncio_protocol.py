@@ -1,5 +1,4 @@
-"""asyncio's own sockets, the fast driver: bytes come by callback, and what a loop turn produced is written
-at once."""
+"""Driver for asyncio: bytes arrive by callback, and the output of one event loop turn is written together."""
 
 from __future__ import annotations
 
@@ -9,9 +8,9 @@ import logging
 import os
 import socket
 import traceback
-from collections import deque
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractAsyncContextManager, ExitStack, asynccontextmanager, nullcontext
+from enum import Enum
 from functools import partial
 from time import monotonic
 from typing import Final, cast
@@ -31,8 +30,6 @@ from rwt_transports.api import (
     RemoteAddress,
 )
 from rwt_transports.drivers.sockets import (
-    HELD_BACK_SECONDS,
-    READ_SECONDS,
     UNSENT_BYTES,
     Handshakes,
     accept_peers,
@@ -44,187 +41,155 @@ from rwt_transports.drivers.sockets import (
 from rwt_transports.drivers.task_link import NO_CALLBACKS
 from rwt_transports.drivers.tls_buffers import ENCRYPTED_BYTES, forget_protocol, spare_buffers
 from rwt_transports.errors import log_exception
+from rwt_transports.turns import ENCRYPT_SECONDS, READ_SECONDS, WRITE_SECONDS, loop_turns
 
 logger = logging.getLogger("rwt_transports")
 
 READ_BYTES = 64 * 1024
-"""Bytes read at once; enough for hundreds of small messages, and little to copy when a large one begins."""
+"""Maximum size of one read: holds hundreds of small messages, and is cheap to copy when a large message
+begins."""
 BACKLOG = 512
 GATHERED_BYTES = 64 * 1024
-"""Less than this goes through asyncio's transport: what one call more or less costs is then little."""
-
-ENCRYPTING_SECONDS = 0.002
-"""Of one turn, for one connection; what is begun by then is ended."""
-
-WRITE_SECONDS = 0.01
-"""Of one turn, for all connections together: those that it does not reach write in the next one."""
+"""Minimum size for `writev`, bypassing asyncio's transport; below it, one system call more hardly matters."""
 
 WATCHED_BYTES = 4096
-"""Of what the network does not take, asyncio's transport keeps a copy of this much."""
+"""Bytes of an incomplete write that go to asyncio's transport, which copies them and watches the socket."""
 
 SEGMENT_BYTES = 64 * 1024
-"""As far as this the kernel goes beyond a bound, since it takes whole segments."""
+"""How far the kernel may exceed its bound of unsent bytes: it accepts whole segments."""
 
 
-class _Turn:
-    """One loop turn after the other: the links that have something to write, flushed together, and how much
-    of large messages was received.
+class _LoopShare:
+    """Resources that the links of one event loop share.
 
-    To receive ten million bytes, and to unmask them when the last has come, takes milliseconds. Where many
-    connections do so at once, those beyond the turn's share are handed what has come for them in a later one.
+    Receiving and unmasking ten megabytes takes milliseconds. When many connections do so at once, those
+    beyond the budget deliver their bytes in a later turn.
 
     Args:
-        loop: whose turns they are.
-        is_held_back: whether nothing more of large messages is to be handed on for now.
+        is_held_back: returns True while large messages must wait.
 
     Attributes:
-        is_full: whether this turn has received as much of large messages as one may.
-        buffer: where small messages are received.
+        loop: event loop of the links.
+        buffer: receive buffer for small messages.
+        reading: turns in which large messages are received.
+        writing: turns in which links are flushed.
     """
 
-    __slots__ = (
-        "__weakref__",
-        "_is_counting",
-        "_late",
-        "_received",
-        "_waiting",
-        "buffer",
-        "is_full",
-        "is_held_back",
-        "loop",
-    )
+    __slots__ = ("__weakref__", "buffer", "loop", "reading", "writing")
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, is_held_back: Callable[[], bool] = bool) -> None:
-        self.loop = loop
-        self.is_held_back = is_held_back
+    def __init__(self, is_held_back: Callable[[], bool] = bool) -> None:
+        self.loop = asyncio.get_running_loop()
         self.buffer = bytearray(READ_BYTES)
-        self._waiting: list[_Link] = []
-        self._late: deque[_Link] = deque()
-        self._received = 0.0  # seconds
-        self._is_counting = False
-        self.is_full = False
-
-    def note(self, seconds: float) -> None:
-        """Count time for which a large message was received."""
-        self._received += seconds
-        self.is_full = self._received > READ_SECONDS or bool(self._late)
-        if not self._is_counting:
-            self._is_counting = True
-            self.loop.call_soon(self._next)
-
-    def put_off(self, link: _Link) -> None:
-        """Let `link` take what it has received in a later turn, behind those that wait already."""
-        self._late.append(link)
-        self.note(0.0)
-
-    def _next(self) -> None:
-        """A new turn has begun."""
-        self._is_counting = self.is_full = False
-        self._received = 0.0
-        while self._late and self._received <= READ_SECONDS and not self.is_held_back():
-            self._late.popleft().take_late()
-        if self._late and self.is_held_back():
-            self._is_counting = self.is_full = True
-            self.loop.call_later(HELD_BACK_SECONDS, self._next)
-        elif self._late:
-            self.note(0.0)
-
-    def add(self, link: _Link) -> None:
-        if not self._waiting:
-            self.loop.call_soon(self._flush)
-        self._waiting.append(link)
-
-    def _flush(self) -> None:
-        waiting, self._waiting = self._waiting, []
-        over = monotonic() + WRITE_SECONDS
-        for at, link in enumerate(waiting, 1):
-            if at > 1 and monotonic() > over:
-                for late in waiting[at - 1 :]:
-                    self.add(late)
-                return
-            try:
-                link.flush()
-            except Exception:
-                # One failure must not keep the others of this turn waiting.
-                log_exception("writing to a connection failed; cutting it")
-                link.abort()
+        self.reading = loop_turns(READ_SECONDS, is_held_back=is_held_back)
+        self.writing = loop_turns(WRITE_SECONDS)
 
 
-_turns: Final[WeakValueDictionary[tuple[asyncio.AbstractEventLoop, Callable[[], bool]], _Turn]] = (
+_shares: Final[WeakValueDictionary[tuple[asyncio.AbstractEventLoop, Callable[[], bool]], _LoopShare]] = (
     WeakValueDictionary()
 )
-"""Those of each event loop."""
+"""By event loop and hold-back function; an entry ends with its last user."""
 
 
-def _turn_of(is_held_back: Callable[[], bool]) -> _Turn:
-    """What all connections of this event loop share that are held back together, of however many
-    listeners."""
-    loop = asyncio.get_running_loop()
-    return _turns.setdefault((loop, is_held_back), _Turn(loop, is_held_back))
+def _share_of(is_held_back: Callable[[], bool]) -> _LoopShare:
+    """Return what all listeners of the running event loop with this hold-back function share."""
+    return _shares.setdefault((asyncio.get_running_loop(), is_held_back), _LoopShare(is_held_back))
+
+
+class _State(Enum):
+    NEW = "new"
+    OPEN = "open"
+    ENDING = "ending"
+    CUT = "cut"
+    LOST = "lost"
+
+
+_TRANSITIONS: Final = {
+    _State.NEW: {_State.OPEN},
+    _State.OPEN: {_State.ENDING, _State.LOST},
+    _State.ENDING: {_State.OPEN, _State.CUT},
+    _State.CUT: {_State.LOST},
+    _State.LOST: set[_State](),
+}
 
 
 class _Link(asyncio.BufferedProtocol):
-    """One socket; satisfies :class:`rwt_transports.api.Link`."""
+    """Socket of one peer; implements :class:`rwt_transports.api.Link`.
+
+    Life cycle::
+
+        NEW ── connection_made ──> OPEN ── connection_lost ──> LOST
+                                   ^  │                          ^
+                     end reported  │  │ eof_received             │ end reported
+                                   │  v                          │
+                                  ENDING ── connection_lost ──> CUT
+
+    * **NEW**: no transport; callbacks are `NO_CALLBACKS`.
+    * **OPEN**: attached to a connection. Independently of each other, the connection may pause reading
+      (``_is_paused``), received bytes may wait for a turn (``_late`` > 0, the transport is paused), and the
+      socket may accept no more bytes (not ``_writable``).
+    * **ENDING**: the end of stream arrived while reading was paused or bytes waited. It is reported behind
+      them.
+    * **CUT**: as ENDING, and the socket is lost meanwhile, which is reported after the end.
+    * **LOST**: callbacks are `NO_CALLBACKS` again; ``wake`` does nothing.
+
+    Attributes by purpose:
+
+    * Wiring: ``_attach``, ``_callbacks``, ``_gathering`` (the callbacks again, if they can gather pieces for
+      `writev`), ``_share``, ``wake`` (schedules :meth:`flush`).
+    * Socket: ``_transport``, ``_tls`` (True under TLS), ``_socket`` (file descriptor), ``_file`` (the
+      descriptor if reads and writes may bypass the transport, else -1), ``_bounded`` (the socket if the
+      kernel bounds its unsent bytes).
+    * Reading: ``_view`` (shared buffer), ``_direct`` (True if the buffer in use belongs to a large message),
+      ``_since`` (monotonic time at which the read began), ``_late``, ``_is_paused``.
+    * Writing: ``_writable``, ``_resuming`` (True inside :meth:`resume_writing`).
+    """
 
     __slots__ = (
-        "_attach",
-        "_bounded",
-        "_callbacks",
-        "_direct",
-        "_file",
-        "_gathering",
-        "_is_ended",
-        "_is_paused",
-        "_late",
-        "_loop",
-        "_open",
-        "_resuming",
-        "_since",
-        "_socket",
-        "_tls",
-        "_transport",
-        "_turn",
-        "_view",
-        "_writable",
+        "_attach", "_bounded", "_callbacks", "_direct", "_file", "_gathering", "_is_paused", "_late",
+        "_resuming", "_share", "_since", "_socket", "_state", "_tls", "_transport", "_view", "_writable",
         "wake",
-    )
+    )  # fmt: skip
 
-    def __init__(self, attach: Attach, turn: _Turn) -> None:
+    def __init__(self, attach: Attach, share: _LoopShare) -> None:
+        self._state = _State.NEW
         self._attach = attach
-        self._view = memoryview(turn.buffer)
-        self._callbacks: DriverCallbacks = NO_CALLBACKS  # until it is attached
-        self._direct = False
-        self._open = False
-        self._writable = True
-        self._resuming = False
-        self._file = -1  # of the socket, where bytes may go to it past the transport
-        self._socket = -1  # the same, whatever speaks over it
-        self._bounded: socket.socket | None = None  # where the kernel takes no more than UNSENT_BYTES
+        self._callbacks: DriverCallbacks = NO_CALLBACKS
         self._gathering: Gathering | None = None
-        self._is_paused = False
-        self._late = 0  # bytes that were received, and have to wait for a turn
-        self._is_ended = False  # the peer has said so, behind those bytes
-        self._since = 0.0  # when it began to receive
-        self._turn = turn
-        self._loop = turn.loop
+        self._share = share
         self.wake: Callable[[], None] = _nothing
+        self._socket = self._file = -1
+        self._bounded: socket.socket | None = None
+        self._view = memoryview(share.buffer)
+        self._direct = False
+        self._since = 0.0
+        self._late = 0
+        self._is_paused = False
+        self._writable = False
+        self._resuming = False
+
+    def _become(self, state: _State) -> None:
+        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
+        self._state = state
 
     # -- asyncio's callbacks -------------------------------------------------------------------------------
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """A peer has connected."""
-        # A cast, since the transports of other event loops (uvloop) are no subclass of asyncio's.
+        """Set up the link and attach it."""
+        # cast(): uvloop's transports do not subclass asyncio's.
         transport = cast("asyncio.Transport", transport)
-        # Paused as soon as the network takes less than all; TLS would pause for good at 0.
+        # Pause writing as soon as one byte is left over. With high=0, TLS would pause for good.
         transport.set_write_buffer_limits(high=1, low=0)
         self._transport = transport
-        self.wake = partial(self._turn.add, self)  # Not before: one that is never made would be a cycle.
+        # Only here: on a link that never connects, it would be a reference cycle.
+        self.wake = partial(self._share.writing.wait, self.flush)
         self._tls = transport.get_extra_info("sslcontext") is not None
-        self._open = True
+        self._become(_State.OPEN)
+        self._writable = True
         if self._tls:
             spare_buffers(transport)
         self._socket = transport.get_extra_info("socket").fileno()
-        if not self._tls and isinstance(self._loop, asyncio.SelectorEventLoop) and hasattr(os, "writev"):
+        loop = self._share.loop
+        if not self._tls and isinstance(loop, asyncio.SelectorEventLoop) and hasattr(os, "writev"):
             self._file = self._socket
             self._bounded = _bounded(transport.get_extra_info("socket"))
         name = transport.get_extra_info("peername")
@@ -232,34 +197,32 @@ class _Link(asyncio.BufferedProtocol):
         self._attach(self, address, port)
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        """Where the next bytes go: into a large message, or into the buffer that all connections share."""
+        """Return the buffer for the next read: of the current large message, or the shared one."""
         space = self._callbacks.get_buffer()
         if space is None:
             self._direct = False
             return self._view
         self._direct = True
         self._since = monotonic()
-        return space[:READ_BYTES] if self._turn.is_full else space
+        return space[:READ_BYTES] if self._share.reading.must_wait else space
 
     def buffer_updated(self, nbytes: int) -> None:
-        """`nbytes` have arrived in the buffer that :meth:`get_buffer` gave."""
+        """Deliver `nbytes` received into the buffer from :meth:`get_buffer`, or queue for a later turn."""
         if not self._direct:
             self._callbacks.receive(bytes(self._view[:nbytes]))
             if nbytes == READ_BYTES and self._file >= 0:
                 self._read_on()
-        elif self._turn.is_full or self._turn.is_held_back():
+        elif self._share.reading.must_wait:
             self._late = nbytes
             self._transport.pause_reading()
-            self._turn.put_off(self)
+            self._share.reading.wait(self._take_late)
         else:
             self._callbacks.buffer_updated(nbytes)
-            self._turn.note(monotonic() - self._since)
+            self._share.reading.note(monotonic() - self._since)
 
     def _read_on(self) -> None:
-        """Receive more of a large message that has begun, without another look at all sockets."""
-        if self._is_paused or self._transport.is_closing() or self._turn.is_full:
-            return
-        if self._turn.is_held_back():
+        """Read more of the current large message without waiting for the event loop's next poll."""
+        if self._is_paused or self._transport.is_closing() or self._share.reading.must_wait:
             return
         space = self._callbacks.get_buffer()
         if space is None:
@@ -268,13 +231,13 @@ class _Link(asyncio.BufferedProtocol):
         try:
             nbytes = os.readv(self._file, (space,))
         except OSError:
-            return  # There is nothing yet, or the transport will see what is wrong.
-        if nbytes:  # Else the peer has ended, which the transport will see.
+            return  # No data yet, or an error that the transport will report.
+        if nbytes:  # 0 means end of stream, which the transport will report.
             self._callbacks.buffer_updated(nbytes)
-            self._turn.note(monotonic() - began)
+            self._share.reading.note(monotonic() - began)
 
-    def take_late(self) -> None:
-        """Take what was received in a turn that was full already."""
+    def _take_late(self) -> None:
+        """Deliver the bytes that arrived when the turn was full."""
         nbytes, self._late = self._late, 0
         if not nbytes:
             return
@@ -282,36 +245,41 @@ class _Link(asyncio.BufferedProtocol):
         try:
             self._callbacks.buffer_updated(nbytes)
         finally:
-            self._turn.note(monotonic() - self._since)
+            self._share.reading.note(monotonic() - self._since)
             if not self._is_paused:
                 self.resume()
 
     def eof_received(self) -> bool:
-        """The peer will send nothing more; the connection decides whether to close, except in TLS."""
-        if self._late or self._is_paused:  # In TLS the end comes together with the last bytes.
-            self._is_ended = True
+        """Report the end of stream, after pending bytes. Returns True (keep open), except under TLS."""
+        if self._late or self._is_paused:  # Under TLS the end can arrive together with the last bytes.
+            self._become(_State.ENDING)
         else:
             self._callbacks.eof()
         return not self._tls
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """The socket is gone."""
-        self._open = False
-        if not self._is_ended:
+        """Report the loss; if an end of stream is pending, after it."""
+        self._writable = False
+        if self._state is _State.ENDING:
+            self._become(_State.CUT)
+        else:
             self._late = 0
             self._lose()
 
     def _end(self) -> None:
-        """Say that the peer has ended, which had to wait for what it sent before."""
-        if self._is_ended and not (self._late or self._is_paused):
-            self._is_ended = False
+        """Report a pending end of stream, once the bytes before it are delivered."""
+        if self._late or self._is_paused:
+            return
+        if self._state is _State.ENDING:
+            self._become(_State.OPEN)
             self._callbacks.eof()
-            if not self._open:
-                self._lose()
+        elif self._state is _State.CUT:
+            self._callbacks.eof()
+            self._lose()
 
     def _lose(self) -> None:
-        """Say that the connection is over, and refer to nothing that refers to this link: cycles would stay
-        until a full collection of garbage."""
+        """Report the loss and drop all references: a cycle would live until a full garbage collection."""
+        self._become(_State.LOST)
         callbacks, self._callbacks, self._gathering = self._callbacks, NO_CALLBACKS, None
         self.wake = _nothing
         if self._tls:
@@ -319,17 +287,17 @@ class _Link(asyncio.BufferedProtocol):
         callbacks.lost()
 
     def pause_writing(self) -> None:
-        """The network takes no more for now."""
+        """Stop flushing: the socket accepts no more bytes."""
         self._writable = False
 
     def resume_writing(self) -> None:
-        """The network has taken everything."""
+        """Resume flushing: the socket accepted everything."""
         self._writable = True
         self._resuming = True
         try:
             self._callbacks.progress()
             if self._tls:
-                self.wake()  # To encrypt takes time, of which many connections at once have a share each.
+                self.wake()  # Encryption takes time: flush within the turn's budget, not here.
             else:
                 self.flush()
         finally:
@@ -338,20 +306,32 @@ class _Link(asyncio.BufferedProtocol):
     # -- Link ----------------------------------------------------------------------------------------------
 
     def set_callbacks(self, callbacks: DriverCallbacks) -> None:
-        """Call `callbacks` from now on."""
+        """Deliver events to `callbacks` from now on."""
         self._callbacks = callbacks
         self._gathering = callbacks if self._file >= 0 and isinstance(callbacks, Gathering) else None
 
     def flush(self) -> None:
-        """Write what there is, as far as the network takes it."""
-        gathering, transport = self._gathering, self._transport
-        if gathering is None:
-            self._flush_one_by_one()
-            return
-        # Small data goes through the transport, and large data by one `writev`: `transport.writelines` copies
-        # the pieces before Python 3.12, and always copies what the socket does not accept.
-        write, more = transport.write, True
-        while more and self._writable and self._open:
+        """Write pending data until the socket accepts no more; close the link if that fails."""
+        try:
+            if self._gathering is not None:
+                self._flush_gathered(self._gathering)
+            elif self._tls and isinstance(self._callbacks, Gathering):
+                self._flush_encrypted(self._callbacks)
+            else:
+                while self._writable and (data := self._callbacks.take()) is not None:
+                    self._transport.write(data)
+        except Exception:
+            log_exception("writing to a connection failed; cutting it")
+            self.abort()
+
+    def _flush_gathered(self, gathering: Gathering) -> None:
+        """Write small data through the transport, and large data with one `writev`.
+
+        `transport.writelines` copies the pieces before Python 3.12, and always copies what the socket does
+        not accept.
+        """
+        transport, more = self._transport, True
+        while more and self._writable:
             pieces, more = gathering.take_pieces()
             size = len(pieces[0]) if len(pieces) == 1 else sum(map(len, pieces))
             if (
@@ -364,34 +344,19 @@ class _Link(asyncio.BufferedProtocol):
                     # The transport watches the socket: it reports when it is writable again, or fails.
                     first = memoryview(left[0])
                     gathering.put_back((first[WATCHED_BYTES:], *left[1:]))
-                    write(first[:WATCHED_BYTES])
+                    transport.write(first[:WATCHED_BYTES])
                     more = True
             else:
                 for piece in pieces:
-                    write(piece)
-
-    def _flush_one_by_one(self) -> None:
-        """Write through the transport, which encrypts, or past which nothing can be written."""
-        if self._tls and isinstance(self._callbacks, Gathering):
-            self._flush_encrypted(self._callbacks)
-            return
-        take = self._callbacks.take
-        write = self._transport.write
-        while self._writable and self._open:
-            data = take()
-            if data is None:
-                return
-            write(data)
-
-    def _takes_more(self) -> bool:
-        """Whether the network does."""
-        return self._writable and self._open
+                    transport.write(piece)
 
     def _flush_encrypted(self, gathering: Gathering) -> None:
-        """Write a little at a time: what is encrypted waits in a buffer that never shrinks again."""
-        write, over = self._transport.write, monotonic() + ENCRYPTING_SECONDS
-        more = True
-        while more and self._takes_more():
+        """Write in small chunks: the buffer for encrypted bytes never shrinks.
+
+        Beyond `ENCRYPT_SECONDS`, a batch in progress is completed, and the rest waits for the next turn.
+        """
+        write, over, more = self._transport.write, monotonic() + ENCRYPT_SECONDS, True
+        while more and self._writable:
             pieces, more = gathering.take_pieces()
             for at, piece in enumerate(pieces):
                 view = memoryview(piece)
@@ -400,12 +365,16 @@ class _Link(asyncio.BufferedProtocol):
                         gathering.put_back((view[start:], *pieces[at + 1 :]))
                         return
                     write(view[start : start + ENCRYPTED_BYTES])
-            if monotonic() > over:
+            if more and monotonic() > over:
                 self.wake()
                 return
 
+    def _takes_more(self) -> bool:
+        """Return whether the socket accepts more bytes, which a write may have changed."""
+        return self._writable
+
     def _gathered(self, pieces: Sequence[Buffer], size: int) -> Sequence[Buffer]:
-        """Write pieces by one call, past the transport, in which nothing waits; returns what is left."""
+        """Write pieces with one `writev` and return the rest. The transport's buffer must be empty."""
         try:
             sent = os.writev(self._file, pieces)
         except OSError:
@@ -418,11 +387,11 @@ class _Link(asyncio.BufferedProtocol):
     def _gathered_beyond(
         self, bounded: socket.socket, pieces: Sequence[Buffer], size: int
     ) -> Sequence[Buffer]:
-        """Write the rest of pieces of which the kernel has as much unsent as it may; returns what is left.
+        """Write the rest of a partly sent message past the kernel's bound, and return what is still left.
 
-        The rest of a message that has begun to go out stands in front of the newest sample wherever it is
-        kept. Kept here, it goes on only when this process has a turn for it, and the peer, which is done with
-        the first part, waits for that; so does who sends no more before the peer has it.
+        Wherever the rest is buffered, it delays the newest sample. In the kernel it is sent at once. Here it
+        would wait for a turn of this process, and the peer, and any sender that waits for the peer, would
+        wait with it.
         """
         room = UNSENT_BYTES + SEGMENT_BYTES + size
         try:
@@ -436,54 +405,54 @@ class _Link(asyncio.BufferedProtocol):
         return _without(pieces, sent) if sent < size else ()
 
     def finish(self) -> None:
-        """Half-close, or close where TLS has no such thing."""
+        """Half-close the connection; close it under TLS, which cannot half-close."""
         if self._transport.can_write_eof() and not self._transport.is_closing():
             try:
                 self._transport.write_eof()
             except OSError:
-                self.abort()  # The peer has gone, and nobody has looked since.
+                self.abort()  # The peer is gone, and the transport has not noticed yet.
         else:
             self.close()
 
     def close(self) -> None:
-        """Close after what was written has gone out."""
+        """Close after sending what was written."""
         self._close(self._transport.close)
 
     def abort(self) -> None:
-        """Close at once."""
+        """Close immediately."""
         self._close(self._transport.abort)
 
     def _close(self, how: Callable[[], None]) -> None:
         if self._resuming:
-            # A transport that is closed while it says that it can be written to is closed twice.
-            self._loop.call_soon(how)
+            # A transport that is closed inside its resume_writing() is closed twice.
+            self._share.loop.call_soon(how)
         else:
             how()
 
     def pause(self) -> None:
-        """Read nothing for now."""
+        """Pause reading."""
         self._is_paused = True
         self._transport.pause_reading()
 
     def resume(self) -> None:
-        """Read from the peer again."""
+        """Resume reading."""
         self._is_paused = False
-        if self._is_ended:
-            self._loop.call_soon(self._end)  # Whoever resumes has more to hand on first.
-        elif self._open and not self._late:
+        if self._state in (_State.ENDING, _State.CUT):
+            self._share.loop.call_soon(self._end)  # Not immediately: the caller delivers buffered data first.
+        elif self._state is _State.OPEN and not self._late:
             self._transport.resume_reading()
 
     def hang_up(self) -> HangUp:
-        """Whether the peer has hung up, which nobody sees while nothing is read from it."""
-        return hang_up_of(self._socket) if self._open else HangUp.GONE
+        """Return whether the peer has hung up. While reading is paused, nothing else shows it."""
+        return hang_up_of(self._socket) if self._state in (_State.OPEN, _State.ENDING) else HangUp.GONE
 
 
 def _nothing() -> None:
-    """There is nothing to write any more."""
+    """No-op: `wake` of a closed link."""
 
 
 def _bounded(sock: socket.socket) -> socket.socket | None:
-    """The socket, if :mod:`rwt_transports.drivers.sockets` has bounded what the kernel holds of it unsent."""
+    """Return the socket if its unsent bytes are bounded, else None."""
     try:
         unsent = sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT)
     except (OSError, AttributeError):  # A Unix socket, or a system without such a bound.
@@ -492,7 +461,7 @@ def _bounded(sock: socket.socket) -> socket.socket | None:
 
 
 def _without(pieces: Sequence[Buffer], size: int) -> Sequence[Buffer]:
-    """The pieces without so many bytes in front, which are less than all."""
+    """Return `pieces` without their first `size` bytes; `size` is less than the total."""
     left = list(pieces)
     while size >= len(left[0]):
         size -= len(left.pop(0))
@@ -501,20 +470,22 @@ def _without(pieces: Sequence[Buffer], size: int) -> Sequence[Buffer]:
 
 
 class AsyncioDriver:
-    """TCP and Unix sockets, plain or in TLS, on the running asyncio loop; satisfies
-    :class:`rwt_transports.api.Driver` and :class:`rwt_transports.api.Connector`."""
+    """TCP and Unix sockets, with or without TLS, on the running asyncio loop.
+
+    Implements :class:`rwt_transports.api.Driver` and :class:`rwt_transports.api.Connector`.
+    """
 
     async def connect(self, address: RemoteAddress, attach: Attach, tasks: TaskGroup) -> None:
-        """Reach the other side; its bytes come by callbacks of the loop, without a task."""
+        """Connect to `address` and attach the link. Starts no task: bytes arrive by callback."""
         loop = asyncio.get_running_loop()
-        make_link = partial(_Link, attach, _turn_of(address.is_held_back))
+        make_link = partial(_Link, attach, _share_of(address.is_held_back))
         if address.path:
             await loop.create_unix_connection(make_link, address.path, ssl=address.tls)
         else:
             await loop.create_connection(make_link, address.host, address.port, ssl=address.tls)
 
     def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
-        """Accept peers within the block; gives the port in use, 0 for a Unix socket."""
+        """Accept connections inside the block. Yields the port, 0 for a Unix socket."""
         return self._serve(address, attach)
 
     @asynccontextmanager
@@ -525,7 +496,7 @@ class AsyncioDriver:
             if address.path
             else await bind_tcp(address.host, address.port, shared=address.shared)
         )
-        turn = _turn_of(address.is_held_back)
+        share = _share_of(address.is_held_back)
         port = 0 if address.path else int(sockets[0].getsockname()[1])
         patience = address.handshake_seconds if address.tls else None
         addresses, handshakes = address.addresses, Handshakes()
@@ -541,10 +512,10 @@ class AsyncioDriver:
                         return
 
                 def attach_counted(link: Link, host: str, port: int) -> None:
-                    counted.close()  # From here on the connection counts itself.
+                    counted.close()  # The attached connection does its own counting.
                     attach(link, host, port)
 
-                make_link = partial(_Link, attach_counted, turn)
+                make_link = partial(_Link, attach_counted, share)
                 try:
                     with handshakes.one() if address.tls is not None else nullcontext():
                         await loop.connect_accepted_socket(
@@ -552,7 +523,7 @@ class AsyncioDriver:
                         )
                 except OSError as error:
                     logger.info("a connection did not come about: %s", error)
-                    # Its frames refer to it, and to what a handshake in TLS takes: a cycle that would stay.
+                    # Break the cycle error → frames → error: it would keep the memory of the TLS handshake.
                     traceback.clear_frames(error.__traceback__)
                 except Exception:
                     log_exception("a connection failed as it came")
@@ -571,7 +542,7 @@ class AsyncioDriver:
         finally:
             for each in sockets:
                 with contextlib.suppress(ValueError, NotImplementedError):
-                    loop.remove_reader(each)  # A cancelled sock_accept may leave it.
+                    loop.remove_reader(each)  # A cancelled sock_accept() may leave its reader registered.
                 each.close()
             if address.path:
                 remove_unix(address.path)

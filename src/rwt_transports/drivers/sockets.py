@@ -36,14 +36,6 @@ COMPLAINT_SECONDS = 60.0
 MOST_DESCRIPTORS = 1 << 20
 """More are not asked for: programs that close them one by one before they start another would take long."""
 
-
-READ_SECONDS = 0.01
-"""Seconds of one turn of the loop for which large messages are received, of all connections together."""
-
-HELD_BACK_SECONDS = 0.005
-"""Until large messages that are held back are looked at again. To take the next as soon as one is read fills
-every turn of the loop: under `lists_at_once` of tests/faults/attacks it is then held up to twice as long."""
-
 MOST_HANDSHAKES = 256
 """Handshakes in TLS that one listener has under way at a time, from all addresses together. Each takes some
 hundred kilobytes."""

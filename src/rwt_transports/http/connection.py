@@ -165,12 +165,12 @@ class HttpConnection:
 
     def _go_on(self) -> None:
         """Read the next request, in a turn of the event loop that has not read many."""
-        line = self._state.requests
-        if line.is_full:
+        turns = self._state.requests
+        if turns.must_wait:
             self._is_waiting = True
-            line.later(self._take_waiting)
+            turns.wait(self._take_waiting)
         else:
-            line.take(self._take_requests)
+            turns.do(self._take_requests)
 
     def _take_waiting(self) -> None:
         self._is_waiting = False
@@ -359,7 +359,7 @@ class HttpConnection:
             self.abort()
             return
         self._is_waiting = True
-        self._state.requests.later(self._take_waiting)
+        self._state.requests.wait(self._take_waiting)
 
     async def _respond_in_scope(self, response: HttpResponse | Awaitable[HttpResponse]) -> None:
         """Respond, in a task that ends with the connection."""

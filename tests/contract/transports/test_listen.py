@@ -12,6 +12,7 @@ import select
 import socket
 import ssl
 import struct
+from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
@@ -473,8 +474,9 @@ async def test_large_messages_that_end_at_once_are_taken_in_turns(
         while len(hub.turns) < many:
             await anyio.lowlevel.checkpoint()
         tasks.cancel_scope.cancel()
-    # The first fills its turn; in those that follow one that has waited is taken at a time.
-    assert len(set(hub.turns)) == many
+    # One message fills a turn. On trio, whose tasks run in random order, the last message of a turn can be
+    # counted with the first of the next.
+    assert max(Counter(hub.turns).values()) <= 2
 
 
 @every_stack

@@ -1,0 +1,224 @@
+"""Fair scheduler for work that would keep the event loop from others, and its table of time budgets.
+
+A *turn* is what the event loop does between two polls of its sockets. Code that may have much to do in one
+turn does a part of it, limited by a budget below, and puts off the rest. These are different guarantees:
+
+* **Read share**: large messages of some connections do not delay small ones of others.
+* **Write coalescing**: the output of one turn is written together, and does not delay reading.
+* **TLS slicing**: one connection under TLS does not use up the time for writing.
+* **Requests**: many HTTP requests at once do not delay messages, and a large body is read in parts.
+* **Client share**: each client has such a share of a turn, and all of them together have another.
+* **Late fan-out**: encoding long samples delays neither clients nor other topics.
+
+Budgets are seconds of one turn. They are checked between steps: the last step comes on top. The timers of a
+graph have a budget of their own (:class:`rwt_graph.clock.SteadyClock`).
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Final, TypeVar
+
+import anyio.lowlevel
+
+from rwt_transports.errors import log_exception
+
+if TYPE_CHECKING:
+    from rwt_protocol.codecs.base import Steps
+
+T = TypeVar("T")
+
+READ_SECONDS: Final = 0.01
+"""Receiving large messages, over all connections of an event loop."""
+WRITE_SECONDS: Final = 0.01
+"""Writing, over all connections of an event loop."""
+ENCRYPT_SECONDS: Final = 0.002
+"""Encrypting, for one connection under TLS."""
+REQUESTS_SECONDS: Final = 0.005
+"""Reading HTTP requests, over all connections of a listener."""
+BODY_SECONDS: Final = 0.003
+"""Reading the body of one HTTP request."""
+CLIENT_SECONDS: Final = 0.003
+"""Messages of one client."""
+STEP_SECONDS: Final = 0.002
+"""Time within `CLIENT_SECONDS` in which steps of a large message begin. The rest is for what the message
+sends."""
+CLIENTS_SECONDS: Final = 5 * CLIENT_SECONDS
+"""Messages of all clients of a gateway, not counting small messages that are handled at once."""
+TOPIC_SECONDS: Final = 0.0015
+"""Encoding deferred samples of one topic."""
+TOPICS_SECONDS: Final = 0.005
+"""Encoding deferred samples, over all topics of a gateway."""
+
+RETRY_SECONDS: Final = 0.005
+"""Pause before work that waits for something else than a turn is tried again. Without a pause, waiting fills
+every turn: under `lists_at_once` of tests/faults/attacks the event loop is then delayed up to twice as
+long."""
+
+CallSoon = Callable[[Callable[[], None]], object]
+"""Function that calls another in the event loop's next turn."""
+CallLater = Callable[[float, Callable[[], None]], object]
+"""Function that calls another after so many seconds."""
+
+
+class Turns:
+    """Work that waits for later turns of the event loop, first come, first served.
+
+    Work that is done at once is counted with :meth:`note`. Work that has to wait is given to :meth:`wait`:
+    each turn does as much of it as fits into the budget, and at least one piece. What is added meanwhile
+    waits for the next turn, so that work which puts itself off cannot hold the loop. Exceptions are logged.
+
+    With `one_at_a_time`, each piece of work has a turn of its own, and nobody else can :meth:`take` that
+    turn.
+
+    States: **idle** until something is counted, taken or waits; **begun** (``_is_begun``) while :meth:`_next`
+    is scheduled, which begins the next turn; **full** (`is_full`) from the moment the budget is used up until
+    then.
+
+    Args:
+        seconds: budget of one turn.
+        call_soon: calls a function in the next turn.
+        call_later: calls a function after some seconds.
+        monotonic: monotonic clock, in seconds.
+        one_at_a_time: True if waiting work is done one piece per turn.
+        is_held_back: returns True while waiting work must go on waiting for something else than a turn.
+
+    Attributes:
+        is_full: True if the budget of this turn is used up.
+        monotonic: monotonic clock, in seconds.
+    """
+
+    __slots__ = (
+        "__weakref__", "_call_later", "_call_soon", "_holder", "_is_begun", "_line", "_one_at_a_time",
+        "_seconds", "_used", "is_full", "is_held_back", "monotonic",
+    )  # fmt: skip
+
+    def __init__(
+        self,
+        seconds: float,
+        call_soon: CallSoon,
+        call_later: CallLater,
+        monotonic: Callable[[], float] = time.monotonic,
+        *,
+        one_at_a_time: bool = False,
+        is_held_back: Callable[[], bool] | None = None,
+    ) -> None:
+        self._seconds = seconds
+        self._call_soon = call_soon
+        self._call_later = call_later
+        self.monotonic = monotonic
+        self._one_at_a_time = one_at_a_time
+        self.is_held_back = is_held_back
+        self._line: deque[Callable[[], object]] = deque()
+        self._is_begun = False
+        self._holder: object = None
+        self._used = 0.0  # seconds
+        self.is_full = False
+
+    @property
+    def must_wait(self) -> bool:
+        """True if work that is not to overtake others has to wait: the turn is full, or others wait."""
+        return self.is_full or bool(self._line) or (self.is_held_back is not None and self.is_held_back())
+
+    def note(self, seconds: float) -> None:
+        """Count work that was done in this turn."""
+        self._used += seconds
+        self.is_full = self._used > self._seconds
+        self._begin()
+
+    def do(self, work: Callable[[], object]) -> None:
+        """Do work now, and count it."""
+        began = self.monotonic()
+        try:
+            work()
+        finally:
+            self.note(self.monotonic() - began)
+
+    def take(self, client: object) -> bool:
+        """Reserve this turn for a client. Returns False if another one has it."""
+        if self._holder is None:
+            self._holder = client
+            self._begin()
+        return self._holder is client
+
+    def wait(self, work: Callable[[], object]) -> None:
+        """Do `work` in a later turn, behind the work that waits already."""
+        self._line.append(work)
+        if not self._is_begun:  # As in _begin(), written out: this runs for each message that is sent.
+            self._is_begun = True
+            self._call_soon(self._next)
+
+    def retry(self, ask: Callable[[], None]) -> None:
+        """Call `ask` after a while, for work that waits for something else than a turn."""
+        self._call_later(RETRY_SECONDS, ask)
+
+    def _begin(self) -> None:
+        if not self._is_begun:
+            self._is_begun = True
+            self._call_soon(self._next)
+
+    def _next(self) -> None:
+        """Begin a turn: reset what was counted, and do waiting work."""
+        self._is_begun = self.is_full = False
+        self._used = 0.0
+        self._holder = None
+        line, held_back = self._line, self.is_held_back
+        pieces = min(len(line), 1) if self._one_at_a_time else len(line)
+        over = self.monotonic() + self._seconds if pieces > 1 else 0.0
+        for piece in range(pieces):
+            if held_back is not None and held_back():
+                self._is_begun = True
+                self._call_later(RETRY_SECONDS, self._next)
+                return
+            if piece and self.monotonic() > over:
+                break
+            work = line.popleft()
+            if self._one_at_a_time:
+                self._holder = work
+                self._begin()
+            try:
+                work()
+            except Exception:
+                log_exception("work that waited for its turn failed")
+        if line:
+            self._begin()
+
+
+def loop_turns(seconds: float, *, is_held_back: Callable[[], bool] | None = None) -> Turns:
+    """Return turns of the running event loop."""
+    token: object = anyio.lowlevel.current_token()
+    loop: Any = getattr(token, "native_token", token)  # anyio before 4.11 returns it unwrapped.
+    if hasattr(loop, "call_soon"):
+        return Turns(seconds, loop.call_soon, loop.call_later, is_held_back=is_held_back)
+    return Turns(seconds, loop.run_sync_soon, _call_later_on_trio, is_held_back=is_held_back)
+
+
+def _call_later_on_trio(seconds: float, call: Callable[[], None]) -> None:
+    import trio  # optional dependency
+
+    async def wait() -> None:
+        await trio.sleep(seconds)
+        call()
+
+    trio.lowlevel.spawn_system_task(wait)
+
+
+def no_turns() -> Turns:
+    """Return turns for use without an event loop: work that would wait is done at once."""
+    return Turns(float("inf"), lambda call: call(), lambda _, call: call())
+
+
+async def in_turns(steps: Steps[T], seconds: float = BODY_SECONDS) -> T:
+    """Take steps in a task, for `seconds` of each turn of the event loop, and return their result."""
+    until = time.perf_counter() + seconds
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            result: T = end.value
+            return result
+        if time.perf_counter() > until:
+            await anyio.lowlevel.checkpoint()
+            until = time.perf_counter() + seconds
