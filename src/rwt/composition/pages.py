@@ -21,10 +21,10 @@ from rwt_transports.http.routes import Audience, HttpResponse, Route, Routes, pa
 if TYPE_CHECKING:
     from rwt.access.access import Access
     from rwt.access.graph_view import GraphView
-    from rwt.delivery.turns import Turns
     from rwt.gateways.rosbridge.bridge import Bridge
     from rwt.observability.metrics import ServerMetrics
     from rwt_transports.http.routes import Handler, HttpExtension, HttpRequest
+    from rwt_transports.turns import Turns
 
 _PAGE = """<!doctype html>
 <html lang="en">

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rwt_interfaces.payload import Form
     from rwt_interfaces.structs import MessageType
     from rwt_protocol.payloads import Sample as ProtocolSample
+    from rwt_transports.turns import Turns
 
 
 Encode = Callable[["ProtocolSample"], Frame]
@@ -76,7 +77,7 @@ class _Encoded:
         """Give the frame to `take`: at once if it is made quickly and nothing of the topic waits, else when
         it is made."""
         late = self._channel.late
-        if late.is_busy or (self._frame is None and self._channel.is_slow(self.sample)):
+        if late.waiting or (self._frame is None and self._channel.is_slow(self.sample)):
             late.add(self._channel.prepare(self.sample), lambda: take(self.frame()))
         else:
             take(self.frame())
@@ -296,6 +297,7 @@ class Fanout:
         type: MessageType,
         counts: TopicCounts,
         clock: Clock,
+        turns: Turns,
     ) -> None:
         self._participant = participant
         self._clock = clock
@@ -306,7 +308,7 @@ class Fanout:
         self._streams: list[SampleStream] = []
         self._active: tuple[EncodedStream | SampleStream, ...] = ()
         self._is_stepped = False
-        self.late = DeferredSends(clock)
+        self.late = DeferredSends(turns)
         self._late_samples = 0
         self._number = 0  # of samples that were late
         self._joined: dict[object, int] = {}  # after the sample of that number, which is late
@@ -393,7 +395,7 @@ class Fanout:
         self.subscription.close()
 
     def _deliver(self, sample: Sample) -> None:
-        if sample.payload.is_long or self._is_stepped or self.late.is_busy:
+        if sample.payload.is_long or self._is_stepped or self.late.waiting:
             self._send_late(sample)
             return
         for channel in self._active:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 from rwt.delivery.counters import Counters
 from rwt.delivery.fanout import Fanout
 from rwt.delivery.shared_publishers import SharedPublishers
+from rwt.delivery.turns import turns_of
+from rwt_transports.turns import TOPICS_SECONDS
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph
@@ -35,6 +37,7 @@ class SharedGraph:
         self.participant = graph.participant(node)
         self.counters = Counters()
         self.publishers = SharedPublishers(self.participant, graph.clock, linger, self.counters, log)
+        self._turns = turns_of(graph.clock, TOPICS_SECONDS)  # of deferred samples
         self._fanouts: dict[str, Fanout] = {}
 
     @property
@@ -51,7 +54,7 @@ class SharedGraph:
         fanout = self._fanouts.get(topic)
         if fanout is None:
             fanout = self._fanouts[topic] = Fanout(
-                self.participant, topic, type, self.counters.use_topic(topic), self.graph.clock
+                self.participant, topic, type, self.counters.use_topic(topic), self.graph.clock, self._turns
             )
         else:
             fanout.check_type(type)

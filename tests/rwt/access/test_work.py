@@ -12,7 +12,7 @@ import pytest
 from rwt.access.access import Access
 from rwt.access.quotas import Work
 from rwt.composition.pages import guarded
-from rwt.delivery.turns import SHARE, Turns
+from rwt.delivery.turns import client_turns
 from rwt.gateways.rosbridge.bridge import Bridge
 from rwt.settings.models import Settings
 from rwt_graph.api import Sample
@@ -22,6 +22,7 @@ from rwt_interfaces.distro import JAZZY
 from rwt_interfaces.registry import Registry
 from rwt_transports.endpoint import PeerInfo
 from rwt_transports.http.routes import Audience, HttpRequest, HttpResponse
+from rwt_transports.turns import CLIENT_SECONDS
 from tests.rwt.gateways.rosbridge.recording_client import Client
 
 ADDRESS = "192.0.2.1"
@@ -59,7 +60,7 @@ class Server:
 
     def _work(self, sample: Sample) -> None:
         text: str = sample.payload.value().data  # type: ignore[attr-defined]  # a String
-        self.clock.worked += 0.4 * SHARE if text.startswith("short") else LONG
+        self.clock.worked += 0.4 * CLIENT_SECONDS if text.startswith("short") else LONG
         self.heard.append(text)
 
     def client(self, address: str = ADDRESS) -> Client:
@@ -110,10 +111,10 @@ def test_small_work_is_counted_with_the_next_and_at_the_end() -> None:
     _read(client, "short")
     assert client.peer.graph.work.seconds == 0.0
     _read(client, "short", "short")
-    assert client.peer.graph.work.seconds == pytest.approx(1.2 * SHARE)
+    assert client.peer.graph.work.seconds == pytest.approx(1.2 * CLIENT_SECONDS)
     _read(client, "short")
     client.leave()
-    assert server.work_of(ADDRESS).seconds == pytest.approx(1.6 * SHARE)
+    assert server.work_of(ADDRESS).seconds == pytest.approx(1.6 * CLIENT_SECONDS)
 
 
 def test_beyond_its_rate_one_client_of_them_all_has_a_turn() -> None:
@@ -248,7 +249,7 @@ def test_pages_are_counted_and_refused_beyond_the_rate() -> None:
 @pytest.mark.anyio
 async def test_a_page_waits_for_a_turn_that_is_not_full() -> None:
     server = Server()
-    turns = Turns(server.clock)
+    turns = client_turns(server.clock)
     handler = guarded(
         server.access, lambda request, reader: HttpResponse(b"page"), Audience.ADMITTED, turns=turns
     )

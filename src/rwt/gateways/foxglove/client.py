@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, Never, Protocol
 from rwt.access.errors import AccessError
 from rwt.access.quotas import RateLimit
 from rwt.delivery.counters import UNKNOWN
-from rwt.delivery.turns import SHARE, TakesTurns
+from rwt.delivery.turns import TakesTurns
 from rwt.gateways.foxglove.assets import Assets
 from rwt.gateways.foxglove.catalogue import Connections
 from rwt.gateways.foxglove.errors import FoxgloveError, NotPossible
@@ -25,23 +25,22 @@ from rwt.gateways.foxglove.wire.server_messages import Level
 from rwt_participant.errors import RobotError
 from rwt_transports.endpoint import FlowRules
 from rwt_transports.errors import Refused
+from rwt_transports.turns import CLIENT_SECONDS
 from rwt_transports.websocket.close_codes import POLICY
 
 if TYPE_CHECKING:
     from rwt.access.access import Access
     from rwt.access.client_graph import ClientGraph
-    from rwt.delivery.turns import Turns
     from rwt.gateways.foxglove.assets import Pages
     from rwt.gateways.foxglove.catalogue import Change, Listing
     from rwt.gateways.foxglove.settings import Bounds, FoxgloveSettings
     from rwt_graph.clock import Playback
+    from rwt_protocol.dispatcher import Steps
     from rwt_protocol.frames import Frame
     from rwt_transports.endpoint import PeerInfo, Sink
+    from rwt_transports.turns import Turns
 
-Steps = Iterator[None]
-"""What is left to do of one message."""
-
-_Waiting = Steps | tuple[bytes, bool]
+_Waiting = Iterator[None] | tuple[bytes, bool]
 """What may wait: the rest of a message, or a frame that is not read."""
 
 _MOST_REASONS: Final = 5
@@ -126,13 +125,13 @@ class FoxgloveClient(TakesTurns[_Waiting]):
     def receive(self, data: bytes, binary: bool) -> None:
         """Take one frame from the wire, do what it asks for, and say what is refused; see
         :class:`rwt.delivery.turns.TakesTurns`."""
-        if self._is_early(self.sink.received, len(data)):
+        if self._must_defer(self.sink.received, len(data)):
             self._wait((data if type(data) is bytes else bytes(data), binary))
             return
         now = self._began = self._monotonic()
         self._read(data, binary, now)
         self._worked += self._monotonic() - now
-        if self._worked - self._counted > SHARE:
+        if self._worked - self._counted > CLIENT_SECONDS:
             self._count_work()
 
     def _take_up(self, what: _Waiting, now: float) -> None:

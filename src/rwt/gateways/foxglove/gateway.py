@@ -13,7 +13,7 @@ from uuid import uuid4
 
 from rwt.access.graph_view import GraphView
 from rwt.delivery.shared_graph import SharedGraph
-from rwt.delivery.turns import Turns
+from rwt.delivery.turns import client_turns
 from rwt.gateways.foxglove.catalogue import Catalogue, Listing
 from rwt.gateways.foxglove.client import FoxgloveClient
 from rwt.gateways.foxglove.parameter_feed import ParameterFeed
@@ -91,7 +91,7 @@ class FoxgloveGateway:
         self.bounds = bounds or Bounds()
         self.access = access
         self.shared = SharedGraph(graph, NODE, linger, partial(access.audit.write, logging.INFO, "%s"))
-        self.turns = Turns(graph.clock)
+        self.turns = client_turns(graph.clock)
         self.pages = pages
         self.playback: Playback | None = graph.clock.playback
         self.websockets: Mapping[str, AcceptPeer] = MappingProxyType(dict.fromkeys(SUBPROTOCOLS, self.accept))

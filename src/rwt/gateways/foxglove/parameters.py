@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Final
 from msgspec import UNSET
 
 from rwt.access.errors import AccessError
-from rwt.delivery.turns import SHARE, Turns
 from rwt.gateways.foxglove.errors import NotPossible
 from rwt.gateways.foxglove.wire.server_messages import Level, text
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed, RobotError
+from rwt_transports.turns import CLIENT_SECONDS, Turns
 
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
@@ -258,7 +258,7 @@ class Parameters:
         self._has_turn = False
         monotonic = self._graph.clock.monotonic
         began, worked = monotonic(), 0.0
-        while self._due and self._calls < _AT_ONCE and worked < SHARE and not self._closed:
+        while self._due and self._calls < _AT_ONCE and worked < CLIENT_SECONDS and not self._closed:
             self._due.popleft()()
             worked = monotonic() - began
         self._turns.note(worked)

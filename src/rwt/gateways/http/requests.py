@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Collection
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import TYPE_CHECKING, Final
 from urllib.parse import parse_qs, unquote
 
-import anyio.lowlevel
 import msgspec
 
 from rwt.gateways.http.problems import HttpProblem
@@ -21,16 +19,11 @@ from rwt_interfaces.serialise.long_strings import finished
 from rwt_protocol.codecs import CBOR as CBOR_CODEC
 from rwt_protocol.codecs.base import DecodeFailure, SplitLimits
 from rwt_protocol.payloads import Decoded
+from rwt_transports.turns import in_turns
 
 if TYPE_CHECKING:
-    from rwt_interfaces.serialise.long_strings import Steps
     from rwt_interfaces.structs import MessageType
     from rwt_transports.http.routes import HttpRequest
-
-T = TypeVar("T")
-
-SHARE: Final = 0.003
-"""Seconds of one turn of the event loop in which a body is read; the rest waits its turn."""
 
 IN_STEPS: Final = 64 * 1024
 """Bytes from which a body is read in steps."""
@@ -165,8 +158,8 @@ async def payload_of(type: MessageType, request: HttpRequest, now: Callable[[], 
     if len(body) < IN_STEPS:
         return Payload.from_json(type, body, now)
     if body.count(b"{") + body.count(b"[") <= _MOST_BRACKETS:
-        return await _in_turns(Payload.from_json_in_steps(type, body, now))
-    payload = await _in_turns(Payload.from_dense_json_in_steps(type, body, now))
+        return await in_turns(Payload.from_json_in_steps(type, body, now))
+    payload = await in_turns(Payload.from_dense_json_in_steps(type, body, now))
     if payload is None:
         raise HttpProblem(
             "too-large",
@@ -219,16 +212,3 @@ def _cbor_map(body: bytes) -> dict[str, object]:
         reason = found.reason.replace(" (limits.structure_bytes)", "")
         raise HttpProblem("invalid-request", f"the body cannot be read: {reason}")
     return {name: value.value if isinstance(value, Decoded) else value for name, value in found.items()}
-
-
-async def _in_turns(steps: Steps[T]) -> T:
-    until = time.perf_counter() + SHARE
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            result: T = end.value
-            return result
-        if time.perf_counter() > until:
-            await anyio.lowlevel.checkpoint()
-            until = time.perf_counter() + SHARE

@@ -11,7 +11,7 @@ from rwt.access.access import Access
 from rwt.access.errors import AccessError
 from rwt.access.settings import SettingsError
 from rwt.delivery.shared_graph import SharedGraph
-from rwt.delivery.turns import Turns
+from rwt.delivery.turns import client_turns
 from rwt.gateways.rosbridge.ops import actions, auth, services, topics
 from rwt.gateways.rosbridge.ops.offers import Offers
 from rwt.gateways.rosbridge.peer import Peer
@@ -97,7 +97,7 @@ class Bridge:
         self.orphans = actions.OrphanedGoals()
         self.service_offers: Offers[services.Asked] = Offers()
         self.action_offers: Offers[actions.Accepted] = Offers()
-        self.turns = Turns(graph.clock)
+        self.turns = client_turns(graph.clock)
         self._connected = ConnectedClients(self.shared.participant, graph.registry, graph.clock)
         self._codec = _exclusive_codec(settings)
         self._peers: dict[int, Peer] = {}

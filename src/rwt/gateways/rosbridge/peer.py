@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 from rwt.access.errors import AccessError
 from rwt.access.quotas import RateLimit
 from rwt.delivery.counters import UNKNOWN
-from rwt.delivery.turns import ALONE, SHARE, Arriving, TakesTurns
+from rwt.delivery.turns import ALONE_BYTES, Arriving, TakesTurns
 from rwt.gateways.rosbridge.numpy_loading import LARGE
 from rwt.gateways.rosbridge.ops.actions import Actions
 from rwt.gateways.rosbridge.ops.services import Services
@@ -23,6 +23,7 @@ from rwt_protocol.errors import ProtocolError
 from rwt_protocol.ops import OPS, CallService, Op, SendActionGoal, Status
 from rwt_protocol.session import Refusal
 from rwt_transports.errors import Refused
+from rwt_transports.turns import CLIENT_SECONDS
 from rwt_transports.websocket.close_codes import POLICY, TOO_BIG
 
 if TYPE_CHECKING:
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
     from rwt.access.credentials import Rosauth
     from rwt.access.roles import Role
-    from rwt.delivery.turns import Turns
     from rwt.gateways.rosbridge.numpy_loading import NumpyLoading
     from rwt.gateways.rosbridge.ops import actions, services
     from rwt.gateways.rosbridge.ops.actions import OrphanedGoals
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from rwt_protocol.dispatcher import Dispatcher, Steps
     from rwt_protocol.session import Session
     from rwt_transports.endpoint import PeerInfo, Sink
+    from rwt_transports.turns import Turns
 
 
 class _Work(NamedTuple):
@@ -151,7 +152,7 @@ class Peer(TakesTurns[_Waiting]):
             self._turn_began = self._worked
             self._needs_turn = self._is_beyond
         if len(data) > LARGE and (
-            (len(data) > ALONE and self._flow_control is not None)
+            (len(data) > ALONE_BYTES and self._flow_control is not None)
             or (self._loading is not None and self._loading.holds_up(data, binary))
         ):
             self._wait((data if type(data) is bytes else bytes(data), binary))
@@ -160,7 +161,7 @@ class Peer(TakesTurns[_Waiting]):
             self._is_held
             or self._needs_turn
             or self._turns.is_full
-            or self._worked - self._turn_began > SHARE
+            or self._worked - self._turn_began > CLIENT_SECONDS
         ) and self._must_wait(len(data)):
             self._wait((data if type(data) is bytes else bytes(data), binary))
             return
@@ -174,7 +175,7 @@ class Peer(TakesTurns[_Waiting]):
             ):
                 self._decode(data, binary, now)
         self._worked += self._monotonic() - now
-        if self._worked - self._counted > SHARE:
+        if self._worked - self._counted > CLIENT_SECONDS:
             self._count_work()
 
     def _publish_exact(self, topic: bytes, payload: bytes, data: bytes) -> bool:
@@ -224,7 +225,10 @@ class Peer(TakesTurns[_Waiting]):
         """Run the messages of one frame, the first of which is counted already."""
         for number, item in enumerate(items):
             if number:
-                if self._waiting or self._worked - self._turn_began + self._monotonic() - now > SHARE:
+                if (
+                    self._waiting
+                    or self._worked - self._turn_began + self._monotonic() - now > CLIENT_SECONDS
+                ):
                     for later in items[number:]:
                         self._wait(later)
                     return

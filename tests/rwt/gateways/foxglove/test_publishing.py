@@ -11,7 +11,6 @@ import pytest
 
 from rwt import Settings
 from rwt.access.access import Access
-from rwt.delivery.turns import SHARE
 from rwt.gateways.foxglove.gateway import FoxgloveGateway
 from rwt.gateways.foxglove.settings import Bounds
 from rwt.gateways.rosbridge.bridge import Bridge
@@ -20,6 +19,7 @@ from rwt_graph.api import Sample
 from rwt_graph.clock import SimulatedClock
 from rwt_interfaces.distro import NOETIC
 from rwt_interfaces.registry import Registry
+from rwt_transports.turns import CLIENT_SECONDS
 from tests.conftest import START_NS
 from tests.rwt.gateways.foxglove.conftest import MakeGateway, guest
 from tests.rwt.gateways.foxglove.viewer import Viewer
@@ -186,7 +186,7 @@ def test_what_is_beyond_the_share_of_a_turn_waits_for_the_next() -> None:
     heard: list[str] = []
 
     def work(sample: Sample) -> None:
-        clock.worked += 0.6 * SHARE
+        clock.worked += 0.6 * CLIENT_SECONDS
         heard.append(str(sample.payload.json()))
 
     graph.participant("/l").subscribe("/t", work, graph.registry.message("std_msgs/String"))
@@ -209,7 +209,7 @@ def test_a_text_about_many_things_is_done_in_turns(graph: MemoryGraph, viewer: V
     original = viewer.client.subscriptions.unsubscribe
 
     def work(id: int) -> None:
-        clock.worked += 0.6 * SHARE
+        clock.worked += 0.6 * CLIENT_SECONDS
         original(id)
 
     viewer.client.subscriptions.unsubscribe = work  # type: ignore[method-assign]  # work that takes time

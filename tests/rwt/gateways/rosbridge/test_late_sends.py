@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
 
 import pytest
 
-from rwt.delivery.deferred_sends import SHARE, DeferredSends
+from rwt.delivery.deferred_sends import DeferredSends
+from rwt.delivery.turns import turns_of
 from rwt_graph.clock import SimulatedClock
+from rwt_protocol.dispatcher import Steps
+from rwt_transports.turns import TOPIC_SECONDS, TOPICS_SECONDS
 
 
 class SlowClock(SimulatedClock):
@@ -20,35 +22,39 @@ class SlowClock(SimulatedClock):
 
     def monotonic(self) -> float:
         self.looks += 1
-        return super().monotonic() + self.looks * SHARE / 3
+        return super().monotonic() + self.looks * TOPIC_SECONDS / 3
 
 
-def _steps(count: int) -> Iterator[None]:
+def _deferred(clock: SimulatedClock) -> DeferredSends:
+    return DeferredSends(turns_of(clock, TOPICS_SECONDS))
+
+
+def _steps(count: int) -> Steps:
     for _ in range(count):
         yield
 
 
 def test_what_is_quick_is_sent_at_once() -> None:
     sent: list[int] = []
-    late = DeferredSends(SimulatedClock())
+    late = _deferred(SimulatedClock())
     late.add(_steps(100), lambda: sent.append(1))
-    assert sent == [1] and not late.is_busy
+    assert sent == [1] and not late.waiting
 
 
 def test_a_turn_takes_its_share_and_keeps_the_order() -> None:
     clock, sent = SlowClock(), list[int]()
-    late = DeferredSends(clock)
+    late = _deferred(clock)
     late.add(_steps(30), lambda: sent.append(1))
     late.add(_steps(0), lambda: sent.append(2))
     assert sent == [], "the rest waits for a later turn"
-    while late.is_busy:
+    while late.waiting:
         clock.advance(0.0)
     assert sent == [1, 2]
 
 
 def test_whoever_caused_it_may_take_the_steps() -> None:
     clock, sent = SlowClock(), list[int]()
-    late = DeferredSends(clock)
+    late = _deferred(clock)
     late.add(_steps(30), lambda: sent.append(1))
     own = late.steps()
     next(own)
@@ -60,7 +66,7 @@ def test_whoever_caused_it_may_take_the_steps() -> None:
 
 def test_what_is_asked_for_while_something_is_sent_comes_behind_it() -> None:
     clock, sent = SlowClock(), list[int]()
-    late = DeferredSends(clock)
+    late = _deferred(clock)
 
     def first() -> None:
         sent.append(1)
@@ -70,18 +76,18 @@ def test_what_is_asked_for_while_something_is_sent_comes_behind_it() -> None:
     late.add(_steps(0), lambda: sent.append(2))
     late.finish_first()
     assert sent == [1]
-    while late.is_busy:
+    while late.waiting:
         clock.advance(0.0)
     assert sent == [1, 2, 3]
 
 
 def test_what_fails_is_logged_and_passed_over(caplog: pytest.LogCaptureFixture) -> None:
-    def failing() -> Iterator[None]:
+    def failing() -> Steps:
         yield
         raise ValueError("no")
 
     sent: list[int] = []
-    late = DeferredSends(SimulatedClock())
+    late = _deferred(SimulatedClock())
     with caplog.at_level(logging.ERROR):
         late.add(failing(), lambda: sent.append(1))
     late.add(_steps(1), lambda: sent.append(2))

@@ -12,7 +12,7 @@ import pytest
 from rwt import Settings
 from rwt.access.roles import Role
 from rwt.access.settings import RoleSettings
-from rwt.delivery.turns import ALONE, FULL, SHARE, Turns
+from rwt.delivery.turns import ALONE_BYTES, client_turns
 from rwt.gateways.rosbridge.bridge import Bridge
 from rwt_graph.api import Sample
 from rwt_graph.clock import SimulatedClock
@@ -20,6 +20,7 @@ from rwt_graph.memory.graph import MemoryGraph
 from rwt_participant.handles import Publisher
 from rwt_participant.qos import LATCHED
 from rwt_protocol.codecs import png
+from rwt_transports.turns import CLIENT_SECONDS, CLIENTS_SECONDS
 from tests.rwt.gateways.rosbridge.recording_client import Client
 
 
@@ -58,7 +59,7 @@ def heard(graph: MemoryGraph, clock: BusyClock) -> list[str]:
     heard: list[str] = []
 
     def work(sample: Sample) -> None:
-        clock.worked += 0.4 * SHARE
+        clock.worked += 0.4 * CLIENT_SECONDS
         heard.append(sample.payload.value().data)  # type: ignore[attr-defined]  # a String
 
     graph.participant("/listener").subscribe("/t", work)
@@ -81,7 +82,7 @@ def test_a_large_message_waits_for_a_turn_of_its_own(
 ) -> None:
     reading = Reading()
     client.peer.set_flow_control(reading)  # type: ignore[arg-type]  # all that a peer asks of it
-    _read(client, _publish("a"), _publish("x" * ALONE), _publish("b"))
+    _read(client, _publish("a"), _publish("x" * ALONE_BYTES), _publish("b"))
     assert heard == ["a"] and reading.paused  # To receive it has taken time that nobody counted.
     clock.advance(0.0)
     assert [text[0] for text in heard] == ["a", "x", "b"] and not reading.paused
@@ -140,7 +141,7 @@ def test_a_thousand_messages_in_one_frame_are_not_one_turn(
 def test_a_turn_that_many_have_filled_takes_small_messages_and_no_more(
     clock: BusyClock, connect: Callable[[], Client], heard: list[str]
 ) -> None:
-    many = round(FULL / SHARE)
+    many = round(CLIENTS_SECONDS / CLIENT_SECONDS)
     clients = [connect() for _ in range(many + 3)]
     for number, client in enumerate(clients):
         _read(client, *(_publish(f"{number}{letter}") for letter in "abcd"))
@@ -158,7 +159,7 @@ def test_a_turn_that_many_have_filled_takes_small_messages_and_no_more(
 
 
 def test_those_who_wait_have_a_turn_each(clock: BusyClock, connect: Callable[[], Client]) -> None:
-    turns = Turns(clock)
+    turns = client_turns(clock)
     done: list[str] = []
     for name in "abc":
         turns.wait(partial(done.append, name))
@@ -196,7 +197,7 @@ class SteppingClock(SimulatedClock):
 
     def monotonic(self) -> float:
         self.looks += 1
-        return super().monotonic() + 1.01 * SHARE * self.looks
+        return super().monotonic() + 1.01 * CLIENT_SECONDS * self.looks
 
 
 def _long_path(**first: object) -> dict[str, object]:

@@ -190,7 +190,7 @@ class Topics:
                 self._graph, self._replies, op.topic, fanout, self._room
             )
         subscription.put(op, encoding)
-        return fanout.late.steps() if fanout.late.is_busy else None
+        return fanout.late.steps() if fanout.late.waiting else None
 
     def _check_spellings(self, fanout: Fanout, name: str) -> None:
         """Refuse one more spelling of a topic than a client needs: each is a stream of its own (PUB-09)."""
