@@ -112,39 +112,17 @@ class WireEvents(Protocol):
         """No message follows. `agreed`: both sides have said so; otherwise the peer broke the protocol."""
 
 
-@runtime_checkable
-class Holding(Protocol):
-    """A wire that can stop in the midst of what it was fed."""
-
-    def hold(self) -> None:
-        """Hand over no message more until :meth:`go_on`."""
-
-    def go_on(self) -> None:
-        """Hand over what has come meanwhile."""
-
-
 TakeSteps = Callable[[Iterator[None], Callable[[], bool]], None]
-"""Takes work in short steps, some of them in each turn of the event loop, once the function says that it may
-be gone on with, which is asked before each turn. Until all are taken nothing is read from the peer."""
-
-
-@runtime_checkable
-class StepWise(Protocol):
-    """A wire on which one message may take long to read, and does so in steps.
-
-    Attributes:
-        take_steps: takes them; None where nobody does, and they are taken at once.
-    """
-
-    take_steps: TakeSteps | None
+"""Function that takes work in short steps, some in each turn of the event loop in which its second argument
+returns True. Nothing is read from the peer until all steps are taken."""
 
 
 @runtime_checkable
 class StepTaking(Protocol):
-    """An endpoint that takes the steps of its wire as it does its own work."""
+    """Endpoint that takes the steps of its wire as part of its own work."""
 
     def take_steps(self, steps: Iterator[None], may_go_on: Callable[[], bool]) -> None:
-        """As :data:`TakeSteps` says."""
+        """Take steps, see :data:`TakeSteps`."""
 
 
 class Wire(Protocol):

@@ -1,4 +1,4 @@
-"""One connection that carries messages, without I/O, and what all those of a listener share."""
+"""Connections that carry messages, without I/O, and the state that the connections of a listener share."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
+from enum import Enum
 from typing import Final, Protocol
 
 import anyio
@@ -18,11 +19,9 @@ from rwt_transports.api import (
     Framing,
     HangUp,
     HangUpAware,
-    Holding,
     Link,
     OversizeAware,
     StepTaking,
-    StepWise,
     Wire,
     WireEvents,
 )
@@ -44,21 +43,21 @@ logger = logging.getLogger("rwt_transports")
 TICK_SECONDS = 0.5
 
 MakeWire = Callable[[WireEvents, Limits, ReceiveBufferPool], Wire]
-"""Makes the wire of one new connection."""
+"""Factory of the wire of a new connection."""
 
 
 class PeerConnection(DriverCallbacks, Protocol):
-    """What stands behind one peer's link, as its listener sees it: HTTP, or a wire's messages."""
+    """Connection behind a peer's link as its listener sees it: HTTP, or the messages of a wire."""
 
     @property
     def address(self) -> str:
-        """The peer's address, empty where there is none."""
+        """Address of the peer; empty if it has none."""
 
     def begin(self) -> None:
         """Start, with the link at hand."""
 
     def tick(self, now: float) -> None:
-        """Check the time-outs; `now` is monotonic, in seconds."""
+        """Check the timeouts; `now` is monotonic, in seconds."""
 
     def close(self, code: int, reason: str) -> None:
         """Begin to close."""
@@ -68,30 +67,35 @@ class PeerConnection(DriverCallbacks, Protocol):
 
 
 MakeConnection = Callable[["ListenerState", Link, str, int], PeerConnection]
-"""Makes what serves a new peer: the state, its link, its address and its port."""
+"""Factory of the connection of a new peer, called with the listener's state, the link, the address and the
+port."""
 
 
 @dataclass(slots=True)
 class ListenerState:
-    """What all connections of one listener share.
+    """State that the connections of one listener share.
 
     Attributes:
-        accept: makes the endpoint of a new peer.
-        make_wire: makes its wire.
-        http: makes what serves a new peer until its upgrade; None for transports without HTTP.
-        transport: the URL scheme, for :class:`~rwt_transports.endpoint.PeerInfo`.
-        single: whether everything ends with the one peer that there is.
+        accept: factory of the endpoint of a new peer.
+        make_wire: factory of its wire.
+        limits: bounds of each connection.
+        http: factory of the connection that serves a new peer until its upgrade; None for transports without
+            HTTP.
+        transport: URL scheme, for :class:`~rwt_transports.endpoint.PeerInfo`.
+        single: True if the listener ends with its only peer.
         idle_seconds: silence after which a peer counts as gone; 0 for never.
-        max_message_size: bytes of the largest message that can be sent; 0 for any.
-        addresses: how many connections each address has.
-        hosts: the names by which HTTP requests may address the listener.
-        proxies: whose word about their clients counts.
-        access_log: whether each HTTP request is logged.
-        subprotocols: what WebSockets may speak besides rosbridge.
-        ended: set when the one peer has gone, and when the listener has closed.
-        tasks: where an HTTP handler runs that waits or streams; there while the listener is open.
+        max_message_size: size of the largest message that can be sent, in bytes; 0 for any.
+        addresses: number of connections of each address.
+        hosts: names by which HTTP requests may address the listener.
+        proxies: proxies whose headers about their clients are trusted.
+        access_log: True if each HTTP request is logged.
+        subprotocols: WebSocket subprotocols other than rosbridge.
+        tasks: starts HTTP handlers that wait or stream; None until the listener is open.
         requests: turns in which HTTP requests are read.
-        connections: those that are open.
+        ended: set when the only peer is gone, and when the listener has closed.
+        buffers: buffers for large messages.
+        connections: open connections.
+        closing: True if no more connections are accepted.
     """
 
     accept: Accept
@@ -116,11 +120,11 @@ class ListenerState:
     _empty: anyio.Event | None = None
 
     def attach(self, link: Link, address: str, port: int) -> None:
-        """A new peer has connected."""
+        """Add a new peer."""
         self.add((self.http or Connection)(self, link, address, port), link)
 
     def add(self, connection: PeerConnection, link: Link) -> None:
-        """Let a connection have its link, and begin."""
+        """Attach a connection to its link, and begin."""
         self.connections.add(connection)
         self.addresses.enter(connection.address)
         link.set_callbacks(connection)
@@ -131,18 +135,18 @@ class ListenerState:
             connection.begin()
 
     def replace(self, former: PeerConnection, connection: PeerConnection, link: Link) -> None:
-        """Let `connection`, which has begun already, take over the link of `former`."""
+        """Attach `connection`, which has begun, to the link of `former`."""
         self.connections.discard(former)
         self.connections.add(connection)
         link.set_callbacks(connection)
 
     def tick(self, now: float) -> None:
-        """Check the time-outs of every connection; `now` is monotonic, in seconds."""
+        """Check the timeouts of every connection; `now` is monotonic, in seconds."""
         for connection in tuple(self.connections):
             try:
                 connection.tick(now)
             except Exception:
-                # One failure must not keep the others waiting.
+                # One failing connection must not block the others.
                 log_exception("the time-outs of %s failed; cutting it", connection)
                 connection.abort()
 
@@ -153,14 +157,14 @@ class ListenerState:
             connection.close(code, reason)
 
     async def watch(self) -> None:
-        """Check the time-outs of every connection about twice a second, until cancelled."""
+        """Check the timeouts of every connection about twice a second, until cancelled."""
         while True:
             self.tick(time.monotonic())
             await anyio.sleep(TICK_SECONDS)
 
     @asynccontextmanager
     async def serving(self) -> AsyncIterator[None]:
-        """Let handlers run and check time-outs within the block; then close every connection with 1001."""
+        """Run handlers and check timeouts inside the block; then close every connection with 1001."""
         async with anyio.create_task_group() as tasks:
             self.tasks = TaskStarter()
             self.requests = loop_turns(REQUESTS_SECONDS)
@@ -188,7 +192,7 @@ class ListenerState:
             await self._empty.wait()
 
     def detach(self, connection: PeerConnection) -> None:
-        """A connection has ended."""
+        """Remove a connection that has ended."""
         self.connections.discard(connection)
         self.addresses.leave(connection.address)
         if not self.connections and self._empty is not None:
@@ -197,70 +201,98 @@ class ListenerState:
             self.ended.set()
 
 
+class _State(Enum):
+    OPENING = "opening"
+    OPEN = "open"
+    CLOSING = "closing"
+    LOST = "lost"
+
+
+_TRANSITIONS: Final = {
+    _State.OPENING: {_State.OPEN, _State.CLOSING, _State.LOST},
+    _State.OPEN: {_State.CLOSING, _State.LOST},
+    _State.CLOSING: {_State.CLOSING, _State.LOST},
+    _State.LOST: set[_State](),
+}
+
+
 class Connection:
-    """Stands between a driver and an endpoint; see :mod:`rwt_transports.api`."""
+    """Mediator between a driver's link, a wire and an endpoint; see :mod:`rwt_transports.api`.
+
+    Life cycle::
+
+        OPENING ── accepted ──> OPEN ── close(), end of stream, ──> CLOSING ── link gone ──> LOST
+           │                             end of the protocol           ^
+           └────────────────────────── rejected ───────────────────────┘
+
+    * **OPENING**: no endpoint yet; messages are dropped.
+    * **OPEN**: messages go to the endpoint.
+    * **CLOSING**: nothing more is queued for sending. The endpoint stays until the peer agrees, the wire
+      fails, or the link is gone; after ``limits.close_seconds`` the link is cut.
+    * **LOST**: nothing refers to the wire or the endpoint.
+
+    A link can be lost in every state. `hand_over` exchanges the endpoint while there is one.
+
+    Attributes by purpose:
+
+    * Wiring: ``_state``, ``_listener``, ``_link``, ``_hang_up_aware`` (the link again, if it can tell),
+      ``_wire``, ``_inflating`` (the wire again, if it inflates messages), ``_endpoint``, ``outbox``, and what
+      the driver calls on the wire and the outbox directly: ``get_buffer``, ``take``, ``take_pieces``,
+      ``put_back``.
+    * Peer: ``address``, ``_port``.
+    * Closing: ``_closed_with`` (code and reason of :meth:`close`), ``_deadline`` (monotonic time to cut the
+      link).
+    * Signs of life: ``_is_alive`` (True if something arrived since the last :meth:`tick`), ``_heard``
+      (monotonic time of the last such tick), ``_is_pinged`` (True if silence was answered with a ping).
+    * Flow control: ``_is_paused``, ``_is_probed`` (True if a peer that sends no more was pinged, to learn
+      whether it still reads).
+    """
 
     __slots__ = (
-        "_alive",
-        "_closed_with",
-        "_deadline",
-        "_ending",
-        "_endpoint",
-        "_hang_up_aware",
-        "_heard",
-        "_holding",
-        "_is_asked",
-        "_is_paused",
-        "_link",
-        "_pinged",
-        "_port",
-        "_state",
-        "_step_wise",
-        "_wire",
-        "address",
-        "get_buffer",
-        "outbox",
-        "put_back",
-        "take",
-        "take_pieces",
-    )
+        "_closed_with", "_deadline", "_endpoint", "_hang_up_aware", "_heard", "_inflating", "_is_alive",
+        "_is_paused", "_is_pinged", "_is_probed", "_link", "_listener", "_port", "_state", "_wire", "address",
+        "get_buffer", "outbox", "put_back", "take", "take_pieces",
+    )  # fmt: skip
 
     def __init__(
         self, state: ListenerState, link: Link, address: str, port: int, terms: DeflateTerms | None = None
     ) -> None:
-        self._state = state
-        self._link = link
-        self.address = address
-        self._port = port
         limits = state.limits
-        self._wire: Wire = (
-            state.make_wire(self, limits, state.buffers)
-            if terms is None
-            else deflate_server(terms, self, limits, state.buffers)
-        )
-        wire: object = self._wire
-        self._holding = wire if isinstance(wire, Holding) else None
-        self._step_wise = wire if isinstance(wire, StepWise) else None
+        self._state = _State.OPENING
+        self._listener = state
+        self._link = link
+        self._hang_up_aware = link if isinstance(link, HangUpAware) else None
+        self._inflating = None if terms is None else deflate_server(terms, self, limits, state.buffers)
+        self._wire: Wire = self._inflating or state.make_wire(self, limits, state.buffers)
+        self._endpoint: Endpoint | None = None
         self.outbox = _ConnectionSink(self, self._wire.framing, limits, link.wake)
         # The driver calls the wire and the outbox directly here, since it does so for every message.
         self.get_buffer: Callable[[], memoryview | None] = self._wire.get_buffer
         self.take: Callable[[], Buffer | None] = self.outbox.take
         self.take_pieces: Callable[[], tuple[Sequence[Buffer], bool]] = self.outbox.take_pieces
         self.put_back: Callable[[Sequence[Buffer]], None] = self.outbox.put_back
-        self._endpoint: Endpoint | None = None
+        self.address = address
+        self._port = port
         self._closed_with: tuple[int, str] | None = None
-        self._ending = False
         self._deadline: float | None = None
+        self._is_alive = True
         self._heard: float | None = None
-        self._alive = True
-        self._pinged = False
-        self._hang_up_aware = link if isinstance(link, HangUpAware) else None
+        self._is_pinged = False
         self._is_paused = False
-        self._is_asked = False  # to answer, since it sends no more
+        self._is_probed = False
+
+    def _become(self, state: _State) -> None:
+        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
+        self._state = state
+
+    @property
+    def _is_ending(self) -> bool:
+        """True if the connection is closing or lost."""
+        return self._state in (_State.CLOSING, _State.LOST)
 
     def begin(self) -> None:
-        """Open at once, where the transport has no handshake."""
-        state = self._state
+        """Open, on a transport without a handshake."""
+        state = self._listener
         peer = PeerInfo(state.transport, self.address, self._port, max_message_size=state.max_message_size)
         if len(state.connections) > state.limits.connections:
             logger.warning("no room for %s: %d connections", self, state.limits.connections)
@@ -278,8 +310,8 @@ class Connection:
     # -- the driver's side ---------------------------------------------------------------------------------
 
     def receive(self, data: bytes) -> None:
-        """Bytes arrived."""
-        self._alive = True
+        """Pass received bytes to the wire."""
+        self._is_alive = True
         self.outbox.received += len(data)
         try:
             self._wire.feed(data)
@@ -287,8 +319,8 @@ class Connection:
             self._broken_inside()
 
     def buffer_updated(self, count: int) -> None:
-        """`count` bytes were received into the buffer that `get_buffer` gave."""
-        self._alive = True
+        """Tell the wire that `count` bytes were received into the buffer from `get_buffer`."""
+        self._is_alive = True
         self.outbox.received += count
         try:
             self._wire.buffer_updated(count)
@@ -296,35 +328,35 @@ class Connection:
             self._broken_inside()
 
     def progress(self) -> None:
-        """The network took bytes again."""
-        self._alive = True
+        """Note a sign of life: the network accepted bytes again."""
+        self._is_alive = True
 
     def eof(self) -> None:
-        """The peer will send nothing more."""
+        """Begin to close: the peer sends nothing more."""
         self._end_endpoint(ABNORMAL, "the peer went away without a word")
-        self._ending = True
-        # A peer that only closed its sending side still gets the answers made so far.
+        self._become(_State.CLOSING)
+        # A peer that only closed its sending side still gets the pending answers.
         self.outbox.when_empty(self._link.close)
 
     def lost(self) -> None:
-        """The link is gone."""
-        self._state.detach(self)
-        self._state.buffers.release(self._wire)
-        self._state.buffers.is_read(self._wire)
-        self._ending = True
+        """Release everything: the link is gone."""
+        self._listener.detach(self)
+        self._listener.buffers.release(self._wire)
+        self._listener.buffers.is_read(self._wire)
+        self._become(_State.LOST)
         self.outbox.discard()
         self._end_endpoint(ABNORMAL, "the connection was lost")
-        # What it refers to refers to it, and would stay until a full collection of garbage.
-        self._wire, self._holding, self._step_wise = _NO_WIRE, None, None
+        # Break the cycles: they would live until a full garbage collection.
+        self._wire, self._inflating = _NO_WIRE, None
         self.get_buffer = _NO_WIRE.get_buffer
 
     # -- the endpoint's side -------------------------------------------------------------------------------
 
     def close(self, code: int = 1000, reason: str = "") -> None:
-        """Close after what is queued in the control lane; a second call does nothing."""
-        if self._ending:
+        """Close after sending the control lane. A no-op if the connection is closing or lost."""
+        if self._is_ending:
             return
-        self._ending = True
+        self._become(_State.CLOSING)
         self._closed_with = (code, reason)
         last = self._wire.close(code, reason)
         self.outbox.finish(last)
@@ -338,31 +370,31 @@ class Connection:
     # -- the endpoint's flow control -----------------------------------------------------------------------
 
     def pause(self) -> None:
-        """Take nothing more from the peer for now."""
+        """Pause reading from the peer."""
         self._is_paused = True
-        self._state.buffers.keep_unread(self._wire)
+        self._listener.buffers.keep_unread(self._wire)
         self._link.pause()
-        if self._holding is not None:
-            self._holding.hold()
+        if self._inflating is not None:
+            self._inflating.hold()
 
     def resume(self) -> None:
-        """Read from the peer again."""
+        """Resume reading from the peer."""
         self._is_paused = False
-        self._state.buffers.is_read(self._wire)
+        self._listener.buffers.is_read(self._wire)
         self._link.resume()
-        if self._holding is not None and self._endpoint is not None:  # Else nobody wants what it holds.
+        if self._inflating is not None and self._endpoint is not None:
             try:
-                self._holding.go_on()
+                self._inflating.go_on()
             except Exception:
                 self._broken_inside()
 
     def when_empty(self, callback: Callable[[], None]) -> None:
-        """Call `callback` once everything sent has been taken."""
-        if not self._ending:
+        """Call `callback` once the network has accepted everything sent."""
+        if not self._is_ending:
             self.outbox.when_empty(callback)
 
     def overflow(self, reason: str) -> None:
-        """Close, since the peer leaves too many replies unread."""
+        """Close because the peer leaves too many replies unread."""
         logger.warning("closing %s: %s", self, reason)
         self.outbox.stop_sending()
         self.close(POLICY, reason)
@@ -374,14 +406,14 @@ class Connection:
     # -- what the wire reports (WireEvents) ----------------------------------------------------------------
 
     def oversized(self, size: int) -> bool:
-        """A message larger than the limit has begun."""
+        """Return True if a message larger than the limit is to be skipped."""
         return isinstance(self._endpoint, OversizeAware)
 
     def oversized_head(self, size: int, head: bytes) -> None:
-        """What a message begins with that is skipped."""
+        """Report the beginning of a message that is skipped."""
         endpoint: object = self._endpoint
         if isinstance(endpoint, OversizeAware):
-            endpoint.oversized(size, self._state.limits.message_bytes, head)
+            endpoint.oversized(size, self._listener.limits.message_bytes, head)
 
     def answer(self, data: bytes) -> None:
         """Send bytes of the protocol itself."""
@@ -392,9 +424,8 @@ class Connection:
         self.outbox.push_if_read(data)
 
     def ended(self, code: int, reason: str, *, agreed: bool) -> None:
-        """The wire is at its end: close, or half-close where the peer broke the protocol and has yet to read
-        why."""
-        self._ending = True
+        """Close; half-close if the peer broke the protocol, so that it can still read why."""
+        self._become(_State.CLOSING)
         if not agreed:
             logger.info("closing %s: %s", self, reason)
         self._end_endpoint(*(self._closed_with or (code, reason)))
@@ -403,26 +434,29 @@ class Connection:
     # -- life ----------------------------------------------------------------------------------------------
 
     def open(self, peer: PeerInfo) -> None:
-        """Ask the accept function for an endpoint. Raises what that raises."""
-        self._set_endpoint(self._state.accept(self.outbox, peer))
+        """Get an endpoint from the accept function, and raise what it raises."""
+        endpoint = self._listener.accept(self.outbox, peer)
+        if self._state is _State.OPENING:  # The accept function may have closed the connection.
+            self._become(_State.OPEN)
+        self._set_endpoint(endpoint)
 
     def _set_endpoint(self, endpoint: Endpoint) -> None:
-        """Feed `endpoint` from the next message on."""
+        """Pass messages to `endpoint` from the next one on."""
         self._endpoint = endpoint
         if isinstance(endpoint, FlowControlled):
             endpoint.set_flow_control(self)
-        if self._step_wise is not None:
-            self._step_wise.take_steps = endpoint.take_steps if isinstance(endpoint, StepTaking) else None
-        if not self._ending:
+        if self._inflating is not None:
+            self._inflating.take_steps = endpoint.take_steps if isinstance(endpoint, StepTaking) else None
+        if not self._is_ending:
             self._wire.message = endpoint.receive
 
     @property
     def ended_with(self) -> tuple[int, str]:
-        """Code and reason, once the connection is lost."""
+        """Code and reason of a lost connection."""
         return self._closed_with or (ABNORMAL, "the connection was lost")
 
     def hand_over(self, endpoint: Endpoint) -> None:
-        """Let `endpoint` take the place of the present one."""
+        """Replace the endpoint."""
         if self._endpoint is None:
             endpoint.closed(*self.ended_with)
         else:
@@ -434,50 +468,49 @@ class Connection:
         if endpoint is not None:
             self.outbox.stop_sending()
             self._wire.message = _ignore
-            if self._step_wise is not None:
-                self._step_wise.take_steps = None
+            if self._inflating is not None:
+                self._inflating.take_steps = None
             endpoint.closed(*(self._closed_with or (code, reason)))
 
     def tick(self, now: float) -> None:
-        """Check the time-outs of this connection; `now` is monotonic, in seconds."""
-        if self._alive or self._heard is None:
-            self._alive = self._pinged = False
+        """Check the timeouts of this connection; `now` is monotonic, in seconds."""
+        if self._is_alive or self._heard is None:
+            self._is_alive = self._is_pinged = False
             self._heard = now
         silent = now - self._heard
-        limits = self._state.limits
+        limits = self._listener.limits
         if self._is_paused and self._hang_up_aware is not None:
             self._look_for_hang_up(self._hang_up_aware)
-        if self._ending:
+        if self._is_ending:
             if self._deadline is None:
                 self._deadline = now + limits.close_seconds
             elif now >= self._deadline:
                 self._link.abort()
-        elif self._state.idle_seconds and silent >= self._state.idle_seconds:
+        elif self._listener.idle_seconds and silent >= self._listener.idle_seconds:
             self._forget(f"silent for {silent:.0f} s")
         elif limits.ping_seconds and silent >= limits.ping_seconds:
             self._ping(silent)
 
     def _look_for_hang_up(self, link: HangUpAware) -> None:
-        """Drop what waits for its turn of a peer that has gone: nothing is read from it, so that nobody would
-        see it before all is done."""
+        """Drop the peer if it is gone: while nothing is read from it, nothing else would show this."""
         hang_up = link.hang_up()
         if hang_up is HangUp.GONE:
             self._forget("the peer went away while it was held back")
-        elif hang_up is HangUp.SENDS_NO_MORE and not self._is_asked:
-            # It may have sent all that it had to say, and still read. The system of one that was killed
-            # answers whatever it is sent with a reset.
-            self._is_asked = True
+        elif hang_up is HangUp.SENDS_NO_MORE and not self._is_probed:
+            # The peer may be done with sending and still read. If its process was killed, its system answers
+            # the ping with a reset.
+            self._is_probed = True
             ping = self._wire.ping()
             if ping:
                 self.outbox.push(ping)
 
     def _ping(self, silent: float) -> None:
-        limits = self._state.limits
-        if not self._pinged:
+        limits = self._listener.limits
+        if not self._is_pinged:
             ping = self._wire.ping()
-            # Where the protocol has no ping, silence means nothing (TCP-04): the system's own keep-alive
-            # finds peers that have gone.
-            self._pinged = bool(ping)
+            # In a protocol without pings, silence means nothing (TCP-04): the system's keep-alive finds peers
+            # that are gone.
+            self._is_pinged = bool(ping)
             if ping:
                 self.outbox.push(ping)
         elif silent >= limits.ping_seconds + limits.pong_seconds:
@@ -489,15 +522,15 @@ class Connection:
         self._link.abort()
 
     def __repr__(self) -> str:
-        return f"<{self._state.transport} connection {self.address}:{self._port}>"
+        return f"<{self._listener.transport} connection {self.address}:{self._port}>"
 
 
 def _ignore(data: bytes, binary: bool) -> None:
-    """Takes what comes when the endpoint has gone, which nothing here refers to any more."""
+    """Drop a message: the endpoint is gone."""
 
 
 class _NoWire:
-    """Stands in for that of a connection that is lost; satisfies :class:`rwt_transports.api.Wire`."""
+    """Wire of a lost connection: drops everything. Implements :class:`rwt_transports.api.Wire`."""
 
     framing = SERVER_FRAMING
 
@@ -505,23 +538,23 @@ class _NoWire:
         self.message: Callable[[bytes, bool], None] = _ignore
 
     def feed(self, data: bytes) -> None:
-        """Drop it."""
+        """Drop `data`."""
 
     def get_buffer(self) -> None:
-        """There is none."""
+        """Return None: there is no buffer."""
 
     def buffer_updated(self, count: int) -> None:
-        """Drop it."""
+        """Never called: there is no buffer."""
 
     def give_up(self, reason: str) -> None:
-        """It is over already."""
+        """No-op."""
 
     def close(self, code: int, reason: str) -> bytes:
-        """It is over already."""
+        """Return nothing to send."""
         return b""
 
     def ping(self) -> bytes:
-        """There is none."""
+        """Return nothing to send."""
         return b""
 
 
@@ -541,19 +574,19 @@ class _ConnectionSink(Outbox):
         self._ended_with = (ABNORMAL, "the connection was lost")
 
     def close(self, code: int = 1000, reason: str = "") -> None:
-        """Close the connection after what is queued in the control lane; data still queued is not sent."""
+        """Close the connection after sending the control lane; queued data is not sent."""
         if self._connection is not None:
             self._connection.close(code, reason)
 
     def hand_over(self, endpoint: Endpoint) -> None:
-        """Feed `endpoint` from the next message on."""
+        """Pass messages to `endpoint` from the next one on."""
         if self._connection is not None:
             self._connection.hand_over(endpoint)
         else:
             endpoint.closed(*self._ended_with)
 
     def discard(self) -> None:
-        """The peer is gone: free everything, and let nothing follow."""
+        """Release everything, and send nothing more: the peer is gone."""
         super().discard()
         if self._connection is not None:
             self._ended_with = self._connection.ended_with
