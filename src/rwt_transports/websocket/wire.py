@@ -1,20 +1,21 @@
-"""The WebSocket protocol of RFC 6455 after its handshake, as a wire.
+"""Wire of the WebSocket protocol (RFC 6455) after its handshake.
 
-The handshake is negotiated in :mod:`rwt_transports.websocket.handshake`. Frames are read here, with as few
-copies as Python allows: a message costs one pass, the one that unmasks it; a large one is received where it
-is unmasked from. Outgoing frames of a server are the same bytes for every peer, so they are made once per
-frame.
+The handshake is in :mod:`rwt_transports.websocket.handshake`. Frames are read with as few copies as Python
+allows: a message costs one pass, which unmasks it; a large one is received into the buffer that it is
+    unmasked from. Outgoing frames of a server are the same bytes for every peer, so they are built once per
+    frame.
 
-Text is not checked for UTF-8 unless ``strict_utf8`` asks for it: section 8.1 would end the connection with
-1007, but a robot's bridge answers the one bad message and keeps its client. Everything else follows the RFC
-to the letter.
+Text is checked for UTF-8 only with ``strict_utf8``: section 8.1 would end the connection with 1007, but a
+robot's bridge rejects the one bad message and keeps its client. Everything else follows the RFC.
 """
 
 from __future__ import annotations
 
 import secrets
 from collections.abc import Callable, Sequence
+from enum import Enum
 from struct import Struct
+from typing import Final
 
 try:
     from websockets.speedups import apply_mask
@@ -37,17 +38,17 @@ from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 CONTINUATION, TEXT, BINARY, CLOSE, PING, PONG = 0x0, 0x1, 0x2, 0x8, 0x9, 0xA
 
 DIRECT_BYTES = 32 * 1024
-"""With less than this to come, a copy from the shared buffer is cheaper than one more read."""
+"""If less than this is missing, a copy from the shared buffer is cheaper than another read."""
 
 ALL_DIRECT_BYTES = 1024 * 1024
-"""A message of so many bytes is received directly up to its last, so that who receives sees it complete: to
-unmask it takes long."""
+"""Messages of this size are received directly up to their last byte: unmasking them takes long, and the
+driver has to see when they are complete."""
 
 SMALL_PART_BYTES = 16 * 1024
-"""Parts below this are joined with the header rather than written by themselves."""
+"""Smaller parts are joined with the header rather than written separately."""
 
 _LONGEST_USUAL_HEADER = 8
-"""Bytes of the header of a masked frame that has less than 64 KiB, its key included."""
+"""Size of the header of a masked frame of less than 64 KiB, including its key."""
 
 _SHORT = Struct("!BB").pack
 _MEDIUM = Struct("!BBH").pack
@@ -67,12 +68,12 @@ def _server_header(frame: Frame) -> bytes:
 
 
 def server_whole(frame: Frame) -> bytes:
-    """A message as one unmasked frame."""
+    """Return a message as one unmasked frame."""
     return b"".join((_server_header(frame), *frame.parts))
 
 
 def _server_joined(frames: Sequence[Frame]) -> bytes:
-    """Several messages, one after the other."""
+    """Return several messages, one after the other."""
     parts: list[Buffer] = []
     for frame in frames:
         parts.append(_server_header(frame))
@@ -81,7 +82,7 @@ def _server_joined(frames: Sequence[Frame]) -> bytes:
 
 
 def _server_apart(frames: Sequence[Frame]) -> Sequence[bytes]:
-    """Several messages that have a gap after their first part each, in the pieces between the gaps."""
+    """Return the pieces between the gaps of several messages, each with a gap after its first part."""
     apart: list[bytes] = []
     last: tuple[Buffer, ...] = ()
     for frame in frames:
@@ -92,7 +93,7 @@ def _server_apart(frames: Sequence[Frame]) -> Sequence[bytes]:
 
 
 def server_pieces(frame: Frame) -> tuple[Buffer, ...]:
-    """The same in pieces, the large parts of the message uncopied."""
+    """Return a message as one unmasked frame in pieces, with its large parts uncopied."""
     pieces: list[Buffer] = []
     small: list[Buffer] = [_server_header(frame)]
     for part in frame.parts:
@@ -117,7 +118,7 @@ CLIENT_FRAMING = Framing(_client_whole, lambda frame: (_client_whole(frame),))
 
 
 def close_payload(code: int, reason: str) -> bytes:
-    """The body of a close frame; the reason is cut to the 123 bytes that fit (RFC 6455 section 5.5.1)."""
+    """Return the body of a close frame; the reason is cut to 123 bytes (RFC 6455 section 5.5.1)."""
     if not may_travel(code):
         return b""
     text = reason.encode("utf-8", "replace")[:123]
@@ -125,7 +126,7 @@ def close_payload(code: int, reason: str) -> bytes:
 
 
 def pack(opcode: int, payload: Buffer, *, masked: bool) -> bytes:
-    """One final frame; `opcode` may have reserved bits set."""
+    """Return one final frame; `opcode` may have reserved bits set."""
     size = len(payload)
     bit = 0x80 if masked else 0
     if size < 126:
@@ -144,7 +145,7 @@ _keys: list[bytes] = []
 
 
 def _masking_key() -> bytes:
-    """Four unpredictable bytes (RFC 6455 section 5.3); many are drawn at once, which is cheaper."""
+    """Return four unpredictable bytes (RFC 6455 section 5.3), drawn in batches because that is cheaper."""
     try:
         return _keys.pop()
     except IndexError:
@@ -154,7 +155,7 @@ def _masking_key() -> bytes:
 
 
 class ProtocolViolation(Exception):
-    """The peer broke the protocol; becomes a close frame in :meth:`WebSocketWire.feed` and nowhere else."""
+    """The peer broke the protocol. Never leaves the wire, which answers it with a close frame."""
 
     def __init__(self, code: int, reason: str) -> None:
         super().__init__(reason)
@@ -162,7 +163,7 @@ class ProtocolViolation(Exception):
 
 
 class _Staged:
-    """A frame whose payload is still arriving."""
+    """Frame whose payload is incomplete."""
 
     __slots__ = ("buffer", "filled", "first", "key", "size")
 
@@ -174,19 +175,19 @@ class _Staged:
         self.filled = 0
 
     def grow(self) -> None:
-        """Make the buffer larger, by what has arrived rather than by what was announced."""
-        # In another place: who has just received into this one may still have a view of it.
+        """Enlarge the buffer, in proportion to what has arrived and not to what was announced."""
+        # Not in place: the driver may still have a view of it.
         larger = bytearray(min(self.size, 4 * len(self.buffer)))
         larger[: self.filled] = self.buffer
         self.buffer = larger
 
 
 class _Head:
-    """The first bytes of a message that is skipped.
+    """First bytes of a message that is skipped.
 
     Attributes:
-        message_bytes: how many the message has, as far as known.
-        start: the bytes.
+        message_bytes: size of the message, as far as known.
+        start: bytes so far.
     """
 
     __slots__ = ("_key", "_masked", "_missing", "message_bytes", "start")
@@ -199,12 +200,12 @@ class _Head:
         self._missing = 0
 
     def begin_frame(self, key: bytes, size: int) -> None:
-        """What is missing comes from this frame, as far as it goes."""
+        """Continue with the payload of another frame."""
         self._key = key
         self._missing = min(HEAD_BYTES - len(self.start), size)
 
     def add(self, data: bytes) -> bool:
-        """Take bytes of the frame as they came; whether that is enough."""
+        """Add masked bytes of the frame. Returns True once nothing is missing from this frame."""
         self._masked += data[: self._missing - len(self._masked)]
         if len(self._masked) < self._missing:
             return False
@@ -212,21 +213,70 @@ class _Head:
         return True
 
 
+class _State(Enum):
+    OPEN = "open"
+    CLOSING = "closing"
+    ENDED = "ended"
+
+
+_TRANSITIONS: Final = {
+    _State.OPEN: {_State.CLOSING, _State.ENDED},
+    _State.CLOSING: {_State.ENDED},
+    _State.ENDED: set[_State](),
+}
+
+
+class _Message(Enum):
+    """Message that is in progress between two frames."""
+
+    NONE = "none"
+    FRAGMENTED = "fragmented"
+    SKIPPED = "skipped"
+
+
 class WebSocketWire:
-    """One connection's frames, either side.
+    """Frames of one connection, as a server or a client.
+
+    Life cycle::
+
+        OPEN ── close() ──> CLOSING ── close frame of the peer, or a violation ──> ENDED
+          └──────────────── close frame of the peer, or a violation ─────────────────^
+
+    * **OPEN**: messages go to `message`.
+    * **CLOSING**: the close frame is sent; messages are dropped, and frames are read up to the peer's close
+      frame.
+    * **ENDED**: nothing is read, and nothing is sent.
+
+    Reading, within OPEN and CLOSING: a message is in progress or not (``_progress``); a frame may be
+    incomplete in one of three ways: its header (``_tail``), a payload to keep (``_staged``) or a payload to
+    skip (``_skip`` > 0).
+
+    Attributes by purpose:
+
+    * Role and limits: ``_server``, ``_max_size``, ``_strict`` (True if text must be UTF-8), ``_events``,
+      ``_buffers``.
+    * ``_state``: state of the connection.
+    * ``_progress``: **NONE** between messages; **FRAGMENTED** after the first fragment of one, with
+      ``_parts`` (its payload so far) and ``_parts_binary``; **SKIPPED** while one that is too large is
+      skipped, with ``_head`` (its first bytes, until they are reported).
+    * ``_is_usual``: True if the next frame is likely whole, small and masked; derived from role and progress
+      for speed.
+    * Frame: ``_tail``, ``_staged``, ``_skip`` (bytes to skip), ``_skip_last`` (True if that frame ends its
+      message).
+    * ``_is_held``: True while nothing more is read, see
+      :class:`~rwt_transports.websocket.deflate.DeflateWire`.
 
     Args:
-        events: what the wire reports to, messages excepted.
+        events: receives what the wire reports, messages excepted.
         max_size: largest message in bytes.
-        server: whether this side is the server (incoming frames must be masked, outgoing ones are not).
+        server: True for the server's side: incoming frames must be masked, outgoing ones are not.
         strict_utf8: end the connection with 1007 when a text message is not UTF-8.
-        buffers: where large messages are received.
+        buffers: buffers for large messages.
     """
 
     __slots__ = (
-        "_buffers", "_closing", "_ended", "_events", "_head", "_is_held", "_max_size", "_parts",
-        "_parts_binary", "_plain", "_server", "_skip", "_skip_last", "_skipping", "_staged", "_strict",
-        "_tail", "_whole", "message",
+        "_buffers", "_events", "_head", "_is_held", "_is_usual", "_max_size", "_parts", "_parts_binary",
+        "_progress", "_server", "_skip", "_skip_last", "_staged", "_state", "_strict", "_tail", "message",
     )  # fmt: skip
 
     def __init__(
@@ -244,19 +294,21 @@ class WebSocketWire:
         self._strict = strict_utf8
         self._buffers = ReceiveBufferPool() if buffers is None else buffers
         self.message: Callable[[bytes, bool], None] = _ignore
-        self._tail = b""
-        self._staged: _Staged | None = None
-        self._whole = True  # no fragmented message is under way
-        self._plain = server  # the same, and frames are masked
+        self._state = _State.OPEN
+        self._progress = _Message.NONE
+        self._is_usual = server
         self._parts = bytearray()
         self._parts_binary = False
-        self._skipping = False  # the message under way is too large
-        self._head: _Head | None = None  # of that message, until it is reported
-        self._skip = 0  # bytes of the frame under way that are still to be skipped
-        self._skip_last = False  # that frame ends its message
-        self._closing = False
-        self._ended = False
-        self._is_held = False  # reads nothing more than it has begun
+        self._head: _Head | None = None
+        self._tail = b""
+        self._staged: _Staged | None = None
+        self._skip = 0
+        self._skip_last = False
+        self._is_held = False
+
+    def _become(self, state: _State) -> None:
+        assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
+        self._state = state
 
     @property
     def framing(self) -> Framing:
@@ -266,23 +318,21 @@ class WebSocketWire:
     # -- outgoing ------------------------------------------------------------------------------------------
 
     def close(self, code: int, reason: str) -> bytes:
-        """Start the closing handshake (RFC 6455 section 7.1.2); empty when it has begun already."""
-        if self._closing:
+        """Start the closing handshake (RFC 6455 section 7.1.2). Returns nothing if it has begun already."""
+        if self._state is not _State.OPEN:
             return b""
-        self._closing = True
+        self._become(_State.CLOSING)
         self.message = _ignore
         return pack(CLOSE, close_payload(code, reason), masked=not self._server)
 
     def ping(self) -> bytes:
-        """A ping without content (RFC 6455 section 5.5.2)."""
-        return b"" if self._closing else pack(PING, b"", masked=not self._server)
+        """Return a ping without content (RFC 6455 section 5.5.2)."""
+        return b"" if self._state is not _State.OPEN else pack(PING, b"", masked=not self._server)
 
     # -- incoming ------------------------------------------------------------------------------------------
 
     def feed(self, data: bytes) -> None:
         """Read frames; each whole message goes to :attr:`message` within the call."""
-        if self._ended:
-            return
         position = 0
         try:
             if self._staged is not None:
@@ -291,17 +341,18 @@ class WebSocketWire:
                 data = self._tail + data
                 self._tail = b""
             end = len(data)
-            while position < end and not self._ended:
+            while position < end and self._state is not _State.ENDED:
                 if self._is_held:
                     self._tail = data[position:]
                     return
                 if self._skip:
                     position = self._skip_some(data, position, end)
                     continue
-                if self._plain:
-                    position = self._read_usual(data, position, end)
-                    if position == end or self._ended:
-                        return
+                if self._is_usual:
+                    following = self._read_usual(data, position, end)
+                    if following != position:
+                        position = following
+                        continue
                 following = self._read_frame(data, position, end)
                 if following == position:
                     self._tail = data[position:]
@@ -311,14 +362,14 @@ class WebSocketWire:
             self._fail(violation.code, str(violation))
 
     def get_buffer(self) -> memoryview | None:
-        """The rest of a large payload's buffer, when receiving there saves a copy."""
+        """Return the rest of a large payload's buffer, if receiving there saves a copy."""
         staged = self._staged
         if staged is None or (staged.size - staged.filled < DIRECT_BYTES and staged.size < ALL_DIRECT_BYTES):
             return None
         return memoryview(staged.buffer)[staged.filled : staged.size]
 
     def buffer_updated(self, count: int) -> None:
-        """`count` bytes of a large payload were received into :meth:`get_buffer`."""
+        """Take `count` bytes of a large payload, received into the buffer from :meth:`get_buffer`."""
         staged = self._staged
         if staged is None:
             return
@@ -332,24 +383,26 @@ class WebSocketWire:
             self._grow(staged)
 
     def give_up(self, reason: str) -> None:
-        """Drop what has come of a message, and end the connection."""
+        """Drop an incomplete message, and end the connection."""
         self._fail(POLICY, reason)
 
     def _fail(self, code: int, reason: str) -> None:
-        self._ended = True
+        if self._state is _State.ENDED:
+            return
+        answer = self.close(code, reason)
+        self._become(_State.ENDED)
         self._buffers.release(self)
         self._staged = None
         self._parts = bytearray()
-        answer = self.close(code, reason)
         if answer:
             self._events.answer(answer)
         self._events.ended(code, reason, agreed=False)
 
     def _read_usual(self, data: bytes, position: int, end: int) -> int:
-        """Read whole, masked, small messages, nearly all that clients send; returns where something else
-        starts, or the end."""
+        """Read whole, masked, small messages, nearly all that clients send. Returns the position of anything
+        else, or the end."""
         most = self._max_size
-        while end - position >= _LONGEST_USUAL_HEADER and self._plain:
+        while end - position >= _LONGEST_USUAL_HEADER and self._is_usual:
             first = data[position]
             size = data[position + 1] - 0x80
             start = position + 6
@@ -372,8 +425,8 @@ class WebSocketWire:
         return position
 
     def _read_frame(self, data: bytes, position: int, end: int) -> int:
-        """Read the frame at `position`; returns where the next one starts, `position` when its header is
-        cut off."""
+        """Read the frame at `position`. Returns the position of the next one, or `position` if the header is
+        incomplete."""
         if end - position < 2:
             return position
         first = data[position]
@@ -387,7 +440,7 @@ class WebSocketWire:
             size = _long_size(data[position + 2 : start])
         if second > 127:
             start += 4
-        elif not self._server and self._whole and (first == 0x81 or first == 0x82):
+        elif not self._server and self._progress is _Message.NONE and (first == 0x81 or first == 0x82):
             # Nearly every frame from a server: the same, and not masked.
             stop = start + size
             if stop <= end and size <= self._max_size:
@@ -400,7 +453,7 @@ class WebSocketWire:
         return self._read_any(data, first, key, start, size)
 
     def _check(self, first: int, size: int, *, masked: bool) -> None:
-        """The header rules of RFC 6455 sections 5.1, 5.2, 5.4 and 5.5."""
+        """Check the header rules of RFC 6455 sections 5.1, 5.2, 5.4 and 5.5."""
         opcode = first & 0x0F
         if first & 0x70:
             raise ProtocolViolation(PROTOCOL_ERROR, "a reserved bit is set and no extension was negotiated")
@@ -413,15 +466,15 @@ class WebSocketWire:
                 raise ProtocolViolation(PROTOCOL_ERROR, "a control frame holds at most 125 bytes")
             if first < 0x80:
                 raise ProtocolViolation(PROTOCOL_ERROR, "a control frame cannot be fragmented")
-        elif opcode == CONTINUATION and self._whole:
+        elif opcode == CONTINUATION and self._progress is _Message.NONE:
             raise ProtocolViolation(PROTOCOL_ERROR, "a continuation frame without a message to continue")
-        elif opcode != CONTINUATION and not self._whole:
+        elif opcode != CONTINUATION and self._progress is not _Message.NONE:
             raise ProtocolViolation(
                 PROTOCOL_ERROR, "a new message before the last fragment of the one before"
             )
 
     def _read_any(self, data: bytes, first: int, key: bytes, start: int, size: int) -> int:
-        """Take a checked frame of any kind; returns where the next one starts, or the end of `data`."""
+        """Read a checked frame of any kind. Returns the position of the next one, or the end of `data`."""
         if first & 0x0F < CLOSE and not self._admit(first, size):
             self._skip = size
             self._skip_last = first > 127
@@ -443,21 +496,20 @@ class WebSocketWire:
     # -- too large a message -------------------------------------------------------------------------------
 
     def _admit(self, first: int, size: int) -> bool:
-        """Whether a data frame fits its message's limit. The first that does not is reported, and may be
-        skipped."""
-        if self._skipping:
+        """Return True if a data frame is within the limit of its message. The first that is not is reported,
+        and may be skipped."""
+        if self._progress is _Message.SKIPPED:
             return False
         total = len(self._parts) + size
         if total <= self._max_size:
             return True
-        if self._closing or not self._events.oversized(total):
+        if self._state is not _State.OPEN or not self._events.oversized(total):
             raise ProtocolViolation(
                 TOO_BIG,
                 f"a message of {total} bytes; the limit is {self._max_size} (max_message_size)",
             )
-        self._skipping = True
         self._head = _Head(total, bytes(self._parts[:HEAD_BYTES]))
-        self._begin(first)
+        self._begin(first, _Message.SKIPPED)
         self._parts = bytearray()
         return False
 
@@ -474,13 +526,12 @@ class WebSocketWire:
 
     def _skipped(self) -> None:
         if self._skip_last:
-            self._skipping = False
             self._end_message()
 
     # -- a payload that arrives in pieces ------------------------------------------------------------------
 
     def _stage(self, staged: _Staged, data: bytes, position: int) -> int:
-        """Copy what has arrived of the payload into its buffer; returns the position behind it."""
+        """Copy the received part of the payload into its buffer. Returns the position behind it."""
         end = min(len(data), position + staged.size - staged.filled)
         while position < end:
             count = min(end - position, len(staged.buffer) - staged.filled)
@@ -513,7 +564,7 @@ class WebSocketWire:
     def _frame(self, first: int, payload: bytes) -> None:
         opcode = first & 0x0F
         if opcode == PING:
-            if not self._closing:
+            if self._state is _State.OPEN:
                 self._events.pong(pack(PONG, payload, masked=not self._server))
         elif opcode == CLOSE:
             self._close_frame(payload)
@@ -522,10 +573,10 @@ class WebSocketWire:
 
     def _data_frame(self, first: int, payload: bytes) -> None:
         last = first > 127
-        if last and self._whole:
+        if last and self._progress is _Message.NONE:
             self._deliver(payload, first & 0x0F == BINARY)
             return
-        self._begin(first)
+        self._begin(first, _Message.FRAGMENTED)
         self._parts += payload
         if len(self._parts) >= DIRECT_BYTES:
             self._buffers.hold(self, len(self._parts))
@@ -534,17 +585,18 @@ class WebSocketWire:
             self._end_message()
             self._deliver(whole, self._parts_binary)
 
-    def _begin(self, first: int) -> None:
-        """A data frame that is not a whole message was taken or skipped."""
-        if self._whole:
+    def _begin(self, first: int, progress: _Message) -> None:
+        """Note a data frame that is not a whole message."""
+        if self._progress is _Message.NONE:
             self._parts_binary = first & 0x0F == BINARY
-            self._whole = self._plain = False
+        self._progress = progress
+        self._is_usual = False
 
     def _end_message(self) -> None:
         self._buffers.release(self)
         self._parts = bytearray()
-        self._whole = True
-        self._plain = self._server
+        self._progress = _Message.NONE
+        self._is_usual = self._server
 
     def _deliver(self, payload: bytes, binary: bool) -> None:
         if self._strict and not binary:
@@ -558,21 +610,21 @@ class WebSocketWire:
             self._buffers.hand_on(self.message, payload, binary)
 
     def _close_frame(self, payload: bytes) -> None:
-        """The peer closes, or agrees to (RFC 6455 sections 5.5.1 and 7.4)."""
+        """End the connection: the peer closes, or agrees to (RFC 6455 sections 5.5.1 and 7.4)."""
         code, reason = _parse_close(payload)
-        self._ended = True
-        answer = b"" if self._closing else self.close(code, reason)
+        answer = self.close(code, reason)
+        self._become(_State.ENDED)
         if answer:
             self._events.answer(answer)
         self._events.ended(code, reason, agreed=True)
 
 
 def _ignore(_data: bytes, _binary: bool) -> None:
-    """Where messages go before an endpoint is there, and after the connection began to close."""
+    """Drop a message: there is no endpoint yet, or the connection is closing."""
 
 
 def _long_size(field: bytes) -> int:
-    """A length of two or eight bytes; the shortest form must be used (RFC 6455 section 5.2)."""
+    """Return a length of two or eight bytes, which must use the shortest form (RFC 6455 section 5.2)."""
     size = int.from_bytes(field, "big")
     if size < 126 or (len(field) == 8 and size < 65536):
         raise ProtocolViolation(PROTOCOL_ERROR, "a payload length must use the shortest form")
@@ -596,14 +648,14 @@ def _parse_close(payload: bytes) -> tuple[int, str]:
 
 
 def websocket_server(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> WebSocketWire:
-    """The wire of one peer that connected to this server."""
+    """Return the wire of a client that connected to this server."""
     return WebSocketWire(
         events, max_size=limits.message_bytes, strict_utf8=limits.strict_utf8, buffers=buffers
     )
 
 
 def websocket_client(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> WebSocketWire:
-    """The wire of the server that this side connected to."""
+    """Return the wire of a server that this side connected to."""
     return WebSocketWire(
         events, max_size=limits.message_bytes, server=False, strict_utf8=limits.strict_utf8, buffers=buffers
     )
