@@ -1,11 +1,13 @@
-"""Plain HTTP on one connection, up to its upgrade to a WebSocket, without I/O (on h11)."""
+"""HTTP of one connection up to its upgrade to a WebSocket, without I/O (on h11)."""
 
 from __future__ import annotations
 
 import logging
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from email.utils import formatdate
+from enum import Enum
 from http import HTTPStatus
+from typing import Final
 
 import anyio
 import h11
@@ -24,84 +26,139 @@ logger = logging.getLogger("rwt_transports.http")
 access = logging.getLogger("rwt_transports.access")
 
 
+class _State(Enum):
+    READING = "reading"
+    WAITING = "waiting"
+    ANSWERING = "answering"
+    STREAMING = "streaming"
+    ENDED = "ended"
+
+
+_TRANSITIONS: Final = {
+    _State.READING: {_State.READING, _State.WAITING, _State.ANSWERING},
+    _State.WAITING: {_State.READING},
+    _State.ANSWERING: {_State.READING, _State.STREAMING},
+    _State.STREAMING: {_State.ANSWERING},
+}
+
+
 class HttpConnection:
-    """One connection's HTTP, request after request (RFC 9112), until it is closed or becomes a WebSocket.
+    """HTTP of one connection, request after request (RFC 9112), until it closes or becomes a WebSocket.
 
     A :class:`~rwt_transports.connection.Connection` then takes over its link.
 
+    States::
+
+        WAITING <── turn is full ──── READING ──── request is complete ──> ANSWERING <───> STREAMING
+            └──────── a turn ──────────> ^ <──────── answer is sent ───────────┘
+
+    * **READING**: requests are read as their bytes arrive.
+    * **WAITING**: received bytes wait for a turn.
+    * **ANSWERING**: a handler runs, or the network has not yet accepted the answer. Requests behind it wait.
+    * **STREAMING**: the answer's body comes piece by piece, and may have no end.
+    * **ENDED**: nothing more is read or sent; reached from every state, and final. The link closes once the
+      network has accepted what is queued, or already belongs to a WebSocket.
+
+    Attributes by purpose:
+
+    * Wiring: ``_state``, ``_routes``, ``_listener``, ``_limits``, ``_link``, ``outbox``, ``take`` (of the
+      outbox, for the driver).
+    * Peer: ``address`` (the client's, which a proxy may name), ``_peer`` (address of the link), ``_port``,
+      ``_refused`` (answer to every request of this address, or None).
+    * Request: ``_h11``, ``_request``, ``_body``, ``_ahead`` (bytes that arrived while others wait or are
+      answered).
+    * Answer: ``_scope`` (cancels the handler), ``_served`` (True after the first answer), ``_half_closed``
+      (True if the peer sends nothing more).
+    * Timeouts, monotonic: ``_deadline`` (for the next request, or to close), ``_stalled`` (for the network to
+      accept some bytes), ``_taken`` (bytes that it had accepted at the last :meth:`tick`).
+
     Args:
-        routes: what is served.
-        state: what all connections of the listener share.
-        link: the driver's side.
-        address: the peer's address.
-        port: the peer's port.
+        routes: routes to serve.
+        state: state that the connections of the listener share.
+        link: link to the peer.
+        address: address of the peer.
+        port: port of the peer.
     """
 
     def __init__(self, routes: Routes, state: ListenerState, link: Link, address: str, port: int) -> None:
+        self._state = _State.READING
         self._routes = routes
-        self._state = state
+        self._listener = state
         self._limits = limits = state.limits
         self._link = link
-        self._peer = self.address = address
-        self._port = port
         self.outbox = Outbox(SERVER_FRAMING, limits, link.wake, self._overflow)
         self.take: Callable[[], Buffer | None] = self.outbox.take
+        self._peer = self.address = address
+        self._port = port
+        self._refused: HttpResponse | None = None
         self._h11 = h11.Connection(h11.SERVER, max_incomplete_event_size=limits.http_header_bytes)
         self._request: h11.Request | None = None
         self._body = bytearray()
-        self._busy = False  # a handler is at work, or a body is being sent
-        self._streaming = False  # that body comes piece by piece, and may have no end
-        self._is_waiting = False  # what has come waits to be read
-        self._ahead = 0  # bytes that came meanwhile, or while an answer was being made
-        self._refused: HttpResponse | None = None  # what answers every request
-        self._taken = 0  # bytes that the network had taken when the time-outs were checked last
-        self._over = False
-        self._half_closed = False  # the peer sends nothing more
-        self._served = False
-        self._deadline: float | None = None
-        self._stalled: float | None = None  # until when the network must take something of what waits
+        self._ahead = 0
         self._scope: anyio.CancelScope | None = None
+        self._served = False
+        self._half_closed = False
+        self._deadline: float | None = None
+        self._stalled: float | None = None
+        self._taken = 0
+
+    def _become(self, state: _State) -> None:
+        """Change the state, unless the connection has ended."""
+        if not self._is_over:
+            assert state is _State.ENDED or state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
+            self._state = state
+
+    @property
+    def _is_over(self) -> bool:
+        return self._state is _State.ENDED
+
+    @property
+    def _is_answering(self) -> bool:
+        return self._state in (_State.ANSWERING, _State.STREAMING)
 
     # -- the driver's side ---------------------------------------------------------------------------------
 
     def receive(self, data: bytes) -> None:
-        """Bytes arrived."""
-        if self._over:
+        """Read received bytes, or keep them until the answer before them is sent."""
+        if self._is_over:
             return
         self.outbox.received += len(data)
-        if self._busy or self._is_waiting:
+        if self._state is not _State.READING:
             self._ahead += len(data)
             if self._ahead > self._limits.http_header_bytes + self._limits.http_body_bytes:
                 self._overflow("too many requests before the answer to the first (http_body_bytes)")
                 return
         try:
             self._h11.receive_data(data)
-            if not (self._busy or self._is_waiting):
+            if self._state is _State.READING:
                 self._go_on()
         except Exception:
             log_exception("a route or the handshake failed; cutting %s", self)
             self.abort()
 
     def get_buffer(self) -> None:
-        """A request is received anywhere."""
+        """Return None: requests need no buffer of their own."""
 
     def buffer_updated(self, count: int) -> None:
         """Never called, since there is no buffer."""
 
     def progress(self) -> None:
-        """The network took bytes again."""
+        """No-op: :meth:`tick` looks at what the network accepted."""
 
     def eof(self) -> None:
-        """The peer will send nothing more. An answer under way is still sent; a stream is ended, since a
-        browser that leaves it half-closes the connection and no more."""
+        """Note that the peer sends nothing more.
+
+        A pending answer is still sent. A stream is ended: a browser that leaves it only half-closes the
+        connection.
+        """
         self._half_closed = True
-        if (not self._busy or self._streaming) and not self._is_waiting:
+        if self._state in (_State.READING, _State.STREAMING):
             self._end()
 
     def lost(self) -> None:
-        """The link is gone."""
-        self._over = True
-        self._state.detach(self)
+        """Release everything: the link is gone."""
+        self._become(_State.ENDED)
+        self._listener.detach(self)
         self.outbox.discard()
         if self._scope is not None:
             self._scope.cancel()
@@ -109,28 +166,28 @@ class HttpConnection:
     # -- the listener's side -------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """Wait for a request; a connection too many is given its reason, and closed."""
+        """Wait for a request; if the address has too many connections, each request is refused."""
         self._check_address()
 
     def _check_address(self) -> None:
         self._refused = None
         try:
-            self._state.addresses.check(self.address)
+            self._listener.addresses.check(self.address)
         except Refused as refused:
             self._refused = _refusal(refused)
 
     def close(self, code: int, reason: str) -> None:
-        """Close, once an answer that is being made has been sent; a stream is ended."""
-        if not self._busy or self._streaming:
+        """Close after the pending answer; end a stream."""
+        if self._state is not _State.ANSWERING:
             self._end()
 
     def abort(self) -> None:
         """Cut the connection."""
-        self._over = True
+        self._become(_State.ENDED)
         self._link.abort()
 
     def tick(self, now: float) -> None:
-        """Check the time-outs; `now` is monotonic, in seconds. Bytes that trickle in extend nothing."""
+        """Check the timeouts; `now` is monotonic, in seconds. Bytes that trickle in do not extend them."""
         limits = self._limits
         if self.outbox.is_waited_for:
             if self._taken != self.outbox.taken or self._stalled is None:
@@ -141,13 +198,13 @@ class HttpConnection:
             self._deadline = None
             return
         self._stalled = None
-        if self._busy and not self._over:
+        if self._is_answering:
             return
         if self._deadline is None:
             usual = limits.idle_http_seconds if self._served else limits.handshake_seconds
-            self._deadline = now + (limits.close_seconds if self._over else usual)
+            self._deadline = now + (limits.close_seconds if self._is_over else usual)
         elif now >= self._deadline:
-            if self._over:
+            if self._is_over:
                 self._link.abort()
             else:
                 self._timed_out()
@@ -164,22 +221,22 @@ class HttpConnection:
     # -- reading -------------------------------------------------------------------------------------------
 
     def _go_on(self) -> None:
-        """Read the next request, in a turn of the event loop that has not read many."""
-        turns = self._state.requests
+        """Read the next request, in a turn with time for it."""
+        turns = self._listener.requests
         if turns.must_wait:
-            self._is_waiting = True
+            self._become(_State.WAITING)
             turns.wait(self._take_waiting)
         else:
             turns.do(self._take_requests)
 
     def _take_waiting(self) -> None:
-        self._is_waiting = False
-        if self._over:
+        if self._is_over:
             return
+        self._become(_State.READING)
         try:
             self._take_requests()
-            if self._half_closed and not self._busy and not self._over:
-                self._end()  # As in `eof`, which came before.
+            if self._half_closed and self._state is _State.READING:
+                self._end()  # The end of stream arrived before, see eof().
         except Exception:
             log_exception("a route failed; cutting %s", self)
             self.abort()
@@ -189,10 +246,10 @@ class HttpConnection:
             self._next_events()
         except h11.RemoteProtocolError as error:
             self._fail(error.error_status_hint)
-        self._ahead = len(self._h11.trailing_data[0]) if self._busy else 0
+        self._ahead = len(self._h11.trailing_data[0]) if self._is_answering else 0
 
     def _next_events(self) -> None:
-        while not self._busy and not self._over:
+        while self._state is _State.READING:
             event = self._h11.next_event()
             if event is h11.NEED_DATA:
                 self._continue_if_asked()
@@ -212,7 +269,7 @@ class HttpConnection:
                 self._end()
 
     def _most_body(self) -> int:
-        """Bytes of body that the request may have: few, where nothing would be done with them."""
+        """Return the maximum size of the request's body: small if no route would use it."""
         assert self._request is not None
         method, path = self._request.method.decode("latin-1"), self._request.target.decode("latin-1")
         if method in ("GET", "HEAD"):
@@ -236,14 +293,14 @@ class HttpConnection:
             headers[name] = f"{headers[name]}, {value}" if name in headers else value
         path, _, query = target.partition("?")
         method = raw.method.decode("latin-1")
-        address, prefix = self._state.proxies.resolve(self._peer, headers)
+        address, prefix = self._listener.proxies.resolve(self._peer, headers)
         if address != self.address:
-            self._state.addresses.leave(self.address)
+            self._listener.addresses.leave(self.address)
             self.address = address
-            self._state.addresses.enter(address)
+            self._listener.addresses.enter(address)
             self._check_address()
         request = HttpRequest(method, path, query, headers, bytes(self._body), address, prefix)
-        if not self._state.hosts.include(headers.get("host", "")):
+        if not self._listener.hosts.include(headers.get("host", "")):
             shown = ascii(headers["host"])[1:-1][:200]
             text = f"this server does not answer to the name {shown} (origins.hosts)\n"
             self._respond_text(403, text, {"Connection": "close"})
@@ -252,7 +309,7 @@ class HttpConnection:
             self._respond(self._refused)
             return
         if wants_websocket(pairs):
-            if raw.http_version < b"1.1":  # RFC 6455 section 4.2.1; a proxy's default, more often than not
+            if raw.http_version < b"1.1":  # RFC 6455 section 4.2.1; often a proxy's default
                 self._respond_text(426, "a WebSocket needs HTTP/1.1, this request is HTTP/1.0\n")
             else:
                 self._upgrade(request, target, pairs)
@@ -261,7 +318,7 @@ class HttpConnection:
         self._respond(found if isinstance(found, HttpResponse) else self._call(found, request))
 
     def _upgrade(self, request: HttpRequest, target: str, pairs: list[tuple[str, str]]) -> None:
-        subprotocols = self._state.subprotocols
+        subprotocols = self._listener.subprotocols
         answer = (
             answer_handshake(target, pairs, self._limits.deflate, subprotocols)
             if request.method == "GET"
@@ -278,8 +335,8 @@ class HttpConnection:
             self._respond(refusal)
 
     def _open(self, request: HttpRequest, target: str, answer: HandshakeAnswer) -> HttpResponse | None:
-        """Become a WebSocket, if the listener and the accept function allow it; the response is a refusal."""
-        state = self._state
+        """Become a WebSocket. Returns a response if the listener or the accept function refuses."""
+        state = self._listener
         if state.closing:
             return HttpResponse(b"this server is closing\n", 503)
         if len(state.connections) > state.limits.connections:
@@ -296,7 +353,7 @@ class HttpConnection:
             subprotocol=answer.subprotocol,
         )
         connection = Connection(state, self._link, self.address, self._port, answer.deflate)
-        # In front of what the endpoint sends at once.
+        # These bytes precede what the endpoint sends from its constructor.
         unsent: list[Buffer] = []
         while (data := self.take()) is not None:
             unsent.append(data)
@@ -310,12 +367,12 @@ class HttpConnection:
             log_exception("the accept function failed for %s", self)
             refusal = _INTERNAL_ERROR
         else:
-            self._over = True
+            self._become(_State.ENDED)
             self._log_access(101, None)
             state.replace(self, connection, self._link)
             rest = self._h11.trailing_data[0]
             connection.outbox.received = self.outbox.received - len(rest)
-            self.outbox.discard()  # Which refers to this.
+            self.outbox.discard()  # Break the cycle: it refers to this connection.
             if rest:
                 connection.receive(rest)
             return None
@@ -338,33 +395,33 @@ class HttpConnection:
             if self.outbox.room > 0 and not self._h11.trailing_data[0]:
                 self._responded()
             else:
-                # What follows on the connection waits, so that nobody makes more answers than they take, and
-                # requests that came together do not keep the event loop together.
-                self._busy = True
+                # Following requests wait: a client gets no more answers than it reads, and requests that
+                # arrived together do not share one turn.
+                self._become(_State.ANSWERING)
                 self.outbox.when_empty(self._taken_whole)
         else:
-            tasks = self._state.tasks
+            tasks = self._listener.tasks
             if tasks is None:
                 raise RuntimeError("the listener is not open")
-            self._busy = True
+            self._become(_State.ANSWERING)
             tasks.start_soon(self._respond_in_scope, response)
 
     def _taken_whole(self) -> None:
-        """The network has taken an answer: go on with what came behind its request."""
-        self._busy = False
+        """Continue behind the request whose answer the network has accepted."""
+        self._become(_State.READING)
         try:
             self._responded()
         except Exception:
             log_exception("an HTTP answer failed; cutting %s", self)
             self.abort()
             return
-        self._is_waiting = True
-        self._state.requests.wait(self._take_waiting)
+        self._become(_State.WAITING)
+        self._listener.requests.wait(self._take_waiting)
 
     async def _respond_in_scope(self, response: HttpResponse | Awaitable[HttpResponse]) -> None:
         """Respond, in a task that ends with the connection."""
         with anyio.CancelScope() as self._scope:
-            if self._over:
+            if self._is_over:
                 self._scope.cancel()
             try:
                 await self._respond_later(response)
@@ -382,22 +439,22 @@ class HttpConnection:
                 await self._drained()
         else:
             await self._stream(response, response.body)
-        self._busy = False
+        self._become(_State.READING)
         self._responded()
         self._go_on()
 
     async def _stream(self, response: HttpResponse, chunks: AsyncIterator[bytes]) -> None:
         self._send_head(response, None)
-        self._streaming = True
+        self._become(_State.STREAMING)
         try:
             if self._half_closed:
-                self._end()  # As in `eof`, which came before the stream.
+                self._end()  # The end of stream arrived before the stream began, see eof().
             elif not self._is_head():
                 async for chunk in chunks:
                     self._send(h11.Data(data=chunk))
                     await self._drained()
         except ConnectionError as error:
-            # What it comes from has broken off, as the robot behind a hub: no fault of this program.
+            # The source broke off, for example the robot behind a hub: not a bug of this program.
             logger.info("the answer to %s broke off: %s", self, error)
             self._end()
         except Exception:
@@ -406,13 +463,13 @@ class HttpConnection:
         else:
             self._send(h11.EndOfMessage())
         finally:
-            self._streaming = False
+            self._become(_State.ANSWERING)
             await close_iterator(chunks)
 
     async def _drained(self) -> None:
-        """Wait until everything sent so far has been taken."""
+        """Wait until the network has accepted everything sent so far."""
         empty = anyio.Event()
-        if not self._over:
+        if not self._is_over:
             self.outbox.when_empty(empty.set)
         await empty.wait()
 
@@ -427,9 +484,9 @@ class HttpConnection:
         self._send(h11.EndOfMessage())
 
     def _log_access(self, status: int, size: int | None) -> None:
-        if self._state.access_log and self._request is not None:
+        if self._listener.access_log and self._request is not None:
             method, target = self._request.method.decode("ascii"), self._request.target.decode("latin-1")
-            # Without the query, which may hold a token.
+            # Without the query, which may contain a token.
             access.info(
                 "%s %s %s %d %s",
                 self.address,
@@ -450,18 +507,18 @@ class HttpConnection:
         self._send(h11.Response(status_code=response.status, headers=headers, reason=phrase))
 
     def _send(self, event: h11.Event) -> None:
-        if self._over:
+        if self._is_over:
             return
         data = self._h11.send(event)
         if data:
             self.outbox.push(data)
 
     def _responded(self) -> None:
-        """The answer is complete: wait for the next request, or close."""
+        """Wait for the next request, or close: the answer is complete."""
         self._request = None
         self._served = True
         self._deadline = None
-        if self._over:
+        if self._is_over:
             return
         done = self._h11.our_state is h11.DONE and self._h11.their_state is h11.DONE
         if done and not (self._half_closed and not self._h11.trailing_data[0]):
@@ -473,24 +530,25 @@ class HttpConnection:
         self._respond(HttpResponse(text.encode(), status, headers=headers or {}))
 
     def _fail(self, status: int) -> None:
-        """Answer a broken request, if an answer is still possible, and close."""
+        """Answer an invalid request, if an answer is still possible, and close."""
         if self._h11.our_state in (h11.IDLE, h11.SEND_RESPONSE):
             text = _BROKEN.get(status, _BROKEN[400])
             self._send_whole(HttpResponse(text, status, headers={"Connection": "close"}), text)
         self._end()
 
     def _end(self) -> None:
-        if not self._over:
-            self._over = True
+        if not self._is_over:
+            self._become(_State.ENDED)
             self._deadline = None
             self.outbox.when_empty(self._link.close)
 
     def __repr__(self) -> str:
-        return f"<{self._state.transport} connection {self.address}:{self._port}>"
+        return f"<{self._listener.transport} connection {self.address}:{self._port}>"
 
 
 SAFE_HEADERS = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
-"""What every answer says: it is of the type that it names, and its URL, perhaps with a token, stays here."""
+"""Headers of every response: browsers must not guess its type, nor pass on its URL, which may contain a
+token."""
 
 
 def _refusal(refused: Refused) -> HttpResponse:
@@ -507,7 +565,7 @@ _BROKEN = {
 
 
 def _size(request: h11.Request) -> int:
-    """Bytes of the request line and the headers; h11 bounds only what arrives in pieces."""
+    """Return the size of the request line and the headers; h11 limits only those that arrive in pieces."""
     return len(request.target) + sum(len(name) + len(value) + 4 for name, value in request.headers)
 
 
@@ -520,7 +578,7 @@ async def _awaited(response: Awaitable[HttpResponse]) -> HttpResponse:
 
 
 async def close_iterator(chunks: AsyncIterator[bytes]) -> None:
-    """Let a generator, or what else has an `aclose`, run its clean-up now, and not when it is collected."""
+    """Close an iterator that has `aclose`, so that it cleans up now and not when it is collected."""
     close: Callable[[], Awaitable[object]] | None = getattr(chunks, "aclose", None)
     if close is not None:
         with anyio.CancelScope(shield=True):
