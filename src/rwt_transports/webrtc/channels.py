@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from aiortc import RTCDataChannel
 
     from rwt_transports.api import DriverCallbacks
-    from rwt_transports.webrtc.association import Association
+    from rwt_transports.webrtc.aiortc_internals import Association
 
 
 class ChannelLink:
     """One data channel; satisfies :class:`rwt_transports.api.Link` and
-    :class:`rwt_transports.webrtc.association.ChannelReceiver`.
+    :class:`rwt_transports.webrtc.aiortc_internals.ChannelReceiver`.
 
     Args:
         association: in which the channel is.

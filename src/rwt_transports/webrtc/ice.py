@@ -18,11 +18,12 @@ from aiortc import RTCConfiguration, RTCIceServer
 from aiortc.rtcicetransport import parse_stun_turn_uri
 
 from rwt_transports.errors import TransportError
+from rwt_transports.webrtc.aiortc_internals import configure_ice, nominated_pairs
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
-
     from aiortc import RTCIceTransport
+
+    from rwt_transports.webrtc.aiortc_internals import Gather
 
 logger = logging.getLogger("rwt_transports.webrtc")
 
@@ -108,15 +109,12 @@ def prepare(transport: RTCIceTransport, *, loopback: bool) -> None:
         transport: one that has not gathered candidates yet.
         loopback: whether the other side may be on this machine, so that its loopback address is a candidate.
     """
-    connection = transport.iceGatherer._connection  # aiortc offers no way to configure it.
-    connection.query_consent = partial(_query_consent, connection)  # type: ignore[method-assign] # as above
     more = (LOOPBACK,) if loopback else ()
-    gather = connection.get_component_candidates
-    connection.get_component_candidates = partial(_gather, gather, more)  # type: ignore[method-assign] # as above
+    configure_ice(transport, _query_consent, lambda gather: partial(_gather, gather, more))
 
 
 async def _gather(
-    gather: Callable[[int, list[str], int], Coroutine[object, object, list[Candidate]]],
+    gather: Gather,
     more: tuple[str, ...],
     component: int,
     addresses: list[str],
@@ -128,8 +126,7 @@ async def _gather(
 
 
 async def _query_consent(connection: Connection) -> None:
-    """Ask the other side again and again whether it still wants to be sent anything, and close the connection
-    when it does not answer (RFC 7675)."""
+    """Ask the peer repeatedly whether it still consents to receive, until it does not answer (RFC 7675)."""
     now = asyncio.get_running_loop().time
     asked: dict[asyncio.Task[bool], None] = {}
     answered, unanswered = now(), 0
@@ -140,8 +137,6 @@ async def _query_consent(connection: Connection) -> None:
                 answered, unanswered = now(), 0
             elif now() - answered >= CONSENT_EXPIRES_SECONDS and unanswered >= CONSENT_ASKED:
                 logger.info("a peer does not answer any more, counted as gone")
-                connection._query_consent_task = None  # It is this task, which closing would wait for.
-                await connection.close()
                 return
             asked = {task: None for task in asked if not task.done()}
             unanswered += 1
@@ -154,7 +149,7 @@ async def _query_consent(connection: Connection) -> None:
 async def _ask(connection: Connection) -> bool:
     """Whether the other side answers within some seconds."""
     password = (connection.remote_password or "").encode()
-    for pair in tuple(connection._nominated.values()):
+    for pair in nominated_pairs(connection):
         request = connection.build_request(pair, nominate=False)
         try:
             await pair.protocol.request(request, pair.remote_addr, password, 2)
@@ -165,8 +160,7 @@ async def _ask(connection: Connection) -> bool:
 
 def describe(transport: RTCIceTransport) -> Mapping[str, str]:
     """The path that was found, for logs: the two candidates."""
-    pairs = transport.iceGatherer._connection._nominated
-    pair = next(iter(pairs.values()), None)
+    pair = next(iter(nominated_pairs(transport)), None)
     if pair is None:
         return {}
     return {

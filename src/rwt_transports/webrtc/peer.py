@@ -16,9 +16,8 @@ from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.errors import log_exception
 from rwt_transports.http.routes import is_local
 from rwt_transports.limits import KIB, AddressCount, Limits, network_of
-from rwt_transports.webrtc.association import Association
+from rwt_transports.webrtc.aiortc_internals import Association, accept_rsa
 from rwt_transports.webrtc.channels import ChannelLink
-from rwt_transports.webrtc.dtls import accept_rsa
 from rwt_transports.webrtc.ice import IceServer, configuration, prepare, way
 from rwt_transports.webrtc.sdp import BadDescription, Description, with_largest_message
 from rwt_transports.websocket.close_codes import GOING_AWAY

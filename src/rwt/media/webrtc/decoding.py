@@ -7,6 +7,8 @@ from contextlib import suppress
 from queue import Empty, Queue
 from typing import TYPE_CHECKING, Any, Final
 
+from rwt_transports.webrtc.aiortc_internals import replace_decoder_queue
+
 if TYPE_CHECKING:
     from threading import Event
 
@@ -17,10 +19,6 @@ MOST_WAITING: Final = 32
 is at most what aiortc's jitter buffer holds."""
 
 logger = logging.getLogger("rwt.media.webrtc")
-
-# aiortc 1.16 puts what has arrived into the one, and asks for a key frame once the other is set.
-_QUEUE: Final = "_RTCRtpReceiver__decoder_queue"
-_ERROR: Final = "_RTCRtpReceiver__decoder_error"
 
 
 class DecoderQueue(Queue[Any]):
@@ -51,8 +49,5 @@ class DecoderQueue(Queue[Any]):
 
 def bound_decoding(receiver: RTCRtpReceiver) -> None:
     """Bound what waits in a receiver that has not begun."""
-    lost: Event | None = getattr(receiver, _ERROR, None)
-    if lost is None or not hasattr(receiver, _QUEUE):
+    if not replace_decoder_queue(receiver, DecoderQueue):
         logger.warning("this version of aiortc has another decoder: what waits for it is not bounded")
-        return
-    setattr(receiver, _QUEUE, DecoderQueue(lost))

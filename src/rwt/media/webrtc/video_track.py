@@ -29,6 +29,7 @@ from av import Packet
 from rwt.media.errors import RequestRefused
 from rwt.media.stream_request import StreamRequest, Video
 from rwt.media.webrtc.bitrate_ladder import RUNGS, BitrateLadder
+from rwt_transports.webrtc.aiortc_internals import observe_rtcp
 
 if TYPE_CHECKING:
     from aiortc import RTCRtpSender
@@ -87,22 +88,15 @@ class TopicTrack(MediaStreamTrack):
         return self._rung
 
     def follow(self, sender: RTCRtpSender) -> None:
-        """Heed what the receiver asks `sender` for, which sends this track."""
-        handle = sender._handle_rtcp_packet
-
-        async def heed(packet: AnyRtcpPacket) -> None:
-            self._heed(packet, sender._ssrc)
-            await handle(packet)
-
-        sender._handle_rtcp_packet = heed  # type: ignore[method-assign] # aiortc tells a track nothing
-        sender._send_keyframe = self._ask_for_key  # type: ignore[method-assign] # as above
+        """Follow what the receiver asks `sender` for, which sends this track."""
+        observe_rtcp(sender, self._on_rtcp, self._ask_for_key)
 
     def _ask_for_key(self) -> None:
         self._chooser.asked_for_key(self._now())
         if self._viewer is not None:
             self._viewer.ask_for_key()
 
-    def _heed(self, packet: AnyRtcpPacket, ssrc: int) -> None:
+    def _on_rtcp(self, packet: AnyRtcpPacket, ssrc: int) -> None:
         now = self._now()
         if isinstance(packet, RtcpRrPacket | RtcpSrPacket):
             for report in packet.reports:

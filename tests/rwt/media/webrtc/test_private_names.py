@@ -1,16 +1,19 @@
-"""The names of aiortc and aioice that are used here though they begin with an underscore, or could change
-without a word: where a release has others, this fails before anything behaves strangely."""
+"""Private names of aiortc and aioice: if a release changes them, these tests fail before anything misbehaves."""
 
 from __future__ import annotations
 
 import inspect
+import re
+from pathlib import Path
 
 import pytest
 from aioice import Connection
 from aiortc import RTCDtlsTransport, RTCIceGatherer, RTCPeerConnection, RTCRtpSender
 from aiortc.rtcsctptransport import DataChunk, InboundStream, RTCSctpTransport, SackChunk
 
-from rwt_transports.webrtc.association import Association
+from rwt.media import webrtc
+from rwt_transports.webrtc import aiortc_internals
+from rwt_transports.webrtc.aiortc_internals import Association
 from rwt_transports.webrtc.reassembly import Reassembly
 
 ASYNC = (
@@ -18,6 +21,14 @@ ASYNC = (
     "_data_channel_receive", "_transmit", "_send", "_send_chunk", "_send_sack", "stop",
 )  # fmt: skip
 """Coroutines of the association that are called or replaced."""
+
+
+def test_no_other_module_uses_private_names() -> None:
+    used = re.compile(r"(?<!\bself)(?<!\bcls)(?<!super\(\))\._[a-zA-Z]")
+    folders = (Path(str(aiortc_internals.__file__)).parent, Path(str(webrtc.__file__)).parent)
+    modules = [path for folder in folders for path in folder.glob("*.py") if path.stem != "aiortc_internals"]
+    assert len(modules) > 20
+    assert not [path.name for path in modules if used.search(path.read_text("utf-8"))]
 
 
 @pytest.mark.parametrize("name", ASYNC)

@@ -1,16 +1,15 @@
-"""The SCTP association of one peer, in which all of its data channels are (RFC 8831): what aiortc's is, with
-bounds, and with a schedule of what is sent.
+"""Everything that depends on private names of aiortc and aioice; no other module uses any.
 
-aiortc's own keeps all that it is given to send, in the order it was given, and all that a peer sends without
-an end to it; a message that is no UTF-8 ends the whole peer. Here:
+aiortc is pinned below 1.17, and `tests/rwt/media/webrtc/test_private_names.py` checks the names. aiortc
+offers no public way to do this:
 
-- a message is taken from a channel only when the one before has begun to leave, so that what is queued waits
-  in the lanes of its connection, where the oldest gives way;
-- channels without retransmission go first, since theirs is worth nothing later, and the others in turns;
-- what arrives is kept within bounds, and handed over as the bytes that came;
-- what an endpoint that is held back has not taken counts against the window that the peer is told.
-
-Private names of aiortc are used, since it offers no other way; `tests/rwt/media/webrtc` checks them.
+* :class:`Association`: limit what an SCTP association keeps, and schedule what it sends. aiortc's own keeps
+  all messages to send in order, and all that a peer sends without an end; invalid UTF-8 ends the whole peer.
+* :func:`accept_rsa`: accept RSA certificates in the DTLS handshake, which GStreamer up to 1.22 has.
+* :func:`configure_ice`, :func:`nominated_pairs`: gather loopback candidates, notice soon that a peer is gone,
+  and report the path that was found.
+* :func:`observe_rtcp`: tell a track what the receiver asks its sender for.
+* :func:`replace_decoder_queue`: limit what waits to be decoded.
 """
 
 from __future__ import annotations
@@ -18,10 +17,12 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
+from functools import partial
 from time import time
-from typing import TYPE_CHECKING, Final, Protocol, cast
+from typing import TYPE_CHECKING, Any, Final, Protocol, cast
 
+from aioice import Candidate, Connection
 from aiortc.rtcsctptransport import (
     DATA_CHANNEL_ACK,
     DATA_CHANNEL_OPEN,
@@ -45,7 +46,12 @@ from rwt_transports.errors import TransportError, log_exception
 from rwt_transports.webrtc.reassembly import Reassembly, Truncated
 
 if TYPE_CHECKING:
-    from aiortc import RTCDataChannel
+    from queue import Queue
+    from threading import Event
+
+    from aioice.ice import CandidatePair
+    from aiortc import RTCDataChannel, RTCDtlsTransport, RTCIceTransport, RTCRtpReceiver, RTCRtpSender
+    from aiortc.rtp import AnyRtcpPacket
 
     from rwt_transports.limits import Limits
     from rwt_transports.wires.receive_buffer import ReceiveBufferPool
@@ -80,7 +86,7 @@ _PACKET_BYTES: Final = SCTP_MAX_PACKET_LENGTH - SCTP_COMMON_HEADER_LENGTH
 
 
 class _Bundle(Chunk):
-    """Several chunks that leave in one packet (RFC 9260 section 6.10)."""
+    """Several chunks in one packet (RFC 9260 section 6.10)."""
 
     def __init__(self, chunks: list[Chunk]) -> None:
         super().__init__()
@@ -91,36 +97,43 @@ class _Bundle(Chunk):
 
 
 class BrokenAssociation(TransportError):
-    """The peer has broken the protocol, or sends more than it may."""
+    """The peer broke the protocol, or exceeds a limit."""
 
 
 class ChannelReceiver(Protocol):
-    """What stands behind one data channel."""
+    """Receiver of the messages of one data channel, and source of those to send."""
 
     @property
     def is_fresh(self) -> bool:
-        """Whether what is lost on it is not sent again."""
+        """True if lost messages of the channel are not sent again."""
 
     @property
     def channel(self) -> RTCDataChannel:
-        """The channel."""
+        """Data channel."""
 
     def message(self, data: bytes, binary: bool) -> None:
-        """A message has come; a :class:`~rwt_transports.webrtc.reassembly.Truncated` is too large."""
+        """Receive a message; a :class:`~rwt_transports.webrtc.reassembly.Truncated` is too large."""
 
     def next_message(self) -> tuple[bytes, bool] | None:
-        """The next message to send, and whether it is binary."""
+        """Return the next message to send, and True if it is binary; None if there is none."""
 
     def sent_all(self) -> None:
-        """There was nothing more to send."""
+        """Called when there was nothing more to send."""
 
 
 class Association(RTCSctpTransport):
-    """What becomes of the association of a peer connection, by :meth:`adopt`.
+    """SCTP association of a peer, which carries all of its data channels (RFC 8831).
+
+    * A message is taken from a channel only when the one before begins to leave. What is queued waits in the
+      lanes of its connection, where the oldest samples are dropped.
+    * Channels without retransmission go first, since their messages are worth nothing later; the others in
+      turns.
+    * Incomplete messages are limited, and complete ones are passed on as bytes.
+    * Bytes that a paused endpoint has not read reduce the window that the peer is told.
 
     Attributes:
-        held_bytes: what is kept of messages whose end has not come.
-        unread_bytes: what has come for endpoints that are held back.
+        held_bytes: size of incomplete messages.
+        unread_bytes: size of messages that wait for paused endpoints.
     """
 
     @classmethod
@@ -131,15 +144,15 @@ class Association(RTCSctpTransport):
         buffers: ReceiveBufferPool,
         fail: Callable[[str], None],
     ) -> Association:
-        """Make an association of the one that a peer connection has made, before it starts.
+        """Convert the association of a peer connection, before it starts.
 
         Args:
-            sctp: the one that was made.
-            limits: bounds of a message.
-            buffers: where is counted what has come of large messages.
-            fail: ends the peer, saying why.
+            sctp: association that the peer connection made.
+            limits: limits of a message.
+            buffers: counts the bytes of incomplete messages.
+            fail: ends the peer for a reason.
         """
-        sctp.__class__ = cls  # The peer connection offers no way to be given one.
+        sctp.__class__ = cls  # The peer connection does not take one.
         association = cast("Association", sctp)
         association._begin(limits, buffers, fail)
         return association
@@ -404,3 +417,103 @@ class Association(RTCSctpTransport):
             await self._data_channel_receive(stream_id, WEBRTC_DCEP, data)
         except ValueError as error:  # A label that is no UTF-8.
             raise BrokenAssociation(f"channel {stream_id} was opened wrongly: {error}") from error
+
+
+CIPHERS: Final = b":".join(
+    (
+        b"ECDHE-ECDSA-AES128-GCM-SHA256",
+        b"ECDHE-ECDSA-CHACHA20-POLY1305",
+        b"ECDHE-ECDSA-AES128-SHA",
+        b"ECDHE-ECDSA-AES256-SHA",
+        b"ECDHE-RSA-AES128-GCM-SHA256",
+        b"ECDHE-RSA-CHACHA20-POLY1305",
+    )
+)
+"""aiortc's ciphers, which are for elliptic-curve certificates only, and some for RSA. The fingerprint in the
+session description authenticates either kind."""
+
+
+def accept_rsa(transport: RTCDtlsTransport) -> None:
+    """Accept RSA certificates of the peer. Call before the handshake begins."""
+    certificate = transport._RTCDtlsTransport__local_certificate  # type: ignore[attr-defined] # private
+    if not isinstance(certificate._create_ssl_context, partial):
+        certificate._create_ssl_context = partial(_with_rsa, certificate._create_ssl_context)
+
+
+def _with_rsa(create: Callable[[list[Any]], Any], srtp_profiles: list[Any]) -> Any:
+    context = create(srtp_profiles)
+    context.set_cipher_list(CIPHERS)
+    return context
+
+
+Gather = Callable[[int, list[str], int], Coroutine[Any, Any, list[Candidate]]]
+"""Function that gathers the candidates of a component on addresses, within some seconds."""
+
+
+def configure_ice(
+    transport: RTCIceTransport,
+    query_consent: Callable[[Connection], Coroutine[object, object, None]],
+    gather: Callable[[Gather], Any],
+) -> None:
+    """Replace how an ICE transport checks consent and gathers candidates. Call before it gathers.
+
+    Args:
+        transport: ICE transport.
+        query_consent: runs for as long as the peer consents to receive (RFC 7675).
+        gather: wraps the function that gathers candidates.
+    """
+    connection = transport.iceGatherer._connection
+
+    async def query() -> None:
+        await query_consent(connection)
+        connection._query_consent_task = None  # This task, for which closing would wait.
+        await connection.close()
+
+    candidates = gather(connection.get_component_candidates)
+    connection.query_consent = query  # type: ignore[method-assign] # no setting
+    connection.get_component_candidates = candidates  # type: ignore[method-assign] # no setting
+
+
+def nominated_pairs(transport: RTCIceTransport | Connection) -> tuple[CandidatePair, ...]:
+    """Return the candidate pairs that were chosen: the path that was found."""
+    connection = transport if isinstance(transport, Connection) else transport.iceGatherer._connection
+    return tuple(connection._nominated.values())
+
+
+def observe_rtcp(
+    sender: RTCRtpSender, on_packet: Callable[[AnyRtcpPacket, int], None], on_keyframe: Callable[[], None]
+) -> None:
+    """Call a track's functions for what the receiver asks its sender for.
+
+    Args:
+        sender: sender of the track.
+        on_packet: called with each RTCP packet and the sender's SSRC, before aiortc handles the packet.
+        on_keyframe: called if the receiver needs a key frame.
+    """
+    handle = sender._handle_rtcp_packet
+
+    async def observe(packet: AnyRtcpPacket) -> None:
+        on_packet(packet, sender._ssrc)
+        await handle(packet)
+
+    sender._handle_rtcp_packet = observe  # type: ignore[method-assign] # no callback
+    sender._send_keyframe = on_keyframe  # type: ignore[method-assign] # no callback
+
+
+_DECODER_QUEUE: Final = "_RTCRtpReceiver__decoder_queue"
+_DECODER_ERROR: Final = "_RTCRtpReceiver__decoder_error"
+"""Queue of a receiver's decoder, and the event that makes aiortc 1.16 ask for a key frame."""
+
+
+def replace_decoder_queue(receiver: RTCRtpReceiver, make_queue: Callable[[Event], Queue[Any]]) -> bool:
+    """Replace the queue of a receiver that has not begun. Returns False if this aiortc has none.
+
+    Args:
+        receiver: receiver of a track.
+        make_queue: makes the queue, called with the event that asks for a key frame.
+    """
+    lost: Event | None = getattr(receiver, _DECODER_ERROR, None)
+    if lost is None or not hasattr(receiver, _DECODER_QUEUE):
+        return False
+    setattr(receiver, _DECODER_QUEUE, make_queue(lost))
+    return True
