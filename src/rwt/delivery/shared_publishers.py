@@ -1,4 +1,4 @@
-"""The publishers that clients share: one per topic, however many clients advertise it (ADV-03)."""
+"""Publishers that clients share: one per topic, however many clients advertise it (ADV-03)."""
 
 from __future__ import annotations
 
@@ -22,40 +22,58 @@ if TYPE_CHECKING:
     from rwt_participant.timers import Timer
 
     Lacks = Callable[[QoS], str]
-    """Which of the policies that a client asks for a publisher does not offer, in words; empty if none."""
-    from rwt_graph.api import Sample
+    """Function that names the requested policies that a publisher does not offer; empty if there are none."""
 
 
 class Ends(Protocol):
-    """What counts something until it is ended."""
+    """Charge of a client that lasts until it is ended."""
 
     def end(self) -> None:
-        """Count it no more."""
+        """End the charge."""
 
 
 class IncompatiblePolicies(GraphError):
-    """Other clients publish on the topic with other policies than those that are asked for."""
+    """Other clients publish on the topic with incompatible policies."""
 
 
-#: After it `header.seq` starts at zero.
-_LAST_SEQUENCE = (1 << 32) - 1
+_LAST_SEQUENCE: Final = (1 << 32) - 1
+"""Maximum of `header.seq`, which then restarts at zero."""
 
 
 class SharedPublisher:
-    """The publisher of one topic, with the clients that use it and the timer that ends it.
+    """Publisher of one topic, with the clients that use it.
+
+    Life cycle:
+
+    * **startup**, for `STARTUP_SECONDS` unless the topic is latched: messages are also kept for late
+      subscribers.
+    * **used**, while it has ``users``.
+    * **lingering**, without users: the timer ``linger`` closes it, unless it is used again. ``lingers_for``
+      are the charges of its last users.
+    * **closed**.
+
+    Attributes by purpose:
+
+    * Publishing: ``publish``, ``publisher``, ``topic``, ``type``, ``counts``, ``_sequence`` (last
+      `header.seq`).
+    * Use: ``users``, ``linger``, ``lingers_for``.
+    * Deadline: ``deadline``, ``_logged`` (monotonic time of the last log line about it), ``_log``,
+      ``_counters``.
+    * Retained messages: ``_kept`` (charges of those of a latched topic, oldest first), ``_startup``,
+      ``_startup_timer``.
 
     Attributes:
-        publish: hands on a message, which its caller counts.
-        counts: of the topic.
-        deadline: watches that clients publish as often as they promised.
-        users: what the publisher was acquired for.
-        linger: ends a publisher that has no users.
-        lingers_for: what is ended when a publisher without users ends, or has users again.
+        publish: publishes a message, which the caller counts. Not a method, since it runs for every message:
+            the publisher's own function, or :meth:`_publish` while a message needs more.
+        counts: counters of the topic.
+        deadline: checks that clients publish as often as they promised; None without a deadline.
+        users: keys of the users that acquired the publisher.
+        linger: timer that closes a publisher without users.
+        lingers_for: charges that end when a publisher without users closes or is used again.
     """
 
     __slots__ = (
-        "_clock", "_counters", "_kept", "_log", "_logged", "_publish", "_publish_next",
-        "_sequence", "_startup", "_startup_timer",
+        "_clock", "_counters", "_kept", "_log", "_logged", "_sequence", "_startup", "_startup_timer",
         "counts", "deadline", "linger", "lingers_for", "publish", "publisher", "topic", "type", "users",
     )  # fmt: skip
 
@@ -75,36 +93,49 @@ class SharedPublisher:
         self.counts = counters.use_topic(publisher.topic)
         seconds = publisher.qos.deadline
         self.deadline = DeadlineWatch(clock, seconds, self._missed) if seconds else None
-        self._publish = publisher.publish if self.deadline is None else self._publish_in_time
         self._sequence = 0
-        self._publish_next: Callable[[Payload], None] = self._publish
         self._kept: deque[Ends] = deque()
         self._startup: StartupBuffer | None = None
         self._startup_timer: Timer | None = None
         if publisher.qos.durability is not Durability.TRANSIENT_LOCAL:
             self._startup = StartupBuffer(publisher.topic, node)
-            self._publish_next = self._publish_at_startup
             self._startup_timer = clock.call_later(STARTUP_SECONDS, self.end_startup)
-        self.publish = self._publish_numbered if self.type.has_sequence else self._publish_next
+        self.publish: Callable[[Payload], None] = self._publish
+        self._choose_publish()
+
+    def _choose_publish(self) -> None:
+        if self._startup is None and self.deadline is None and not self.type.has_sequence:
+            self.publish = self.publisher.publish
+
+    def _publish(self, payload: Payload) -> None:
+        if self.type.has_sequence:
+            # As ROS 1's publishers do: from 1 on, whatever the client sends.
+            self._sequence = (self._sequence + 1) & _LAST_SEQUENCE
+            payload = payload.numbered(self._sequence)
+        if self.deadline is not None:
+            self.deadline.met()
+        self.publisher.publish(payload)
+        if self._startup is not None:
+            self._startup.add(payload, self._clock.time_ns())
 
     @property
     def keeps_samples(self) -> bool:
-        """Whether the graph keeps the publisher's samples for late readers."""
+        """True if the graph retains the publisher's samples for late subscribers."""
         return self.publisher.qos.durability is Durability.TRANSIENT_LOCAL
 
     @property
     def kept_next_to_go(self) -> Ends | None:
-        """What was given with the sample that gives way to the next one; None while there is room."""
+        """Charge of the sample that the next one replaces; None while there is room."""
         qos = self.publisher.qos
         full = qos.history is History.KEEP_LAST and len(self._kept) >= qos.depth
         return self._kept[0] if full else None
 
     def publish_kept(self, payload: Payload, kept: Ends) -> None:
-        """Hand on a message of a latched topic.
+        """Publish a message of a latched topic.
 
         Args:
-            payload: the message.
-            kept: ended when the message is not kept any more.
+            payload: message.
+            kept: charge that ends when the message is no longer retained.
         """
         if self.kept_next_to_go is not None:
             self._kept.popleft().end()
@@ -113,30 +144,13 @@ class SharedPublisher:
 
     @property
     def startup_samples(self) -> tuple[Sample, ...]:
-        """The samples of the first second, oldest first (ADV-08); none of latched topics."""
+        """Samples of the first second, oldest first (ADV-08); none of latched topics."""
         return () if self._startup is None else self._startup.samples()
 
-    def _publish_at_startup(self, payload: Payload) -> None:
-        self._publish(payload)
-        if self._startup is not None:
-            self._startup.add(payload, self._clock.time_ns())
-
     def end_startup(self) -> None:
-        """Keep nothing for late readers: the first second is over, or all users have left."""
+        """Drop the samples for late subscribers: the first second is over, or all users have left."""
         self._startup = None
-        self._publish_next = self._publish
-        if not self.type.has_sequence:
-            self.publish = self._publish
-
-    def _publish_numbered(self, payload: Payload) -> None:
-        """Count in `header.seq` as ROS 1's publishers do, from 1 on, whatever the client wrote."""
-        self._sequence = (self._sequence + 1) & _LAST_SEQUENCE
-        self._publish_next(payload.numbered(self._sequence))
-
-    def _publish_in_time(self, payload: Payload) -> None:
-        if self.deadline is not None:
-            self.deadline.met()
-        self.publisher.publish(payload)
+        self._choose_publish()
 
     def _missed(self) -> None:
         if not self.users:
@@ -149,13 +163,13 @@ class SharedPublisher:
             self._log(f"nothing came for {self.topic} within its deadline of {seconds:g} s")
 
     def settle(self) -> None:
-        """Tell those who have left that the publisher is at nobody's cost but its users'."""
+        """End the charges of former users."""
         settled, self.lingers_for = self.lingers_for, []
         for each in settled:
             each.end()
 
     def close(self) -> None:
-        """Leave the topic."""
+        """Stop publishing on the topic."""
         self.settle()
         if self.linger is not None:
             self.linger.cancel()
@@ -171,10 +185,10 @@ class SharedPublisher:
 
 
 class SharedPublishers:
-    """All shared publishers of one gateway.
+    """Shared publishers of one gateway.
 
-    A publisher outlives its last user by `linger` seconds, so that a client which reconnects finds its topic,
-    and latched samples outlive a page reload (UNA-04, DIS-02).
+    A publisher outlives its last user by `linger` seconds: a client that reconnects finds its topic, and
+    latched samples survive a page reload (UNA-04, DIS-02).
     """
 
     def __init__(
@@ -196,7 +210,7 @@ class SharedPublishers:
         return topic in self._by_topic
 
     def startup_samples(self, topic: str) -> tuple[Sample, ...]:
-        """The samples of the first second of the publisher of `topic`, while that lasts."""
+        """Return the samples of the publisher of `topic` during its first second."""
         shared = self._by_topic.get(topic)
         return () if shared is None else shared.startup_samples
 
@@ -208,15 +222,19 @@ class SharedPublishers:
         user: Hashable,
         lacks: Lacks | None = None,
     ) -> SharedPublisher:
-        """Use the topic's publisher, made with `qos` if there is none yet: the first use decides (ADV-07).
+        """Use the topic's publisher, which is created with `qos` if needed: the first use decides (ADV-07).
 
         Args:
-            lacks: tells the policies that the publisher has to have and has not (ADV-11). A publisher that
-                nobody else uses is replaced.
+            topic: absolute name.
+            type: message type.
+            qos: policies for a new publisher; None for the graph's default.
+            user: key of the user.
+            lacks: names the requested policies that the publisher does not offer (ADV-11). A publisher
+                without other users is then replaced.
 
         Raises:
             TypeConflict: the topic has another type.
-            IncompatiblePolicies: others use the publisher, and it has other policies.
+            IncompatiblePolicies: the publisher has other users and incompatible policies.
         """
         shared = self._by_topic.get(topic)
         if shared is not None and lacks is not None and (lacking := lacks(shared.publisher.qos)):
@@ -246,12 +264,12 @@ class SharedPublishers:
         return shared
 
     def lingering(self, topic: str) -> Ends | None:
-        """What a publisher without users lingers for; None where there is none."""
+        """Return the first charge of a publisher without users; None if there is none."""
         shared = self._by_topic.get(topic)
         return shared.lingers_for[0] if shared is not None and shared.lingers_for else None
 
     def linger_for(self, topic: str, charge: Ends) -> None:
-        """Let a publisher linger for `charge`, which is ended at once where none lingers."""
+        """Add a charge to a publisher without users; end the charge if there is no such publisher."""
         shared = self._by_topic.get(topic)
         if shared is None or shared.users:
             charge.end()
@@ -259,11 +277,12 @@ class SharedPublishers:
             shared.lingers_for.append(charge)
 
     def release(self, topic: str, user: Hashable, charge: Ends) -> None:
-        """Stop using the topic's publisher; unknown topics and users are ignored.
+        """Stop using the topic's publisher. Unknown topics and users are ignored.
 
         Args:
-            charge: ended when the publisher is not kept for this user: at once if it has others, else when
-                it ends or is used again.
+            topic: absolute name.
+            user: key of the user.
+            charge: ends now if the publisher has other users, else when it closes or is used again.
         """
         shared = self._by_topic.get(topic)
         if shared is None or user not in shared.users:
@@ -278,7 +297,7 @@ class SharedPublishers:
             shared.linger = self._clock.call_later(self._linger, lambda: self._end(topic, shared))
 
     def close(self) -> None:
-        """End every publisher at once."""
+        """Close every publisher."""
         for topic, shared in list(self._by_topic.items()):
             self._end(topic, shared)
 
@@ -289,16 +308,16 @@ class SharedPublishers:
 
 
 STARTUP_SECONDS: Final = 1.0
-"""How long after its creation a publisher's samples are kept for readers that come late."""
+"""Time for which a new publisher's samples are kept for late subscribers."""
 
 _MOST_SAMPLES: Final = 100
 _MOST_BYTES: Final = 64 * 1024
 
 
 class StartupBuffer:
-    """The samples of one publisher's first second (ADV-08), the newest of them where they are many or large.
+    """Samples of a publisher's first second (ADV-08); only the newest if they are many or large.
 
-    A program that advertises and publishes at once cannot know whether its readers have subscribed yet.
+    A program that publishes right after advertising cannot know whether its subscribers are connected yet.
     """
 
     __slots__ = ("_kept", "_node", "_size", "_topic")
@@ -310,10 +329,9 @@ class StartupBuffer:
         self._size = 0
 
     def add(self, payload: Payload, stamp_ns: int) -> None:
-        """Keep a message that was published at that time, and forget older ones for it; all of them for one
-        that is too large.
+        """Keep a message, and drop older ones to make room; a message that is too large drops all.
 
-        To keep one is to copy it out of its receive buffer, which large streams must not pay for.
+        Keeping a message copies it out of its receive buffer, which would be too slow for large streams.
         """
         size = payload.kept_size
         if size > _MOST_BYTES:
@@ -327,7 +345,7 @@ class StartupBuffer:
             self._size -= kept.popleft()[2]
 
     def samples(self) -> tuple[Sample, ...]:
-        """What is kept, oldest first."""
+        """Return the kept samples, oldest first."""
         return tuple(
             Sample(self._topic, payload, stamp_ns, self._node) for payload, stamp_ns, _ in self._kept
         )
