@@ -1,4 +1,4 @@
-"""From one sample in the graph to the frames of many clients: one encode per topic and encoding."""
+"""Fan-out of samples: encode once per topic, encoding and spelling of the name; send to many clients."""
 
 from __future__ import annotations
 
@@ -23,79 +23,97 @@ if TYPE_CHECKING:
 
 
 Encode = Callable[["ProtocolSample"], Frame]
-"""From a sample of one topic to its frame. One that takes long has a method ``steps(sample)``, too, after
-which the call is quick."""
+"""Encoder for the samples of one topic. A slow encoder also has a generator `steps(sample)`; once it is
+exhausted, the call is fast."""
 
 
 class SampleEncoding(Protocol):
-    """How a gateway's clients get samples.
+    """Encoding of samples for the clients of a gateway.
 
     Attributes:
-        name: of the encoding.
-        form: what of a message its frames are made of.
+        name: name of the encoding.
+        form: payload representation that frames are built from.
     """
 
     @property
     def name(self) -> str:
-        """See above."""
+        """Name of the encoding."""
 
     @property
     def form(self) -> Form:
-        """See above."""
+        """Payload representation that frames are built from."""
 
     @property
     def publish_encoder(self) -> Callable[[str], Encode]:
-        """From how a client calls the topic to an encoder for its samples."""
+        """Factory of encoders: takes the topic name as the client spells it."""
 
 
 logger = logging.getLogger(__name__)
 
-_MOST_LATE: Final = 8
-"""Samples of one topic that wait for their frames; if there are more, those of the oldest are made at
-once."""
+_MAX_DEFERRED: Final = 8
+"""Maximum number of deferred samples per topic; beyond it, the oldest is encoded at once."""
 
 
 class _Encoded:
-    """One sample in one encoding, encoded when the first gate lets it through."""
+    """Sample that is encoded on first use; the frame is shared by all gates of the stream."""
 
-    __slots__ = ("_channel", "_frame", "sample")
+    __slots__ = ("_frame", "_stream", "sample")
 
-    def __init__(self, channel: EncodedStream, sample: Sample, frame: Frame | None = None) -> None:
-        self._channel = channel
+    def __init__(self, stream: EncodedStream, sample: Sample, frame: Frame | None = None) -> None:
+        self._stream = stream
         self._frame = frame
         self.sample = sample
 
     def frame(self) -> Frame:
         if self._frame is None:
-            self._frame = self._channel.encode(self.sample)
-        counts = self._channel.counts
+            self._frame = self._stream.encode(self.sample)
+        counts = self._stream.counts
         counts.messages += 1
         counts.bytes += self._frame.size
         return self._frame
 
     def send(self, take: Callable[[Frame], None]) -> None:
-        """Give the frame to `take`: at once if it is made quickly and nothing of the topic waits, else when
-        it is made."""
-        late = self._channel.late
-        if late.waiting or (self._frame is None and self._channel.is_slow(self.sample)):
-            late.add(self._channel.prepare(self.sample), lambda: take(self.frame()))
+        """Pass the frame to `take`: now if encoding is fast and no sample of the topic is deferred, otherwise
+        in turn."""
+        late = self._stream.late
+        if late.waiting or (self._frame is None and self._stream.is_slow(self.sample)):
+            late.add(self._stream.prepare(self.sample), lambda: take(self.frame()))
         else:
             take(self.frame())
 
 
 class EncodedStream:
-    """The clients of one topic that get the very same frames: same encoding, same spelling of its name.
+    """Clients of one topic that receive identical frames: same encoding, same spelling of the topic name.
 
-    A client hears the name that it asked for (PUB-09), so `chatter` and `/chatter` are two channels. In a
-    protocol where clients number their subscriptions, the frames have a gap for that number
-    (:class:`~rwt_protocol.frames.GapFrame`), which is filled on the way to each.
+    Clients see the name under which they subscribed (PUB-09), so `chatter` and `/chatter` are two streams. In
+    protocols where clients number their subscriptions, the frame has a gap for the number
+    (:class:`~rwt_protocol.frames.GapFrame`), which is filled in for each client.
+
+    Each client has a gate. :meth:`sort` splits the gates into two groups:
+
+    * **open** gates pass every sample. Frames go straight to their senders, and the frames of one turn of the
+      event loop share a :class:`~rwt_protocol.frames.Burst`.
+    * **throttled** gates decide for each sample (:meth:`Gate.offer`). The frame is encoded when the first one
+      needs it.
+
+    Call :meth:`sort` after a gate was added, removed or reconfigured.
+
+    Attributes by purpose:
+
+    * Encoding: ``form``, ``steps``, ``late``, ``_encode``.
+    * Gates: ``_gates`` (all), ``_direct`` (``join`` and ``send`` of the open ones), ``_gated`` (the throttled
+      ones), ``_open_since`` (for each open gate, the value of ``_sendings`` when it opened).
+    * Burst: ``_burst`` (collects frames now; None if no gate joined it), ``_apart`` (senders of the open
+      gates outside it).
+    * Counters: ``_encoded`` and ``_encoded_bytes`` (through open gates, since the last :meth:`settle`),
+      ``_sendings`` (all before that), ``_sent_at`` (monotonic time of the last one).
 
     Attributes:
-        counts: what went through, together with the topic's other channels of this encoding; up to date
-            after :meth:`settle`.
-        form: what is encoded from.
-        steps: makes the frame of a sample in steps, before it is delivered; None where that is quick.
-        late: sends what takes long to encode, of all channels of the topic.
+        counts: totals of this topic and encoding, shared with the topic's other streams of the encoding. Up
+            to date after :meth:`settle`.
+        form: payload representation that frames are built from.
+        steps: generator that does the slow part of encoding a sample; None if encoding is fast.
+        late: queue of samples whose encoding is deferred, shared by all streams of the topic.
     """
 
     def __init__(
@@ -128,22 +146,23 @@ class EncodedStream:
 
     @property
     def is_open(self) -> bool:
-        """Whether every sample goes to somebody."""
+        """True if there is an open gate, so that every sample is encoded."""
         return bool(self._direct)
 
     def add(self, gate: Gate) -> None:
-        """Let a gate take part from the next sample on."""
+        """Add a gate, effective from the next sample."""
         self._gates.append(gate)
         self.sort()
 
     def remove(self, gate: Gate) -> None:
-        """Take a gate out."""
+        """Remove a gate."""
         self._gates.remove(gate)
         self._open_since.pop(gate, None)
         self.sort()
 
     def sort(self) -> None:
-        """Divide the gates into open and throttled ones, after one has joined, left or changed."""
+        """Split the gates into open and throttled ones. Call after a gate was added, removed or
+        reconfigured."""
         self.settle()
         self._note_sendings()
         self._end_burst()
@@ -151,7 +170,7 @@ class EncodedStream:
         self._gated = tuple(gate for gate in self._gates if not gate.is_open)
 
     def _note_sendings(self) -> None:
-        """Tell gates that are open no longer when a sample last went past them."""
+        """Tell gates that are no longer open when they were last sent a sample (THR-06)."""
         for gate in self._gates:
             if gate.is_open:
                 self._open_since.setdefault(gate, self._sendings)
@@ -159,7 +178,7 @@ class EncodedStream:
                 gate.note_sent(self._sent_at)
 
     def settle(self) -> None:
-        """Bring `counts` up to date with what went through the open gates."""
+        """Update `counts` with the samples sent through open gates."""
         counts, receivers = self.counts, len(self._direct)
         counts.encodes += self._encoded
         counts.messages += self._encoded * receivers
@@ -168,28 +187,28 @@ class EncodedStream:
         self._encoded = self._encoded_bytes = 0
 
     def encode(self, sample: Sample) -> Frame:
-        """The frame of one sample, made now."""
+        """Encode a sample now, and count it."""
         self.counts.encodes += 1
         return self._encode(sample)
 
     def is_slow(self, sample: Sample) -> bool:
-        """Whether the frame of a sample is made in steps."""
+        """True if encoding the sample takes steps."""
         return sample.payload.is_long or self.steps is not None
 
     def prepare(self, sample: Sample) -> Iterator[None]:
-        """Make what takes long of the frame of a sample, in steps."""
+        """Do the slow part of encoding a sample, in steps."""
         if sample.payload.is_long:
             yield from sample.payload.prepare({self.form})
         if self.steps is not None:
             yield from self.steps(sample)
 
     def deliver_but_to(self, newer: Collection[object], sample: Sample) -> None:
-        """Send one sample through every gate but those."""
+        """Send a sample to every gate except `newer`."""
         self._end_burst()
         self._offer(_Encoded(self, sample), [gate for gate in self._gates if gate not in newer])
 
     def deliver(self, sample: Sample) -> None:
-        """Send one sample through every gate."""
+        """Send a sample to every gate."""
         if sample.expires_ns:
             self._end_burst()
             self._offer(_Encoded(self, sample), self._gates)
@@ -198,7 +217,7 @@ class EncodedStream:
         direct = self._direct
         if direct:
             frame = self._encode(sample)
-            # Multiplied by the receivers in settle(): here each instruction is paid for by every message.
+            # settle() multiplies by the number of receivers: this path runs for every message.
             self._encoded += 1
             self._encoded_bytes += frame.size
             self._sent_at = self._monotonic()
@@ -212,10 +231,10 @@ class EncodedStream:
             self._offer(_Encoded(self, sample, frame), self._gated)
 
     def _begin_burst(self, frame: Frame) -> None:
-        """Send a frame to every open gate, in a burst that later ones of this turn are added to.
+        """Send a frame to every open gate, and begin a burst for the frames that follow in this turn.
 
-        A burst of one frame costs more than the frame. So all gates share one only while the last one grew;
-        otherwise the first gate alone has one, which shows whether it would have grown.
+        A burst of one frame costs more than the frame alone. All gates join only if the previous burst grew.
+        Otherwise only the first gate joins, as a probe.
         """
         last = self._burst
         all_share = last is not None and len(last.frames) > 1
@@ -244,20 +263,20 @@ class EncodedStream:
             gate.offer(encoded)
 
     def replay(self, sample: Sample, gate: Gate) -> None:
-        """Send one kept sample to one gate (SUB-13)."""
+        """Send a retained sample to one gate (SUB-13)."""
         self._end_burst()
         gate.offer(_Encoded(self, sample))
 
 
 class SampleStream:
-    """Somebody who takes the samples of a topic as they are in the graph, beside those who get frames.
+    """Subscriber that receives the samples of a topic without encoding.
 
     Args:
-        take: called with each sample, at once. What it raises is logged, and nobody else goes without.
+        take: callback, called with each sample. Exceptions are logged; other subscribers are not affected.
     """
 
     form: Final = "json"
-    is_open: Final = False  # No form is made in advance for whoever may ask for none.
+    is_open: Final = False  # Nothing is encoded in advance: the callback may need no form.
     steps: Final = None
 
     def __init__(self, take: Callable[[Sample], None]) -> None:
@@ -267,15 +286,15 @@ class SampleStream:
         return 1
 
     def settle(self) -> None:
-        """Nothing is counted here."""
+        """No-op: samples are not counted."""
 
     def deliver_but_to(self, newer: Collection[object], sample: Sample) -> None:
-        """Hand one sample on, unless it takes part for less long."""
+        """Pass a sample on, unless this stream is in `newer`."""
         if self not in newer:
             self.deliver(sample)
 
     def deliver(self, sample: Sample) -> None:
-        """Hand one sample on."""
+        """Pass a sample on."""
         try:
             self._take(sample)
         except Exception:
@@ -283,11 +302,28 @@ class SampleStream:
 
 
 class Fanout:
-    """All clients of one topic, behind one subscription in the graph.
+    """Clients of one topic, served by a single graph subscription.
+
+    A sample is delivered in one of two ways:
+
+    * **immediately**: a small sample is encoded and sent within the publisher's call;
+    * **deferred**: a long sample, or one whose encoder works in steps, is queued in ``late`` and sent once it
+      is encoded. While the queue is not empty, later samples of the topic are queued behind it, to keep their
+      order.
+
+    A gate that joins while samples are deferred does not receive those: they were published before it joined.
+
+    Attributes by purpose:
+
+    * Graph: ``topic``, ``type``, ``subscription``, ``_participant``, ``_clock``.
+    * Streams: ``_encoded_streams`` (by spelling and encoding), ``_sample_streams``, ``_active`` (both, as a
+      tuple for the hot path), ``_is_stepped`` (True if an encoder works in steps).
+    * Deferral: ``late``, ``_late_samples`` (samples in the queue), ``_number`` (number of the newest deferred
+      sample), ``_joined`` (for gates and streams that joined meanwhile: ``_number`` at that time).
 
     Attributes:
-        counts: what is counted of the topic; up to date after :meth:`settle`.
-        late: sends what takes long to encode.
+        counts: totals of the topic. Up to date after :meth:`settle`.
+        late: queue of samples whose encoding is deferred.
     """
 
     def __init__(
@@ -304,29 +340,29 @@ class Fanout:
         self.topic = topic
         self.type = type
         self.counts = counts
-        self._channels: dict[tuple[str, str], EncodedStream] = {}
-        self._streams: list[SampleStream] = []
+        self._encoded_streams: dict[tuple[str, str], EncodedStream] = {}
+        self._sample_streams: list[SampleStream] = []
         self._active: tuple[EncodedStream | SampleStream, ...] = ()
         self._is_stepped = False
         self.late = DeferredSends(turns)
         self._late_samples = 0
-        self._number = 0  # of samples that were late
-        self._joined: dict[object, int] = {}  # after the sample of that number, which is late
+        self._number = 0
+        self._joined: dict[object, int] = {}
         self.subscription: Subscription = participant.subscribe(topic, self._deliver, type)
 
     @property
     def subscriptions(self) -> int:
-        """How many clients listen, those of each spelling of the name counted by themselves."""
+        """Number of subscriptions; spellings of the name count separately."""
         return sum(map(len, self._active))
 
     def settle(self) -> None:
-        """Bring `counts` up to date."""
-        for channel in self._active:
-            channel.settle()
+        """Update `counts`."""
+        for stream in self._active:
+            stream.settle()
 
     @property
     def is_empty(self) -> bool:
-        """Whether nobody listens any more."""
+        """True if there are no subscribers."""
         return not self._active
 
     def check_type(self, type: MessageType) -> None:
@@ -335,62 +371,65 @@ class Fanout:
             raise TypeConflict(self.topic, type.name, self.type.name)
 
     def renew(self) -> None:
-        """Subscribe anew: to whoever joins while no publisher can be reached, those that come back over the
-        network are to tell what they keep, which they tell each subscription once."""
+        """Replace the graph subscription.
+
+        Remote publishers send their retained samples once per subscription. A client that joins while none is
+        reachable needs a new subscription to get them when one returns.
+        """
         old = self.subscription
         self.subscription = self._participant.subscribe(self.topic, self._deliver, self.type)
         old.close()
 
     def join(self, gate: Gate, name: str, encoding: SampleEncoding) -> EncodedStream:
-        """Add a gate to the channel of that spelling and encoding."""
+        """Add a gate to the stream of this spelling and encoding, which is created if needed."""
         if self._late_samples:
-            self._joined[gate] = self._number  # Of what came before, it is sent what is replayed to it.
+            self._joined[gate] = self._number  # Samples from before it joined reach it by replay() only.
         key = (name, encoding.name)
-        channel = self._channels.get(key)
-        if channel is None:
-            channel = self._channels[key] = EncodedStream(
+        stream = self._encoded_streams.get(key)
+        if stream is None:
+            stream = self._encoded_streams[key] = EncodedStream(
                 encoding.publish_encoder(name),
                 self.counts.encoding(encoding.name),
                 self._clock.monotonic,
                 self.late,
                 encoding.form,
             )
-            self._note_channels()
-        channel.add(gate)
-        return channel
+            self._update_active()
+        stream.add(gate)
+        return stream
 
     def leave(self, gate: Gate, name: str, encoding: SampleEncoding) -> None:
-        """Take a gate out of its channel."""
+        """Remove a gate from its stream; drop the stream if it is empty."""
         key = (name, encoding.name)
-        channel = self._channels[key]
-        channel.remove(gate)
+        stream = self._encoded_streams[key]
+        stream.remove(gate)
         self._joined.pop(gate, None)
-        if not channel:
-            del self._channels[key]
-            self._note_channels()
+        if not stream:
+            del self._encoded_streams[key]
+            self._update_active()
 
     def take_samples(self, take: Callable[[Sample], None]) -> SampleStream:
-        """Have `take` called with each sample from now on, without a frame being made for it; those that the
-        topic keeps are in `subscription.history()`."""
+        """Call `take` with each sample from now on, without encoding. Retained samples are in
+        `subscription.history()`."""
         stream = SampleStream(take)
         if self._late_samples:
             self._joined[stream] = self._number
-        self._streams.append(stream)
-        self._note_channels()
+        self._sample_streams.append(stream)
+        self._update_active()
         return stream
 
     def end_samples(self, stream: SampleStream) -> None:
-        """End what :meth:`take_samples` began."""
-        self._streams.remove(stream)
+        """Stop a stream that `take_samples` returned."""
+        self._sample_streams.remove(stream)
         self._joined.pop(stream, None)
-        self._note_channels()
+        self._update_active()
 
-    def _note_channels(self) -> None:
-        self._active = (*self._channels.values(), *self._streams)
-        self._is_stepped = any(channel.steps is not None for channel in self._active)
+    def _update_active(self) -> None:
+        self._active = (*self._encoded_streams.values(), *self._sample_streams)
+        self._is_stepped = any(stream.steps is not None for stream in self._active)
 
     def close(self) -> None:
-        """Leave the graph's topic."""
+        """Discard deferred samples and close the graph subscription."""
         self.late.clear()
         self.subscription.close()
 
@@ -398,27 +437,27 @@ class Fanout:
         if sample.payload.is_long or self._is_stepped or self.late.waiting:
             self._send_late(sample)
             return
-        for channel in self._active:
-            channel.deliver(sample)
+        for stream in self._active:
+            stream.deliver(sample)
 
     def _send_late(self, sample: Sample) -> None:
-        """Deliver a sample that takes long to encode, and what comes behind it, when its forms are made."""
+        """Defer a sample until it is encoded; later samples of the topic queue behind it."""
         self._late_samples += 1
         self._number += 1
         self.late.add(self._steps(sample), partial(self._send, sample, self._number))
-        while self._late_samples > _MOST_LATE:
+        while self._late_samples > _MAX_DEFERRED:
             self.late.finish_first()
 
     def _steps(self, sample: Sample) -> Iterator[None]:
-        channels = [channel for channel in self._active if channel.is_open]
+        streams = [stream for stream in self._active if stream.is_open]
         try:
             if sample.payload.is_long:
-                yield from sample.payload.prepare({channel.form for channel in channels})
-            for channel in channels:
-                if channel.steps is not None:
-                    yield from channel.steps(sample)
+                yield from sample.payload.prepare({stream.form for stream in streams})
+            for stream in streams:
+                if stream.steps is not None:
+                    yield from stream.steps(sample)
         except Exception:
-            self._late_samples -= 1  # It is not sent.
+            self._late_samples -= 1  # Encoding failed: the sample is dropped.
             raise
 
     def _send(self, sample: Sample, number: int) -> None:
@@ -426,8 +465,8 @@ class Fanout:
         newer = [gate for gate, after in self._joined.items() if after >= number]
         if not self._late_samples:
             self._joined.clear()
-        for channel in self._active:
+        for stream in self._active:
             if newer:
-                channel.deliver_but_to(newer, sample)
+                stream.deliver_but_to(newer, sample)
             else:
-                channel.deliver(sample)
+                stream.deliver(sample)

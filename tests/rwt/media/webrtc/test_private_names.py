@@ -1,4 +1,4 @@
-"""Private names of aiortc and aioice: if a release changes them, these tests fail before anything else does."""
+"""Private names of aiortc and aioice. If a release changes them, these tests fail first."""
 
 from __future__ import annotations
 
