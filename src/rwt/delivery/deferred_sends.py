@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import logging
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from rwt_transports.turns import TOPIC_SECONDS
 
 if TYPE_CHECKING:
-    from rwt_protocol.dispatcher import Steps
     from rwt_transports.turns import Turns
 
 logger = logging.getLogger("rwt.delivery")
@@ -37,11 +36,11 @@ class DeferredSends:
 
     def __init__(self, turns: Turns) -> None:
         self._turns = turns
-        self.waiting: deque[tuple[Steps, Callable[[], None]]] = deque()
+        self.waiting: deque[tuple[Iterator[None], Callable[[], None]]] = deque()
         self._added = self._sent = 0
         self._is_scheduled = self._is_stepping = False
 
-    def add(self, steps: Steps, send: Callable[[], None]) -> None:
+    def add(self, steps: Iterator[None], send: Callable[[], None]) -> None:
         """Call `send` after `steps` and all samples that wait already: before this returns, if that is
         fast."""
         self.waiting.append((steps, send))
@@ -49,7 +48,7 @@ class DeferredSends:
         if not self._is_scheduled and not self._is_stepping:
             self._go_on()
 
-    def steps(self) -> Steps:
+    def steps(self) -> Iterator[None]:
         """Take the steps of all samples that wait now, and send them."""
         last = self._added
         while self._sent < last and self.waiting:

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Final, Generic, Literal, NamedTuple, Protocol,
 from rwt_transports.turns import CLIENT_SECONDS, CLIENTS_SECONDS, STEP_SECONDS, Turns
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from rwt_graph.clock import Clock
-    from rwt_protocol.dispatcher import Steps
     from rwt_transports.api import FlowControl
 
 T = TypeVar("T")
@@ -68,7 +67,7 @@ def _always() -> bool:
 class Arriving(NamedTuple):
     """Message that is being read in steps, in turns in which `may_go_on` returns True."""
 
-    steps: Steps
+    steps: Iterator[None]
     may_go_on: Callable[[], bool] = _always
 
 
@@ -165,7 +164,7 @@ class TakesTurns(ABC, Generic[T]):
         self._turns.note(seconds)
         self._is_beyond = self._needs_turn = self._work.excess > 0.0
 
-    def take_steps(self, steps: Steps, may_go_on: Callable[[], bool]) -> None:
+    def take_steps(self, steps: Iterator[None], may_go_on: Callable[[], bool]) -> None:
         """Take the steps in which its wire reads a message; they are work of the client."""
         self._wait(Arriving(steps, may_go_on))
 

@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from rwt.gateways.foxglove.catalogue import Change, Listing
     from rwt.gateways.foxglove.settings import Bounds, FoxgloveSettings
     from rwt_graph.clock import Playback
-    from rwt_protocol.dispatcher import Steps
     from rwt_protocol.frames import Frame
     from rwt_transports.endpoint import PeerInfo, Sink
     from rwt_transports.turns import Turns
@@ -157,7 +156,7 @@ class FoxgloveClient(TakesTurns[_Waiting]):
             if steps is not None:
                 self._run(_refusing(self, op, steps))
 
-    def _run(self, steps: Steps) -> None:
+    def _run(self, steps: Iterator[None]) -> None:
         """Take steps of a message, and those that there is no time for in later turns."""
         for _ in steps:
             if not self._has_time():
@@ -174,7 +173,7 @@ class FoxgloveClient(TakesTurns[_Waiting]):
         audit.write(logging.ERROR, "internal error in %s", op, client=self.number, error=error)
         self.replies.say(Level.ERROR, "internal error")
 
-    def each(self, op: str, items: Iterable[object], do: Callable[[Never], None]) -> Steps:
+    def each(self, op: str, items: Iterable[object], do: Callable[[Never], None]) -> Iterator[None]:
         """Do something with each of many things, and say of which it is refused."""
         reasons: dict[str, None] = {}
         untold = 0
@@ -286,7 +285,7 @@ class FoxgloveClient(TakesTurns[_Waiting]):
         )
 
 
-def _refusing(client: FoxgloveClient, op: str, steps: Steps) -> Steps:
+def _refusing(client: FoxgloveClient, op: str, steps: Iterator[None]) -> Iterator[None]:
     """The steps of a message, of which the client is told why they cannot be taken."""
     try:
         yield from steps
@@ -294,39 +293,39 @@ def _refusing(client: FoxgloveClient, op: str, steps: Steps) -> Steps:
         client.failed(op, error)
 
 
-_HANDLERS: Final[Mapping[type[said.Text | said.Binary], Callable[[FoxgloveClient, Never], Steps | None]]] = (
-    MappingProxyType(
-        {
-            said.Subscribe: lambda client, message: client.each(
-                "subscribe",
-                message.subscriptions,
-                lambda one: client.subscriptions.subscribe(one, client.listing.channels),
-            ),
-            said.Unsubscribe: lambda client, message: client.each(
-                "unsubscribe", message.subscription_ids, client.subscriptions.unsubscribe
-            ),
-            said.Advertise: lambda client, message: client.each(
-                "advertise", message.channels, client.publications.advertise
-            ),
-            said.Unadvertise: lambda client, message: client.each(
-                "unadvertise", message.channel_ids, client.publications.unadvertise
-            ),
-            said.MessageData: lambda client, message: client.publications.publish(message),
-            said.ServiceCallRequest: lambda client, message: client.services.call(
-                message, client.listing.services
-            ),
-            said.GetParameters: lambda client, message: client.parameters.get(message),
-            said.SetParameters: lambda client, message: client.parameters.set(message),
-            said.SubscribeParameterUpdates: lambda client, message: client.watch(
-                message.parameter_names, watches=True
-            ),
-            said.UnsubscribeParameterUpdates: lambda client, message: client.watch(
-                message.parameter_names, watches=False
-            ),
-            said.SubscribeConnectionGraph: lambda client, _: client.watch_connections(),
-            said.UnsubscribeConnectionGraph: lambda client, _: client.ignore_connections(),
-            said.FetchAsset: lambda client, message: client.fetch(message),
-            said.PlaybackControlRequest: lambda client, message: client.control_playback(message),
-        }
-    )
+_HANDLERS: Final[
+    Mapping[type[said.Text | said.Binary], Callable[[FoxgloveClient, Never], Iterator[None] | None]]
+] = MappingProxyType(
+    {
+        said.Subscribe: lambda client, message: client.each(
+            "subscribe",
+            message.subscriptions,
+            lambda one: client.subscriptions.subscribe(one, client.listing.channels),
+        ),
+        said.Unsubscribe: lambda client, message: client.each(
+            "unsubscribe", message.subscription_ids, client.subscriptions.unsubscribe
+        ),
+        said.Advertise: lambda client, message: client.each(
+            "advertise", message.channels, client.publications.advertise
+        ),
+        said.Unadvertise: lambda client, message: client.each(
+            "unadvertise", message.channel_ids, client.publications.unadvertise
+        ),
+        said.MessageData: lambda client, message: client.publications.publish(message),
+        said.ServiceCallRequest: lambda client, message: client.services.call(
+            message, client.listing.services
+        ),
+        said.GetParameters: lambda client, message: client.parameters.get(message),
+        said.SetParameters: lambda client, message: client.parameters.set(message),
+        said.SubscribeParameterUpdates: lambda client, message: client.watch(
+            message.parameter_names, watches=True
+        ),
+        said.UnsubscribeParameterUpdates: lambda client, message: client.watch(
+            message.parameter_names, watches=False
+        ),
+        said.SubscribeConnectionGraph: lambda client, _: client.watch_connections(),
+        said.UnsubscribeConnectionGraph: lambda client, _: client.ignore_connections(),
+        said.FetchAsset: lambda client, message: client.fetch(message),
+        said.PlaybackControlRequest: lambda client, message: client.control_playback(message),
+    }
 )
