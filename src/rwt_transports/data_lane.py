@@ -1,13 +1,13 @@
-"""The samples that wait for a slow reader: whose turn it is, and what is dropped.
+"""Samples queued for a slow reader: fair queueing of topics, and drops.
 
-Each topic is a :class:`Queue` of its own. The lane serves them by start-time fair queueing with finish tags:
-a frame's tag is where its queue stood, or where the lane stands if that is further, plus the frame's size,
-and the smallest tag goes first. So topics share the connection by bytes, and a small message is not behind
-any large one except the one being written, however many and how large the others are.
+Each topic has a :class:`Queue`. The lane serves them by start-time fair queueing with finish tags: the tag of
+a frame is the position of its queue, or of the lane if that is further, plus the frame's size, and the
+smallest tag goes first. So topics share the connection by bytes, and a small message waits for at most one
+large one: the one being written.
 
-What exceeds a bound costs the oldest message of the same topic. Only a topic that has nothing waiting takes
-the place of others: of the one that holds most, which keeps its newest. Order within a topic always holds,
-and a message in several frames is sent whole or not at all.
+Beyond a bound, the oldest message of the same topic is dropped. Only a message of an empty topic takes the
+place of other topics: of the largest queue, which keeps its newest. Order holds within a topic, and a message
+in several frames is sent as a whole or not at all.
 """
 
 from __future__ import annotations
@@ -21,15 +21,22 @@ from rwt_transports.endpoint import DropReason, FlowRules
 from rwt_transports.limits import Limits
 
 _Message = tuple[Frame, tuple[Frame, ...], int]
-"""What waits: its first frame, the further ones, and when it expires (0: never)."""
+"""Queued message: its first frame, the further ones, and when it expires, in nanoseconds (0: never)."""
 
 
 class Queue:
-    """The messages of one topic that wait, oldest first.
+    """Queue of one topic, oldest message first.
 
     Attributes:
-        rules: how it is treated.
-        on_drop: called for each message that is dropped.
+        topic: name for logs.
+        rules: rules while the reader is slow.
+        on_drop: called for each message that is dropped; None: not reported.
+        time_ns: clock of the expiry times.
+        waiting: queued messages.
+        begun: remaining frames of the message whose first frame is sent.
+        size: bytes of both.
+        finish: finish tag of the last frame that was served.
+        scheduled: True if the queue is in the lane's schedule.
     """
 
     __slots__ = ("begun", "finish", "on_drop", "rules", "scheduled", "size", "time_ns", "topic", "waiting")
@@ -46,24 +53,28 @@ class Queue:
         self.on_drop = on_drop
         self.time_ns = time_ns
         self.waiting: deque[_Message] = deque()
-        self.begun: deque[Frame] = deque()  # what is left of a message whose first frame has gone out
+        self.begun: deque[Frame] = deque()
         self.size = 0
         self.finish = 0
         self.scheduled = False
 
     def next_size(self) -> int:
-        """The size of the frame that is next."""
+        """Return the size of the next frame."""
         return self.begun[0].size if self.begun else self.waiting[0][0].size if self.waiting else 0
 
 
 class DataLane:
-    """Every queue of one connection.
+    """Queues of one connection.
+
+    Attributes by purpose: ``schedule``, ``_entered`` (breaks ties between equal tags: first come, first
+    served), ``_position`` (finish tag of the last frame) and ``_last`` (largest finish tag so far) order the
+    queues; ``size`` and ``messages`` are checked against ``_limits``.
 
     Attributes:
-        schedule: heap of the queues that wait, by tag; empty if nothing waits.
-        size: bytes that wait.
-        messages: whole messages that wait.
-        dropped: messages dropped so far, by reason.
+        schedule: heap of the nonempty queues, by tag.
+        size: queued bytes.
+        messages: queued messages, without those that have begun.
+        dropped: number of dropped messages, by reason.
     """
 
     __slots__ = ("_entered", "_last", "_limits", "_position", "dropped", "messages", "schedule", "size")
@@ -71,7 +82,7 @@ class DataLane:
     def __init__(self, limits: Limits) -> None:
         self._limits = limits
         self.schedule: list[tuple[int, int, Queue]] = []
-        self._entered = 0  # breaks ties between equal tags: first come, first served
+        self._entered = 0
         self._position = 0
         self._last = 0
         self.size = 0
@@ -79,7 +90,7 @@ class DataLane:
         self.dropped: dict[DropReason, int] = {}
 
     def add(self, queue: Queue, pieces: Sequence[Frame], expires_ns: int) -> None:
-        """Let one message wait, and drop what that is too much for."""
+        """Queue a message, and drop others that exceed a bound."""
         size = sum(frame.size for frame in pieces)
         depth = queue.rules.depth
         if depth is not None:
@@ -87,7 +98,7 @@ class DataLane:
         limits = self._limits
         full = self.size >= limits.data_bytes or self.messages >= limits.data_frames
         if full and not queue.rules.notes:
-            self._make_place(queue, size)
+            self._make_room(queue, size)
         queue.waiting.append((pieces[0], tuple(pieces[1:]), expires_ns))
         queue.size += size
         self.size += size
@@ -95,7 +106,7 @@ class DataLane:
         self._schedule(queue)
 
     def add_begun(self, queue: Queue, pieces: Sequence[Frame]) -> None:
-        """Let the rest of a message wait that has begun to go out."""
+        """Queue the rest of a message whose first frame is sent."""
         size = sum(frame.size for frame in pieces)
         queue.begun.extend(pieces)
         queue.size += size
@@ -108,7 +119,7 @@ class DataLane:
             self._drop_oldest(queue, DropReason.QUEUE)
 
     def next(self) -> Frame | None:
-        """Take the frame whose turn it is; None if nothing waits, or nothing that has not expired."""
+        """Remove and return the next frame; None if nothing is queued that has not expired."""
         while self.schedule:
             _, _, queue = heappop(self.schedule)
             queue.scheduled = False
@@ -129,12 +140,12 @@ class DataLane:
         return None
 
     def _forgive(self) -> None:
-        """Start afresh if nothing waits: no topic owes anything from the time before."""
+        """Reset the tags if nothing is queued: no topic is behind because of what it sent before."""
         if not self.schedule:
             self._position = self._last
 
     def clear(self) -> None:
-        """Drop everything that waits, without a report."""
+        """Drop everything without reports."""
         for _, _, queue in self.schedule:
             queue.waiting.clear()
             queue.begun.clear()
@@ -158,36 +169,37 @@ class DataLane:
         return first
 
     def _drop_expired(self, queue: Queue) -> None:
-        """Drop the messages in front that have outlived their lifespan."""
+        """Drop expired messages at the front."""
         waiting = queue.waiting
         while waiting and waiting[0][2] and waiting[0][2] < queue.time_ns():
             self._drop_oldest(queue, DropReason.LIFESPAN)
 
-    def _make_place(self, queue: Queue, size: int) -> None:
-        """Drop old messages worth `size` bytes: the queue's own, or another's where it has none."""
+    def _make_room(self, queue: Queue, size: int) -> None:
+        """Drop old messages of at least `size` bytes: of this queue, or of the largest if this one is
+        empty."""
         victim, keep = (queue, 0) if queue.waiting else (self._largest_queue(), 1)
         freed = 0
         while victim is not None and len(victim.waiting) > keep and freed < max(size, 1):
             freed += self._drop_oldest(victim, DropReason.BACKLOG)
 
     def _largest_queue(self) -> Queue | None:
-        """The queue that holds most bytes among those that have more than their newest message; one that
-        keeps all only where there is no other."""
+        """Return the largest queue with more than one message; one with `keep_all` only if there is no
+        other."""
         rich = [queue for _, _, queue in self.schedule if len(queue.waiting) > 1]
         return max(rich, key=lambda queue: (not queue.rules.keep_all, queue.size), default=None)
 
-    def leave_out(self, queue: Queue, reason: DropReason) -> None:
-        """Count a message of `queue` that is not even let in."""
+    def count_drop(self, queue: Queue, reason: DropReason) -> None:
+        """Count and report a dropped message."""
         self.dropped[reason] = self.dropped.get(reason, 0) + 1
         if queue.on_drop is not None:
             queue.on_drop(reason)
 
     def _drop_oldest(self, queue: Queue, reason: DropReason) -> int:
-        """Returns the bytes freed."""
+        """Drop the oldest message and return its size."""
         first, further, _ = queue.waiting.popleft()
         size = first.size + sum(frame.size for frame in further)
         queue.size -= size
         self.size -= size
         self.messages -= 1
-        self.leave_out(queue, reason)
+        self.count_drop(queue, reason)
         return size

@@ -1,12 +1,12 @@
-"""What one connection still has to send: two bounded lanes in front of a short queue of bytes.
+"""Queue of outgoing frames of one connection: two bounded lanes in front of a short queue of bytes.
 
-A frame goes straight to the *ready* bytes while the network keeps up. When those are full, frames wait in
-their lane:
+While the network keeps up, a frame goes straight to the *ready* bytes. When those are full, frames wait in a
+lane:
 
-- control: first in, first out, goes before data, never dropped; too much of it ends the connection;
-- data: samples, each topic by itself; see :mod:`rwt_transports.data_lane`.
+- control: first in, first out, before data, never dropped; the connection ends if there is too much of it;
+- data: samples, in one queue per topic; see :mod:`rwt_transports.data_lane`.
 
-Order holds within the control lane and within a topic. Nothing here blocks, and nothing allocates a task.
+Order holds within the control lane and within a topic. Nothing here blocks or starts a task.
 """
 
 from __future__ import annotations
@@ -23,18 +23,17 @@ from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, FlowRules, Traff
 from rwt_transports.limits import Limits
 
 SLICE_BYTES = 256 * 1024
-"""A larger piece is handed over in slices of this size, so that a slow peer's rest stays shared and
-uncopied."""
+"""Maximum size of a slice: the rest of a larger piece stays shared and uncopied for a slow peer."""
 ALONE_BYTES = 32 * 1024
-"""A piece of this size is not joined with others: copying it would cost more than one more write."""
+"""Pieces of this size are not joined with others: copying them would cost more than another write."""
 GATHER_BYTES = 1024 * 1024
-"""What one call of the system is given at once, where it takes several pieces."""
+"""Maximum size of the pieces of one system call that takes several."""
 PIECES_BYTES = 256 * 1024
-"""A frame of this size is not even joined with its own header."""
+"""Frames of this size are not even joined with their own header."""
 
 
 class OutboxFlow:
-    """One topic's way through an outbox; satisfies :class:`rwt_transports.endpoint.Flow`."""
+    """Flow of one topic through an outbox; implements :class:`rwt_transports.endpoint.Flow`."""
 
     __slots__ = ("_outbox", "_queue")
 
@@ -47,7 +46,7 @@ class OutboxFlow:
         outbox = self._outbox
         room = outbox.room
         if room > 0 and frame.size < outbox.small:
-            # The same as send_at_once, written out: this runs for each sample and each subscriber.
+            # As in send_at_once(), written out: this runs for each sample and each subscriber.
             ready = outbox.ready
             if not ready:
                 outbox.wake()
@@ -62,7 +61,7 @@ class OutboxFlow:
             outbox.send_at_once(frame)
 
     def join(self, burst: Burst) -> bool:
-        """Let a burst go out with the ready bytes, if there is room for them."""
+        """Add a burst to the ready bytes. Returns False if there is no room."""
         outbox = self._outbox
         room = outbox.room
         size = burst.size
@@ -94,32 +93,48 @@ class OutboxFlow:
             outbox.send_rest_later(self._queue, pieces[sent:])
 
     def configure(self, rules: FlowRules) -> None:
-        """Follow these rules from now on."""
+        """Apply `rules` from now on."""
         self._outbox.configure(self._queue, rules)
 
     def close(self) -> None:
-        """Report no further drops."""
+        """Stop reporting drops."""
         self._queue.on_drop = None
 
 
 class Outbox:
-    """The sending side of one connection.
+    """Sending side of one connection.
+
+    A frame passes three queues: a lane (``_control`` or ``_data``), the ``ready`` bytes, and ``_begun`` (the
+    rest of pieces that were written in part). Invariants:
+
+    * ``room`` > 0 only if the lanes and ``_begun`` are empty: frames then bypass the lanes.
+    * The data lane waits for the control lane, and both wait for ``ready`` and ``_begun``.
+    * Once ``_closed``, ``room`` is 0 and the lanes stay empty; what is ready still goes out.
+
+    Attributes by purpose:
+
+    * Lanes: ``_control``, ``_control_bytes``, ``_data``, ``_limits``, ``_overflow``, ``_closed``.
+    * Ready: ``ready``, ``bursts``, ``room``, ``_large`` (pieces of at least `ALONE_BYTES` among them, which
+      are not joined), ``_begun``.
+    * Framing: ``_framing``, ``whole``, ``small``, ``burst_bytes``.
+    * Wake-up: ``wake``, ``_on_empty`` (called once when everything is taken).
+    * Counters: ``messages``, ``received``, ``_taken`` (bytes accepted by the network).
 
     Args:
-        framing: how a frame becomes bytes.
-        limits: the bounds of the two lanes.
+        framing: converts frames to bytes.
+        limits: bounds of the two lanes.
         wake: called when there is something to take and there was nothing before.
-        overflow: called once with a reason when the control lane is full.
+        overflow: called with a reason when the control lane is full.
 
     Attributes:
-        ready: bytes that go out next, and bursts of which some may still grow.
-        bursts: whether some of them are bursts.
-        room: bytes that may still join them; none while anything waits in a lane.
-        messages: frames that have been made ready so far.
-        received: bytes that came the other way; the connection counts them here, beside what it sends.
-        small: frames below this many bytes are one piece that every connection shares.
-        burst_bytes: frames below this many bytes may begin a burst.
-        whole: makes that piece.
+        ready: bytes to write next, and bursts, some of which may still grow.
+        bursts: True if some of them are bursts.
+        room: bytes that may still be added to them.
+        messages: number of frames made ready so far.
+        received: bytes received by the connection, which counts them here.
+        small: frames of fewer bytes are one piece that all connections share.
+        burst_bytes: frames of fewer bytes may begin a burst.
+        whole: builds that piece.
     """
 
     __slots__ = (
@@ -139,15 +154,15 @@ class Outbox:
         self._framing = framing
         self.whole = framing.whole
         self.small = min(ALONE_BYTES, limits.outgoing_bytes + 1) if framing.shared else 0
-        # What is added to a burst is not looked at here.
+        # Frames that are added to a burst later are not checked.
         self.burst_bytes = self.small if self.small > Burst.LARGE else 0
         self.wake = wake
         self._overflow = overflow
         self.ready: list[Buffer | Burst] = []
         self.bursts = False
-        self._large = 0  # how many of them are not to be joined
+        self._large = 0
         self.room = limits.ready_bytes
-        self._begun: deque[memoryview] = deque()  # the rest of what went out in part
+        self._begun: deque[memoryview] = deque()
         self._control: deque[Frame] = deque()
         self._control_bytes = 0
         self._data = DataLane(limits)
@@ -174,11 +189,11 @@ class Outbox:
         on_drop: Callable[[DropReason], None] | None = None,
         time_ns: Callable[[], int] = time_ns,
     ) -> OutboxFlow:
-        """A way for samples, in the data lane; see :meth:`rwt_transports.endpoint.Sink.flow`."""
+        """Return a flow of the data lane; see :meth:`rwt_transports.endpoint.Sink.flow`."""
         return OutboxFlow(self, Queue(topic, rules, on_drop, time_ns))
 
     def send_at_once(self, frame: Frame) -> None:
-        """Put a frame to the ready bytes, whether there is room or not."""
+        """Add a frame to the ready bytes, even if there is no room."""
         ready = self.ready
         if not ready:
             self.wake()
@@ -190,37 +205,36 @@ class Outbox:
         self.messages += 1
 
     def sealed(self, frames: int, size: int) -> None:
-        """A burst among the ready bytes has grown since it was put there; satisfies
-        :class:`rwt_protocol.frames.BurstMember`."""
+        """Count by how much a ready burst has grown; implements :class:`rwt_protocol.frames.BurstMember`."""
         self.messages += frames
         self.room -= size
 
     def is_too_large(self, queue: Queue, frame: Frame) -> bool:
-        """Whether a frame of the data lane is too large to be sent; if so, that is counted and reported."""
+        """Return True if a frame of the data lane is too large to be sent, and count and report the drop."""
         if frame.size <= self._limits.outgoing_bytes:
             return False
-        self._data.leave_out(queue, DropReason.SIZE)
+        self._data.count_drop(queue, DropReason.SIZE)
         return True
 
     def send_later(self, queue: Queue, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
-        """Let a message of the data lane wait for its turn."""
+        """Queue a message in the data lane."""
         if not self._closed:
             self._data.add(queue, pieces, expires_ns)
 
     def send_rest_later(self, queue: Queue, pieces: Sequence[Frame]) -> None:
-        """Let the rest of a message wait that has begun to go out."""
+        """Queue the rest of a message whose first frame is ready."""
         if not self._closed:
             self._data.add_begun(queue, pieces)
 
     def configure(self, queue: Queue, rules: FlowRules) -> None:
-        """Give a queue of the data lane other rules."""
+        """Change the rules of a queue of the data lane."""
         queue.rules = rules
         if rules.depth is not None:
             self._data.cut(queue, max(rules.depth, 1))
 
     @property
     def backlog(self) -> int:
-        """Bytes queued and not yet handed to the network."""
+        """Bytes queued and not yet accepted by the network."""
         begun = sum(map(len, self._begun))
         ready = sum(piece.size if isinstance(piece, Burst) else len(piece) for piece in self.ready)
         return begun + ready + self._control_bytes + self._data.size
@@ -235,12 +249,12 @@ class Outbox:
 
     @property
     def taken(self) -> int:
-        """Bytes handed to the network so far."""
+        """Bytes accepted by the network so far."""
         return self._taken
 
     @property
     def is_waited_for(self) -> bool:
-        """Whether something is to happen once everything has been taken by the network, or bytes wait."""
+        """True if bytes are queued, or a callback waits until everything is taken."""
         return self._on_empty is not None or bool(self.ready) or bool(self._begun)
 
     def _ready_frame(self, frame: Frame) -> None:
@@ -252,7 +266,7 @@ class Outbox:
 
     def _ready_large(self, frame: Frame) -> None:
         if not self._framing.shared:
-            pieces = self._framing.pieces(frame)  # never from what was kept: each time is another
+            pieces = self._framing.pieces(frame)  # Never cached: these bytes differ each time.
         elif frame.size < PIECES_BYTES:
             pieces = (frame.framed(self.whole),)
         else:
@@ -288,12 +302,12 @@ class Outbox:
         self.room -= len(data)
 
     def push_if_read(self, data: bytes) -> None:
-        """Queue bytes of the protocol itself that may be left out while the peer does not read."""
+        """Queue bytes of the protocol itself, unless the peer does not read."""
         if self.room > -self._limits.ready_bytes and not self._closed:
             self.push(data)
 
     def finish(self, last: bytes) -> None:
-        """Queue `last` after the control lane and let nothing follow: data still queued is dropped."""
+        """Queue `last` after the control lane, and drop queued data. Nothing follows."""
         for frame in self._control:
             self._ready_frame(frame)
         if last:
@@ -302,20 +316,20 @@ class Outbox:
         self.wake()
 
     def stop_sending(self) -> None:
-        """Let nothing follow what is ready: the lanes are emptied."""
+        """Drop both lanes. Nothing follows what is ready."""
         self._discard_lanes()
         self._settle_bursts()
         self._closed = True
         self.room = 0
 
     def discard(self) -> None:
-        """The peer is gone: free everything, and let nothing follow."""
+        """Drop everything: the peer is gone."""
         self.stop_sending()
         self.ready.clear()
         self._large = 0
         self._begun.clear()
         self._on_empty = None
-        self._overflow = _unheard  # Its connection refers to this.
+        self._overflow = _ignore  # Break the cycle: the connection refers to this outbox.
 
     def _discard_lanes(self) -> None:
         self._control.clear()
@@ -330,7 +344,7 @@ class Outbox:
     # -- the driver's side ---------------------------------------------------------------------------------
 
     def take(self) -> Buffer | None:
-        """The next bytes to write, None when there are none."""
+        """Return the next bytes to write; None if there are none."""
         if self._begun:
             data: Buffer = self._slice(self._begun.popleft(), SLICE_BYTES)
         else:
@@ -360,7 +374,7 @@ class Outbox:
         return data
 
     def _settle_bursts(self) -> list[Buffer]:
-        """The ready bytes, with the bytes of each burst in its place; the same list."""
+        """Replace each burst among the ready bytes with its bytes, and return the list."""
         ready = self.ready
         if self.bursts:
             self.bursts = False
@@ -403,20 +417,21 @@ class Outbox:
             left -= len(pieces[-1])
         self._taken += GATHER_BYTES - left
         if self.ready and not self._large and not self._begun:
-            # The end of the last large message, and what is small behind it.
+            # The end of the last large message, and the small ones behind it.
             pieces.append(self._take_small())
             self._taken += len(pieces[-1])
         return pieces
 
     def put_back(self, pieces: Sequence[Buffer]) -> None:
-        """Let the last of the pieces that were taken go first next time: the network has not taken them."""
+        """Put back the last of the taken pieces, which the network has not accepted: they go first next
+        time."""
         for piece in filter(len, reversed(pieces)):
             self._begun.appendleft(memoryview(piece))
             self._taken -= len(piece)
         self._make_room()
 
     def _take_mixed(self, ready: list[Buffer], most: int) -> Buffer:
-        """The small pieces up to the first large one, joined; or that one, by itself and in slices."""
+        """Take the small pieces before the first large one, joined, or a slice of that one."""
         small = next(at for at, piece in enumerate(ready) if len(piece) >= ALONE_BYTES)
         if small:
             data = b"".join(ready[:small])
@@ -445,7 +460,7 @@ class Outbox:
             callback()
 
     def _refill(self) -> None:
-        """Move frames from the lanes to the ready bytes, as much as one write may join."""
+        """Move frames from the lanes to the ready bytes, up to the size of one write."""
         room = self._limits.ready_bytes
         control = self._control
         while control and room > 0:
@@ -458,5 +473,5 @@ class Outbox:
             self._ready_frame(next_frame)
 
 
-def _unheard(_reason: str) -> None:
-    """Takes what would be said to a connection that has ended."""
+def _ignore(_reason: str) -> None:
+    """No-op: the connection has ended."""
