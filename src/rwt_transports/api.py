@@ -1,10 +1,9 @@
-"""The two seams of this package: a *wire* knows a protocol and does no I/O, a *driver* moves bytes and
-knows none.
+"""Contract of wires and drivers: a *wire* knows a protocol and does no I/O, a *driver* moves bytes.
 
-A :class:`~rwt_transports.connection.Connection` stands between them. The driver gives it a :class:`Link`,
-hands it what arrives, and takes what is to be sent whenever the link was woken; the connection feeds its
-:class:`Wire`, which calls back with whole messages. Everything is synchronous and runs on the loop's
-thread, so a message costs no task.
+A :class:`~rwt_transports.connection.Connection` stands between them. The driver gives it a :class:`Link` and
+received bytes, and takes bytes to send whenever the link was woken. The connection feeds its :class:`Wire`,
+which calls back with whole messages. Everything is synchronous and runs on the event loop's thread: a message
+costs no task.
 """
 
 from __future__ import annotations
@@ -24,17 +23,18 @@ from rwt_transports.limits import AddressCount, Limits
 
 @dataclass(frozen=True, slots=True)
 class Framing:
-    """How frames become a wire's bytes; depends on nothing but the frame, so that connections share the
-    outcome.
+    """Conversion of frames to the bytes of a wire. It depends only on the frame, so that connections share
+    bytes.
 
     Attributes:
-        whole: the frame as one piece.
-        pieces: the same bytes in several pieces, of which the large ones are the frame's own parts, uncopied.
-        shared: False where the bytes depend on what was sent before on the same connection: then every frame
-            is framed exactly once each time it is sent, in the order of sending.
-        joined: several frames as one piece, where that is cheaper than to join what `whole` makes of each.
-        apart: several frames that have a gap (:class:`~rwt_protocol.frames.GapFrame`) in the pieces
-            between which each receiver's own bytes go, one more than there are frames.
+        whole: returns a frame as one piece.
+        pieces: returns the same bytes in several pieces; the large ones are the frame's own parts, uncopied.
+        shared: False if the bytes depend on what was sent before on the connection: each frame is then framed
+            exactly once each time it is sent, in the order of sending.
+        joined: returns several frames as one piece, faster than joining the results of `whole`; None if it
+            cannot.
+        apart: returns the pieces between the gaps of several frames (:class:`~rwt_protocol.frames.GapFrame`),
+            one more than there are frames; None if it cannot.
     """
 
     whole: Callable[[Frame], bytes]
@@ -45,71 +45,73 @@ class Framing:
 
 
 class Link(Protocol):
-    """One peer's pipe of bytes, as a driver offers it to a connection. No method blocks."""
+    """Byte stream of one peer, as a driver offers it to a connection. No method blocks."""
 
     def set_callbacks(self, callbacks: DriverCallbacks) -> None:
-        """Call `callbacks` from now on, in place of any before them: a connection takes over from its
-        handshake."""
+        """Deliver events to `callbacks` from now on, in place of former ones: of the handshake, for
+        example."""
 
     def wake(self) -> None:
-        """Ask the driver to take what there is to send; it does so later, not within this call."""
+        """Ask the driver to take bytes to send; it does so later, not within this call."""
 
     def finish(self) -> None:
-        """Half-close: end the sending side and keep reading; closes where there is no such thing."""
+        """Half-close: end the sending side and keep reading. Closes if the transport cannot half-close."""
 
     def close(self) -> None:
-        """Close once what was taken has reached the network."""
+        """Close once everything taken has reached the network."""
 
     def abort(self) -> None:
-        """Drop the connection at once."""
+        """Drop the connection immediately."""
 
     def pause(self) -> None:
-        """Read nothing from the peer until :meth:`resume`; what is read already may still be handed over.
-        Where nothing can hold a peer back, this does nothing."""
+        """Pause reading until :meth:`resume`. Bytes that were read before may still be delivered. No-op for
+        transports that cannot pause a peer."""
 
     def resume(self) -> None:
-        """Read from the peer again after :meth:`pause`."""
+        """Resume reading after :meth:`pause`."""
 
 
 class HangUp(Enum):
-    """What is known of a peer from which nothing is read at the moment."""
+    """Knowledge about a peer while reading from it is paused."""
 
     NO = "no"
     SENDS_NO_MORE = "sends no more"
-    """It has closed its sending side. Whether it still reads, it shows when it is sent something."""
+    """The peer closed its sending side. Sending something shows whether it still reads."""
     GONE = "gone"
 
 
 @runtime_checkable
 class HangUpAware(Protocol):
-    """A link that can tell whether its peer has hung up while nothing is read from it."""
+    """Link that can tell whether its peer has hung up while reading is paused."""
 
     def hang_up(self) -> HangUp:
-        """What is known now."""
+        """Return what is known now."""
 
 
 HEAD_BYTES: Final = 1024
-"""What is kept of a message that is skipped, so that it can be told which."""
+"""Bytes kept of a message that is skipped, to identify it."""
 
 
 class WireEvents(Protocol):
-    """What a wire reports while it is fed."""
+    """Events that a wire reports while it is fed."""
 
     def oversized(self, size: int) -> bool:
-        """A message larger than the limit has begun; `size` in bytes as far as known. True: skip it and go
-        on; then :meth:`oversized_head` is called once."""
+        """Called when a message larger than the limit begins; `size` is in bytes, as far as known.
+
+        Returns True to skip the message; :meth:`oversized_head` is then called once.
+        """
 
     def oversized_head(self, size: int, head: bytes) -> None:
-        """The first bytes of a message that is skipped, at most :data:`HEAD_BYTES`."""
+        """Called with the first bytes of a message that is skipped, at most :data:`HEAD_BYTES`."""
 
     def answer(self, data: bytes) -> None:
-        """The protocol itself owes the peer these bytes: the reply to a close."""
+        """Send bytes of the protocol itself: the reply to a close."""
 
     def pong(self, data: bytes) -> None:
-        """The reply to a ping; may be left out while the peer does not read (RFC 6455 section 5.5.3)."""
+        """Send the reply to a ping; optional while the peer does not read (RFC 6455 section 5.5.3)."""
 
     def ended(self, code: int, reason: str, *, agreed: bool) -> None:
-        """No message follows. `agreed`: both sides have said so; otherwise the peer broke the protocol."""
+        """Called when no message follows; `agreed` is False if the peer broke the protocol."""
 
 
 TakeSteps = Callable[[Iterator[None], Callable[[], bool]], None]
@@ -126,124 +128,132 @@ class StepTaking(Protocol):
 
 
 class Wire(Protocol):
-    """One connection's protocol: bytes in, messages out; a frame in, bytes out. Does no I/O and reads no
+    """Protocol of one connection: bytes in, messages out; frames in, bytes out. Does no I/O and reads no
     clock."""
 
     message: Callable[[bytes, bool], None]
-    """Called with each whole message, and whether it is binary."""
+    """Called with each whole message, and True if it is binary."""
 
     @property
     def framing(self) -> Framing:
-        """How outgoing frames become bytes; the same object for every connection of the wire that can
-        share."""
+        """Conversion of outgoing frames to bytes; the same object for all connections that can share
+        bytes."""
 
     def feed(self, data: bytes) -> None:
-        """Take what arrived."""
+        """Read received bytes."""
 
     def get_buffer(self) -> memoryview | None:
-        """Where the next bytes may be received directly, inside a large message; None: receive anywhere and
+        """Return the buffer to receive the next bytes of a large message into; None: receive anywhere and
         feed."""
 
     def buffer_updated(self, count: int) -> None:
-        """`count` bytes were received into the buffer that :meth:`get_buffer` gave."""
+        """Called when `count` bytes were received into the buffer from :meth:`get_buffer`."""
 
     def give_up(self, reason: str) -> None:
-        """Drop what has come of a message whose end has not, and end the connection."""
+        """Drop an incomplete message, and end the connection."""
 
     def close(self, code: int, reason: str) -> bytes:
-        """Begin to close: later messages are not reported. Returns what to send, perhaps nothing."""
+        """Begin to close: later messages are not reported. Returns the bytes to send, which may be none."""
 
     def ping(self) -> bytes:
-        """What to send to learn whether the peer is alive; nothing where the protocol has no ping."""
+        """Return the bytes of a ping; none if the protocol has no pings."""
 
 
 @runtime_checkable
 class OversizeAware(Protocol):
-    """An endpoint that wants to answer a message which was too large to take."""
+    """Endpoint that answers messages which are too large to receive."""
 
     def oversized(self, size: int, limit: int, head: bytes) -> None:
-        """A message of at least `size` bytes is skipped; `limit` is the setting, and `head` what it begins
-        with, at most :data:`HEAD_BYTES`. Never raises."""
+        """Called when a message of at least `size` bytes is skipped. Never raises.
+
+        Args:
+            size: size of the message in bytes, as far as known.
+            limit: maximum message size.
+            head: first bytes of the message, at most :data:`HEAD_BYTES`.
+        """
 
 
 class FlowControl(Protocol):
-    """How an endpoint that passes messages on holds back their sender."""
+    """Flow control of one connection, for endpoints that pause their peer."""
 
     def pause(self) -> None:
-        """Take nothing from this peer until :meth:`resume`; what has arrived may still be handed over."""
+        """Pause reading until :meth:`resume`; messages that have arrived may still be delivered."""
 
     def resume(self) -> None:
-        """Take messages from this peer again."""
+        """Resume reading."""
 
     def when_empty(self, callback: Callable[[], None]) -> None:
-        """Call `callback` once, when everything sent to this peer has been handed to the network. The last
-        callback given counts; none is called once the connection is lost."""
+        """Call `callback` once the network has accepted everything sent to this peer.
+
+        A new callback replaces the former one. None is called once the connection is lost.
+        """
 
 
 @runtime_checkable
 class FlowControlled(Protocol):
-    """An endpoint that is given the flow control of its connection, before its first message."""
+    """Endpoint that uses the flow control of its connection, which it gets before the first message."""
 
     def set_flow_control(self, flow_control: FlowControl) -> None:
-        """Keep `flow_control` for the life of the connection."""
+        """Store `flow_control` for the life of the connection."""
 
 
 class DriverCallbacks(Protocol):
-    """What a driver calls for one peer; a connection, or the client's handshake before it."""
+    """Receiver of a link's events: a connection, or the client's handshake before it."""
 
     def receive(self, data: bytes) -> None:
-        """Bytes arrived."""
+        """Called with received bytes."""
 
     def get_buffer(self) -> memoryview | None:
-        """Where the next bytes may be received directly, or None."""
+        """Return the buffer to receive the next bytes into; None: receive anywhere."""
 
     def buffer_updated(self, count: int) -> None:
-        """`count` bytes were received into the buffer that :meth:`get_buffer` gave."""
+        """Called when `count` bytes were received into the buffer from :meth:`get_buffer`."""
 
     def take(self) -> Buffer | None:
-        """The next bytes to write, None when there are none for now."""
+        """Return the next bytes to write; None if there are none now."""
 
     def progress(self) -> None:
-        """The network took bytes again after it had refused some: the peer is alive."""
+        """Called when the network accepts bytes again: the peer is alive."""
 
     def eof(self) -> None:
-        """The peer will send nothing more."""
+        """Called when the peer sends nothing more."""
 
     def lost(self) -> None:
-        """The link is gone, for whatever reason. Called once, last."""
+        """Called once, last, when the link is gone for any reason."""
 
 
 @runtime_checkable
 class Gathering(Protocol):
-    """Callbacks that can give several pieces for one call of the system, and take back what it left."""
+    """Callbacks that offer several pieces for one system call, and take back those that it did not accept."""
 
     def take_pieces(self) -> tuple[Sequence[Buffer], bool]:
         """Return the next pieces to write, and True if the driver must come again once they are written.
         There are no pieces if nothing is queued."""
 
     def put_back(self, pieces: Sequence[Buffer]) -> None:
-        """The network has not taken these, the last of the pieces that were taken: they go first next."""
+        """Put back the last of the taken pieces, which the network has not accepted: they go first next
+        time."""
 
 
 Attach = Callable[[Link, str, int], object]
-"""Called by a driver for each new peer: its link, its address (or "") and its port (or 0). Calls
+"""Called by a driver with the link, address ("" if there is none) and port (or 0) of each new peer. Calls
 :meth:`Link.set_callbacks` before it returns."""
 
 
 @dataclass(frozen=True, slots=True)
 class BindAddress:
-    """Where a driver listens.
+    """Address that a driver listens on.
 
     Attributes:
         host: name or address, for TCP.
-        port: 0 to let the system choose.
-        path: of a Unix socket; the host is then empty.
-        tls: encrypts the connections.
-        shared: whether other processes of this user listen on the same TCP port.
-        handshake_seconds: how long a handshake in TLS may take.
-        addresses: counts each peer until its handshake in TLS has ended.
-        is_held_back: whether nothing more of large messages is to be received for now, since many that came
-            before wait to be read. Connections of one event loop for which it is the same share turns.
+        port: TCP port; 0 lets the system choose.
+        path: path of a Unix socket; the host is then empty.
+        tls: encrypts the connections; None for plain connections.
+        shared: True if other processes of this user listen on the same TCP port.
+        handshake_seconds: timeout of a TLS handshake.
+        addresses: counts each peer until its TLS handshake has ended.
+        is_held_back: returns True while large messages must not be received, because many others wait to be
+            read. Connections of one event loop with the same function share turns.
     """
 
     host: str = ""
@@ -261,20 +271,20 @@ class BindAddress:
 
 @dataclass(frozen=True, slots=True)
 class RemoteAddress:
-    """Where a driver connects to.
+    """Address that a driver connects to.
 
     Attributes:
         host: name or address, without brackets, for TCP.
         port: 1 to 65535.
-        path: of a Unix socket, or the command of a program; the host is then empty.
-        tls: encrypts the connection, and checks the other side.
-        target: path and query of a request by HTTP, for drivers that make one.
-        headers: of that request.
-        limits: bounds of the connection, for drivers that keep some of them.
-        seconds: that connecting may take.
-        ice_servers: STUN and TURN servers, each as the W3C's ``RTCIceServer``, for drivers that ask some;
-            None for those that the other side names.
-        is_held_back: as of :class:`BindAddress`.
+        path: path of a Unix socket, or command of a program; the host is then empty.
+        tls: encrypts the connection, and verifies the server; None for a plain connection.
+        target: path and query of the HTTP request, for drivers that make one.
+        headers: headers of that request.
+        limits: bounds of the connection, for drivers that enforce some of them.
+        seconds: timeout of connecting.
+        ice_servers: STUN and TURN servers, each like the W3C's ``RTCIceServer``, for drivers that use them;
+            None for those that the server names.
+        is_held_back: see :class:`BindAddress`.
     """
 
     host: str = ""
@@ -294,40 +304,46 @@ class RemoteAddress:
 
 @runtime_checkable
 class FindsPath(Protocol):
-    """What connects by a path that is found, and not given by the address."""
+    """Connector whose path is found while connecting, not given by the address."""
 
     @property
     def path(self) -> str:
-        """The path in words, once there is a connection."""
+        """Description of the path, once there is a connection."""
 
 
 class Connector(Protocol):
     """Opens connections to other programs."""
 
     async def connect(self, address: RemoteAddress, attach: Attach, tasks: TaskGroup) -> None:
-        """Reach the other side, attach it, and move its bytes, in `tasks` where that needs tasks. Raises
-        OSError."""
+        """Connect, attach the link, and move its bytes, in `tasks` if that needs tasks.
+
+        Raises:
+            OSError: there is no connection.
+        """
 
 
 class Driver(Protocol):
-    """Moves bytes between an address and connections."""
+    """Driver that accepts connections."""
 
     def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
-        """Accept peers within the block; gives the port in use. Raises
-        :exc:`~rwt_transports.errors.ListenError`."""
+        """Accept connections inside the block. Yields the port in use.
+
+        Raises:
+            ListenError: the address is not available.
+        """
 
 
 class Listener(Protocol):
-    """An open listener."""
+    """Open listener."""
 
     @property
     def url(self) -> str:
-        """Where it listens, with the actual port."""
+        """URL with the actual port."""
 
     @property
     def connections(self) -> int:
-        """How many peers are connected, plain HTTP included."""
+        """Number of connected peers, including plain HTTP."""
 
     async def ended(self) -> None:
-        """Wait until there is nothing left to serve: the end of standard input for ``stdio:``, else for
-        ever."""
+        """Wait until nothing is left to serve: the end of standard input for ``stdio:``, otherwise
+        forever."""

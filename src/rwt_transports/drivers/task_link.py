@@ -1,4 +1,4 @@
-"""A driver's link that two tasks of anyio serve: one reads, one writes."""
+"""Link of a driver that is served by two anyio tasks: one reads, one writes."""
 
 from __future__ import annotations
 
@@ -11,45 +11,54 @@ from rwt_transports.api import DriverCallbacks
 
 
 class NoCallbacks:
-    """Stands in for those of a connection that has ended, so that its link does not keep it; satisfies
-    :class:`rwt_transports.api.DriverCallbacks`."""
+    """Callbacks of a link without a connection; they drop everything, so that the link does not keep the
+    connection.
+
+    Implements :class:`rwt_transports.api.DriverCallbacks`.
+    """
 
     def receive(self, data: bytes) -> None:
-        """Drop it."""
+        """Drop `data`."""
 
     def get_buffer(self) -> None:
-        """There is none."""
+        """Return None: there is no buffer."""
 
     def buffer_updated(self, count: int) -> None:
-        """Drop it."""
+        """Never called: there is no buffer."""
 
     def take(self) -> None:
-        """There is nothing."""
+        """Return None: there is nothing to send."""
 
     def progress(self) -> None:
-        """Nobody waits for it."""
+        """No-op."""
 
     def eof(self) -> None:
-        """It is over already."""
+        """No-op."""
 
     def lost(self) -> None:
-        """It is over already."""
+        """No-op."""
 
 
 NO_CALLBACKS: Final[DriverCallbacks] = NoCallbacks()
 
 
 class TaskLink(ABC):
-    """What two tasks move between the network and a connection; satisfies :class:`rwt_transports.api.Link`.
+    """Link whose bytes are moved by two tasks; implements :class:`rwt_transports.api.Link`.
 
-    A subclass says how to read and how to write. Its :meth:`_write` waits with :meth:`_woken` until there may
-    be something to take, and ends once `_closing` is set and what was taken has been sent.
+    Subclasses read and write. Their :meth:`_write` waits with :meth:`_woken` until there may be something to
+    take, and ends once `_closing` is True and everything taken has been sent.
+
+    Life cycle: **new** until :meth:`run`; **running**; **closing** after :meth:`close`, until everything is
+    sent; **lost** when either task ends: callbacks are `NO_CALLBACKS`.
+
+    Attributes by purpose: ``_callbacks`` (connection), ``_scope`` (cancels both tasks), ``_awake`` (set if
+    there may be something to take), ``_reading`` (set unless reading is paused), ``_closing``.
     """
 
     __slots__ = ("_awake", "_callbacks", "_closing", "_reading", "_scope")
 
     def __init__(self) -> None:
-        self._callbacks: DriverCallbacks = NO_CALLBACKS  # until it is attached
+        self._callbacks: DriverCallbacks = NO_CALLBACKS
         self._scope = anyio.CancelScope()
         self._awake = anyio.Event()
         self._reading = anyio.Event()
@@ -59,33 +68,33 @@ class TaskLink(ABC):
     # -- Link --------------------------------------------------------------------------------------------
 
     def set_callbacks(self, callbacks: DriverCallbacks) -> None:
-        """Call `callbacks` from now on."""
+        """Deliver events to `callbacks` from now on."""
         self._callbacks = callbacks
 
     def wake(self) -> None:
-        """Let the writing task take what there is."""
+        """Wake the writing task."""
         self._awake.set()
 
     @abstractmethod
     def finish(self) -> None:
-        """End what is sent, once what was taken has been sent."""
+        """Half-close, once everything taken has been sent."""
 
     def close(self) -> None:
-        """Close once what was taken has been sent."""
+        """Close once everything taken has been sent."""
         self._closing = True
         self._awake.set()
 
     def abort(self) -> None:
-        """Close at once."""
+        """Close immediately."""
         self._scope.cancel()
 
     def pause(self) -> None:
-        """Let the reading task wait before its next read."""
+        """Pause reading, from the next read on."""
         if self._reading.is_set():
             self._reading = anyio.Event()
 
     def resume(self) -> None:
-        """Let the reading task go on."""
+        """Resume reading."""
         self._reading.set()
 
     # -- tasks -------------------------------------------------------------------------------------------
