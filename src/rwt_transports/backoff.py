@@ -1,4 +1,4 @@
-"""How long to wait before the next attempt to connect or to start again."""
+"""Delays between attempts to connect or to restart."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Backoff:
         return min(delay, self.longest) * (1 - self.jitter * random.random())
 
     def delays(self) -> Iterator[float]:
-        """The wait before each attempt in turn, in seconds."""
+        """Yield the delay before each attempt, in seconds."""
         failures = 1
         while (delay := self.delay(failures)) is not None:
             yield delay

@@ -27,7 +27,7 @@ from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 @dataclass(slots=True, eq=False)
 class OutgoingConnection:
-    """One connection that this side opens.
+    """Outgoing connection.
 
     Attributes:
         opened: set once messages can be sent, or once it has failed.
@@ -46,11 +46,11 @@ class OutgoingConnection:
 
     @property
     def path(self) -> str:
-        """The path that was found to the other side, in words; empty where the address says all."""
+        """Description of the path that was found to the server; empty if the address determines it."""
         return self.connector.path if isinstance(self.connector, FindsPath) else ""
 
     def attach(self, link: Link, address: str, port: int) -> None:
-        """The bytes can flow; called by a driver."""
+        """Begin the handshake or the connection. Called by a driver once bytes can flow."""
         if self.target.scheme.http:
             link.set_callbacks(_Handshaking(self, link, address, port))
         else:
@@ -64,7 +64,7 @@ class OutgoingConnection:
         return self.connection
 
     def fail(self, error: TransportError) -> None:
-        """It could not be opened."""
+        """Report that the connection could not be opened."""
         if not self.opened.is_set():
             self.error = error
             self.opened.set()
@@ -96,7 +96,7 @@ class OutgoingConnection:
 
 
 class _Handshaking:
-    """What a driver calls until the server has accepted the handshake; then it calls the connection."""
+    """Callbacks of a link until the server has accepted the handshake; then the connection takes over."""
 
     __slots__ = ("_address", "_handshake", "_link", "_outgoing", "_port", "_request")
 
@@ -126,21 +126,21 @@ class _Handshaking:
                 connection.receive(rest)
 
     def get_buffer(self) -> None:
-        """An answer is received anywhere."""
+        """Return None: the response needs no buffer of its own."""
 
     def buffer_updated(self, count: int) -> None:
-        """Never called, since there is no buffer."""
+        """No-op: there is no buffer."""
 
     def take(self) -> bytes | None:
-        """The next bytes to write."""
+        """Return the request, once."""
         request, self._request = self._request, None
         return request
 
     def progress(self) -> None:
-        """The network took bytes again."""
+        """No-op: the handshake has a timeout."""
 
     def eof(self) -> None:
-        """The server will send nothing more."""
+        """Fail: the server sends nothing more."""
         try:
             self._handshake.eof()
         except TransportError as error:
@@ -148,13 +148,13 @@ class _Handshaking:
         self._link.abort()
 
     def lost(self) -> None:
-        """The link is gone."""
+        """Fail: the link is gone."""
         address = self._outgoing.target.address
         self._outgoing.fail(ConnectError(f"{address} hung up before the connection was open"))
 
 
 class ConnectOptions(TypedDict, total=False):
-    """The keyword arguments of :func:`connect`."""
+    """Keyword arguments of :func:`connect`."""
 
     limits: Limits | None
     tls: ssl.SSLContext | None

@@ -544,7 +544,7 @@ class _NoWire:
         """Return None: there is no buffer."""
 
     def buffer_updated(self, count: int) -> None:
-        """Never called: there is no buffer."""
+        """No-op: there is no buffer."""
 
     def give_up(self, reason: str) -> None:
         """No-op."""

@@ -28,7 +28,7 @@ class DropReason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class FlowRules:
-    """The rules for one topic's messages while the peer reads too slowly.
+    """Rules for the messages of one topic while the peer reads too slowly.
 
     Attributes:
         depth: messages that may wait, the newest stay; None: as many as the data lane has room for.
@@ -45,7 +45,7 @@ AS_MANY_AS_FIT = FlowRules()
 
 
 class Flow(Protocol):
-    """One topic's way to one peer, in the data lane: order holds, and what is dropped is the oldest of it.
+    """Messages of one topic to one peer, in the data lane: in order; the oldest are dropped.
 
     After the end of the connection every method does nothing.
     """
@@ -75,7 +75,7 @@ class Flow(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class PeerInfo:
-    """The other side of a connection, as the transport knows it at the beginning.
+    """Peer of a connection, as the transport knows it at the beginning.
 
     Attributes:
         transport: URL scheme, for example ``ws``.
@@ -118,7 +118,7 @@ class Traffic:
 
 
 class Sink(Protocol):
-    """Where an endpoint writes: one control lane, and a data lane of one flow per topic.
+    """Output of an endpoint: one control lane, and a data lane with one flow per topic.
 
     All is synchronous, does not block, and is called on the loop's thread.
     """
@@ -138,7 +138,7 @@ class Sink(Protocol):
         on_drop: Callable[[DropReason], None] | None = None,
         time_ns: Callable[[], int] = time_ns,
     ) -> Flow:
-        """A way for published samples, in the data lane: slow readers lose the oldest of the same topic.
+        """Return a flow of the data lane for samples: slow readers lose the oldest of the same topic.
 
         Args:
             topic: what the flow is called, for people.
@@ -172,13 +172,13 @@ class Sink(Protocol):
 
 
 class Endpoint(Protocol):
-    """One peer, as a driver sees it. Every method is synchronous and is called on the loop's thread."""
+    """Receiver of one peer's messages. Its methods are called on the event loop's thread and do not block."""
 
     def receive(self, data: bytes, binary: bool) -> None:
         """Take one whole message, in order. Never raises."""
 
     def closed(self, code: int, reason: str) -> None:
-        """The connection has ended; called exactly once, nothing follows. Never raises."""
+        """Called exactly once, last, when the connection has ended. Never raises."""
 
 
 Accept = Callable[[Sink, PeerInfo], Endpoint]

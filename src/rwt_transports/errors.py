@@ -1,4 +1,4 @@
-"""What a transport can report to the program that uses it.
+"""Errors of the transports.
 
 - :exc:`TransportError`
     - :exc:`BadUrl`: a URL names no transport, or names it wrongly
@@ -22,7 +22,7 @@ class TransportError(Exception):
 
 
 class BadUrl(TransportError):
-    """A URL that no row of the table of schemes can serve."""
+    """No scheme of the table can serve the URL."""
 
 
 class ListenError(TransportError):

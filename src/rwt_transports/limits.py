@@ -80,12 +80,12 @@ class Limits:
     deflate: Deflate = Deflate.OFF
 
     def receive_pool(self) -> ReceiveBufferPool:
-        """A pool for those connections that keep these bounds together."""
+        """Return a pool for connections that share these bounds."""
         return ReceiveBufferPool(max(self.incoming_bytes, 2 * self.message_bytes))
 
 
 class AddressCount:
-    """How many connections are open from each address, over all listeners that share it.
+    """Number of open connections of each address, over all listeners that share it.
 
     From the first byte on: handshakes in TLS, plain HTTP and streams count like every other. This machine's
     own addresses are not counted; what counts as one is :func:`network_of` it.
@@ -123,7 +123,7 @@ class AddressCount:
             raise Refused(429, text, {"Connection": "close"})
 
     def is_flooding(self, address: str) -> bool:
-        """Whether the address has twice what it may have, so that it does not even get an answer."""
+        """Return True if the address has twice its limit, so that it does not even get an answer."""
         return self._open[self._key(address)] > 2 * self._most
 
     def _key(self, address: str) -> str:

@@ -20,7 +20,7 @@ from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 
 class OpenListener:
-    """A listener that is open; satisfies :class:`rwt_transports.api.Listener`."""
+    """Open listener. Implements :class:`rwt_transports.api.Listener`."""
 
     __slots__ = ("_state", "url")
 
@@ -30,7 +30,7 @@ class OpenListener:
 
     @property
     def connections(self) -> int:
-        """How many peers are connected, plain HTTP included."""
+        """Number of connected peers, including plain HTTP."""
         return len(self._state.connections)
 
     async def ended(self) -> None:

@@ -34,7 +34,7 @@ _GROUP: Final = "rwt.transports"
 
 
 def stream_driver() -> AnyioDriver | AsyncioDriver:
-    """The fastest driver of TCP and Unix sockets on the event loop that is running."""
+    """Return the fastest driver of TCP and Unix sockets on the running event loop."""
     try:
         asyncio.get_running_loop()
     except RuntimeError:
@@ -55,7 +55,7 @@ def _data_channel() -> Connector:
 
 @dataclass(frozen=True, slots=True)
 class Scheme:
-    """One row of the table.
+    """Row of the table of schemes.
 
     Attributes:
         example: a URL to listen on, or to connect to where the scheme is not listened on.
@@ -154,14 +154,14 @@ def url_forms(*, connect: bool = False) -> str:
 
 
 def carries_binary(url: str) -> bool:
-    """Whether binary messages can be sent to that URL; not on a stream of JSON objects (TCP-05)."""
+    """Return True if binary messages can be sent to that URL; not on a stream of JSON objects (TCP-05)."""
     scheme = scheme_of(url)
     return scheme is not None and scheme.binary
 
 
 @dataclass(frozen=True, slots=True)
 class ListenUrl:
-    """A URL to listen on, taken apart.
+    """Parsed URL to listen on.
 
     Attributes:
         name: the scheme.
@@ -174,7 +174,7 @@ class ListenUrl:
     address: BindAddress
 
     def with_port(self, port: int) -> str:
-        """The URL with the port in use."""
+        """Return the URL with the port in use."""
         if self.scheme.single:
             return self.scheme.example
         if self.scheme.unix:
@@ -240,7 +240,7 @@ def _bad(url: str, what: str, scheme: Scheme) -> BadUrl:
 
 @dataclass(frozen=True, slots=True)
 class ConnectUrl:
-    """A URL to connect to, taken apart.
+    """Parsed URL to connect to.
 
     Attributes:
         name: the scheme.

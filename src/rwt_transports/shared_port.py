@@ -1,4 +1,4 @@
-"""One TCP port for several processes: held by one of them, listened on by the others (SO_REUSEPORT)."""
+"""TCP port of several processes: reserved by one, listened on by the others (SO_REUSEPORT)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rwt_transports.schemes import parse_listen_url, stream_driver
 
 
 def can_share(url: str, tls: SSLContext | None = None) -> bool:
-    """Whether several processes can listen at a URL: those of TCP.
+    """Return True if several processes can listen on a URL: only on TCP.
 
     Raises:
         BadUrl: it is not one to listen on.
@@ -22,7 +22,7 @@ def can_share(url: str, tls: SSLContext | None = None) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class HeldPort:
-    """A port that no other program can take, even while no process listens on it.
+    """Port that no other program can bind, even while no process listens on it.
 
     Attributes:
         url: where processes of this user listen with ``shared=True``, with the port that there is.

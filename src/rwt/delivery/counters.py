@@ -1,4 +1,4 @@
-"""What a gateway has counted since it began: plain integers on objects that the hot path holds anyway."""
+"""Counters of a gateway since it began: integers on objects that the hot path holds anyway."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ UNKNOWN = "unknown"
 
 
 class EncodingCounts:
-    """One topic in one encoding.
+    """Counters of a topic in one encoding.
 
     Attributes:
         encodes: samples that were encoded.
@@ -33,7 +33,7 @@ class EncodingCounts:
 
 
 class TopicCounts:
-    """One topic.
+    """Counters of a topic.
 
     Attributes:
         received: messages that clients published.
@@ -55,7 +55,7 @@ class TopicCounts:
         self.users = 0
 
     def encoding(self, name: str) -> EncodingCounts:
-        """Where an encoding counts."""
+        """Return the counters of an encoding."""
         return self.sent.setdefault(name, EncodingCounts())
 
     def drop(self, reason: DropReason) -> None:
@@ -64,7 +64,7 @@ class TopicCounts:
 
 
 class Counters:
-    """Everything that one gateway counts.
+    """Counters of a gateway.
 
     Attributes:
         topics: by absolute name.
@@ -95,7 +95,7 @@ class Counters:
         self.sent_bytes = 0
 
     def use_topic(self, name: str) -> TopicCounts:
-        """The counts of a topic, which stay until :meth:`release_topic` at least."""
+        """Return the counters of a topic, which last at least until :meth:`release_topic`."""
         counts = self.topics.get(name)
         if counts is None:
             if len(self.topics) >= MOST_TOPICS:

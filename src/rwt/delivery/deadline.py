@@ -31,7 +31,7 @@ class DeadlineWatch:
         self._timer: Timer | None = clock.call_later(self._seconds, self._look)
 
     def met(self) -> None:
-        """A message has come."""
+        """Note a message."""
         self._last = self._clock.monotonic()
 
     def close(self) -> None:

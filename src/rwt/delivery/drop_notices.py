@@ -27,7 +27,7 @@ _BECAUSE: Final = {
 
 
 class DropNotices:
-    """The samples of one topic that one client did not get.
+    """Samples of one topic that one client did not get.
 
     What a client asked to have dropped (`throttle_rate`) is counted only. The rest is reported: a second
     after the first drop, with the count since the subscription began.
@@ -66,11 +66,11 @@ class DropNotices:
         self._logged = float("-inf")
 
     def withheld(self, reason: DropReason) -> None:
-        """The throttle held a sample back, as the client asked."""
+        """Count a sample that the throttle dropped, as the client requested."""
         self._counts.drop(reason)
 
     def dropped(self, reason: DropReason) -> None:
-        """A sample was lost on its way to the client."""
+        """Count a sample that was dropped on its way to the client."""
         self._counts.drop(reason)
         self._total[reason] = self._total.get(reason, 0) + 1
         self._schedule(reason)

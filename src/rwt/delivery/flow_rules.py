@@ -1,4 +1,4 @@
-"""How the samples of a topic wait for a client that is slow and has not said how they should."""
+"""Default flow rules of a topic, for slow clients that request none."""
 
 from __future__ import annotations
 

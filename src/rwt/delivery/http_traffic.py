@@ -1,4 +1,4 @@
-"""What goes through the pages of a gateway: its requests and answers are counted here, for all gateways."""
+"""Counters of HTTP requests and responses, for all gateways."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def counted(extension: HttpExtension[AnyReader], counters: Counters) -> HttpExtension[AnyReader]:
-    """What a gateway brings to HTTP, with the requests for its pages and their answers counted.
+    """Return a gateway's HTTP extension with counted requests and responses.
 
     Bytes are those of bodies. Of an answer that is a stream each piece counts as a message.
     """
@@ -53,7 +53,7 @@ def _count(answer: HttpResponse, counters: Counters, request: HttpRequest) -> Ht
 
 
 class _CountedStream(AsyncIterator[bytes]):
-    """The pieces of a stream, counted when they are sent."""
+    """Pieces of a stream, counted when they are sent."""
 
     def __init__(self, pieces: AsyncIterator[bytes], counters: Counters) -> None:
         self._pieces = pieces
@@ -86,7 +86,7 @@ class Visitors:
         self._leaving: dict[str, Timer] = {}
 
     def begin(self, name: str) -> None:
-        """A request of the client of that name has come."""
+        """Count a request of the client of that name."""
         leaving = self._leaving.pop(name, None)
         if leaving is not None:
             leaving.cancel()
@@ -96,7 +96,7 @@ class Visitors:
         self._requests[name] = self._requests.get(name, 0) + 1
 
     def end(self, name: str) -> None:
-        """A request has been answered."""
+        """Count a response."""
         self._requests[name] -= 1
         if not self._requests[name]:
             del self._requests[name]

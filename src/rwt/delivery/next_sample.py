@@ -1,4 +1,4 @@
-"""One sample of a topic, for whoever wants no more than the next."""
+"""Next sample of a topic, for clients that want only one."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ class NextSample:
             self._on_sample()
 
     def send(self, frame: Frame) -> None:
-        """Never called: a gate that is not open is offered samples."""
+        """No-op: a gate that is not open is offered samples."""
 
     def join(self, burst: Burst) -> bool:
-        """Never called, as :meth:`send`."""
+        """No-op, like :meth:`send`."""
         return False
 
     def note_sent(self, at: float) -> None:
-        """Nothing goes past this gate."""
+        """No-op: no sample bypasses this gate."""

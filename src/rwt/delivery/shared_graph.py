@@ -1,4 +1,4 @@
-"""What all clients of one gateway share in a graph: a node, publishers, fan-outs and counters."""
+"""Resources that all clients of a gateway share: a node, publishers, fan-outs and counters."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class SharedGraph:
-    """A graph as one gateway takes part in it, without a rule about who may do what.
+    """Graph as a gateway takes part in it, without access rules.
 
     Attributes:
         graph: the robot.
@@ -42,11 +42,11 @@ class SharedGraph:
 
     @property
     def fanouts(self) -> Mapping[str, Fanout]:
-        """The topics that clients listen to, by absolute name."""
+        """Fan-outs of the subscribed topics, by absolute name."""
         return self._fanouts
 
     def fanout(self, topic: str, type: MessageType) -> Fanout:
-        """The fan-out of a topic, made if nobody listens yet.
+        """Return the fan-out of a topic, which is created if needed.
 
         Raises:
             TypeConflict: the topic has another type.

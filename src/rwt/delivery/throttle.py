@@ -27,41 +27,41 @@ def _refuse(_burst: Burst) -> bool:
 
 
 class Encoded(Protocol):
-    """A sample on its way out, encoded when it is first sent, once for all gates of a channel."""
+    """Sample that is encoded on first use, once for all gates of a stream."""
 
     @property
     def sample(self) -> Sample:
-        """The sample itself."""
+        """Sample to encode."""
 
     def send(self, take: Callable[[Frame], None]) -> None:
         """Give the frame to `take`, now or when it is made; asked for each time one is sent."""
 
 
 class Gate(Protocol):
-    """What decides when a sample goes to one client, as a fan-out sees it: a :class:`Throttle`, or
+    """Decision of a fan-out when a sample goes to one client: a :class:`Throttle`, or
     :class:`rwt.delivery.next_sample.NextSample`."""
 
     @property
     def is_open(self) -> bool:
-        """Whether every sample passes, so that a caller may skip the gate and send at once."""
+        """True if every sample passes, so that callers may bypass the gate."""
 
     @property
     def send(self) -> Callable[[Frame], None]:
-        """Where the frames of an open gate go."""
+        """Function that sends the frames of an open gate."""
 
     @property
     def join(self) -> Callable[[Burst], bool]:
         """Lets a burst of an open gate go."""
 
     def note_sent(self, at: float) -> None:
-        """A sample went past the gate while it was open, `at` seconds of the clock's steady time."""
+        """Note that the last sample bypassed the open gate at the monotonic time `at`."""
 
     def offer(self, encoded: Encoded) -> None:
         """Take one sample, while the gate is not open."""
 
 
 class Room:
-    """What the throttles of one client may keep in their queues together.
+    """Limit of what the throttles of one client may queue together.
 
     Attributes:
         left: bytes.
@@ -74,7 +74,7 @@ class Room:
 
 
 class Throttle:
-    """One client's flow of one topic.
+    """Flow of one topic to one client.
 
     * ``throttle == 0``: every sample at once (THR-01); what waits then, waits for the network, in the flow,
       whose own rules bound it (THR-04).
@@ -121,12 +121,12 @@ class Throttle:
 
     @property
     def is_open(self) -> bool:
-        """Whether every sample passes, so that a caller may skip the gate and send at once."""
+        """True if every sample passes, so that callers may bypass the gate."""
         return not (self._throttle or self._queue or self._lifespan_ns or self._deadline)
 
     @property
     def send(self) -> Callable[[Frame], None]:
-        """Where the frames of an open gate go."""
+        """Function that sends the frames of an open gate."""
         return self._send_pieces if self._piece else self._flow.send
 
     @property
@@ -159,7 +159,7 @@ class Throttle:
             self._start_timer()
 
     def note_sent(self, at: float) -> None:
-        """A sample went past the gate while it was open, `at` seconds of the clock's steady time (THR-06)."""
+        """Note that the last sample bypassed the open gate at the monotonic time `at` (THR-06)."""
         self._last = max(self._last, at)
 
     def watch(self, lifespan_ns: int, deadline: DeadlineWatch | None) -> None:
@@ -229,7 +229,7 @@ class Throttle:
             self._flow.send_message(frame.pieces(self._piece, cut) if self._piece else (frame,), expires_ns)
 
     def _expiry(self, sample: Sample) -> int:
-        """The end of the publisher's lifespan or of the subscriber's, whichever is sooner; 0: never."""
+        """Return the end of the publisher's or the subscriber's lifespan, whichever is sooner; 0: never."""
         if not self._lifespan_ns:
             return sample.expires_ns
         own = sample.stamp_ns + self._lifespan_ns

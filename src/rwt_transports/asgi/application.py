@@ -1,4 +1,4 @@
-"""A listener without a port: its clients come through an ASGI server, below any path."""
+"""Listener without a port: clients connect through an ASGI server, below any path."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class AsgiListener:
 
     @property
     def connections(self) -> int:
-        """How many WebSockets are open."""
+        """Number of open WebSockets."""
         return len(self._state.connections)
 
     # -- HTTP ----------------------------------------------------------------------------------------------
@@ -95,7 +95,7 @@ class AsgiListener:
         return None
 
     async def _answer(self, request: HttpRequest, receive: Receive) -> HttpResponse | None:
-        """The response; None where the client went away before its request was whole."""
+        """Return the response; None if the client left before its request was complete."""
         limits = self._state.limits
         found = self._routes.find(request.method, request.path)
         small = isinstance(found, HttpResponse) or request.method in ("GET", "HEAD")
@@ -179,7 +179,7 @@ class AsgiListener:
 
 
 def _split_path(scope: Scope) -> tuple[str, str]:
-    """The path below the mount point, percent-encoded, and the mount point, without a slash at its end."""
+    """Return the percent-encoded path below the mount point, and the mount point without a trailing slash."""
     raw = scope.get("raw_path") or b""
     path = raw.decode("latin-1").partition("?")[0] or quote(scope["path"])
     remaining = scope.get("path_remaining")  # Django Channels' URLRouter, which leaves the rest alone.
@@ -315,7 +315,7 @@ Lifespan = Callable[[], AbstractAsyncContextManager[object]]
 
 
 class AsgiApplication:
-    """The ASGI application of a server (ASGI 3): HTTP, server-sent events and WebSocket, below any path.
+    """ASGI 3 application of a server: HTTP, server-sent events and WebSocket, below any path.
 
     It serves while it has listeners. Whoever runs it as the whole app has it start and stop what it belongs
     to by the lifespan protocol.
@@ -360,7 +360,7 @@ class AsgiApplication:
 
 
 async def _live(lifespan: Lifespan, receive: Receive, send: Send) -> None:
-    """The lifespan protocol, around a block."""
+    """Speak the lifespan protocol around a block."""
     if (await receive())["type"] != "lifespan.startup":
         return
     began = False

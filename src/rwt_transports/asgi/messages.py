@@ -1,4 +1,4 @@
-"""The wire of a WebSocket whose protocol somebody else speaks: whole messages, text and binary apart.
+"""Wire of a WebSocket behind an ASGI server: whole messages, marked as text or binary.
 
 Between a connection and its driver each message follows a header that never leaves the process, so that the
 outbox may join messages, and cut large ones, as for every other driver.
@@ -27,7 +27,7 @@ _CODE: Final = Struct(">H")
 
 
 def close_bytes(code: int, reason: str) -> bytes:
-    """A close as a message."""
+    """Return a close as a message."""
     text = reason.encode("utf-8", "replace")[:123].decode("utf-8", "ignore").encode()
     return _CODE.pack(code) + text
 
@@ -65,7 +65,7 @@ class AsgiWire:
 
     @property
     def framing(self) -> Framing:
-        """How outgoing frames become bytes."""
+        """Conversion of outgoing frames to bytes."""
         return FRAMING
 
     def feed(self, data: bytes) -> None:
@@ -92,13 +92,13 @@ class AsgiWire:
         """Messages come whole."""
 
     def buffer_updated(self, count: int) -> None:
-        """Never called, since there is no buffer."""
+        """No-op: there is no buffer."""
 
     def give_up(self, reason: str) -> None:
-        """Never called, since nothing waits for the end of a message."""
+        """No-op: there are no incomplete messages."""
 
     def close(self, code: int, reason: str) -> bytes:
-        """What the driver reads as a close, once."""
+        """Return the message that the driver reads as a close; only once."""
         if self._over:
             return b""
         self._over = True
@@ -106,7 +106,7 @@ class AsgiWire:
         return _message(CLOSE, close_bytes(code, reason))
 
     def ping(self) -> bytes:
-        """The server that speaks WebSocket pings, if anybody does."""
+        """Return nothing to send: pings are up to the ASGI server."""
         return b""
 
 
@@ -115,11 +115,11 @@ def _message(kind: int, data: bytes) -> bytes:
 
 
 def _ignore(_data: bytes, _binary: bool) -> None:
-    """Where messages go before an endpoint is there, and after the connection began to close."""
+    """Drop a message: there is no endpoint yet, or the connection is closing."""
 
 
 def asgi_messages(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> AsgiWire:
-    """The wire of one WebSocket."""
+    """Return the wire of one WebSocket."""
     return AsgiWire(events, limits.message_bytes)
 
 
@@ -129,7 +129,7 @@ class KindCutter(MessageCutter):
     __slots__ = ("_kind",)
 
     def next_of_kind(self) -> tuple[int, bytes] | None:
-        """The kind of the next message, and the message; None where none is whole, or there is none."""
+        """Return the kind of the next message, and the message; None if there is no complete one."""
         if self._wanted < 0:
             header = self._read(HEADER.size)
             if header is None:

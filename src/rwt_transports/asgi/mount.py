@@ -1,4 +1,4 @@
-"""Somebody else's ASGI app below a path of our port: HTTP, streams, WebSocket and its lifespan."""
+"""Third-party ASGI app below a path of the server's port: HTTP, streams, WebSocket and lifespan."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _OURS: Final = frozenset({"content-length", "transfer-encoding", "connection", "
 
 
 class AsgiMount:
-    """One app below one path; it has the rules that it makes itself, beside the limits of the port.
+    """App below one path. It applies its own rules, and the limits of the port.
 
     Args:
         path: where it is, such as ``/shop``.
@@ -52,7 +52,7 @@ class AsgiMount:
         self._state: dict[str, object] = {}
 
     def serves(self, path: str) -> bool:
-        """Whether a path, with or without its query, is the app's."""
+        """Return True if a path, with or without its query, belongs to the app."""
         path = path.partition("?")[0]
         return path == self.path or path.startswith(f"{self.path}/")
 
@@ -139,7 +139,7 @@ class AsgiMount:
 
 
 class _Lifespan:
-    """The lifespan of an app; one that knows none raises, and goes without (ASGI's lifespan protocol)."""
+    """Lifespan of an app. An app that does not support it raises, and runs without it."""
 
     def __init__(self, app: App, state: dict[str, object]) -> None:
         self._app = app
@@ -192,7 +192,7 @@ class _Lifespan:
 
 
 class _Exchange:
-    """One request, and what the app answers.
+    """Request and the app's response.
 
     Attributes:
         started: set when it is known how the response begins.
@@ -259,7 +259,7 @@ class _Exchange:
                 self._chunks.close()
 
     def response(self) -> HttpResponse:
-        """How it begins, and all of it where it is whole."""
+        """Head of the response; all of it if it is complete."""
         content_type = next((value for name, value in self._headers if name == "content-type"), "")
         headers: dict[str, str] = {}
         for name, value in self._headers:
@@ -291,7 +291,7 @@ def _is_leave(error: BaseException) -> bool:
 
 
 class _Socket:
-    """One WebSocket of an app; satisfies :class:`rwt_transports.endpoint.Endpoint`."""
+    """WebSocket of an app. Implements :class:`rwt_transports.endpoint.Endpoint`."""
 
     def __init__(self, app: App, scope: Scope, sink: Sink) -> None:
         self._app = app
@@ -327,7 +327,7 @@ class _Socket:
         self._awake.set()
 
     def closed(self, code: int, reason: str) -> None:
-        """The connection has ended."""
+        """Tell the app that the connection has ended."""
         self._over = True
         self._unread.append(({"type": "websocket.disconnect", "code": code, "reason": reason}, 0))
         self._awake.set()

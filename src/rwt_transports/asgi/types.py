@@ -1,4 +1,4 @@
-"""What the ASGI specification (version 3) calls its parts."""
+"""Types of the ASGI specification (version 3)."""
 
 from __future__ import annotations
 

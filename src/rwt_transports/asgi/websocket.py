@@ -1,4 +1,4 @@
-"""One WebSocket of an ASGI server as a driver's link: a task that reads, and one that writes."""
+"""Link to a WebSocket of an ASGI server: one task reads, one writes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rwt_transports.websocket.close_codes import NO_STATUS, may_travel
 
 
 class AsgiLink(TaskLink):
-    """The WebSocket of one scope, once it is accepted.
+    """Accepted WebSocket of one scope.
 
     What the writing task awaits is the server's own backpressure: while it waits, the connection's outbox
     keeps what is new, by its bounds.

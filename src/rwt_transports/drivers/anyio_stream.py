@@ -222,7 +222,7 @@ async def _serve_in_tls(
 async def _shake_hands(
     address: BindAddress, tls: SSLContext, handshakes: Handshakes, stream: ByteStream, host: str
 ) -> ByteStream | None:
-    """The stream in TLS; None once it is closed, since there is none."""
+    """Return the encrypted stream; None if the handshake failed, and the stream is closed."""
     done = False
     try:
         if not address.addresses.is_flooding(host):

@@ -27,7 +27,7 @@ Address = tuple[str, int]
 
 
 class _Sessions:
-    """Every peer of one socket."""
+    """Peers of one socket."""
 
     def __init__(self, socket: UDPSocket, attach: Attach) -> None:
         self._socket = socket
@@ -63,7 +63,7 @@ class _Sessions:
                     link.abort()
 
     def wake(self, link: _Link) -> None:
-        """There is something to take from this link."""
+        """Schedule a flush of `link`."""
         self._waiting.append(link)
         self._awake.set()
 
@@ -73,13 +73,13 @@ class _Sessions:
             del self._links[link.address]
 
     def close(self) -> None:
-        """The socket is going away."""
+        """End all sessions: the socket closes."""
         for link in tuple(self._links.values()):
             link.abort()
 
 
 class _Link:
-    """One peer; satisfies :class:`rwt_transports.api.Link`."""
+    """Link to one peer. Implements :class:`rwt_transports.api.Link`."""
 
     __slots__ = ("_sessions", "address", "callbacks", "closing", "over")
 

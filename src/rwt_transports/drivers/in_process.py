@@ -26,7 +26,7 @@ from rwt_transports.endpoint import (
 
 
 class _End:
-    """The sink of one of the two endpoints; satisfies :class:`rwt_transports.endpoint.Sink`."""
+    """Sink of one of the two endpoints. Implements :class:`rwt_transports.endpoint.Sink`."""
 
     __slots__ = ("_awake", "_closing", "_frames", "_size", "opposite", "other", "received")
 
@@ -112,7 +112,7 @@ class _EndFlow:
         """Rules are for slow readers."""
 
     def close(self) -> None:
-        """There are no drops to report."""
+        """No-op: nothing is dropped."""
 
 
 @asynccontextmanager

@@ -42,8 +42,8 @@ hundred kilobytes."""
 
 
 def hang_up_of(file: int) -> HangUp:
-    """Whether the peer of a connected socket has hung up, whatever of it is still to be read; NO where the
-    system does not tell."""
+    """Return whether the peer of a connected socket has hung up, even if bytes are left to read; NO if the
+    system cannot tell."""
     if not hasattr(select, "POLLRDHUP"):
         return HangUp.NO
     poll = select.poll()
@@ -56,7 +56,7 @@ def hang_up_of(file: int) -> HangUp:
 
 
 class Handshakes:
-    """The handshakes in TLS of one listener: beyond the most there may be, the oldest is given up.
+    """TLS handshakes of one listener: beyond the maximum, the oldest is cancelled.
 
     One that its peer goes on with takes milliseconds, so that the oldest is one that nobody goes on with.
     """
@@ -67,7 +67,7 @@ class Handshakes:
 
     @contextlib.contextmanager
     def one(self) -> Iterator[anyio.CancelScope]:
-        """One more, within the block, which is cancelled where it is given up."""
+        """Count a handshake inside the block, which is cancelled if there are too many."""
         if len(self._open) >= self._most:
             oldest = next(iter(self._open))
             del self._open[oldest]
@@ -174,7 +174,7 @@ def _bind(family: int, address: tuple[str, int], *, shared: bool) -> socket.sock
 
 
 def bind_unix(path: str) -> socket.socket:
-    """A Unix socket bound to `path`; replaces one that no process serves any longer.
+    """Return a Unix socket bound to `path`; replace one that no process serves any longer.
 
     Raises:
         ListenError: the path cannot be had.
@@ -205,7 +205,7 @@ def remove_unix(path: str) -> None:
 
 
 def _is_abandoned(path: str) -> bool:
-    """Whether `path` is a socket that refuses connections, as a killed server leaves it."""
+    """Return True if `path` is a socket that refuses connections, as a killed server leaves it."""
     if not os.path.exists(path) or not stat.S_ISSOCK(os.stat(path).st_mode):
         return False
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
@@ -214,12 +214,12 @@ def _is_abandoned(path: str) -> bool:
 
 
 def unknown_host(host: str) -> str:
-    """One line for a name that no resolver knows."""
+    """Return one line about a host name that cannot be resolved."""
     return f"the host {host!r} is not known; use an address such as 127.0.0.1 or 0.0.0.0"
 
 
 def why_not(error: OSError, host: str, port: int) -> str:
-    """One line that says why an address could not be opened, and what to do."""
+    """Return one line that says why an address could not be opened, and what to do."""
     if error.errno == errno.EADDRINUSE:
         return f"port {port} on {host} is in use; stop what holds it, or choose another port (0 picks one)"
     if error.errno in (errno.EACCES, errno.EPERM):

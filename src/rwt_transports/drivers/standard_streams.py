@@ -1,4 +1,4 @@
-"""The process's own standard input and output, for a server that another program has started.
+"""Driver for standard input and output, for a server that another program has started.
 
 While it is served, nothing but the protocol reaches the real standard output: descriptor 1 is turned to
 standard error, so that a `print` anywhere in the program, in C too, cannot break the stream, and descriptor 0
@@ -40,7 +40,7 @@ class DescriptorStream(ByteStream):
         self._waits_to_write = _is_pipe(write_to)
 
     async def receive(self, max_bytes: int = 65536) -> bytes:
-        """The next bytes; raises :exc:`anyio.EndOfStream` when the other side has closed."""
+        """Return the next bytes. Raises :exc:`anyio.EndOfStream` when the other side has closed."""
         await anyio.lowlevel.checkpoint()
         try:
             if self._waits_to_read:
@@ -151,12 +151,12 @@ def _as_they_are(read_from: int, write_to: int) -> Iterator[tuple[int, int]]:
 
 
 class _Claim:
-    """Whether standard input and output are taken: a process has them once."""
+    """True if standard input and output are served: a process has them once."""
 
     held = False
 
 
 def _is_pipe(descriptor: int) -> bool:
-    """Whether a descriptor can be made non-blocking without effect on others; a terminal is shared."""
+    """Return True if a descriptor can be made non-blocking without affecting others; a terminal is shared."""
     mode = os.fstat(descriptor).st_mode
     return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode)

@@ -24,7 +24,7 @@ class NoCallbacks:
         """Return None: there is no buffer."""
 
     def buffer_updated(self, count: int) -> None:
-        """Never called: there is no buffer."""
+        """No-op: there is no buffer."""
 
     def take(self) -> None:
         """Return None: there is nothing to send."""

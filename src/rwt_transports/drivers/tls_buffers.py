@@ -1,4 +1,4 @@
-"""How much memory a connection in TLS takes on asyncio.
+"""Memory of TLS connections on asyncio.
 
 asyncio gives each connection a buffer of 256 KiB for what comes from the network, and lets another 256 KiB
 wait undeciphered where nobody reads, in a buffer that never shrinks again. For a server that many may connect

@@ -140,7 +140,7 @@ class HttpConnection:
         """Return None: requests need no buffer of their own."""
 
     def buffer_updated(self, count: int) -> None:
-        """Never called, since there is no buffer."""
+        """No-op: there is no buffer."""
 
     def progress(self) -> None:
         """No-op: :meth:`tick` looks at what the network accepted."""

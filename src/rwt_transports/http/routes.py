@@ -22,7 +22,7 @@ TEXT = "text/plain; charset=utf-8"
 
 @dataclass(frozen=True, slots=True)
 class HttpRequest:
-    """One plain HTTP request.
+    """Plain HTTP request.
 
     Attributes:
         method: upper case.
@@ -46,7 +46,7 @@ class HttpRequest:
 
 @dataclass(frozen=True, slots=True)
 class HttpResponse:
-    """What a route answers.
+    """Response of a route.
 
     Attributes:
         body: all of it, or an iterator of chunks that are sent as they come; the iterator is closed when
@@ -69,7 +69,7 @@ Handler = Callable[[HttpRequest], HttpResponse | Awaitable[HttpResponse]]
 
 
 class Work(Protocol):
-    """The work that a server does for the clients of an address, which has a rate."""
+    """Account of the work that the server does for the clients of an address, which has a rate."""
 
     @property
     def excess(self) -> float:
@@ -86,10 +86,10 @@ class Reader(Protocol):
 
     @property
     def work(self) -> Work:
-        """What is counted of the reader's address."""
+        """Account of the work for the reader's address."""
 
     def may_subscribe(self, topic: str) -> bool:
-        """Whether the reader may subscribe to `topic`, an absolute name without remappings to follow."""
+        """Return True if the reader may subscribe to `topic`, an absolute name after remapping."""
 
     def while_allowed(self, topics: Iterable[str], end: Callable[[str], None]) -> Callable[[], None]:
         """Begin an answer that lasts, and is to end when the settings are read again and do not let the
@@ -115,12 +115,12 @@ AnyReader = TypeVar("AnyReader", default=Reader, contravariant=True)
 
 
 def refusal_as_text(request: HttpRequest, refused: Refused) -> HttpResponse:
-    """A refusal in words."""
+    """Return a refusal as plain text."""
     return HttpResponse(f"{refused.reason}\n".encode(), refused.status, headers=refused.headers)
 
 
 class Audience(Enum):
-    """Who may ask for a route. Each route declares it; there is no default."""
+    """Clients that may request a route. Each route declares it; there is no default."""
 
     ANYBODY = auto()
     """Everybody, without credentials: the page reveals nothing of the robot (a health check)."""
@@ -132,7 +132,7 @@ class Audience(Enum):
 
 @dataclass(frozen=True)
 class Route(Generic[AnyReader]):
-    """One path that a node or a gateway serves, by one method.
+    """Path and method that a node or a gateway serves.
 
     Attributes:
         path: as :class:`Routes` takes it, ``/stream`` or ``/packages/*``.
@@ -151,7 +151,7 @@ class Route(Generic[AnyReader]):
 
 
 class MetricFamily(NamedTuple):
-    """One metric with its samples, for ``/metrics``.
+    """Metric with its samples, for ``/metrics``.
 
     Attributes:
         name: as Prometheus writes it; that of a counter ends in ``_total``.
@@ -183,7 +183,7 @@ class HttpExtension(Generic[AnyReader]):
 
 
 def page_policy(script: str = "") -> Mapping[str, str]:
-    """The header by which a page of HTML is kept from doing more than it was made for (CSP Level 3).
+    """Return the header that restricts an HTML page to what it needs (CSP Level 3).
 
     It shows itself and pictures and videos of this server. No name in it can become a script, and no other
     site can put it in a frame.
@@ -221,11 +221,11 @@ class Routes:
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """Every path that is served, in the order they were added."""
+        """Served paths, in the order in which they were added."""
         return tuple(self._handlers)
 
     def find(self, method: str, path: str) -> Handler | HttpResponse:
-        """The handler, or the 404 or 405 to answer in its place."""
+        """Return the handler, or a 404 or 405 response."""
         handlers = self._handlers.get(path) or self._below(path)
         if handlers is None:
             return self._not_found(path)
@@ -246,7 +246,7 @@ class Routes:
 
 
 class Hosts:
-    """The names that a listener answers to: the ``Host`` of a request (RFC 9110 section 7.2).
+    """Names that a listener answers to: the ``Host`` of a request (RFC 9110 section 7.2).
 
     A site can make its own name lead to any address (DNS rebinding); its pages then count as pages of what
     is there. So a listener on a loopback address answers to ``localhost``, ``*.localhost``, loopback
@@ -266,7 +266,7 @@ class Hosts:
         self._names = any_of(names)
 
     def include(self, host: str) -> bool:
-        """Whether the listener answers to the ``Host`` of a request, empty where there is none."""
+        """Return True if the listener answers to the ``Host`` of a request, empty if there is none."""
         if self._every_name or not host:
             return True
         name = host_name(host)
@@ -294,7 +294,7 @@ class Proxies:
         return found is not None and any(found in network for network in self._networks)
 
     def resolve(self, address: str, headers: dict[str, str]) -> tuple[str, str]:
-        """The address and the prefix of the client behind a request; `headers` become those it sent itself.
+        """Return the address and the prefix of the client behind a request, and reduce `headers` to its own.
 
         Args:
             address: of the peer.
@@ -325,18 +325,18 @@ _X_FORWARDED = ("x-forwarded-for", "x-forwarded-host", "x-forwarded-proto", "x-f
 
 
 def _parameters(hop: str) -> dict[str, str]:
-    """One element of a ``Forwarded`` header (RFC 7239 section 4)."""
+    """Return the parameters of one element of a ``Forwarded`` header (RFC 7239 section 4)."""
     pairs = (part.partition("=") for part in hop.split(";"))
     return {name.strip().lower(): value.strip().strip('"') for name, equals, value in pairs if equals}
 
 
 def any_of(globs: Iterable[str]) -> re.Pattern[str]:
-    """What matches whatever one of the globs fits, in lower case."""
+    """Return a pattern that matches what any of the globs matches, in lower case."""
     return re.compile("|".join(fnmatch.translate(glob.lower()) for glob in globs) or r"(?!)")
 
 
 def is_local(host: str) -> bool:
-    """Whether a host, by name or address, is this machine as seen from itself."""
+    """Return True if a host, by name or address, is this machine as seen from itself."""
     if host == "localhost" or host.endswith(".localhost"):
         return True
     address = _address(host)
@@ -344,7 +344,7 @@ def is_local(host: str) -> bool:
 
 
 def host_name(text: str) -> str:
-    """The host of ``host:port``, in lower case and without brackets; empty if there is none."""
+    """Return the host of ``host:port``, in lower case and without brackets; empty if there is none."""
     try:
         return (urlsplit(f"//{text}").hostname or "").removesuffix(".")
     except ValueError:

@@ -52,7 +52,7 @@ MANY_FAILURES = 20
 
 @dataclass(slots=True)
 class RelayStatus:
-    """How one dial-out goes.
+    """Status of one outgoing connection to a hub.
 
     Attributes:
         url: the hub, with the robot's path.
@@ -70,7 +70,7 @@ class RelayStatus:
 
     @property
     def connected(self) -> bool:
-        """Whether a client that comes now is served."""
+        """True if a client that connects now is served."""
         return self.idle > 0
 
 
@@ -145,7 +145,7 @@ def _bounded(status: RelayStatus, accept: Accept, most: int) -> Accept:
 
 
 def check_dial_url(url: str) -> str:
-    """The name that a robot dials in as.
+    """Return the name under which a robot dials in.
 
     Raises:
         BadUrl: naming what is wrong, with an example.
@@ -224,7 +224,7 @@ class _Robot:
                 self._failed(str(error))
 
     async def _serve(self, *, task_status: TaskStatus[None]) -> None:
-        """One connection, from the handshake to its end."""
+        """Serve one connection, from the handshake to its end."""
         idle = _IdleConnection(self._accept, self._serve_page, self._assigned, self._addresses)
         async with self._connect_one(idle.open) as connection:
             opened = anyio.current_time()
@@ -273,7 +273,7 @@ class _Robot:
 
 
 class _IdleConnection:
-    """The endpoint of a connection to the hub, until its client's endpoint takes over.
+    """Endpoint of a connection to the hub, until its client's endpoint takes over.
 
     Attributes:
         address: the client's.
@@ -295,7 +295,7 @@ class _IdleConnection:
         self.ending = ""
 
     def open(self, sink: Sink, info: PeerInfo) -> Endpoint:
-        """The connection is open; an accept function."""
+        """Note that the connection is open, as its accept function."""
         self._sink = sink
         return self
 
@@ -324,10 +324,10 @@ class _IdleConnection:
             sink.close(INTERNAL_ERROR, "internal error")
 
     def oversized(self, size: int, limit: int, head: bytes) -> None:
-        """A message was too large to be an assignment."""
+        """Close: the message is too large to be an assignment."""
         self._sink.close(TOO_BIG, f"a message of {size} bytes; the limit is {limit} (message_bytes)")
 
     def closed(self, code: int, reason: str) -> None:
-        """The connection has ended."""
+        """Note that the connection has ended."""
         self.code = code
         self.ending = f"{code} {reason}".strip()

@@ -41,7 +41,7 @@ _OF_THE_CONNECTION: Final = frozenset(
 
 
 def end_to_end(headers: Mapping[str, str]) -> dict[str, str]:
-    """The headers that are passed on."""
+    """Return the headers that are passed on."""
     return {name: value for name, value in headers.items() if name.lower() not in _OF_THE_CONNECTION}
 
 
@@ -49,7 +49,7 @@ def end_to_end(headers: Mapping[str, str]) -> dict[str, str]:
 
 
 class PageServer:
-    """The robot's end of a connection that a request was assigned to.
+    """Robot's end of a connection that a request was assigned to.
 
     Args:
         sink: the connection.
@@ -71,11 +71,11 @@ class PageServer:
         self._flow_control = flow_control
 
     def receive(self, data: bytes, binary: bool) -> None:
-        """A request was assigned whole, and nothing follows it."""
+        """Ignore a message: a request is assigned as a whole."""
         self._sink.close(POLICY, "nothing follows a request")
 
     def closed(self, code: int, reason: str) -> None:
-        """The hub does not want the rest."""
+        """Cancel the page: the hub does not want the rest."""
         self._closed = True
         if self._scope is not None:
             self._scope.cancel()
@@ -140,7 +140,7 @@ class PageInbox:
         self._changed.set()
 
     def close(self, code: int = NORMAL, reason: str = "") -> None:
-        """The robot has said all, or has gone."""
+        """End the page: the robot has sent everything, or is gone."""
         if self._ended is None:
             self._ended = (code, reason)
         self._changed.set()
@@ -157,13 +157,13 @@ class PageInbox:
             callback()
 
     def pause(self) -> None:
-        """A request sends nothing that could be held back."""
+        """No-op: a request sends nothing more."""
 
     def resume(self) -> None:
-        """See :meth:`pause`."""
+        """No-op, like :meth:`pause`."""
 
     async def next(self) -> Frame | None:
-        """The next message; None at the end."""
+        """Return the next message; None at the end."""
         while not self._frames:
             if self._ended is not None:
                 return None
@@ -175,7 +175,7 @@ class PageInbox:
         return self._frames.popleft()
 
     async def response(self, left: Callable[[int, str], None], *, head_only: bool) -> HttpResponse:
-        """The robot's answer, whose body is read as it comes.
+        """Return the robot's response, whose body is read as it arrives.
 
         Args:
             head_only: whether the body is not asked for.
@@ -200,12 +200,12 @@ class PageInbox:
 
     @property
     def ended(self) -> tuple[int, str]:
-        """How it ended: the close code, and why."""
+        """Close code and reason."""
         return self._ended or (GOING_AWAY, "")
 
 
 class _Body(AsyncIterator[bytes]):
-    """The body of a page, which its reader may leave at any time, even before it has begun."""
+    """Body of a page, which its reader may leave at any time, even before it has begun."""
 
     def __init__(self, inbox: PageInbox, left: Callable[[int, str], None]) -> None:
         self._inbox = inbox

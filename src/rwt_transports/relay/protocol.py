@@ -1,4 +1,4 @@
-"""What a hub and a robot that has dialled in say to each other before a client's messages flow.
+"""Relay protocol: messages of a hub and a robot before a client's messages flow.
 
 A robot opens WebSocket connections to ``/robots/NAME`` of a hub and keeps a few that wait. When a client
 arrives the hub gives it one of these and says so in a first text message, the *assignment*::
@@ -46,7 +46,7 @@ NAME_RULE: Final = "a letter or digit, then up to 63 of A-Z a-z 0-9 _ . -, and n
 
 
 class BadAssignment(ValueError):
-    """The first message of a hub is not an assignment."""
+    """The first message of the hub is not an assignment."""
 
 
 class _Client(msgspec.Struct):
@@ -82,12 +82,12 @@ _head_decoder = msgspec.json.Decoder(_Head)
 
 
 def encode_assignment(client: PeerInfo, path: str) -> bytes:
-    """The assignment of a client that asked for `path` below the robot's own."""
+    """Return the assignment of a client that requested `path` below the robot's own."""
     return msgspec.json.encode(_Assignment(_Client(client.address, client.port, path, dict(client.headers))))
 
 
 def encode_request(request: HttpRequest, path: str, prefix: str) -> bytes:
-    """The assignment of a request for a page at `path`, which the hub shows below `prefix`."""
+    """Return the assignment of a request for a page at `path`, which the hub serves below `prefix`."""
     headers = dict(request.headers)
     body = request.body or msgspec.UNSET
     asked = _Request(request.method, path, request.query, prefix, request.address, headers, body)
@@ -95,7 +95,7 @@ def encode_request(request: HttpRequest, path: str, prefix: str) -> bytes:
 
 
 def decode_assignment(data: bytes) -> PeerInfo | HttpRequest:
-    """The client that an assignment names, or the request for a page.
+    """Return the client or the page request of an assignment.
 
     Raises:
         BadAssignment: the message is something else.
@@ -116,7 +116,7 @@ def decode_assignment(data: bytes) -> PeerInfo | HttpRequest:
 
 
 def encode_head(status: int, content_type: str, headers: dict[str, str]) -> bytes:
-    """The head of a page, which its body follows."""
+    """Return the head of a page; its body follows."""
     return msgspec.json.encode(_Head(status, content_type, headers))
 
 
@@ -141,12 +141,12 @@ def decode_head(data: bytes) -> tuple[int, str, dict[str, str]]:
 
 
 def is_robot_name(name: str) -> bool:
-    """Whether a robot can be called so: :data:`NAME_RULE`."""
+    """Return True if the name is allowed for a robot, see :data:`NAME_RULE`."""
     return _NAME.fullmatch(name) is not None and name not in _TAKEN
 
 
 def split_client_path(target: str) -> tuple[str, str]:
-    """The robot that a client asks for, and the rest of its path with the query."""
+    """Return the robot that a client asks for, and the rest of its path with the query."""
     path, question, query = target.partition("?")
     name, _, rest = path.removeprefix("/").partition("/")
     return name, f"/{rest}{question}{query}"

@@ -1,4 +1,4 @@
-"""Everything that depends on private names of aiortc and aioice; no other module uses any.
+"""Private names of aiortc and aioice, which no other module uses.
 
 aiortc is pinned below 1.17, and `tests/rwt/media/webrtc/test_private_names.py` checks the names. aiortc
 offers no public way to do this:
@@ -193,14 +193,14 @@ class Association(RTCSctpTransport):
                 waiting.remove(receiver)
 
     def wake(self, receiver: ChannelReceiver) -> None:
-        """The receiver has something to send."""
+        """Schedule the messages of a receiver."""
         waiting = self._fresh if receiver.is_fresh else self._others
         if receiver not in waiting:
             waiting.append(receiver)
         self._wakeup.set()
 
     def count_unread(self, change: int) -> None:
-        """What has come for an endpoint that is held back has become more or less.
+        """Change the number of bytes that wait for paused endpoints.
 
         The window that the peer is told shrinks by it, so that one that goes by the window stops.
         """
@@ -407,7 +407,7 @@ class Association(RTCSctpTransport):
             receiver.message(b"", pp_id == WEBRTC_BINARY_EMPTY)
 
     async def _receive_control(self, stream_id: int, data: bytes) -> None:
-        """A message of the protocol that opens channels (RFC 8832)."""
+        """Handle a message of the protocol that opens channels (RFC 8832)."""
         known = stream_id in self._data_channels
         if isinstance(data, Truncated) or (known and data[:1] == _OPEN):
             raise BrokenAssociation(f"a message about channel {stream_id} that has no place there")

@@ -1,4 +1,4 @@
-"""A data channel as a driver's link: each one that is open carries a connection of its own."""
+"""Data channel as a driver's link: each open channel carries its own connection."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class ChannelLink:
     # -- the association's side ----------------------------------------------------------------------------
 
     def message(self, data: bytes, binary: bool) -> None:
-        """A message has come."""
+        """Pass a message to the connection."""
         if self._paused or self._unread:
             self._unread.append((data, binary))
             self._association.count_unread(len(data))
@@ -66,17 +66,17 @@ class ChannelLink:
         callbacks.receive(data)
 
     def next_message(self) -> tuple[bytes, bool] | None:
-        """The next message to send, and whether it is binary."""
+        """Return the next message to send, and True if it is binary."""
         return None if self._cutter is None or self._over else self._cutter.next()
 
     def sent_all(self) -> None:
-        """Everything that was to be sent has been."""
+        """Note that everything has been sent."""
         if self._closing and not self._over:
             self._association.unregister(self)
             self.channel.close()
 
     def _closed(self) -> None:
-        """The channel is gone."""
+        """Report that the channel is closed."""
         if self._over:
             return
         self._over = True

@@ -1,4 +1,4 @@
-"""The client's side: an offer by HTTP to a server's ``/webrtc``, and a data channel (asyncio only)."""
+"""Client side: an HTTP offer to a server's ``/webrtc``, and a data channel (asyncio only)."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ async def _hold(peer: Peer, ended: anyio.Event) -> None:
 
 
 async def find_servers(address: RemoteAddress) -> tuple[IceServer, ...]:
-    """The STUN and TURN servers to ask: those that are given, or else those that the robot names.
+    """Return the STUN and TURN servers to use: the given ones, or else those that the robot names.
 
     Raises:
         OSError: nobody answers by HTTP.

@@ -34,7 +34,7 @@ MOST_SERVERS: Final = 8
 
 @dataclass(frozen=True, slots=True)
 class IceSource:
-    """Where the servers come from.
+    """Source of the servers.
 
     Attributes:
         urls: of servers; STUN, and TURN with the credential.
@@ -67,7 +67,7 @@ class IceServers:
         self._lock = anyio.Lock()
 
     async def find(self) -> tuple[IceServer, ...]:
-        """The servers.
+        """Return the servers.
 
         Raises:
             NoIceServers: the command or the URL gives none; says why.

@@ -39,12 +39,12 @@ GATHER_SECONDS: Final = 2
 
 
 class BadIceServer(TransportError):
-    """The URL of a STUN or TURN server that cannot be used."""
+    """The URL of a STUN or TURN server is not usable."""
 
 
 @dataclass(frozen=True, slots=True)
 class IceServer:
-    """A server that helps to find a path.
+    """STUN or TURN server, which helps to find a path.
 
     Attributes:
         url: ``stun:HOST``, ``turn:HOST:PORT?transport=udp`` or ``turns:HOST`` (RFC 7064, RFC 7065).
@@ -79,7 +79,7 @@ def _quoted(text: str) -> str:
 
 
 def check_ice_url(url: str) -> str:
-    """The URL of a STUN or TURN server.
+    """Check and return the URL of a STUN or TURN server.
 
     Raises:
         BadIceServer: it is none, or aiortc cannot use it.
@@ -94,7 +94,7 @@ def check_ice_url(url: str) -> str:
 
 
 def configuration(servers: tuple[IceServer, ...]) -> RTCConfiguration:
-    """What aiortc is told; without servers none is asked, where aiortc's own default asks Google's."""
+    """Return aiortc's configuration. Without servers none is used; aiortc's default would be Google's."""
     return RTCConfiguration(
         iceServers=[
             RTCIceServer(each.url, each.username or None, each.credential or None) for each in servers
@@ -147,7 +147,7 @@ async def _query_consent(connection: Connection) -> None:
 
 
 async def _ask(connection: Connection) -> bool:
-    """Whether the other side answers within some seconds."""
+    """Return True if the peer answers within some seconds."""
     password = (connection.remote_password or "").encode()
     for pair in nominated_pairs(connection):
         request = connection.build_request(pair, nominate=False)
@@ -159,7 +159,7 @@ async def _ask(connection: Connection) -> bool:
 
 
 def describe(transport: RTCIceTransport) -> Mapping[str, str]:
-    """The path that was found, for logs: the two candidates."""
+    """Return the path that was found, for logs: the two candidates."""
     pair = next(iter(nominated_pairs(transport)), None)
     if pair is None:
         return {}
@@ -186,7 +186,7 @@ def way(transport: RTCIceTransport) -> str:
 
 
 def kinds_of(description: str) -> str:
-    """The candidates of a session description in words, for errors."""
+    """Return the kinds of candidates of a session description, for errors."""
     found = [line.split() for line in description.splitlines() if line.startswith("a=candidate:")]
     named = sorted({f"{words[7]} {words[4]}" for words in found if len(words) > 7})
     return ", ".join(named) or "none"

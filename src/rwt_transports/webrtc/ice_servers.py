@@ -40,7 +40,7 @@ class Probe:
 
 
 def read_ice_servers(listed: Sequence[Mapping[str, object]]) -> tuple[IceServer, ...]:
-    """The servers of a list of ``RTCIceServer`` as the W3C has them.
+    """Return the servers of a list of the W3C's ``RTCIceServer``.
 
     Raises:
         BadIceServer: the list cannot be used; says why.
@@ -61,7 +61,7 @@ def read_ice_servers(listed: Sequence[Mapping[str, object]]) -> tuple[IceServer,
 
 
 def read_configuration(text: bytes) -> tuple[IceServer, ...]:
-    """The servers of an ``RTCConfiguration`` in JSON, as ``GET /webrtc`` answers.
+    """Return the servers of a JSON ``RTCConfiguration``, as ``GET /webrtc`` answers.
 
     Raises:
         BadIceServer: it is none, or its servers cannot be used.
@@ -106,7 +106,7 @@ def _refusal(refused: stun.TransactionFailed, server: IceServer) -> str:
 
 
 class _Answers(asyncio.DatagramProtocol):
-    """What comes back to a socket that asks one server."""
+    """Answers to a socket that queries one server."""
 
     def __init__(self) -> None:
         self.first: asyncio.Future[tuple[str, int]] = asyncio.get_running_loop().create_future()

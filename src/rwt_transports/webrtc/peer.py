@@ -1,4 +1,4 @@
-"""One peer connection (W3C WebRTC, RFC 8829): its description, its data channels, and its end."""
+"""Peer connection (W3C WebRTC, RFC 8829): description, data channels and end."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ FRESH_READY_BYTES: Final = 1 * KIB
 
 @dataclass(frozen=True, slots=True)
 class PeerTerms:
-    """What all peers of one side share.
+    """Settings that all peers of one side share.
 
     Attributes:
         limits: bounds of each channel's connection.
@@ -59,7 +59,7 @@ class PeerTerms:
 
 
 class Peer:
-    """One peer connection, from its first description to its end.
+    """Peer connection, from its first description to its end.
 
     Args:
         terms: what it may take.
@@ -182,7 +182,7 @@ class Peer:
     # -- data channels -------------------------------------------------------------------------------------
 
     def _channel_opened(self, channel: RTCDataChannel) -> None:
-        """The other side has opened a channel: it is a connection of its own."""
+        """Accept a channel of the other side as a connection of its own."""
         try:
             self._serve(channel)
         except Exception:
@@ -190,7 +190,7 @@ class Peer:
             channel.close()
 
     def link(self, channel: RTCDataChannel) -> ChannelLink:
-        """A channel that is open, as a driver's link."""
+        """Return an open channel as a driver's link."""
         assert self._association is not None  # It is there before any channel opens.
         return ChannelLink(self._association, channel, deque())
 
@@ -232,7 +232,7 @@ class Peer:
 
     @property
     def way(self) -> str:
-        """How the other side was found, in words; empty before it was."""
+        """Description of the path to the other side; empty before it is found."""
         return "; ".join(filter(None, (way(transport) for transport in self._prepared)))
 
     # -- the end -------------------------------------------------------------------------------------------

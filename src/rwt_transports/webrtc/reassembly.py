@@ -25,7 +25,7 @@ _SEQUENCE: Final = 2**16
 
 
 class Fragment(Protocol):
-    """A DATA chunk."""
+    """DATA chunk."""
 
     flags: int
     tsn: int
@@ -36,7 +36,7 @@ class Fragment(Protocol):
 
 
 class Truncated(bytes):
-    """The beginning of a message that is larger than the limit, of which no more was kept.
+    """Beginning of a message that exceeds the limit; the rest was dropped.
 
     Attributes:
         size: bytes of the message.
@@ -46,7 +46,7 @@ class Truncated(bytes):
 
 
 def is_later(one: int, other: int, modulo: int = _TSN) -> bool:
-    """Whether a number comes after another, where they are counted round (RFC 1982)."""
+    """Return True if a serial number comes after another (RFC 1982)."""
     return one != other and (one - other) % modulo < modulo // 2
 
 
@@ -76,7 +76,7 @@ class _Run:
             self.charge = len(self.head) + CHUNK_BYTES
 
     def message(self) -> bytes:
-        """The message, of which all is there."""
+        """Return the complete message."""
         if self.pieces is None:
             head = Truncated(self.head)
             head.size = self.size
@@ -85,7 +85,7 @@ class _Run:
 
 
 class Reassembly:
-    """One incoming stream; has what aiortc asks of its own `InboundStream`.
+    """Incoming stream; has the interface of aiortc's `InboundStream`.
 
     Args:
         stream_id: its number.
@@ -125,7 +125,7 @@ class Reassembly:
         return run
 
     def _appended(self, chunk: Fragment) -> _Run | None:
-        """The run that the fragment goes on with, if one is there."""
+        """Return the run that the fragment continues, if there is one."""
         if chunk.flags & FIRST:
             return None
         run = self._ends.get((chunk.tsn - 1) % _TSN)

@@ -33,12 +33,12 @@ UNSAID_BYTES: Final = 64 * 1024
 
 
 class BadDescription(TransportError):
-    """A session description, or a piece of one, that cannot be used."""
+    """The session description, or a piece of one, is not usable."""
 
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """What is taken of an offer or an answer.
+    """Content of an offer or an answer.
 
     Attributes:
         text: the description without what is not used here: candidates that are no UDP or that only multicast
@@ -142,7 +142,7 @@ def _number(line: str) -> int:
 
 
 def _largest_message(said: int) -> int:
-    """What may be sent as one message (RFC 8841 section 6).
+    """Return the maximum size of a message to send (RFC 8841 section 6).
 
     libwebrtc says 256 KiB whatever it takes, and takes megabytes; roslib, which joins no fragments, relies on
     that. Others are believed.
@@ -151,7 +151,7 @@ def _largest_message(said: int) -> int:
 
 
 def _is_usable(attribute: str) -> bool:
-    """Whether a candidate (RFC 8839 section 5.1) is one of UDP at an address.
+    """Return True if a candidate (RFC 8839 section 5.1) uses UDP at an address.
 
     Names in `.local` would have to be asked for by multicast; who has one finds this side without being
     asked, since what arrives from there makes a candidate by itself.
@@ -170,7 +170,7 @@ def _is_usable(attribute: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Fragment:
-    """What a PATCH brings (RFC 8840).
+    """Content of a PATCH request (RFC 8840).
 
     Attributes:
         ufrag: whose candidates they are; empty where it does not say.
@@ -217,5 +217,5 @@ def _candidate(value: str) -> RTCIceCandidate:
 
 
 def with_largest_message(text: str, size: int) -> str:
-    """A description of aiortc's, with another size of the largest message than the one it has built in."""
+    """Return aiortc's description with another maximum message size."""
     return re.sub(r"(?m)^a=max-message-size:\d+", f"a=max-message-size:{size}", text)

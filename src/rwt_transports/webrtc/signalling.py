@@ -1,4 +1,4 @@
-"""How peers learn of each other: an offer by HTTP, and an answer (as WHIP and WHEP have it, RFC 9725).
+"""Signalling: an HTTP offer and an answer, as in WHIP and WHEP (RFC 9725).
 
 - ``GET`` tells the STUN and TURN servers, as JSON that is an ``RTCConfiguration`` of the W3C's;
 - ``POST`` of ``application/sdp`` opens a peer: ``201``, the answer, and ``Location``, where it is reached;
@@ -41,12 +41,12 @@ FindIceServers = Callable[[], Awaitable[tuple["IceServer", ...]]]
 
 
 class NoIceServers(TransportError):
-    """The servers that help to find a path cannot be had."""
+    """The STUN and TURN servers are not available."""
 
 
 @dataclass(frozen=True, slots=True)
 class PeerBounds:
-    """What all peers of a server together may take.
+    """Limits of all peers of a server together.
 
     Attributes:
         peers: that are open at a time.
@@ -58,7 +58,7 @@ class PeerBounds:
 
 
 class Peers:
-    """The peer connections that a server has accepted.
+    """Peer connections that a server has accepted.
 
     Args:
         terms: what each may take.
@@ -85,7 +85,7 @@ class Peers:
         return len(self._peers)
 
     def find(self, identifier: str) -> Peer | None:
-        """The peer of that identifier, while it is open."""
+        """Return the open peer with that identifier."""
         return self._peers.get(identifier)
 
     async def open(
@@ -188,7 +188,7 @@ class Peers:
         await asyncio.gather(*(peer.close() for peer in tuple(self._peers.values())))
 
     def metrics(self) -> Iterable[MetricFamily]:
-        """What there is to count."""
+        """Return the metrics."""
         peers = tuple(self._peers.values())
         connected = sum(peer.connected for peer in peers)
         states = [({"state": "connected"}, connected), ({"state": "connecting"}, len(peers) - connected)]
@@ -218,7 +218,7 @@ async def open_peers(
 
 
 def data_routes(peers: Peers, accept: Accept) -> tuple[Route[Reader], ...]:
-    """The routes of ``/webrtc``, by which data channels come to `accept` that counts for one listener."""
+    """Return the routes of ``/webrtc``, whose data channels go to `accept` as connections of one listener."""
 
     async def offered(reader: Reader, request: HttpRequest) -> HttpResponse:
         offer = read_description(request.body, peers.terms.candidates)
@@ -267,7 +267,7 @@ def _on_behalf(request: HttpRequest, accept: Accept) -> Accept:
 
 
 def resource_routes(peers: Peers, path: str) -> tuple[Route[Reader], ...]:
-    """The routes of each peer that was opened at `path`."""
+    """Return the routes of the peers that were opened at `path`."""
 
     def patch(request: HttpRequest, reader: Reader) -> Awaitable[HttpResponse]:
         return answering(request, FRAGMENT, lambda request: _add_candidates(peers, request))
@@ -309,7 +309,7 @@ def _gone() -> HttpResponse:
 def opened(
     path: str, request: HttpRequest, identifier: str, answer: str, servers: tuple[IceServer, ...]
 ) -> HttpResponse:
-    """The answer to an offer that has made a peer."""
+    """Return the answer to an offer that created a peer."""
     headers = {"Location": f"{request.prefix}{path}/{identifier}", "Cache-Control": "no-store"}
     if servers:
         headers["Link"] = ", ".join(server.link for server in servers)
@@ -319,7 +319,7 @@ def opened(
 async def answering(
     request: HttpRequest, wanted: str, handler: Callable[[HttpRequest], Awaitable[HttpResponse]]
 ) -> HttpResponse:
-    """What `handler` answers, or why it cannot."""
+    """Return the response of `handler`, or why it failed."""
     given = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     if given != wanted:
         text = f"the body is {given or 'of no type'}, where {wanted} is wanted\n"

@@ -1,4 +1,4 @@
-"""The client's half of a WebSocket's opening handshake (RFC 6455 section 4.1), without I/O."""
+"""Client side of a WebSocket's opening handshake (RFC 6455 section 4.1), without I/O."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _SWITCHING = b"101"
 
 
 class ClientHandshake:
-    """One handshake.
+    """Opening handshake of a client.
 
     Args:
         target: where to connect.
@@ -75,7 +75,7 @@ class ClientHandshake:
         return None
 
     def eof(self) -> None:
-        """The server hung up.
+        """Fail: the server hung up.
 
         Raises:
             ConnectError: always; with the server's reason if there was one.

@@ -19,5 +19,5 @@ KNOWN = frozenset({1000, 1001, 1002, 1003, 1007, 1008, 1009, 1010, 1011, 1012, 1
 
 
 def may_travel(code: int) -> bool:
-    """Whether `code` may stand in a close frame; 3000 to 4999 are free for libraries and programs."""
+    """Return True if `code` is allowed in a close frame; 3000 to 4999 are free for libraries and programs."""
     return code in KNOWN or 3000 <= code < 5000

@@ -1,4 +1,4 @@
-"""The extension permessage-deflate of RFC 7692 on the WebSocket wire.
+"""WebSocket wire with the extension permessage-deflate (RFC 7692).
 
 Incoming messages are inflated with or without the context of those before them, as was agreed, and never to
 more than a message may have: one that would become larger ends the connection with 1009, for what follows
@@ -121,7 +121,7 @@ class _Inflater:
         self._unpacker = zlib.decompressobj(-15)
 
     def unpack(self, payload: bytes) -> Generator[None, None, bytes]:
-        """One message, in steps of some ten thousand bytes.
+        """Inflate a message, in steps of some ten thousand bytes.
 
         Raises:
             ProtocolViolation: it is damaged, or too large.
@@ -168,7 +168,7 @@ class _Inflater:
 
 
 def _end_of(parts: list[bytes]) -> bytes:
-    """The last bytes of what a message was inflated to, as many as a window has."""
+    """Return the last bytes of an inflated message, at most one window."""
     end = b""
     for part in reversed(parts):
         end = part + end
@@ -178,7 +178,7 @@ def _end_of(parts: list[bytes]) -> bytes:
 
 
 class DeflateWire(WebSocketWire):
-    """A server's WebSocket wire on which permessage-deflate was agreed.
+    """WebSocket wire of a server with permessage-deflate.
 
     Args:
         events: what the wire reports to, messages excepted.
@@ -215,7 +215,7 @@ class DeflateWire(WebSocketWire):
 
     @property
     def framing(self) -> Framing:
-        """How outgoing frames become bytes."""
+        """Conversion of outgoing frames to bytes."""
         return self._deflate_framing
 
     def hold(self) -> None:
@@ -279,7 +279,7 @@ class DeflateWire(WebSocketWire):
 def deflate_server(
     terms: DeflateTerms, events: WireEvents, limits: Limits, buffers: ReceiveBufferPool
 ) -> DeflateWire:
-    """The wire of one peer that connected to this server and agreed to `terms`."""
+    """Return the wire of a client that agreed to `terms`."""
     return DeflateWire(
         events, terms, max_size=limits.message_bytes, strict_utf8=limits.strict_utf8, buffers=buffers
     )

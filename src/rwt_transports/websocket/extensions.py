@@ -1,4 +1,4 @@
-"""What a WebSocket's two sides may agree on beside the protocol itself: permessage-deflate (RFC 7692)."""
+"""WebSocket extensions: permessage-deflate (RFC 7692)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ other."""
 
 
 class Deflate(StrEnum):
-    """Whether a server compresses what it sends to clients that can inflate it."""
+    """Compression of messages to clients that support it."""
 
     OFF = "off"
     SHARED = "shared"
@@ -27,7 +27,7 @@ class Deflate(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class DeflateTerms:
-    """What was agreed (RFC 7692 section 7.1).
+    """Agreed parameters (RFC 7692 section 7.1).
 
     Attributes:
         keeps_context: whether what this side sends is in the context of what it sent before.
@@ -41,7 +41,7 @@ class DeflateTerms:
 
 
 def extension_factories(deflate: Deflate) -> Sequence[ServerExtensionFactory] | None:
-    """What the handshake may agree to."""
+    """Return the extensions that the handshake may accept."""
     if deflate is Deflate.OFF:
         return None
     if deflate is Deflate.SHARED:
@@ -50,7 +50,7 @@ def extension_factories(deflate: Deflate) -> Sequence[ServerExtensionFactory] | 
 
 
 def agreed_terms(extensions: Sequence[Extension]) -> DeflateTerms | None:
-    """What the handshake agreed to."""
+    """Return the parameters that the handshake accepted."""
     for extension in extensions:
         if isinstance(extension, PerMessageDeflate):
             return DeflateTerms(

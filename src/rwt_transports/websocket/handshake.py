@@ -1,4 +1,4 @@
-"""The opening handshake of a WebSocket (RFC 6455 section 4), decided from a request already parsed."""
+"""Server side of a WebSocket's opening handshake (RFC 6455 section 4), for a parsed request."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _quiet = logging.getLogger("rwt_transports.websocket.handshake")
 
 @dataclass(frozen=True, slots=True)
 class HandshakeAnswer:
-    """What to answer an upgrade request.
+    """Answer to an upgrade request.
 
     Attributes:
         status: 101 when the connection may open, else a 4xx.
@@ -87,7 +87,7 @@ def answer_handshake(
 def _selector(
     spoken: Collection[str],
 ) -> Callable[[ServerProtocol, Sequence[Subprotocol]], Subprotocol | None]:
-    """What chooses the subprotocol (RFC 6455 section 4.2.2): the first offered that is spoken here, or none.
+    """Return a function that chooses the first supported subprotocol (RFC 6455 section 4.2.2), or none.
 
     Clients that offer only others get none, and go on or not as they please.
     """
@@ -100,7 +100,7 @@ def _selector(
 
 
 def choose_subprotocol(offered: Iterable[str], spoken: Collection[str]) -> str | None:
-    """The first subprotocol that a client offers and that is spoken here; None where there is none.
+    """Return the first offered subprotocol that is supported; None if there is none.
 
     Args:
         offered: in the client's order.

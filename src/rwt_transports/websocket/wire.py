@@ -312,7 +312,7 @@ class WebSocketWire:
 
     @property
     def framing(self) -> Framing:
-        """How outgoing frames become bytes."""
+        """Conversion of outgoing frames to bytes."""
         return SERVER_FRAMING if self._server else CLIENT_FRAMING
 
     # -- outgoing ------------------------------------------------------------------------------------------

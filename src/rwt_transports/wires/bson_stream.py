@@ -27,7 +27,7 @@ SMALLEST: Final = 5
 
 
 class BsonStreamWire(StreamWire):
-    """One connection's documents.
+    """Documents of one connection.
 
     Args:
         events: what the wire reports to, messages excepted.
@@ -103,5 +103,5 @@ DOCUMENTS = Framing(lambda frame: b"".join(_pieces(frame)), _pieces)
 
 
 def bson_documents(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> BsonStreamWire:
-    """The wire of one peer that speaks BSON on a stream."""
+    """Return the wire of a peer that sends BSON on a stream."""
     return BsonStreamWire(events, max_size=limits.message_bytes, buffers=buffers)

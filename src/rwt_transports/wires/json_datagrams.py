@@ -25,7 +25,7 @@ END = b"\0"
 
 
 class JsonDatagramWire(JsonStreamWire):
-    """One peer's objects; the arguments are those of the stream."""
+    """Objects of one peer; arguments as for the stream."""
 
     __slots__ = ()
 
@@ -55,5 +55,5 @@ DATAGRAMS = Framing(lambda frame: b"".join(_pieces(frame)), _pieces)
 
 
 def json_datagrams(events: WireEvents, limits: Limits, _buffers: ReceiveBufferPool) -> JsonDatagramWire:
-    """The wire of one peer over UDP."""
+    """Return the wire of a peer over UDP."""
     return JsonDatagramWire(events, max_size=limits.message_bytes, framing=DATAGRAMS)

@@ -34,7 +34,7 @@ _BACKSLASH, _QUOTE, _OPEN = b'\\"{'
 
 
 class JsonStreamWire(StreamWire):
-    """One connection's objects.
+    """Objects of one connection.
 
     Args:
         events: what the wire reports to, messages excepted.
@@ -170,10 +170,10 @@ LINES = _framing(b"\n")
 
 
 def json_over_tcp(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> JsonStreamWire:
-    """The wire of one peer over TCP."""
+    """Return the wire of a peer over TCP."""
     return JsonStreamWire(events, max_size=limits.message_bytes, framing=PLAIN, buffers=buffers)
 
 
 def json_lines(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> JsonStreamWire:
-    """The wire of one peer over a Unix socket or standard input and output."""
+    """Return the wire of a peer over a Unix socket or standard input and output."""
     return JsonStreamWire(events, max_size=limits.message_bytes, framing=LINES, buffers=buffers)

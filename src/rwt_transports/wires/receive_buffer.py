@@ -1,4 +1,4 @@
-"""Buffers in which large messages are received: they grow with the bytes that come, and are used again."""
+"""Receive buffers of large messages: they grow with the bytes that arrive, and are reused."""
 
 from __future__ import annotations
 
@@ -12,22 +12,29 @@ POOLED_BYTES = 4 * 1024 * 1024
 
 
 class Incomplete(Protocol):
-    """Who has bytes of a message whose end has not come."""
+    """Holder of an incomplete message."""
 
     def give_up(self, reason: str) -> None:
-        """Drop them, and close the connection."""
+        """Drop the message, and close the connection."""
 
 
 class ReceiveBufferPool:
-    """What the connections of a server receive large messages in: one used buffer that is kept for the next
-    one, and how much they hold of messages whose end has not come.
+    """Receive buffers of the connections of a server, and limits on their large messages.
 
-    Beyond the most there may be, the one that began first is given up: one whose sender goes on with it is
-    there soon, so that it is one that nobody ends.
+    Beyond the limit of incomplete messages, the one that began first is given up. A message whose sender
+    continues is complete soon, so the oldest is most likely abandoned.
+
+    Attributes by purpose:
+
+    * Buffer: ``_kept`` (one used buffer, for the next large message).
+    * Incomplete messages: ``_incomplete`` (bytes by holder, oldest first), ``_held`` (their sum), ``_most``.
+    * Complete messages that wait for a paused endpoint: ``_unread`` (bytes by holder), ``_unread_bytes``
+      (their sum), ``_inflating`` (holders that inflate one), ``_arriving`` (size of the large message being
+      delivered).
 
     Args:
-        most: bytes of incomplete messages, over all connections; while a quarter as many are complete and
-            wait to be read by whom they are for, nothing more of large messages is received or inflated.
+        most: maximum bytes of incomplete messages, over all connections. While a quarter as many bytes are
+            complete and unread, no more of large messages is received or inflated.
     """
 
     __slots__ = (
@@ -49,10 +56,10 @@ class ReceiveBufferPool:
         self._unread: dict[Incomplete, int] = {}
         self._unread_bytes = 0
         self._inflating: set[Incomplete] = set()
-        self._arriving = 0  # bytes of the large message that is handed on at the moment
+        self._arriving = 0
 
     def take(self, size: int) -> bytearray:
-        """A buffer for a message of `size` bytes; smaller than that when none large enough is kept."""
+        """Return a buffer for a message of `size` bytes; smaller if no kept one is large enough."""
         kept = self._kept
         if kept is not None and len(kept) >= min(size, STAGING_BYTES):
             self._kept = None
@@ -65,7 +72,7 @@ class ReceiveBufferPool:
             self._kept = buffer
 
     def hold(self, holder: Incomplete, size: int) -> None:
-        """Count that `holder` has so many bytes of an incomplete message now."""
+        """Set the bytes of an incomplete message of `holder`."""
         self._held += size - self._incomplete.get(holder, 0)
         self._incomplete[holder] = size
         while self._held > self._most and len(self._incomplete) > 1:
@@ -77,12 +84,12 @@ class ReceiveBufferPool:
             )
 
     def release(self, holder: Incomplete) -> None:
-        """Count that `holder` has none."""
+        """Note that `holder` has no incomplete message."""
         self._held -= self._incomplete.pop(holder, 0)
 
     def hand_on(self, receive: Callable[[bytes, bool], None], message: bytes, binary: bool) -> None:
-        """Hand a large message on. Who takes it may pause its connection meanwhile, and so says that it keeps
-        it unread (:meth:`keep_unread`)."""
+        """Deliver a large message. If the endpoint pauses its connection meanwhile, it keeps the message
+        unread, see :meth:`keep_unread`."""
         self._arriving = len(message)
         try:
             receive(message, binary)
@@ -90,18 +97,18 @@ class ReceiveBufferPool:
             self._arriving = 0
 
     def keep_unread(self, holder: Incomplete) -> None:
-        """Count what arrives as complete and unread, if it is large, until :meth:`is_read`."""
+        """Count the large message being delivered as unread until :meth:`is_read`."""
         if self._arriving:
             self.count_unread(holder, self._arriving)
 
     def count_unread(self, holder: Incomplete, size: int) -> None:
-        """Count that `holder` keeps so many bytes, until :meth:`is_read`."""
+        """Count `size` bytes of `holder` as unread until :meth:`is_read`."""
         self._unread_bytes += size - self._unread.get(holder, 0)
         self._unread[holder] = size
 
     def may_inflate(self, holder: Incomplete, most: int) -> bool:
-        """Whether `holder` may inflate a message now, which is then counted as unread, with the `most` bytes
-        that it may come to. One at a time always may, until it :meth:`is_read`."""
+        """Return True if `holder` may inflate a message now, and count `most` bytes as unread until
+        :meth:`is_read`. One holder at a time always may."""
         if holder not in self._inflating:
             if self._inflating and self.has_much_unread():
                 return False
@@ -110,10 +117,10 @@ class ReceiveBufferPool:
         return True
 
     def is_read(self, holder: Incomplete) -> None:
-        """Count that `holder` keeps nothing unread."""
+        """Note that `holder` keeps nothing unread."""
         self._unread_bytes -= self._unread.pop(holder, 0)
         self._inflating.discard(holder)
 
     def has_much_unread(self) -> bool:
-        """Whether nothing more of large messages is to be received for now."""
+        """Return True if large messages must not be received for now."""
         return self._unread_bytes > self._most // 4

@@ -1,4 +1,4 @@
-"""What wires have in common whose protocol says nothing but messages: no handshake, no pings, no close."""
+"""Base of wires without handshake, pings and close."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PART_BYTES = 64 * 1024
 
 
 class StreamWire(ABC):
-    """A buffer of what has come, out of which a subclass takes messages.
+    """Buffer of received bytes, from which a subclass takes messages.
 
     Args:
         events: what the wire reports to, messages excepted.
@@ -39,11 +39,11 @@ class StreamWire(ABC):
 
     @property
     def framing(self) -> Framing:
-        """How outgoing frames become bytes."""
+        """Conversion of outgoing frames to bytes."""
         return self._framing
 
     def close(self, code: int, reason: str) -> bytes:
-        """Nothing is said at the end of this protocol."""
+        """End the connection. Returns nothing to send: the protocol has no close."""
         self._over = True
         self.message = _ignore
         return b""
@@ -65,12 +65,12 @@ class StreamWire(ABC):
             self._buffers.release(self)
 
     def ping(self) -> bytes:
-        """There is none."""
+        """Return nothing to send: the protocol has no ping."""
         return b""
 
     def get_buffer(self) -> memoryview | None:
-        """Where the next bytes of a large message go, so that it is received as large ones are: when there is
-        time, and room for it."""
+        """Return the buffer for the next bytes of a large message, which is then received when there is time
+        and room for it."""
         return None if self._part is None else memoryview(self._part)
 
     def buffer_updated(self, count: int) -> None:
@@ -90,4 +90,4 @@ class StreamWire(ABC):
 
 
 def _ignore(_data: bytes, _binary: bool) -> None:
-    """Where messages go before an endpoint is there, and after the connection began to close."""
+    """Drop a message: there is no endpoint yet, or the connection is closing."""

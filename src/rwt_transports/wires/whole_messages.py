@@ -34,7 +34,7 @@ WHOLE_MESSAGES = Framing(lambda frame: b"".join(_pieces(frame)), _pieces)
 
 
 class MessageWire(StreamWire):
-    """One peer's messages; the arguments are those of a stream."""
+    """Messages of one peer; arguments as for a stream."""
 
     __slots__ = ("_binary", "_size", "_wanted")
 
@@ -87,7 +87,7 @@ class MessageWire(StreamWire):
 
 
 def whole_messages(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> MessageWire:
-    """The wire of one channel that keeps the boundaries of messages."""
+    """Return the wire of a channel that keeps message boundaries."""
     return MessageWire(events, limits.message_bytes, WHOLE_MESSAGES, buffers)
 
 
@@ -113,7 +113,7 @@ class MessageCutter:
         return self._size
 
     def next(self) -> tuple[bytes, bool] | None:
-        """The next message and whether it is binary; None where none is whole, or there is none."""
+        """Return the next message, and True if it is binary; None if there is no complete one."""
         if self._wanted < 0:
             header = self._read(HEADER.size)
             if header is None:
