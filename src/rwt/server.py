@@ -65,10 +65,10 @@ if TYPE_CHECKING:
     from rwt.workers.worker import InWorker, WorkerContext
     from rwt_graph.clock import Clock
     from rwt_interfaces.registry import Registry
-    from rwt_transports.api import Listener
     from rwt_transports.asgi import App, AsgiApplication, AsgiMount
     from rwt_transports.endpoint import Accept
     from rwt_transports.http.routes import HttpExtension
+    from rwt_transports.listener import Listener
     from rwt_transports.relay.dial import RelayStatus
 
 logger = logging.getLogger(__name__)

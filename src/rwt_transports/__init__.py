@@ -3,7 +3,7 @@ standard input and output. Knows no op of the protocol."""
 
 from __future__ import annotations
 
-from rwt_transports.api import Listener, OversizeAware
+from rwt_transports.api import OversizeAware
 from rwt_transports.endpoint import Accept, DropReason, Endpoint, Flow, FlowRules, PeerInfo, Sink, Traffic
 from rwt_transports.errors import BadUrl, ListenError, Refused, TransportError
 from rwt_transports.http.routes import (
@@ -16,7 +16,7 @@ from rwt_transports.http.routes import (
     Routes,
 )
 from rwt_transports.limits import Limits
-from rwt_transports.listener import listen
+from rwt_transports.listener import Listener, listen
 
 __all__ = [
     "listen",

@@ -331,19 +331,3 @@ class Driver(Protocol):
         Raises:
             ListenError: the address is not available.
         """
-
-
-class Listener(Protocol):
-    """Open listener."""
-
-    @property
-    def url(self) -> str:
-        """URL with the actual port."""
-
-    @property
-    def connections(self) -> int:
-        """Number of connected peers, including plain HTTP."""
-
-    async def ended(self) -> None:
-        """Wait until nothing is left to serve: the end of standard input for ``stdio:``, otherwise
-        forever."""

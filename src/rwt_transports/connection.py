@@ -201,7 +201,7 @@ class ListenerState:
             self.ended.set()
 
 
-class _State(Enum):
+class _ConnectionState(Enum):
     OPENING = "opening"
     OPEN = "open"
     CLOSING = "closing"
@@ -209,10 +209,10 @@ class _State(Enum):
 
 
 _TRANSITIONS: Final = {
-    _State.OPENING: {_State.OPEN, _State.CLOSING, _State.LOST},
-    _State.OPEN: {_State.CLOSING, _State.LOST},
-    _State.CLOSING: {_State.CLOSING, _State.LOST},
-    _State.LOST: set[_State](),
+    _ConnectionState.OPENING: {_ConnectionState.OPEN, _ConnectionState.CLOSING, _ConnectionState.LOST},
+    _ConnectionState.OPEN: {_ConnectionState.CLOSING, _ConnectionState.LOST},
+    _ConnectionState.CLOSING: {_ConnectionState.CLOSING, _ConnectionState.LOST},
+    _ConnectionState.LOST: set[_ConnectionState](),
 }
 
 
@@ -258,7 +258,7 @@ class Connection:
         self, state: ListenerState, link: Link, address: str, port: int, terms: DeflateTerms | None = None
     ) -> None:
         limits = state.limits
-        self._state = _State.OPENING
+        self._state = _ConnectionState.OPENING
         self._listener = state
         self._link = link
         self._hang_up_aware = link if isinstance(link, HangUpAware) else None
@@ -281,14 +281,14 @@ class Connection:
         self._is_paused = False
         self._is_probed = False
 
-    def _become(self, state: _State) -> None:
+    def _become(self, state: _ConnectionState) -> None:
         assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
         self._state = state
 
     @property
     def _is_ending(self) -> bool:
         """True if the connection is closing or lost."""
-        return self._state in (_State.CLOSING, _State.LOST)
+        return self._state in (_ConnectionState.CLOSING, _ConnectionState.LOST)
 
     def begin(self) -> None:
         """Open, on a transport without a handshake."""
@@ -334,7 +334,7 @@ class Connection:
     def eof(self) -> None:
         """Begin to close: the peer sends nothing more."""
         self._end_endpoint(ABNORMAL, "the peer went away without a word")
-        self._become(_State.CLOSING)
+        self._become(_ConnectionState.CLOSING)
         # A peer that only closed its sending side still gets the pending answers.
         self.outbox.when_empty(self._link.close)
 
@@ -343,7 +343,7 @@ class Connection:
         self._listener.detach(self)
         self._listener.buffers.release(self._wire)
         self._listener.buffers.is_read(self._wire)
-        self._become(_State.LOST)
+        self._become(_ConnectionState.LOST)
         self.outbox.discard()
         self._end_endpoint(ABNORMAL, "the connection was lost")
         # Break the cycles: they would live until a full garbage collection.
@@ -356,7 +356,7 @@ class Connection:
         """Close after sending the control lane. A no-op if the connection is closing or lost."""
         if self._is_ending:
             return
-        self._become(_State.CLOSING)
+        self._become(_ConnectionState.CLOSING)
         self._closed_with = (code, reason)
         last = self._wire.close(code, reason)
         self.outbox.finish(last)
@@ -425,7 +425,7 @@ class Connection:
 
     def ended(self, code: int, reason: str, *, agreed: bool) -> None:
         """Close; half-close if the peer broke the protocol, so that it can still read why."""
-        self._become(_State.CLOSING)
+        self._become(_ConnectionState.CLOSING)
         if not agreed:
             logger.info("closing %s: %s", self, reason)
         self._end_endpoint(*(self._closed_with or (code, reason)))
@@ -436,8 +436,8 @@ class Connection:
     def open(self, peer: PeerInfo) -> None:
         """Get an endpoint from the accept function, and raise what it raises."""
         endpoint = self._listener.accept(self.outbox, peer)
-        if self._state is _State.OPENING:  # The accept function may have closed the connection.
-            self._become(_State.OPEN)
+        if self._state is _ConnectionState.OPENING:  # The accept function may have closed the connection.
+            self._become(_ConnectionState.OPEN)
         self._set_endpoint(endpoint)
 
     def _set_endpoint(self, endpoint: Endpoint) -> None:

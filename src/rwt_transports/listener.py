@@ -19,8 +19,12 @@ from rwt_transports.schemes import parse_listen_url
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 
-class OpenListener:
-    """Open listener. Implements :class:`rwt_transports.api.Listener`."""
+class Listener:
+    """Open listener.
+
+    Attributes:
+        url: URL with the actual port.
+    """
 
     __slots__ = ("_state", "url")
 
@@ -34,8 +38,8 @@ class OpenListener:
         return len(self._state.connections)
 
     async def ended(self) -> None:
-        """Wait until the listener has nothing left to serve. That of ``stdio:`` ends with its one peer, any
-        other when its block is left."""
+        """Wait until nothing is left to serve: the end of standard input for ``stdio:``, otherwise the end of
+        the block."""
         await self._state.ended.wait()
 
 
@@ -56,7 +60,7 @@ async def listen(
     tls: SSLContext | None = None,
     bson: bool = False,
     shared: bool = False,
-) -> AsyncIterator[OpenListener]:
+) -> AsyncIterator[Listener]:
     """Accept peers on `url` within the block, for example ``ws://127.0.0.1:9090``; port 0 picks a free one.
 
     Leaving the block closes every peer with 1001 and waits up to ``limits.close_seconds`` for them.
@@ -115,7 +119,7 @@ async def listen(
         is_held_back=state.buffers.has_much_unread,
     )
     async with _serving(driver or scheme.driver(), bound, state) as port:
-        yield OpenListener(target.with_port(port), state)
+        yield Listener(target.with_port(port), state)
 
 
 @asynccontextmanager

@@ -12,7 +12,7 @@ from rwt_transports import Limits, listen
 from rwt_transports.drivers.sockets import UNSENT_BYTES
 from rwt_transports.endpoint import Endpoint, Flow, PeerInfo, Sink
 from rwt_transports.limits import READY_BYTES
-from rwt_transports.listener import OpenListener
+from rwt_transports.listener import Listener
 from rwt_transports.outbox import SLICE_BYTES
 
 pytestmark = [pytest.mark.anyio, pytest.mark.parametrize("anyio_backend", ["asyncio", "trio"])]
@@ -46,7 +46,7 @@ class Hub:
         self.closings.append((code, reason))
 
 
-async def _join(listener: OpenListener) -> ByteStream:
+async def _join(listener: Listener) -> ByteStream:
     stream = await anyio.connect_tcp("127.0.0.1", int(listener.url.rpartition(":")[2]))
     await stream.send(REQUEST)
     head = b""

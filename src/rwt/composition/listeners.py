@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from rwt.observability.metrics import ServerMetrics
     from rwt.settings.models import Settings
     from rwt.workers.worker import WorkerContext
-    from rwt_transports.api import Listener
     from rwt_transports.asgi import AsgiListener, AsgiMount
     from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
     from rwt_transports.http.routes import Routes
+    from rwt_transports.listener import Listener
     from rwt_transports.relay.dial import RelayStatus
     from rwt_transports.webrtc.signalling import Peers
 

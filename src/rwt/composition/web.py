@@ -16,7 +16,7 @@ from rwt.web import MISSING, WebPage, WebPageError, find_static_files
 from rwt_transports.endpoint import PeerInfo, Sink
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import HttpRequest, HttpResponse, Page, Routes
-from rwt_transports.listener import OpenListener, listen
+from rwt_transports.listener import Listener, listen
 
 _HERE_IS_NO_ROBOT: Final = "there is no robot here: this port serves the page alone"
 
@@ -43,7 +43,7 @@ async def serve_page(
     layouts: Path | None = None,
     hosts: Iterable[str] = (),
     tls: SSLContext | None = None,
-) -> AsyncIterator[OpenListener]:
+) -> AsyncIterator[Listener]:
     """Serve the page within the block.
 
     Args:

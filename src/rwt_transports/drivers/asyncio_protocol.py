@@ -95,7 +95,7 @@ def _share_of(is_held_back: Callable[[], bool]) -> _LoopShare:
     return _shares.setdefault((asyncio.get_running_loop(), is_held_back), _LoopShare(is_held_back))
 
 
-class _State(Enum):
+class _LinkState(Enum):
     NEW = "new"
     OPEN = "open"
     ENDING = "ending"
@@ -104,11 +104,11 @@ class _State(Enum):
 
 
 _TRANSITIONS: Final = {
-    _State.NEW: {_State.OPEN},
-    _State.OPEN: {_State.ENDING, _State.LOST},
-    _State.ENDING: {_State.OPEN, _State.CUT},
-    _State.CUT: {_State.LOST},
-    _State.LOST: set[_State](),
+    _LinkState.NEW: {_LinkState.OPEN},
+    _LinkState.OPEN: {_LinkState.ENDING, _LinkState.LOST},
+    _LinkState.ENDING: {_LinkState.OPEN, _LinkState.CUT},
+    _LinkState.CUT: {_LinkState.LOST},
+    _LinkState.LOST: set[_LinkState](),
 }
 
 
@@ -151,7 +151,7 @@ class _Link(asyncio.BufferedProtocol):
     )  # fmt: skip
 
     def __init__(self, attach: Attach, share: _LoopShare) -> None:
-        self._state = _State.NEW
+        self._state = _LinkState.NEW
         self._attach = attach
         self._callbacks: DriverCallbacks = NO_CALLBACKS
         self._gathering: Gathering | None = None
@@ -167,7 +167,7 @@ class _Link(asyncio.BufferedProtocol):
         self._writable = False
         self._resuming = False
 
-    def _become(self, state: _State) -> None:
+    def _become(self, state: _LinkState) -> None:
         assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
         self._state = state
 
@@ -183,7 +183,7 @@ class _Link(asyncio.BufferedProtocol):
         # Only here: on a link that never connects, it would be a reference cycle.
         self.wake = partial(self._share.writing.wait, self.flush)
         self._tls = transport.get_extra_info("sslcontext") is not None
-        self._become(_State.OPEN)
+        self._become(_LinkState.OPEN)
         self._writable = True
         if self._tls:
             spare_buffers(transport)
@@ -252,7 +252,7 @@ class _Link(asyncio.BufferedProtocol):
     def eof_received(self) -> bool:
         """Report the end of stream, after pending bytes. Returns True (keep open), except under TLS."""
         if self._late or self._is_paused:  # Under TLS the end can arrive together with the last bytes.
-            self._become(_State.ENDING)
+            self._become(_LinkState.ENDING)
         else:
             self._callbacks.eof()
         return not self._tls
@@ -260,8 +260,8 @@ class _Link(asyncio.BufferedProtocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """Report the loss; if an end of stream is pending, after it."""
         self._writable = False
-        if self._state is _State.ENDING:
-            self._become(_State.CUT)
+        if self._state is _LinkState.ENDING:
+            self._become(_LinkState.CUT)
         else:
             self._late = 0
             self._lose()
@@ -270,16 +270,16 @@ class _Link(asyncio.BufferedProtocol):
         """Report a pending end of stream, once the bytes before it are delivered."""
         if self._late or self._is_paused:
             return
-        if self._state is _State.ENDING:
-            self._become(_State.OPEN)
+        if self._state is _LinkState.ENDING:
+            self._become(_LinkState.OPEN)
             self._callbacks.eof()
-        elif self._state is _State.CUT:
+        elif self._state is _LinkState.CUT:
             self._callbacks.eof()
             self._lose()
 
     def _lose(self) -> None:
         """Report the loss and drop all references: a cycle would live until a full garbage collection."""
-        self._become(_State.LOST)
+        self._become(_LinkState.LOST)
         callbacks, self._callbacks, self._gathering = self._callbacks, NO_CALLBACKS, None
         self.wake = _nothing
         if self._tls:
@@ -437,14 +437,16 @@ class _Link(asyncio.BufferedProtocol):
     def resume(self) -> None:
         """Resume reading."""
         self._is_paused = False
-        if self._state in (_State.ENDING, _State.CUT):
+        if self._state in (_LinkState.ENDING, _LinkState.CUT):
             self._share.loop.call_soon(self._end)  # Not immediately: the caller delivers buffered data first.
-        elif self._state is _State.OPEN and not self._late:
+        elif self._state is _LinkState.OPEN and not self._late:
             self._transport.resume_reading()
 
     def hang_up(self) -> HangUp:
         """Return whether the peer has hung up. While reading is paused, nothing else shows it."""
-        return hang_up_of(self._socket) if self._state in (_State.OPEN, _State.ENDING) else HangUp.GONE
+        return (
+            hang_up_of(self._socket) if self._state in (_LinkState.OPEN, _LinkState.ENDING) else HangUp.GONE
+        )
 
 
 def _nothing() -> None:

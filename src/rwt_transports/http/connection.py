@@ -26,7 +26,7 @@ logger = logging.getLogger("rwt_transports.http")
 access = logging.getLogger("rwt_transports.access")
 
 
-class _State(Enum):
+class _HttpState(Enum):
     READING = "reading"
     WAITING = "waiting"
     ANSWERING = "answering"
@@ -35,10 +35,10 @@ class _State(Enum):
 
 
 _TRANSITIONS: Final = {
-    _State.READING: {_State.READING, _State.WAITING, _State.ANSWERING},
-    _State.WAITING: {_State.READING},
-    _State.ANSWERING: {_State.READING, _State.STREAMING},
-    _State.STREAMING: {_State.ANSWERING},
+    _HttpState.READING: {_HttpState.READING, _HttpState.WAITING, _HttpState.ANSWERING},
+    _HttpState.WAITING: {_HttpState.READING},
+    _HttpState.ANSWERING: {_HttpState.READING, _HttpState.STREAMING},
+    _HttpState.STREAMING: {_HttpState.ANSWERING},
 }
 
 
@@ -81,7 +81,7 @@ class HttpConnection:
     """
 
     def __init__(self, routes: Routes, state: ListenerState, link: Link, address: str, port: int) -> None:
-        self._state = _State.READING
+        self._state = _HttpState.READING
         self._routes = routes
         self._listener = state
         self._limits = limits = state.limits
@@ -102,19 +102,21 @@ class HttpConnection:
         self._stalled: float | None = None
         self._taken = 0
 
-    def _become(self, state: _State) -> None:
+    def _become(self, state: _HttpState) -> None:
         """Change the state, unless the connection has ended."""
         if not self._is_over:
-            assert state is _State.ENDED or state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
+            assert state is _HttpState.ENDED or state in _TRANSITIONS[self._state], (
+                f"{self._state} -> {state}"
+            )
             self._state = state
 
     @property
     def _is_over(self) -> bool:
-        return self._state is _State.ENDED
+        return self._state is _HttpState.ENDED
 
     @property
     def _is_answering(self) -> bool:
-        return self._state in (_State.ANSWERING, _State.STREAMING)
+        return self._state in (_HttpState.ANSWERING, _HttpState.STREAMING)
 
     # -- the driver's side ---------------------------------------------------------------------------------
 
@@ -123,14 +125,14 @@ class HttpConnection:
         if self._is_over:
             return
         self.outbox.received += len(data)
-        if self._state is not _State.READING:
+        if self._state is not _HttpState.READING:
             self._ahead += len(data)
             if self._ahead > self._limits.http_header_bytes + self._limits.http_body_bytes:
                 self._overflow("too many requests before the answer to the first (http_body_bytes)")
                 return
         try:
             self._h11.receive_data(data)
-            if self._state is _State.READING:
+            if self._state is _HttpState.READING:
                 self._go_on()
         except Exception:
             log_exception("a route or the handshake failed; cutting %s", self)
@@ -152,12 +154,12 @@ class HttpConnection:
         connection.
         """
         self._half_closed = True
-        if self._state in (_State.READING, _State.STREAMING):
+        if self._state in (_HttpState.READING, _HttpState.STREAMING):
             self._end()
 
     def lost(self) -> None:
         """Release everything: the link is gone."""
-        self._become(_State.ENDED)
+        self._become(_HttpState.ENDED)
         self._listener.detach(self)
         self.outbox.discard()
         if self._scope is not None:
@@ -178,12 +180,12 @@ class HttpConnection:
 
     def close(self, code: int, reason: str) -> None:
         """Close after the pending answer; end a stream."""
-        if self._state is not _State.ANSWERING:
+        if self._state is not _HttpState.ANSWERING:
             self._end()
 
     def abort(self) -> None:
         """Cut the connection."""
-        self._become(_State.ENDED)
+        self._become(_HttpState.ENDED)
         self._link.abort()
 
     def tick(self, now: float) -> None:
@@ -224,7 +226,7 @@ class HttpConnection:
         """Read the next request, in a turn with time for it."""
         turns = self._listener.requests
         if turns.must_wait:
-            self._become(_State.WAITING)
+            self._become(_HttpState.WAITING)
             turns.wait(self._take_waiting)
         else:
             turns.do(self._take_requests)
@@ -232,10 +234,10 @@ class HttpConnection:
     def _take_waiting(self) -> None:
         if self._is_over:
             return
-        self._become(_State.READING)
+        self._become(_HttpState.READING)
         try:
             self._take_requests()
-            if self._half_closed and self._state is _State.READING:
+            if self._half_closed and self._state is _HttpState.READING:
                 self._end()  # The end of stream arrived before, see eof().
         except Exception:
             log_exception("a route failed; cutting %s", self)
@@ -249,7 +251,7 @@ class HttpConnection:
         self._ahead = len(self._h11.trailing_data[0]) if self._is_answering else 0
 
     def _next_events(self) -> None:
-        while self._state is _State.READING:
+        while self._state is _HttpState.READING:
             event = self._h11.next_event()
             if event is h11.NEED_DATA:
                 self._continue_if_asked()
@@ -367,7 +369,7 @@ class HttpConnection:
             log_exception("the accept function failed for %s", self)
             refusal = _INTERNAL_ERROR
         else:
-            self._become(_State.ENDED)
+            self._become(_HttpState.ENDED)
             self._log_access(101, None)
             state.replace(self, connection, self._link)
             rest = self._h11.trailing_data[0]
@@ -397,25 +399,25 @@ class HttpConnection:
             else:
                 # Following requests wait: a client gets no more answers than it reads, and requests that
                 # arrived together do not share one turn.
-                self._become(_State.ANSWERING)
+                self._become(_HttpState.ANSWERING)
                 self.outbox.when_empty(self._taken_whole)
         else:
             tasks = self._listener.tasks
             if tasks is None:
                 raise RuntimeError("the listener is not open")
-            self._become(_State.ANSWERING)
+            self._become(_HttpState.ANSWERING)
             tasks.start_soon(self._respond_in_scope, response)
 
     def _taken_whole(self) -> None:
         """Continue behind the request whose answer the network has accepted."""
-        self._become(_State.READING)
+        self._become(_HttpState.READING)
         try:
             self._responded()
         except Exception:
             log_exception("an HTTP answer failed; cutting %s", self)
             self.abort()
             return
-        self._become(_State.WAITING)
+        self._become(_HttpState.WAITING)
         self._listener.requests.wait(self._take_waiting)
 
     async def _respond_in_scope(self, response: HttpResponse | Awaitable[HttpResponse]) -> None:
@@ -439,13 +441,13 @@ class HttpConnection:
                 await self._drained()
         else:
             await self._stream(response, response.body)
-        self._become(_State.READING)
+        self._become(_HttpState.READING)
         self._responded()
         self._go_on()
 
     async def _stream(self, response: HttpResponse, chunks: AsyncIterator[bytes]) -> None:
         self._send_head(response, None)
-        self._become(_State.STREAMING)
+        self._become(_HttpState.STREAMING)
         try:
             if self._half_closed:
                 self._end()  # The end of stream arrived before the stream began, see eof().
@@ -463,7 +465,7 @@ class HttpConnection:
         else:
             self._send(h11.EndOfMessage())
         finally:
-            self._become(_State.ANSWERING)
+            self._become(_HttpState.ANSWERING)
             await close_iterator(chunks)
 
     async def _drained(self) -> None:
@@ -538,7 +540,7 @@ class HttpConnection:
 
     def _end(self) -> None:
         if not self._is_over:
-            self._become(_State.ENDED)
+            self._become(_HttpState.ENDED)
             self._deadline = None
             self.outbox.when_empty(self._link.close)
 

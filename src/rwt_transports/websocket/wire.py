@@ -213,16 +213,16 @@ class _Head:
         return True
 
 
-class _State(Enum):
+class _WireState(Enum):
     OPEN = "open"
     CLOSING = "closing"
     ENDED = "ended"
 
 
 _TRANSITIONS: Final = {
-    _State.OPEN: {_State.CLOSING, _State.ENDED},
-    _State.CLOSING: {_State.ENDED},
-    _State.ENDED: set[_State](),
+    _WireState.OPEN: {_WireState.CLOSING, _WireState.ENDED},
+    _WireState.CLOSING: {_WireState.ENDED},
+    _WireState.ENDED: set[_WireState](),
 }
 
 
@@ -294,7 +294,7 @@ class WebSocketWire:
         self._strict = strict_utf8
         self._buffers = ReceiveBufferPool() if buffers is None else buffers
         self.message: Callable[[bytes, bool], None] = _ignore
-        self._state = _State.OPEN
+        self._state = _WireState.OPEN
         self._progress = _Message.NONE
         self._is_usual = server
         self._parts = bytearray()
@@ -306,7 +306,7 @@ class WebSocketWire:
         self._skip_last = False
         self._is_held = False
 
-    def _become(self, state: _State) -> None:
+    def _become(self, state: _WireState) -> None:
         assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
         self._state = state
 
@@ -319,15 +319,15 @@ class WebSocketWire:
 
     def close(self, code: int, reason: str) -> bytes:
         """Start the closing handshake (RFC 6455 section 7.1.2). Returns nothing if it has begun already."""
-        if self._state is not _State.OPEN:
+        if self._state is not _WireState.OPEN:
             return b""
-        self._become(_State.CLOSING)
+        self._become(_WireState.CLOSING)
         self.message = _ignore
         return pack(CLOSE, close_payload(code, reason), masked=not self._server)
 
     def ping(self) -> bytes:
         """Return a ping without content (RFC 6455 section 5.5.2)."""
-        return b"" if self._state is not _State.OPEN else pack(PING, b"", masked=not self._server)
+        return b"" if self._state is not _WireState.OPEN else pack(PING, b"", masked=not self._server)
 
     # -- incoming ------------------------------------------------------------------------------------------
 
@@ -341,7 +341,7 @@ class WebSocketWire:
                 data = self._tail + data
                 self._tail = b""
             end = len(data)
-            while position < end and self._state is not _State.ENDED:
+            while position < end and self._state is not _WireState.ENDED:
                 if self._is_held:
                     self._tail = data[position:]
                     return
@@ -387,10 +387,10 @@ class WebSocketWire:
         self._fail(POLICY, reason)
 
     def _fail(self, code: int, reason: str) -> None:
-        if self._state is _State.ENDED:
+        if self._state is _WireState.ENDED:
             return
         answer = self.close(code, reason)
-        self._become(_State.ENDED)
+        self._become(_WireState.ENDED)
         self._buffers.release(self)
         self._staged = None
         self._parts = bytearray()
@@ -503,7 +503,7 @@ class WebSocketWire:
         total = len(self._parts) + size
         if total <= self._max_size:
             return True
-        if self._state is not _State.OPEN or not self._events.oversized(total):
+        if self._state is not _WireState.OPEN or not self._events.oversized(total):
             raise ProtocolViolation(
                 TOO_BIG,
                 f"a message of {total} bytes; the limit is {self._max_size} (max_message_size)",
@@ -564,7 +564,7 @@ class WebSocketWire:
     def _frame(self, first: int, payload: bytes) -> None:
         opcode = first & 0x0F
         if opcode == PING:
-            if self._state is _State.OPEN:
+            if self._state is _WireState.OPEN:
                 self._events.pong(pack(PONG, payload, masked=not self._server))
         elif opcode == CLOSE:
             self._close_frame(payload)
@@ -613,7 +613,7 @@ class WebSocketWire:
         """End the connection: the peer closes, or agrees to (RFC 6455 sections 5.5.1 and 7.4)."""
         code, reason = _parse_close(payload)
         answer = self.close(code, reason)
-        self._become(_State.ENDED)
+        self._become(_WireState.ENDED)
         if answer:
             self._events.answer(answer)
         self._events.ended(code, reason, agreed=True)

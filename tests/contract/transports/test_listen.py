@@ -39,7 +39,7 @@ from rwt_transports.drivers.anyio_stream import AnyioDriver
 from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
 from rwt_transports.drivers.standard_streams import DescriptorStream, StandardStreamsDriver
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
-from rwt_transports.listener import OpenListener
+from rwt_transports.listener import Listener
 
 pytestmark = pytest.mark.anyio
 
@@ -270,7 +270,7 @@ class Site:
     @asynccontextmanager
     async def listen(
         self, limits: Limits | None = None, routes: Routes | None = None
-    ) -> AsyncIterator[OpenListener]:
+    ) -> AsyncIterator[Listener]:
         tls = None
         if self.scheme in ("wss", "tcps"):
             tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
@@ -296,13 +296,13 @@ class Site:
         self.pipes = [(ours[0], theirs[1]), (theirs[0], ours[1])]
         return StandardStreamsDriver(self.pipes[0])
 
-    async def exit_with(self, listener: OpenListener) -> None:
+    async def exit_with(self, listener: Listener) -> None:
         """What a process does with its pipes when what it serves is over."""
         await listener.ended()
         for each in self.pipes[0]:
             os.close(each)
 
-    async def stream(self, listener: OpenListener) -> ByteStream:
+    async def stream(self, listener: Listener) -> ByteStream:
         if self.scheme == "unix":
             return await anyio.connect_unix(self.path)
         if self.scheme == "stdio":
@@ -316,7 +316,7 @@ class Site:
         )
 
     @asynccontextmanager
-    async def client(self, listener: OpenListener) -> AsyncIterator[Client]:
+    async def client(self, listener: Listener) -> AsyncIterator[Client]:
         if self.scheme == "udp":
             port = int(listener.url.rpartition(":")[2])
             async with await anyio.create_connected_udp_socket("127.0.0.1", port) as socket:

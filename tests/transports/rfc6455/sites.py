@@ -26,7 +26,7 @@ from rwt_transports.drivers.anyio_stream import AnyioDriver
 from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
 from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
 from rwt_transports.http.connection import HttpConnection
-from rwt_transports.listener import OpenListener
+from rwt_transports.listener import Listener
 from rwt_transports.websocket.extensions import Deflate
 from rwt_transports.websocket.wire import websocket_server
 from tests.memory_pipe import MemoryPipe
@@ -199,7 +199,7 @@ def over_sockets(stack: str) -> Iterator[Exchange]:
         ports: dict[str, int] = {}
         for name, site in SITES.items():
             # The driver looks for its event loop when it opens, which is in the portal's thread.
-            opening: AbstractAsyncContextManager[OpenListener] = listen(
+            opening: AbstractAsyncContextManager[Listener] = listen(
                 "ws://127.0.0.1:0", site.accept, limits=site.limits, driver=make_driver()
             )
             listener = listeners.enter_context(portal.wrap_async_context_manager(opening))
