@@ -9,10 +9,19 @@ from urllib.parse import quote
 
 import anyio
 
-from rwt_transports.asgi.messages import asgi_messages
+from rwt_transports.asgi.messages import (
+    BINARY,
+    CLOSE,
+    HEADER,
+    TEXT,
+    KindCutter,
+    asgi_messages,
+    close_bytes,
+    close_of,
+)
 from rwt_transports.asgi.types import Receive, Scope, Send
-from rwt_transports.asgi.websocket import AsgiLink
 from rwt_transports.connection import Connection, ListenerState
+from rwt_transports.drivers.task_link import TaskLink
 from rwt_transports.endpoint import Accept, PeerInfo
 from rwt_transports.errors import Refused, log_exception
 from rwt_transports.http.connection import SAFE_HEADERS, close_iterator
@@ -27,7 +36,7 @@ from rwt_transports.http.routes import (
     refusal_as_text,
 )
 from rwt_transports.limits import AddressCount, Limits
-from rwt_transports.websocket.close_codes import POLICY
+from rwt_transports.websocket.close_codes import NO_STATUS, POLICY, may_travel
 from rwt_transports.websocket.handshake import choose_subprotocol
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
@@ -37,6 +46,76 @@ _NOT_RUNNING = (
     "the robot's server does not run: enter it in the lifespan of the app that this is mounted in"
     " (`async with server:`)\n"
 )
+
+
+class AsgiLink(TaskLink):
+    """Accepted WebSocket of one scope.
+
+    The writing task awaits the ASGI server's backpressure. Meanwhile, the connection's outbox queues frames
+    within its limits.
+
+    Args:
+        receive: function of the scope.
+        send: function of the scope.
+    """
+
+    __slots__ = ("_receive", "_send")
+
+    def __init__(self, receive: Receive, send: Send) -> None:
+        super().__init__()
+        self._receive = receive
+        self._send = send
+
+    def finish(self) -> None:
+        """Close: a WebSocket cannot half-close."""
+        self.close()
+
+    async def _read(self) -> None:
+        receive = self._callbacks.receive
+        while True:
+            await self._reading.wait()
+            event = await self._receive()
+            if event["type"] == "websocket.receive":
+                text = event.get("text")
+                # surrogatepass: a server that decodes leniently must not cost the connection.
+                data = event["bytes"] if text is None else text.encode("utf-8", "surrogatepass")
+                receive(HEADER.pack(BINARY if text is None else TEXT, len(data)))
+                receive(data)
+            elif event["type"] == "websocket.disconnect":
+                code = event.get("code") or NO_STATUS
+                data = close_bytes(code, event.get("reason") or "")
+                receive(HEADER.pack(CLOSE, len(data)))
+                receive(data)
+                self.close()
+                return
+
+    async def _write(self) -> None:
+        cutter = KindCutter(self._callbacks.take)
+        while not self._closing:
+            await self._woken()
+            while (message := cutter.next_of_kind()) is not None:
+                kind, data = message
+                if kind == CLOSE:
+                    await self._send_close(*close_of(data))
+                    return
+                try:
+                    await self._send(_event(kind, data))
+                except OSError:  # The client is gone; the specification lets servers raise this.
+                    return
+                self._callbacks.progress()
+
+    async def _send_close(self, code: int, reason: str) -> None:
+        code = code if may_travel(code) else 1000
+        try:
+            await self._send({"type": "websocket.close", "code": code, "reason": reason})
+        except (OSError, RuntimeError):  # Some servers raise this if the client is gone.
+            return
+
+
+def _event(kind: int, data: bytes) -> dict[str, object]:
+    if kind == BINARY:
+        return {"type": "websocket.send", "bytes": data}
+    return {"type": "websocket.send", "text": data.decode("utf-8", "replace")}
 
 
 class AsgiListener:

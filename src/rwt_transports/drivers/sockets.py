@@ -24,21 +24,20 @@ logger = logging.getLogger("rwt_transports")
 Accepted = TypeVar("Accepted")
 
 UNSENT_BYTES = 512 * 1024
-"""Bytes of one connection that the kernel may hold unsent, those in flight apart. By default it takes
-megabytes, and each of them stands between a slow peer and the newest sample."""
+"""Unsent bytes of one connection in the kernel, not counting those in flight. The default is megabytes, all
+of which delay the newest sample to a slow peer."""
 KEEPALIVE_SECONDS = 60
-"""Silence after which the system asks whether the peer's machine is still there."""
+"""Silence after which the system probes the peer's machine."""
 
 ACCEPT_PAUSE_SECONDS = 0.5
-"""Rest after a connection could not be accepted, as when the process has all the descriptors it may have."""
-COMPLAINT_SECONDS = 60.0
-"""Between two lines of the log that say so."""
-MOST_DESCRIPTORS = 1 << 20
-"""More are not asked for: programs that close them one by one before they start another would take long."""
+"""Pause after a connection could not be accepted, for example because no descriptors are left."""
+LOG_SECONDS = 60.0
+"""Minimum interval between log lines about this, in seconds."""
+MAX_DESCRIPTORS = 1 << 20
+"""Limit to request at most: programs that close all descriptors one by one before a fork would take long."""
 
-MOST_HANDSHAKES = 256
-"""Handshakes in TLS that one listener has under way at a time, from all addresses together. Each takes some
-hundred kilobytes."""
+MAX_HANDSHAKES = 256
+"""Maximum number of pending TLS handshakes of one listener. Each takes some hundred kilobytes."""
 
 
 def hang_up_of(file: int) -> HangUp:
@@ -61,7 +60,7 @@ class Handshakes:
     One that its peer goes on with takes milliseconds, so that the oldest is one that nobody goes on with.
     """
 
-    def __init__(self, most: int = MOST_HANDSHAKES) -> None:
+    def __init__(self, most: int = MAX_HANDSHAKES) -> None:
         self._most = most
         self._open: dict[anyio.CancelScope, None] = {}
 
@@ -83,21 +82,19 @@ class Handshakes:
 async def accept_peers(
     accept: Callable[[], Awaitable[Accepted]], begin: Callable[[Accepted], object]
 ) -> None:
-    """Call `begin` with what `accept` gives, again and again, until cancelled or the listener is closed.
+    """Call `begin` with each result of `accept`, until cancelled or the listener is closed.
 
-    One in each turn of the loop, however many have come: what begins with each is work.
-
-    A connection that cannot be accepted costs a pause: who has no descriptors left waits until some are free,
-    and the peers wait in the kernel's queue.
+    Accepts one connection per turn of the event loop, because each causes work. If a connection cannot be
+    accepted, pauses until descriptors are free; peers wait in the kernel's queue.
     """
-    complained = -COMPLAINT_SECONDS
+    complained = -LOG_SECONDS
     while True:
         try:
             accepted = await accept()
         except anyio.ClosedResourceError:
             return
         except (OSError, anyio.BrokenResourceError) as error:
-            if (now := time.monotonic()) - complained >= COMPLAINT_SECONDS:
+            if (now := time.monotonic()) - complained >= LOG_SECONDS:
                 complained = now
                 reason = error if isinstance(error, OSError) else error.__cause__
                 logger.warning("no connection can be accepted for now: %s", reason)
@@ -108,13 +105,13 @@ async def accept_peers(
 
 
 def raise_descriptor_limit() -> None:
-    """Let this process have as many open files and connections as the system allows it (`ulimit -Hn`)."""
+    """Raise the limit of open files and connections to what the system allows (`ulimit -Hn`)."""
     try:
         import resource
     except ImportError:  # Windows has no such limit.
         return
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    wanted = MOST_DESCRIPTORS if hard == resource.RLIM_INFINITY else min(hard, MOST_DESCRIPTORS)
+    wanted = MAX_DESCRIPTORS if hard == resource.RLIM_INFINITY else min(hard, MAX_DESCRIPTORS)
     if soft == resource.RLIM_INFINITY or soft >= wanted:
         return
     try:
