@@ -23,8 +23,10 @@ from rwt_interfaces.struct_fields import struct_field, time_struct
 if TYPE_CHECKING:
     from rwt_interfaces.registry import Registry
     from rwt_interfaces.serialise.json import JsonCodec
-    from rwt_interfaces.serialise.long_strings import Chunks, Parts, Steps
+    from rwt_interfaces.serialise.long_lists import Chunks
+    from rwt_interfaces.serialise.long_strings import Parts
     from rwt_interfaces.serialise.splice import LengthHead, Place
+    from rwt_interfaces.steps import Steps
     from rwt_interfaces.validation.lenient_decoder import LenientDecoder
     from rwt_interfaces.validation.quick_completion import QuickCompletion
 

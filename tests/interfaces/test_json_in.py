@@ -405,14 +405,14 @@ def test_the_quick_check_of_large_texts_accepts_what_the_plain_one_does(
     raw = text.encode()[: len(text.encode()) - cut]
     patch = pytest.MonkeyPatch()
     with patch.context() as small:
-        small.setattr(payload_form, "LARGE", 1 << 30)
+        small.setattr(payload_form, "LONG_STRING_BYTES", 1 << 30)
         plain = accepts(name, raw)
         small.setattr(long_strings, "BASE64_PIECE", 16)
         small.setattr(long_strings, "TEXT_PIECE", 16)
         for margin, at_once in product((12, 24, 60), (0, 1 << 20)):
             small.setattr(long_strings, "MARGIN", margin)
             small.setattr(long_strings, "_AT_ONCE", at_once)
-            small.setattr(payload_form, "LARGE", 4 * margin)
+            small.setattr(payload_form, "LONG_STRING_BYTES", 4 * margin)
             assert accepts(name, raw) == plain
 
 

@@ -23,7 +23,8 @@ from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import Array, Message
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
-from rwt_interfaces.serialise import array_regions, cbor, long_arrays, long_strings, pack, splice
+from rwt_interfaces.serialise import cbor, large_json, long_lists, long_strings, pack, splice
+from rwt_interfaces.steps import finished
 from rwt_interfaces.structs import MessageType
 from rwt_interfaces.validation.mismatch import has_lone_surrogate
 
@@ -184,15 +185,14 @@ def test_to_splice_is_to_decode_and_encode(
     with pytest.MonkeyPatch().context() as small:
         small.setattr(long_strings, "BASE64_PIECE", 64)
         small.setattr(long_strings, "TEXT_PIECE", 64)
-        small.setattr(payload_form, "LARGE", 1)
-        small.setattr(payload_form, "PIECE", 1)
-        small.setattr(array_regions, "LARGE", 1)
-        small.setattr(long_arrays, "PIECE", piece)
-        small.setattr(long_arrays, "SLOW_PIECE", piece // 2)
+        for limit in ("LONG_STRING_BYTES", "WHOLE_BYTES", "SLOW_BYTES", "LONG_FORMS_BYTES"):
+            small.setattr(payload_form, limit, 1)
+        small.setattr(large_json, "CHUNK_BYTES", piece)
+        small.setattr(large_json, "SLOW_CHUNK_BYTES", piece // 2)
         small.setattr(long_strings, "_LONG_PART", piece)
-        for module in (long_strings, long_arrays, cbor, pack):
+        for module in (long_lists, large_json, cbor, pack):
             small.setattr(module, "FEW", 2)
-        small.setattr(long_strings, "NUMBERS", 3)
+        small.setattr(long_lists, "MANY_NUMBERS", 3)
         small.setattr(splice, "LONG_TEXT", 20)
         small.setattr(splice, "_TEXT_STEP", 7)
         for take in (
@@ -206,7 +206,7 @@ def test_to_splice_is_to_decode_and_encode(
 
 
 def _prepared(payload: Payload) -> Payload:
-    long_strings.finished(payload.prepare(("json", "cbor", "serialised")))
+    finished(payload.prepare(("json", "cbor", "serialised")))
     return payload
 
 
@@ -231,9 +231,12 @@ def test_one_byte_changed_is_found_wherever_it_is(
     place = chance.randrange(len(raw))
     changed = raw[:place] + (bytes([change]) if length >= 0 else b"") + raw[place + (length != 1) :]
     with pytest.MonkeyPatch().context() as small:
-        small.setattr(payload_form, "LARGE", 1)
+        for limit in ("LONG_STRING_BYTES", "WHOLE_BYTES", "SLOW_BYTES"):
+            small.setattr(payload_form, limit, 1)
+        small.setattr(large_json, "CHUNK_BYTES", 8)
         spliced = outcome(lambda: Payload.from_json(kind, changed, now))
-        small.setattr(payload_form, "LARGE", 1 << 30)
+        for limit in ("LONG_STRING_BYTES", "WHOLE_BYTES", "SLOW_BYTES"):
+            small.setattr(payload_form, limit, 1 << 30)
         assert spliced == outcome(lambda: Payload.from_json(kind, changed, now))
 
 
@@ -346,17 +349,17 @@ def test_a_refused_image_is_refused_in_the_same_words() -> None:
         assert str(refused.value) == words
 
 
-def test_an_incomplete_scan_is_completed_around_its_ranges() -> None:
-    """Whose numbers are decoded once; those that are no float32s go out as what is left of them."""
+@pytest.mark.parametrize("count", [2000, 40_000])
+def test_an_incomplete_scan_is_completed(count: int) -> None:
+    """Numbers that are not float32 are sent as the nearest ones."""
     kind = REGISTRIES[2].message("sensor_msgs/LaserScan")
-    ranges, intensities = ", ".join(["1.5", "null"] * 2000), ", ".join(["0.1"] * 4000)
+    ranges, intensities = ", ".join(["1.5", "null"] * count), ", ".join(["0.1"] * 2 * count)
     raw = f'{{"header":{{}},"ranges":[{ranges}],"angle_min":0.1,"intensities":[{intensities}]}}'.encode()
     payload = Payload.from_json(kind, memoryview(raw), now)
-    assert f"[{ranges}]".encode() in [bytes(part) for part in payload.json_parts()]
     sent = json.loads(bytes(payload.json()))
     assert sent["header"]["stamp"] == {"sec": 5, "nanosec": 7}
     assert sent["angle_min"] == 0.10000000149011612
-    assert sent["intensities"] == [0.10000000149011612] * 4000
+    assert sent["intensities"] == [0.10000000149011612] * 2 * count
     assert payload.detach().json() == payload.json()
     value: Any = payload.value()
     assert value.ranges[0] == 1.5 and math.isnan(value.ranges[1])
@@ -380,8 +383,9 @@ def test_to_number_a_message_is_to_change_its_sequence(
     whole.header.seq = 77
     with pytest.MonkeyPatch().context() as small:
         if is_large:
-            small.setattr(payload_form, "LARGE", 1)
-            small.setattr(array_regions, "LARGE", 1)
+            for limit in ("LONG_STRING_BYTES", "WHOLE_BYTES", "SLOW_BYTES"):
+                small.setattr(payload_form, limit, 1)
+            small.setattr(large_json, "CHUNK_BYTES", 8)
         numbered = Payload.from_json(kind, memoryview(raw), now).numbered(77)
         again = Payload.from_value(kind, Payload.from_json(kind, raw, now).value()).numbered(77)
         expected = outcome(lambda: Payload(kind, None, whole))

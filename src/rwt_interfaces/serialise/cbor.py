@@ -20,8 +20,9 @@ from typing import TYPE_CHECKING, Any
 
 from rwt_interfaces import field_types
 from rwt_interfaces.field_types import FieldType
-from rwt_interfaces.serialise.long_lists import holds_long_lists, long_items
-from rwt_interfaces.serialise.long_strings import FEW, Chunks, ItemApart, JoinedParts, Parts, Steps, chunks_of
+from rwt_interfaces.serialise.long_lists import FEW, Chunks, chunks_of, holds_long_lists, long_items
+from rwt_interfaces.serialise.long_strings import JoinedParts, Parts
+from rwt_interfaces.steps import Steps
 from rwt_interfaces.validation.numbers import little_endian
 
 if TYPE_CHECKING:
@@ -137,6 +138,9 @@ def _long_array(parts: JoinedParts, chunks: Iterator[Any], element: FieldType) -
     encode = _encoder(element)
     is_long = long_items(element)
     for chunk in chunks:
+        if chunk is None:
+            yield
+            continue
         count += len(chunk)
         if isinstance(element, field_types.Int | field_types.Float):
             items.append(little_endian(chunk, element.code))
@@ -144,10 +148,7 @@ def _long_array(parts: JoinedParts, chunks: Iterator[Any], element: FieldType) -
             items.append(b"".join([encode(item) for item in chunk]))
         else:
             for item in chunk:
-                if isinstance(item, ItemApart):
-                    for part in (yield from element.type.step_encoder("cbor")(*item)):
-                        items.append(part)
-                elif is_long(item):
+                if is_long(item):
                     for part in (yield from element.type.step_encoder("cbor")(item, {})):
                         items.append(part)
                 else:

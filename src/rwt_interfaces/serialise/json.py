@@ -17,9 +17,9 @@ import pybase64
 from rwt_interfaces import field_types
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import FieldType
-from rwt_interfaces.serialise.long_arrays import LongArrays
-from rwt_interfaces.serialise.long_strings import LongString, RawText, Steps, cut_long_string
+from rwt_interfaces.serialise.long_strings import LongString, RawText, cut_long_string
 from rwt_interfaces.serialise.strict import Flaw, flaw_in, inexact, strict_struct, unsendable
+from rwt_interfaces.steps import Steps
 
 if TYPE_CHECKING:
     import numpy as np
@@ -45,7 +45,8 @@ class JsonCodec:
 
     Attributes:
         strict: the Struct that accepts only what may be passed on; immutable.
-        has_arrays: whether a field of the message is an array.
+        has_arrays: True if a field of the message is an array.
+        has_lists: True if a field may be written as a list: an array, or octets.
         check: accepts a text that may be passed on untouched, or raises one of :data:`REJECTIONS`.
     """
 
@@ -53,7 +54,6 @@ class JsonCodec:
         "_complete",
         "_decode",
         "_kinds",
-        "_long_arrays",
         "_message",
         "_octets",
         "_pack",
@@ -62,6 +62,7 @@ class JsonCodec:
         "_unsendable",
         "check",
         "has_arrays",
+        "has_lists",
         "strict",
     )
 
@@ -78,7 +79,7 @@ class JsonCodec:
         sized = self._kinds & {"fixed octets", "bounded string"}
         self._message = message
         self.has_arrays = _has_arrays(message)
-        self._long_arrays: LongArrays | None = None
+        self.has_lists = self.has_arrays or bool(self._kinds & {"octets", "fixed octets"})
         self._octets = not sized and "octets" in self._kinds
         self._texts = not sized and "string" in self._kinds
 
@@ -90,13 +91,6 @@ class JsonCodec:
         return None
 
     @property
-    def long_arrays(self) -> LongArrays:
-        """Takes large texts apart from their long arrays."""
-        if self._long_arrays is None:
-            self._long_arrays = LongArrays(self._message)
-        return self._long_arrays
-
-    @property
     def sendable(self) -> type[msgspec.Struct]:
         """The Struct of messages that programs give: as `strict`, but a float is never null, so that every
         encoder takes it."""
@@ -106,7 +100,7 @@ class JsonCodec:
 
     def convert(self, value: object) -> msgspec.Struct:
         """Copy a mapping or object into a :attr:`sendable` Struct, or raise one of :data:`REJECTIONS`."""
-        message = msgspec.convert(value, self.sendable, from_attributes=True)
+        message = msgspec.convert(value, self._sendable or self.sendable, from_attributes=True)
         if self._unsendable is not None and self._unsendable(message):
             raise msgspec.ValidationError
         return message
@@ -129,7 +123,8 @@ MOST_SLOW_NUMBERS: Final = 1000
 each of those near the ends of what a float can be, hundreds of times as long as for others."""
 
 _SLOW_NUMBER: Final = re.compile(rb"[eE][+-]?[0-9]{3}")
-_SCANNED: Final = 1 << 17
+_EXPONENT: Final = bytes.maketrans(b"E123456789", b"e000000000")
+_SCANNED: Final = 1 << 18
 _OVERLAP: Final = 8
 
 
@@ -145,7 +140,10 @@ def require_quick_numbers(raw: RawText) -> Steps[None]:
             yield
         piece = bytes(raw[start : start + _SCANNED + _OVERLAP])
         # Most texts have no exponents, and to count two characters takes far less than to look for numbers.
-        if found + piece.count(b"e") + piece.count(b"E") > MOST_SLOW_NUMBERS:
+        if found + piece.count(b"e") + piece.count(b"E") <= MOST_SLOW_NUMBERS:
+            continue
+        # A quarter of the time of the regular expression, and finds what that finds, and perhaps more.
+        if found + piece.translate(_EXPONENT, b"+-").count(b"e000") > MOST_SLOW_NUMBERS:
             found += len(_SLOW_NUMBER.findall(piece))
         if found > MOST_SLOW_NUMBERS:
             raise InvalidMessage(

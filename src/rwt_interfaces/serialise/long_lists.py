@@ -3,20 +3,32 @@ such messages as plain objects."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
 from rwt_interfaces import field_types
-from rwt_interfaces.serialise.long_strings import FEW, Steps, chunks_of
+from rwt_interfaces.steps import Steps
 
 if TYPE_CHECKING:
     from rwt_interfaces.field_types import FieldType
     from rwt_interfaces.structs import MessageType
 
+FEW: Final = 64
+"""Items of a list that are encoded in one step. A longer list is long."""
+MANY_NUMBERS: Final = 1 << 13
+"""Numbers of a list that are encoded in one step."""
+Chunks = Mapping[str, Iterator[list[Any] | None]]
+"""Items of lists by their paths, some at a time; None is a step without any."""
 _IsLong = Callable[[Any], bool]
+
+
+def chunks_of(items: Any, is_numbers: bool) -> Iterator[Any]:
+    """Yield the items of a list or an array, some at a time."""
+    size = MANY_NUMBERS if is_numbers else FEW
+    return (items[start : start + size] for start in range(0, len(items), size))
 
 
 def compile_test(message: MessageType) -> _IsLong | None:

@@ -5,16 +5,15 @@ from __future__ import annotations
 
 import re
 import secrets
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable
 from functools import cache
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import msgspec
 import pybase64
 
-T = TypeVar("T")
-#: Work in steps of less than a millisecond, each up to the next `yield`; it comes to a T.
-Steps = Generator[None, None, T]
+from rwt_interfaces.steps import Steps
+
 #: A JSON text, perhaps a view of the buffer that a whole frame was received in.
 RawText = bytes | memoryview
 #: The bytes of one encoded message, to be joined.
@@ -22,13 +21,6 @@ Parts = tuple[RawText, ...]
 
 #: Bytes from which a part is left apart; shorter ones are joined.
 _LONG_PART = 1 << 18
-#: Items of a list that are encoded in one step; a list of no more is not long.
-FEW = 64
-#: The same of numbers.
-NUMBERS = 1 << 13
-#: Lists of a message that are not in it, by their paths: what each holds, some items at a time, none after a
-#: step that found none, and each :class:`ItemApart` by itself.
-Chunks = Mapping[str, Iterator[list[Any]]]
 #: From this many bytes on a text is large.
 LARGE = 4096
 #: How far from either end of a large text its long string begins and ends at most, and within a quarter.
@@ -59,16 +51,6 @@ _HEAD = re.compile(rb'(?>[^"]*+"[^"\\]*+(?:\\.[^"\\]*+)*+")*+[^"]*+"', re.DOTALL
 _HIGH_SURROGATE = re.compile(rb"\\u[dD][89abAB][0-9a-fA-F]{2}")
 
 
-def finished(steps: Steps[T]) -> T:
-    """What work in steps comes to, all of them at once."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            value: T = end.value
-            return value
-
-
 class JoinedParts:
     """Parts of which short ones that follow each other are joined."""
 
@@ -97,24 +79,6 @@ class JoinedParts:
         """The parts."""
         self._join()
         return tuple(self._parts)
-
-
-class ItemApart(NamedTuple):
-    """An item of a list that is so long that its own lists are not in it.
-
-    Attributes:
-        message: the item, its long lists empty.
-        lists: what they hold, by their paths.
-    """
-
-    message: Any
-    lists: Chunks
-
-
-def chunks_of(items: Any, is_numbers: bool) -> Iterator[Any]:
-    """The items of a list or an array, some at a time."""
-    size = NUMBERS if is_numbers else FEW
-    return (items[start : start + size] for start in range(0, len(items), size))
 
 
 class LongString(NamedTuple):

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 from rwt_interfaces import field_types
 from rwt_interfaces.field_types import FieldType
-from rwt_interfaces.serialise.long_lists import holds_long_lists, long_items
-from rwt_interfaces.serialise.long_strings import FEW, Chunks, ItemApart, Steps, chunks_of
+from rwt_interfaces.serialise.long_lists import FEW, Chunks, chunks_of, holds_long_lists, long_items
 from rwt_interfaces.serialise.wire_rules import LENGTH, WireRules, gap, letters
+from rwt_interfaces.steps import Steps
 from rwt_interfaces.validation.numbers import little_endian
 
 if TYPE_CHECKING:
@@ -72,24 +72,20 @@ def _long_array(
         code = "?" if isinstance(element, field_types.Bool) else element.code
         out += bytes(gap(len(out), struct.calcsize(code), rules.aligned))
         for chunk in chunks:
-            count += len(chunk)
-            out += little_endian(chunk, code)
+            if chunk is not None:
+                count += len(chunk)
+                out += little_endian(chunk, code)
             yield
     else:
         write = _writer(element, rules)
         is_long = long_items(element)
         in_steps = None
         for chunk in chunks:
-            count += len(chunk)
-            for item in chunk:
-                apart = isinstance(item, ItemApart)
-                if (
-                    is_long is not None
-                    and isinstance(element, field_types.Message)
-                    and (apart or is_long(item))
-                ):
+            count += len(chunk or ())
+            for item in chunk or ():
+                if is_long is not None and isinstance(element, field_types.Message) and is_long(item):
                     in_steps = in_steps or compile_steps(element.type, rules)
-                    yield from in_steps(out, *(item if apart else (item, {})))
+                    yield from in_steps(out, item, {})
                 else:
                     write(out, item)
             yield

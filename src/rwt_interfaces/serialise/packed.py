@@ -6,10 +6,12 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
 from rwt_interfaces.errors import InvalidMessage
-from rwt_interfaces.serialise.long_strings import Chunks, Parts, Steps
+from rwt_interfaces.serialise.long_lists import Chunks
+from rwt_interfaces.serialise.long_strings import Parts
 from rwt_interfaces.serialise.pack import compile_steps, compile_writer
 from rwt_interfaces.serialise.unpack import compile_reader, read_all
 from rwt_interfaces.serialise.wire_rules import WireRules
+from rwt_interfaces.steps import Steps
 
 if TYPE_CHECKING:
     import msgspec

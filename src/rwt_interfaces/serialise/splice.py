@@ -18,11 +18,11 @@ from rwt_interfaces.serialise.long_strings import (
     LongString,
     Parts,
     RawText,
-    Steps,
     string_of,
     token_for_base64,
     token_for_text,
 )
+from rwt_interfaces.steps import Steps
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
