@@ -16,7 +16,7 @@ from rwt_interfaces.serialise.large_json import MAX_LENIENT_VALUES, MAX_VALUES, 
 from rwt_interfaces.serialise.long_lists import plain, plain_lists
 from rwt_interfaces.serialise.long_strings import LongString, Parts, RawText, string_of, substituted
 from rwt_interfaces.serialise.splice import (
-    LONG_TEXT,
+    LONG_TEXT_CHARS,
     SplicedMessage,
     json_of_text,
     long_octets,
@@ -135,7 +135,7 @@ class Payload(msgspec.Struct, eq=False):
                 codec.check(string.text)
             except REJECTIONS:
                 return _around_string(message_type, string, now)
-            is_long = bool(string.unescaped) and len(string.content) >= LONG_TEXT
+            is_long = bool(string.unescaped) and len(string.content) >= LONG_TEXT_CHARS
             return cls(message_type, raw, None, string, is_long=is_long)
         is_long = codec.has_arrays and len(raw) >= LONG_FORMS_BYTES
         if len(raw) <= WHOLE_BYTES:
@@ -206,7 +206,7 @@ class Payload(msgspec.Struct, eq=False):
             message = message_type.decode_leniently(value, now or time.time_ns)
         holds_list = message_type.holds_long_list if codec.has_arrays else None
         is_long = (holds_list is not None and holds_list(message)) or (
-            bool(message_type.text_places) and long_text(message_type, message) is not None
+            bool(message_type.long_text_fields) and long_text(message_type, message) is not None
         )
         return cls(message_type, None, message, is_long=is_long)
 
@@ -279,7 +279,7 @@ class Payload(msgspec.Struct, eq=False):
         if self._json_parts is not None:
             return self._json_parts
         type = self.type
-        spliced = self._apart() if type.places else None
+        spliced = self._apart() if type.long_fields else None
         if spliced is not None:
             return spliced.json(type.json.encode)
         self._json = type.json.encode(self._message or self.value())
@@ -341,13 +341,13 @@ class Payload(msgspec.Struct, eq=False):
 
     def _text_apart(self) -> SplicedMessage | None:
         message = self._message
-        place = None if message is None else long_text(self.type, message)
-        return None if place is None else SplicedMessage.from_text(self.value(), place)
+        field = None if message is None else long_text(self.type, message)
+        return None if field is None else SplicedMessage.from_text(self.value(), field)
 
     def _text_in_steps(self) -> Steps[Parts | None]:
         message = self._message
-        place = None if message is None else long_text(self.type, message)
-        return None if place is None else (yield from json_of_text(self.type, self.value(), place))
+        field = None if message is None else long_text(self.type, message)
+        return None if field is None else (yield from json_of_text(self.type, self.value(), field))
 
     def plain(self) -> object:
         """The message as dicts, lists and scalars, octets as bytes."""
@@ -386,13 +386,13 @@ class Payload(msgspec.Struct, eq=False):
 
     def _apart(self) -> SplicedMessage | None:
         """The message in two parts, if most of it is one long string or octets."""
-        if self._spliced is None and self.type.places:
+        if self._spliced is None and self.type.long_fields:
             if self._string is not None:
                 self._spliced = self._of_string(self._string)
                 self._string = None
             elif self._message is not None or (self._json is None and self._json_parts is None):
-                place = long_octets(self.type, self._encodable())
-                self._spliced = None if place is None else SplicedMessage.from_octets(self.value(), place)
+                field = long_octets(self.type, self._encodable())
+                self._spliced = None if field is None else SplicedMessage.from_octets(self.value(), field)
         return self._spliced
 
     def _of_string(self, string: LongString) -> SplicedMessage | None:

@@ -17,6 +17,8 @@ from rwt_interfaces.serialise.large_json import MAX_VALUES
 from rwt_interfaces.steps import Steps, finished
 
 HEADER = {"stamp": {"sec": 1, "nanosec": 2}, "frame_id": "map"}
+REGISTRY = Registry()
+REGISTRY.add_text("builtin_interfaces/Time[] times", "t_msgs/Times")
 TIME = {"sec": 3, "nanosec": 4}
 POINT = {
     "positions": [0.5] * 9_000,
@@ -36,6 +38,7 @@ MESSAGES: dict[str, tuple[str, Any]] = {
     "texts": ("sensor_msgs/JointState", {"name": ["", ",", '","', "]", '\\"', "é"] * 3_000}),
     "one long text": ("sensor_msgs/JointState", {"name": ["a", 'x"\\' * 20_000, "b"] * 2}),
     "words": ("rcl_interfaces/ParameterValue", {"bool_array_value": [True, False] * 5_000}),
+    "times": ("t_msgs/Times", {"times": [TIME] * 3_000}),
     "nulls": ("std_msgs/Float64MultiArray", {"data": [None, 0.5] * 5_000}),
     "lists in one item": ("diagnostic_msgs/DiagnosticArray", {"header": HEADER, "status": [STATUS]}),
     "lists in items": (
@@ -76,7 +79,7 @@ def test_steps_come_to_what_is_made_at_once(
     name: str, indent: int | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     kind, message = MESSAGES[name]
-    type = Registry().message(kind)
+    type = REGISTRY.message(kind)
     whole = Payload(type, None, type.decode_leniently(message, _now))
     raw = json.dumps(message, indent=indent).encode()
     monkeypatch.setattr(payload_form, "WHOLE_BYTES", 1 << 14)
@@ -105,9 +108,9 @@ def test_steps_come_to_what_is_made_at_once(
 def test_very_many_values_elsewhere_are_refused_before_they_are_decoded(kind: str, text: str) -> None:
     raw = (text % ",".join(['""'] * (MAX_VALUES + 2))).encode()
     with pytest.raises(TooManyValues, match="more than 262144 values"):
-        Payload.from_json(Registry().message(kind), raw)
+        Payload.from_json(REGISTRY.message(kind), raw)
     with pytest.raises(NotExact):
-        finished(Payload.from_json_in_steps(Registry().message(kind), raw, is_dense=True))
+        finished(Payload.from_json_in_steps(REGISTRY.message(kind), raw, is_dense=True))
 
 
 @pytest.mark.parametrize(
@@ -127,7 +130,7 @@ def test_what_does_not_fit_is_found_where_it_is(name: str, place: str, wrong: ob
     kind, message = MESSAGES[name]
     raw = json.dumps({**message, place: [*message[place][:-1], wrong]}).encode()
     with pytest.raises(InvalidMessage) as caught:
-        Payload.from_json(Registry().message(kind), raw)
+        Payload.from_json(REGISTRY.message(kind), raw)
     assert caught.value.path == path
 
 
@@ -139,7 +142,7 @@ def test_a_text_of_very_many_commas_is_one_value() -> None:
 @pytest.mark.parametrize("name", MESSAGES)
 def test_a_program_s_message_becomes_the_same_in_steps_from_whatever_it_is_made(name: str) -> None:
     type_name, message = MESSAGES[name]
-    type = Registry().message(type_name)
+    type = REGISTRY.message(type_name)
     whole = Payload.from_value(type, message, _now)
     own = whole.value()
     for given in (message, own):

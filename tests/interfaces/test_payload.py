@@ -306,6 +306,15 @@ def test_a_large_message_is_numbered_without_being_decoded_wherever_its_header_i
     assert json.loads(bytes(numbered.json())) == {"header": {**header, "seq": 7}, "poses": [pose] * 5_000}
 
 
+def test_of_two_members_of_one_name_the_last_is_taken_in_a_large_message_too() -> None:
+    message = Registry(DISTROS["noetic"]).message("std_msgs/Float64MultiArray")
+    layout = '"layout":{"dim":[],"data_offset":0}'
+    text = f'{{{layout},"data":[1.5],"data":{[0.5] * 100_000},{layout}}}'
+    payload = Payload.from_json(message, text.encode())
+    finished(payload.prepare(["cbor"]))
+    assert payload.cbor() == Payload.from_value(message, {"data": [0.5] * 100_000}).cbor()
+
+
 _POSE = {"position": {"x": 1.0, "y": 2, "z": 3.5}, "orientation": {"w": 1.0}}
 
 

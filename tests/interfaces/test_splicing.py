@@ -183,18 +183,18 @@ def test_to_splice_is_to_decode_and_encode(
     raw = json.dumps(message, ensure_ascii=ascii_only, separators=separators).encode()
     expected = wholly(kind, raw)
     with pytest.MonkeyPatch().context() as small:
-        small.setattr(long_strings, "BASE64_PIECE", 64)
-        small.setattr(long_strings, "TEXT_PIECE", 64)
+        small.setattr(long_strings, "BASE64_PIECE_BYTES", 64)
+        small.setattr(long_strings, "TEXT_PIECE_BYTES", 64)
         for limit in ("LONG_STRING_BYTES", "WHOLE_BYTES", "SLOW_BYTES", "LONG_FORMS_BYTES"):
             small.setattr(payload_form, limit, 1)
         small.setattr(large_json, "CHUNK_BYTES", piece)
         small.setattr(large_json, "SLOW_CHUNK_BYTES", piece // 2)
-        small.setattr(long_strings, "_LONG_PART", piece)
+        small.setattr(long_strings, "_LONG_PART_BYTES", piece)
         for module in (long_lists, large_json, cbor, pack):
-            small.setattr(module, "FEW", 2)
-        small.setattr(long_lists, "MANY_NUMBERS", 3)
-        small.setattr(splice, "LONG_TEXT", 20)
-        small.setattr(splice, "_TEXT_STEP", 7)
+            small.setattr(module, "CHUNK_ITEMS", 2)
+        small.setattr(long_lists, "CHUNK_NUMBERS", 3)
+        small.setattr(splice, "LONG_TEXT_CHARS", 20)
+        small.setattr(splice, "_TEXT_STEP_CHARS", 7)
         for take in (
             lambda: Payload.from_json(kind, raw, now),
             lambda: Payload.from_json(kind, memoryview(raw), now).detach(),
@@ -222,6 +222,7 @@ def _asked(payload: Payload) -> Payload:
     st.integers(0, 255),
     st.integers(-1, 1),
 )
+@example("t_msgs/Holder", "e2FOQooYb0pMEW2v6A==", Random(0), 128, 0)  # Not UTF-8, behind a wrong field.
 def test_one_byte_changed_is_found_wherever_it_is(
     name: str, content: str, chance: Random, change: int, length: int
 ) -> None:
@@ -396,13 +397,13 @@ def test_to_number_a_message_is_to_change_its_sequence(
 @pytest.mark.parametrize("letter", ["a", "é", "漢", "🤖", '"', "\\", "\n", "\u2028"])
 def test_a_long_text_of_a_program_is_written_in_steps(letter: str) -> None:
     kind = REGISTRIES[2].message("std_msgs/String")
-    text = "x" * 65_535 + letter * splice.LONG_TEXT
+    text = "x" * 65_535 + letter * splice.LONG_TEXT_CHARS
     payload = Payload.from_value(kind, {"data": text})
     assert payload.is_long
     assert len([*payload.prepare(("json", "cbor", "serialised"))]) > 4
     assert payload.json() == json.dumps({"data": text}, ensure_ascii=False, separators=(",", ":")).encode()
     assert cbor2.loads(payload.cbor()) == {"data": text}
-    assert not Payload.from_value(kind, {"data": "x" * (splice.LONG_TEXT - 1)}).is_long
+    assert not Payload.from_value(kind, {"data": "x" * (splice.LONG_TEXT_CHARS - 1)}).is_long
 
 
 @pytest.mark.parametrize("text", ["\ud83d", "a\ude00b", "\ude00\ud83d", "é\ud83dé", "漢\udfff", "🤖\ud83d"])
@@ -416,7 +417,7 @@ def test_half_a_letter_is_refused_as_utf_8_refuses_it(text: str) -> None:
 
 def test_a_long_text_with_escapes_is_made_binary_in_steps() -> None:
     kind = REGISTRIES[2].message("std_msgs/String")
-    text = 'é\n"' * splice.LONG_TEXT
+    text = 'é\n"' * splice.LONG_TEXT_CHARS
     raw = json.dumps({"data": text}, ensure_ascii=False, separators=(",", ":")).encode()
     payload = Payload.from_json(kind, raw)
     assert payload.is_long

@@ -21,7 +21,7 @@ import msgspec
 from rwt_interfaces import field_types
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.serialise.json import REJECTIONS, items_encoder, parse
-from rwt_interfaces.serialise.long_lists import FEW, Chunks, chunks_of
+from rwt_interfaces.serialise.long_lists import CHUNK_ITEMS, Chunks, chunks_of
 from rwt_interfaces.serialise.long_strings import TOKEN, JoinedParts, Parts, RawText
 from rwt_interfaces.serialise.splice import put
 from rwt_interfaces.serialise.strict import array_reader, strict_annotation
@@ -167,7 +167,24 @@ class LargeJson:
             InvalidMessage: the message does not fit.
             Unsplittable: the text is not JSON.
         """
-        return (yield from _complete(self._message, self._data, self._root, Completion(now)))
+        try:
+            return (yield from _complete(self._message, self._data, self._root, Completion(now)))
+        except InvalidMessage:
+            yield
+            if not self._is_json():
+                raise Unsplittable from None
+            raise
+
+    def _is_json(self) -> bool:
+        """True unless a fault is found outside the arrays, or in the encoding. A text that is not JSON is
+        rejected for that, and not for the first field that does not fit."""
+        try:
+            if not self._data.isascii():
+                str(self._data, "utf-8")
+            parse(self._without_arrays())
+        except (InvalidMessage, UnicodeDecodeError):
+            return False
+        return True
 
     def sequence_first(self) -> Parts | None:
         """Return the text with `header.seq` where :data:`SEQUENCE` finds it; None if it is there already."""
@@ -447,7 +464,7 @@ def _complete_values(
 def _holds_long_list(type: FieldType, value: object) -> bool:
     if isinstance(type, field_types.Message):
         return isinstance(value, dict) and holds_long_list(type.type, value)
-    return isinstance(type, field_types.Array) and isinstance(value, list) and len(value) > FEW
+    return isinstance(type, field_types.Array) and isinstance(value, list) and len(value) > CHUNK_ITEMS
 
 
 def holds_long_list(message: MessageType, value: Mapping[str, object]) -> bool:
@@ -463,7 +480,7 @@ def encode(message: MessageType, value: msgspec.Struct) -> Steps[Parts | None]:
         found: Any = value
         for attribute in path:
             found = getattr(found, attribute)
-        if len(found) <= FEW:
+        if len(found) <= CHUNK_ITEMS:
             continue
         short = put(short, path, TOKEN)
         parts = JoinedParts()
@@ -532,7 +549,7 @@ def _walk(data: bytes, begin: int, depth: int) -> Steps[_Span]:
     """Return the span of the value that begins there; of an object, also those of its members.
 
     Raises:
-        Unsplittable: it is not JSON, or has too many members.
+        Unsplittable: it is not JSON, has too many members, or two of the same name.
         UnicodeDecodeError: a name is not UTF-8.
     """
     if data[begin : begin + 1] != b"{" or depth == _MAX_DEPTH:
@@ -553,7 +570,10 @@ def _walk(data: bytes, begin: int, depth: int) -> Steps[_Span]:
         if name is None:
             raise Unsplittable
         value = yield from _walk(data, name.end(), depth + 1)
-        members[str(name[1], "utf-8")] = value._replace(name_begin=name.start(1) - 1)
+        key = str(name[1], "utf-8")
+        if key in members:
+            raise Unsplittable
+        members[key] = value._replace(name_begin=name.start(1) - 1)
         after = _AFTER_VALUE.match(data, value.end)
         if after is None or after[1] not in (b",", b"}"):
             raise Unsplittable

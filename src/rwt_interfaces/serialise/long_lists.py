@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from rwt_interfaces.field_types import FieldType
     from rwt_interfaces.structs import MessageType
 
-FEW: Final = 64
+CHUNK_ITEMS: Final = 64
 """Items of a list that are encoded in one step. A longer list is long."""
-MANY_NUMBERS: Final = 1 << 13
+CHUNK_NUMBERS: Final = 1 << 13
 """Numbers of a list that are encoded in one step."""
 Chunks = Mapping[str, Iterator[list[Any] | None]]
 """Items of lists by their paths, some at a time; None is a step without any."""
@@ -27,7 +27,7 @@ _IsLong = Callable[[Any], bool]
 
 def chunks_of(items: Any, is_numbers: bool) -> Iterator[Any]:
     """Yield the items of a list or an array, some at a time."""
-    size = MANY_NUMBERS if is_numbers else FEW
+    size = CHUNK_NUMBERS if is_numbers else CHUNK_ITEMS
     return (items[start : start + size] for start in range(0, len(items), size))
 
 
@@ -40,7 +40,7 @@ def compile_test(message: MessageType) -> _IsLong | None:
     def holds_one(value: Any) -> bool:
         for fetch, is_long in lists:
             items = fetch(value)
-            if len(items) > FEW or (is_long is not None and any(map(is_long, items))):
+            if len(items) > CHUNK_ITEMS or (is_long is not None and any(map(is_long, items))):
                 return True
         return False
 
@@ -82,7 +82,7 @@ def plain_lists(type: MessageType, message: msgspec.Struct) -> Steps[object]:
         if isinstance(slot.type, field_types.Message):
             found[slot.name] = yield from plain_lists(slot.type.type, value)
         elif isinstance(slot.type, field_types.Array) and (
-            len(value) > FEW or holds_long_lists(slot.type, value)
+            len(value) > CHUNK_ITEMS or holds_long_lists(slot.type, value)
         ):
             found[slot.name] = yield from _plain_items(slot.type, value)
         else:

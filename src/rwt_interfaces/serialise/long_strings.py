@@ -20,15 +20,15 @@ RawText = bytes | memoryview
 Parts = tuple[RawText, ...]
 
 #: Bytes from which a part is left apart; shorter ones are joined.
-_LONG_PART = 1 << 18
+_LONG_PART_BYTES = 1 << 18
 #: From this many bytes on a text is large.
 LARGE = 4096
 #: How far from either end of a large text its long string begins and ends at most, and within a quarter.
-MARGIN = 8192
+MARGIN_BYTES = 8192
 #: How much base64 is checked at a time: large allocations cost more than the check.
-BASE64_PIECE = 1 << 16
+BASE64_PIECE_BYTES = 1 << 16
 #: How much text is checked at a time, between two quotes that stand around every piece.
-TEXT_PIECE = 1 << 16
+TEXT_PIECE_BYTES = 1 << 16
 #: What stands for a long string, or the beginning of it. No client can know it, nor write it by accident.
 _TOKEN = pybase64.b64encode(secrets.token_bytes(48))
 _SHORTEST_TOKEN = 32
@@ -36,7 +36,7 @@ _SHORTEST_TOKEN = 32
 TOKEN = _TOKEN.decode()
 #: Bytes of a frame that is proven to be JSON at once: 0.1 ms where it is ASCII, at most 3 ms where it only
 #: begins so.
-_AT_ONCE = 1 << 20
+_AT_ONCE_BYTES = 1 << 20
 _PADDING = ord("=")
 _QUOTE = ord('"')
 _BACKSLASH = ord("\\")
@@ -61,13 +61,13 @@ class JoinedParts:
 
     def append(self, part: RawText) -> None:
         """Add a part."""
-        if len(part) >= _LONG_PART:
+        if len(part) >= _LONG_PART_BYTES:
             self._join()
             self._parts.append(part)
             return
         self._short.append(part)
         self._size += len(part)
-        if self._size >= _LONG_PART:
+        if self._size >= _LONG_PART_BYTES:
             self._join()
 
     def _join(self) -> None:
@@ -138,7 +138,7 @@ def cut_long_string(raw: RawText, octets: bool, texts: bool) -> Steps[LongString
         octets: look for base64.
         texts: look for any text.
     """
-    margin = min(MARGIN, len(raw) // 4)
+    margin = min(MARGIN_BYTES, len(raw) // 4)
     begin = _begin(bytes(raw[:margin]))
     end = _first_quote(bytes(raw[-margin:]), len(raw) - margin)
     if not 0 < begin <= end:
@@ -179,10 +179,10 @@ def _first_quote(tail: bytes, offset: int) -> int:
 def _is_base64(content: memoryview) -> bool:
     """Whether the bytes are padded base64 without white space."""
     try:
-        for start in range(0, len(content), BASE64_PIECE):
-            piece = content[start : start + BASE64_PIECE]
+        for start in range(0, len(content), BASE64_PIECE_BYTES):
+            piece = content[start : start + BASE64_PIECE_BYTES]
             pybase64.b64decode(piece, validate=True)
-            if piece[-1] == _PADDING and start + BASE64_PIECE < len(content):
+            if piece[-1] == _PADDING and start + BASE64_PIECE_BYTES < len(content):
                 return False
     except ValueError:
         return False
@@ -197,7 +197,7 @@ def _is_plain(raw: RawText, begin: int, end: int) -> bool:
     the quote in front of it says that it is in one.
     """
     frame = raw if isinstance(raw, bytes) else raw.obj
-    if not isinstance(frame, bytes) or len(frame) > _AT_ONCE:
+    if not isinstance(frame, bytes) or len(frame) > _AT_ONCE_BYTES:
         return False
     offset = 0
     if len(frame) > len(raw):
@@ -235,7 +235,7 @@ def _unescaped(content: memoryview) -> Steps[tuple[str, ...] | None]:
 
     pieces: list[str] = []
     start = 0
-    quoted = bytearray(min(TEXT_PIECE, len(content)) + 2)
+    quoted = bytearray(min(TEXT_PIECE_BYTES, len(content)) + 2)
     quoted[0] = quoted[-1] = _QUOTE
     between = memoryview(quoted)[1:-1]
     try:

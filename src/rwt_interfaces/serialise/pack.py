@@ -15,19 +15,50 @@ from typing import TYPE_CHECKING, Any
 
 from rwt_interfaces import field_types
 from rwt_interfaces.field_types import FieldType
-from rwt_interfaces.serialise.long_lists import FEW, Chunks, chunks_of, holds_long_lists, long_items
+from rwt_interfaces.serialise.long_lists import CHUNK_ITEMS, Chunks, chunks_of, holds_long_lists, long_items
+from rwt_interfaces.serialise.long_strings import Parts
 from rwt_interfaces.serialise.wire_rules import LENGTH, WireRules, gap, letters
 from rwt_interfaces.steps import Steps
 from rwt_interfaces.validation.numbers import little_endian
 
 if TYPE_CHECKING:
+    import msgspec
+
     from rwt_interfaces.structs import MessageType
 
 #: Appends a value to the output.
 _Write = Callable[[bytearray, Any], None]
 
 
-def compile_writer(message: MessageType, rules: WireRules) -> _Write:
+def compile_encoder(message: MessageType, rules: WireRules) -> Callable[[msgspec.Struct], bytes]:
+    """A function that encodes a message of that type; it takes its own Struct and `JsonCodec.sendable`."""
+    write = _message_writer(message, rules)
+    header = rules.header
+
+    def encode(value: msgspec.Struct) -> bytes:
+        body = bytearray()
+        write(body, value)
+        return b"".join((header, body))
+
+    return encode
+
+
+def compile_step_encoder(
+    message: MessageType, rules: WireRules
+) -> Callable[[msgspec.Struct, Chunks], Steps[Parts]]:
+    """A function that encodes a message of that type in steps."""
+    write = _step_writer(message, rules)
+    header = rules.header
+
+    def encode(value: msgspec.Struct, apart: Chunks) -> Steps[Parts]:
+        body = bytearray()
+        yield from write(body, value, apart)
+        return header, memoryview(body)
+
+    return encode
+
+
+def _message_writer(message: MessageType, rules: WireRules) -> _Write:
     """A function that appends a message of that type; it takes its own Struct and `JsonCodec.sendable`."""
     steps = [step for step, _, _ in _steps(message, rules)]
 
@@ -38,7 +69,7 @@ def compile_writer(message: MessageType, rules: WireRules) -> _Write:
     return write
 
 
-def compile_steps(message: MessageType, rules: WireRules) -> Callable[[bytearray, Any, Chunks], Steps[None]]:
+def _step_writer(message: MessageType, rules: WireRules) -> Callable[[bytearray, Any, Chunks], Steps[None]]:
     """A function that appends a message of that type in steps, some items of a long list in each; lists that
     are given apart take the place of those in the message."""
     steps = [
@@ -48,11 +79,14 @@ def compile_steps(message: MessageType, rules: WireRules) -> Callable[[bytearray
 
     def write_in_steps(out: bytearray, value: Any, apart: Chunks) -> Steps[None]:
         for step, path, fetch, field_type in steps:
-            if fetch is None or not isinstance(field_type, field_types.Array):
-                step(out, value)
-            elif path in apart or len(fetch(value)) > FEW or holds_long_lists(field_type, fetch(value)):
+            items = None if fetch is None else fetch(value)
+            if (
+                isinstance(field_type, field_types.Array)
+                and items is not None
+                and (path in apart or len(items) > CHUNK_ITEMS or holds_long_lists(field_type, items))
+            ):
                 is_numbers = isinstance(field_type.element, field_types.Int | field_types.Float)
-                chunks = apart.get(path) or chunks_of(fetch(value), is_numbers)
+                chunks = apart.get(path) or chunks_of(items, is_numbers)
                 yield from _long_array(out, chunks, field_type, rules)
             else:
                 step(out, value)
@@ -84,7 +118,7 @@ def _long_array(
             count += len(chunk or ())
             for item in chunk or ():
                 if is_long is not None and isinstance(element, field_types.Message) and is_long(item):
-                    in_steps = in_steps or compile_steps(element.type, rules)
+                    in_steps = in_steps or _step_writer(element.type, rules)
                     yield from in_steps(out, item, {})
                 else:
                     write(out, item)
@@ -166,7 +200,7 @@ def _writer(field_type: FieldType, rules: WireRules) -> _Write:
         case field_types.Array():
             return _array_writer(field_type, rules)
         case field_types.Message():
-            return compile_writer(field_type.type, rules)
+            return _message_writer(field_type.type, rules)
         case field_types.Time():
             return _run_writer(letters(field_type), list(field_type.keys), rules)
         case _:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from typing import Final
 
 from rwt_interfaces import field_types
 from rwt_interfaces.field_types import FieldType
@@ -39,6 +40,12 @@ class WireRules:
 LENGTH = struct.Struct("<I")
 #: The letter of a message without fields: :mod:`struct` makes it a zero byte that no value stands for.
 FILLED = "x"
+
+CDR: Final = WireRules(header=b"\0\1\0\0", aligned=True, terminated=True, filler=b"\0")
+"""XCDR version 1 with its encapsulation header. Alignment counts from after the header."""
+
+ROS1: Final = WireRules(header=b"", aligned=False, terminated=False, filler=b"")
+"""The body of a TCPROS message, without its length prefix."""
 
 
 def letters(field_type: FieldType | None) -> str:
