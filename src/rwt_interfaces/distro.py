@@ -1,4 +1,4 @@
-"""What differs between ROS distributions, as data: one field for each difference, which code asks by name."""
+"""Differences between ROS distributions, as data: one field for each."""
 
 from __future__ import annotations
 
@@ -78,15 +78,15 @@ class Distro:
     encodes_all_cbor: bool
 
     def type_name(self, name: str, kind: Kind) -> str:
-        """What this distribution calls the type of a two-part name."""
+        """Return the name of a type in this distribution, given its two-part name."""
         return three_part(name, kind) if self.has_three_part_names else name
 
     def time(self, time_ns: int) -> dict[str, int]:
-        """A time or duration in nanoseconds, as the fields of its message."""
+        """Return a time or duration in nanoseconds, as the fields of its message."""
         return dict(zip(self.time_fields, divmod(time_ns, NANOSECONDS), strict=True))
 
     def time_ns(self, time: Any) -> int:
-        """The nanoseconds of a time or duration in a message."""
+        """Return the nanoseconds of a time or duration in a message."""
         seconds, nanoseconds = self.time_fields
         return int(getattr(time, seconds) * NANOSECONDS + getattr(time, nanoseconds))
 
@@ -149,5 +149,5 @@ DISTROS: dict[str, Distro] = {distro.name: distro for distro in (JAZZY, NOETIC)}
 
 
 def closest_distro(name: str, ros_version: int) -> Distro:
-    """The distribution of that name; for an unknown name the one here of that version of ROS."""
+    """Return the distribution of that name; for an unknown name the one here of that version of ROS."""
     return DISTROS.get(name) or (NOETIC if ros_version == 1 else JAZZY)

@@ -214,7 +214,7 @@ class Payload(msgspec.Struct, eq=False):
     def from_value_in_steps(
         cls, message_type: MessageType, value: dict[str, object], now: Now | None = None
     ) -> Steps[Payload]:
-        """As :meth:`from_value` for a mapping, its long lists in steps.
+        """Same as :meth:`from_value` for a mapping, its long lists in steps.
 
         Raises:
             InvalidMessage: as :meth:`from_value`, from any step.
@@ -262,18 +262,18 @@ class Payload(msgspec.Struct, eq=False):
 
     @property
     def is_passthrough(self) -> bool:
-        """Whether it came in JSON, and is passed on in the very bytes."""
+        """True if the message arrived as JSON, and is passed on untouched."""
         return self._json is not None and self._message is None
 
     def json(self) -> RawText:
-        """The message in JSON: the very bytes that came, if they came fit to be passed on."""
+        """Return the message in JSON: the very bytes that came, if they came fit to be passed on."""
         json = self._json
         if json is None:
             json = self._json = _joined(self.json_parts())
         return json
 
     def json_parts(self) -> Parts:
-        """The bytes of :meth:`json` in one part or more, so that a long one is not copied."""
+        """Return the bytes of :meth:`json` in one part or more, so that a long one is not copied."""
         if self._json is not None:
             return (self._json,)
         if self._json_parts is not None:
@@ -286,23 +286,23 @@ class Payload(msgspec.Struct, eq=False):
         return (self._json,)
 
     def cbor(self) -> bytes:
-        """The message in CBOR, without any envelope (CBR-02 to CBR-07)."""
+        """Return the message in CBOR, without any envelope (CBR-02 to CBR-07)."""
         return self._whole("cbor")
 
     def cbor_parts(self) -> Parts:
-        """The bytes of :meth:`cbor` in one part or more, so that a long one is not copied."""
+        """Return the bytes of :meth:`cbor` in one part or more, so that a long one is not copied."""
         return self._made("cbor")
 
     def serialised(self) -> bytes:
-        """The message in the serialisation of its type's distribution: CDR, or ROS 1's own form."""
+        """Return the message in the serialisation of its type's distribution: CDR, or ROS 1's own form."""
         return self._whole(self.type.registry.distro.serialisation)
 
     def serialised_parts(self) -> Parts:
-        """The bytes of :meth:`serialised` in one part or more, so that a long one is not copied."""
+        """Return the bytes of :meth:`serialised` in one part or more, so that a long one is not copied."""
         return self._made(self.type.registry.distro.serialisation)
 
     def cdr(self) -> bytes:
-        """The message in CDR, with its encapsulation header."""
+        """Return the message in CDR, with its encapsulation header."""
         return self._whole("cdr")
 
     def prepare(self, forms: Iterable[Form]) -> Steps[None]:
@@ -350,11 +350,11 @@ class Payload(msgspec.Struct, eq=False):
         return None if field is None else (yield from json_of_text(self.type, self.value(), field))
 
     def plain(self) -> object:
-        """The message as dicts, lists and scalars, octets as bytes."""
+        """Return the message as dicts, lists and scalars, octets as bytes."""
         return plain(self._encodable())
 
     def plain_in_steps(self) -> Steps[object]:
-        """What :meth:`plain` returns, long lists in steps; other messages take none."""
+        """Return the result of :meth:`plain`, long lists in steps. Other messages take none."""
         if self.is_long:
             return (yield from plain_lists(self.type, self._encodable()))
         return self.plain()
@@ -385,7 +385,7 @@ class Payload(msgspec.Struct, eq=False):
         return made
 
     def _apart(self) -> SplicedMessage | None:
-        """The message in two parts, if most of it is one long string or octets."""
+        """Return the message in two parts, if most of it is one long string or octets."""
         if self._spliced is None and self.type.long_fields:
             if self._string is not None:
                 self._spliced = self._of_string(self._string)
@@ -399,7 +399,7 @@ class Payload(msgspec.Struct, eq=False):
         return SplicedMessage.from_string(self.type, self.type.json.decode(string.text), string)
 
     def value(self) -> msgspec.Struct:
-        """The message as its type's Struct. It is shared: treat it as read-only.
+        """Return the message as its type's Struct. It is shared: treat it as read-only.
 
         Raises:
             InvalidMessage: the message was relayed as CDR, and does not fit.
@@ -418,7 +418,7 @@ class Payload(msgspec.Struct, eq=False):
 
     @property
     def kept_size(self) -> int:
-        """About how many bytes the message takes to be kept, in the form that it has now."""
+        """Approximate size of the message in its present form, in bytes."""
         if self._json is not None:
             return len(self._json)
         if self._forms:
@@ -430,7 +430,7 @@ class Payload(msgspec.Struct, eq=False):
         return self.type.sizes([self._message])
 
     def detach(self) -> Payload:
-        """The same message without a view of the buffer it was received in, for keeping."""
+        """Return the same message without a view of the buffer it was received in, for keeping."""
         if isinstance(self._json, memoryview):
             raw = bytes(self._json)
             string = None if self._string is None else self._string.moved(raw)
@@ -449,7 +449,7 @@ class Payload(msgspec.Struct, eq=False):
             self._forms = None
 
     def numbered(self, number: int) -> Payload:
-        """The same message with that `header.seq`, of a type that has it."""
+        """Return the same message with that `header.seq`, of a type that has it."""
         parts = (self._json,) if self._json is not None else self._json_parts
         found = None if parts is None or self._string is not None else large_json.SEQUENCE.match(parts[0])
         if parts is None or found is None:
@@ -475,7 +475,7 @@ class Payload(msgspec.Struct, eq=False):
             return own
 
     def _encodable(self) -> msgspec.Struct:
-        """The message in a Struct that every encoder takes."""
+        """Return the message in a Struct that every encoder takes."""
         message = self._message
         if message is not None and message.__class__ is self.type.json.sendable:
             return message

@@ -1,4 +1,4 @@
-"""How a field is held in its message's Struct: its type in Python, and its value by default."""
+"""Fields of a message's Struct: type in Python, default value and approximate size in memory."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ _LIST: Any = list
 
 @lru_cache(maxsize=8)
 def time_struct(field_type: field_types.Time) -> type[msgspec.Struct]:
-    """The Struct of a time; one for all messages that hold it."""
+    """Return the Struct of a time; one for all messages that hold it."""
     name = "Duration" if field_type.is_duration else "Time"
     return msgspec.defstruct(name, [(key, int, 0) for key in field_type.keys], module="builtin_interfaces")
 
 
 def annotation(field_type: FieldType) -> object:
-    """The Python type of a field in its message's Struct."""
+    """Return the Python type of a field in its message's Struct."""
     match field_type:
         case field_types.Bool():
             return bool
@@ -53,7 +53,7 @@ def annotation(field_type: FieldType) -> object:
 
 
 def default_maker(field_type: FieldType) -> Callable[[], object]:
-    """A function that makes the value of a field that was not set: zero, false, empty (PUB-04)."""
+    """Return a function that makes the value of a field that was not set: zero, false, empty (PUB-04)."""
     match field_type:
         case field_types.Octets():
             octets = bytes(field_type.length or 0)
@@ -81,7 +81,7 @@ def _array_default(element: Callable[[], object], length: int) -> Callable[[], o
 
 
 def slot_default(slot: Slot) -> Callable[[], object]:
-    """A function that makes the field's value when it is absent: the definition's default, or zero
+    """Return a function that makes the field's value when it is absent: the definition's default, or zero
     (JSN-26)."""
     default = slot.default
     if default is None:
@@ -97,7 +97,7 @@ def slot_default(slot: Slot) -> Callable[[], object]:
 
 
 def _held(default: object, field_type: FieldType) -> object:
-    """A default as the field holds it: a float32 is the nearest one, and infinity beyond its range."""
+    """Return a default as the field holds it: a float32 is the nearest one, and infinity beyond its range."""
     number = field_type.element if isinstance(field_type, field_types.Array) else field_type
     if number != field_types.FLOAT32 or not isinstance(default, float):
         return default
@@ -107,7 +107,7 @@ def _held(default: object, field_type: FieldType) -> object:
 
 
 def struct_field(slot: Slot) -> StructField:
-    """One field for :func:`msgspec.defstruct`."""
+    """Return one field for :func:`msgspec.defstruct`."""
     make = slot_default(slot)
     value = make()
     # msgspec shares a plain default between instances, which only immutable ones allow.
@@ -125,7 +125,7 @@ _ENOUGH: Final = 1 << 26
 
 
 def compile_sizes(message: MessageType) -> Callable[[list[Any]], int]:
-    """A function that reckons the bytes of so many messages of one type."""
+    """Return a function that reckons the bytes of so many messages of one type."""
     fixed = _OBJECT
     more: list[tuple[Callable[[Any], Any], FieldType]] = []
     for path, field_type in _leaves(message, ""):
@@ -153,7 +153,7 @@ def _leaves(message: MessageType, prefix: str) -> Iterator[tuple[str, FieldType]
 
 
 def _sizes(type: FieldType, values: list[Any]) -> int:
-    """The bytes of the values of one field, of several messages."""
+    """Return the bytes of the values of one field, of several messages."""
     least = _OBJECT * len(values)
     match type:
         case field_types.String() | field_types.Octets():

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 def python_name(name: str) -> str:
-    """What a field or a constant is called in Python: as in ROS, a keyword with an underscore behind it."""
+    """Return the name of a field or constant in Python: a keyword gets an underscore appended, as in ROS."""
     return f"{name}_" if keyword.iskeyword(name) else name
 
 
@@ -125,7 +125,7 @@ class MessageType:
 
     @cached_property
     def has_sequence(self) -> bool:
-        """Whether publishers count in messages of this type: `header.seq` of ROS 1."""
+        """True if publishers count in messages of this type: `header.seq` of ROS 1."""
         return any(
             slot.name == "header"
             and isinstance(slot.type, field_types.Message)
@@ -143,7 +143,7 @@ class MessageType:
 
     @cached_property
     def long_text_fields(self) -> tuple[LongField, ...]:
-        """Those of them that hold text."""
+        """Long fields that hold text."""
         return tuple(field for field in self.long_fields if field.is_text)
 
     @cached_property
@@ -157,7 +157,7 @@ class MessageType:
         return self.from_cdr if self.registry.distro.serialisation == "cdr" else self.from_ros1
 
     def binary_encoder(self, form: BinaryForm) -> BinaryEncoder:
-        """The encoder to one form, and what stands before strings and octets there."""
+        """Return the encoder to one form, and what stands before strings and octets there."""
         encoder = self._binary_encoders.get(form)
         if encoder is None:
             from rwt_interfaces.serialise import cbor, wire_rules
@@ -173,7 +173,7 @@ class MessageType:
         return encoder
 
     def step_encoder(self, form: BinaryForm) -> Callable[[msgspec.Struct, Chunks], Steps[Parts]]:
-        """The encoder to one form in steps, for messages with long lists."""
+        """Return the encoder to one form in steps, for messages with long lists."""
         encoder = self._step_encoders.get(form)
         if encoder is None:
             from rwt_interfaces.serialise import cbor, pack, wire_rules

@@ -84,8 +84,8 @@ class JsonCodec:
         self._texts = not sized and "string" in self._kinds
 
     def cut(self, raw: RawText) -> Steps[LongString | None]:
-        """A large text in two parts, of which the small one stands for the whole; None if it has no long
-        string that is most of it."""
+        """Return a large text in two parts, of which the small one stands for the whole; None if it has no
+        long string that is most of it."""
         if self._octets or self._texts:
             return (yield from cut_long_string(raw, self._octets, self._texts))
         return None
@@ -106,7 +106,7 @@ class JsonCodec:
         return message
 
     def decode(self, raw: RawText) -> msgspec.Struct:
-        """A text that passed the check, as the message's own Struct."""
+        """Return a text that passed the check, as the message's own Struct."""
         try:
             return self._decode(raw)
         except msgspec.ValidationError:
@@ -114,7 +114,8 @@ class JsonCodec:
             return self._complete(parse(raw), _no_clock)
 
     def encode(self, value: msgspec.Struct) -> bytes:
-        """The message as compact JSON: every field, in order, NaN and infinities as null (JSN-04, JSN-08)."""
+        """Return the message as compact JSON: every field, in order, NaN and infinities as null (JSN-04,
+        JSN-08)."""
         return _ENCODER.encode(value if self._pack is None else self._pack(value))
 
 
@@ -154,7 +155,7 @@ def require_quick_numbers(raw: RawText) -> Steps[None]:
 
 
 def _bounded(decode: Callable[[RawText], object], inexact: Flaw | None) -> Callable[[RawText], object]:
-    """The check of a small text: to decode it, and to look at numbers that msgspec cannot judge."""
+    """Return the check of a small text: to decode it, and to look at numbers that msgspec cannot judge."""
     if inexact is None:
         return decode
 
@@ -170,7 +171,7 @@ def _no_clock() -> int:
 
 
 def parse(raw: RawText) -> object:
-    """Any JSON text as plain objects, with the tokens NaN and Infinity that Python's programs send (JSN-33).
+    """Return any JSON text as plain objects; the tokens NaN and Infinity are accepted (JSN-33).
 
     Raises:
         InvalidMessage: not JSON, not UTF-8, or nested too deeply.
@@ -184,7 +185,8 @@ def parse(raw: RawText) -> object:
 
 
 def begins_too_deep(raw: RawText) -> bool:
-    """Whether the beginning of a text is nested more deeply than any message, too deeply to be skipped."""
+    """Return True if the beginning of a text is nested more deeply than any message, too deeply to be
+    skipped."""
     try:
         _skip(memoryview(raw)[:_BEGINNING])
     except RecursionError:
@@ -206,7 +208,7 @@ def _parse_leniently(raw: RawText) -> object:
 
 
 def _kinds(message: MessageType) -> Iterable[str]:
-    """What occurs anywhere in a message, as far as it matters for long strings."""
+    """Yield the kinds of strings and octets anywhere in a message."""
     for slot in message.slots:
         field_type = slot.type.element if isinstance(slot.type, field_types.Array) else slot.type
         match field_type:
@@ -227,7 +229,7 @@ def _has_arrays(message: MessageType) -> bool:
 
 
 def _plain(value: object) -> object:
-    """What msgspec does not know itself: a numpy array becomes a list."""
+    """Convert a numpy array, which msgspec does not know, to a list."""
     if not hasattr(value, "tolist"):
         raise InvalidMessage("", f"{type(value).__name__} has no form in JSON")
     array: NDArray[np.generic] = cast("NDArray[np.generic]", value)
@@ -242,14 +244,14 @@ _ENCODER = msgspec.json.Encoder(enc_hook=_plain)
 
 
 def items_encoder(element: FieldType) -> Callable[[list[Any]], bytes]:
-    """A function that encodes a list of such values as compact JSON."""
+    """Return a function that encodes a list of such values as compact JSON."""
     pack = _pack_field(element)
     encode = _ENCODER.encode
     return encode if pack is None else lambda items: encode([pack(item) for item in items])
 
 
 def _packer(message: MessageType) -> Callable[[Any], Any] | None:
-    """A function that copies a message with its long octets as finished base64 text; None if it has no
+    """Return a function that copies a message with its long octets as finished base64 text; None if it has no
     octets."""
     packers = {
         slot.attribute: packed for slot in message.slots if (packed := _pack_field(slot.type)) is not None

@@ -522,7 +522,7 @@ def _is_unusual(chunk: bytes) -> Steps[bool]:
 
 
 def _lists(message: MessageType, path: _Path) -> Iterator[tuple[_Path, _Items]]:
-    """The fields that may hold long lists."""
+    """Yield the fields that may hold long lists."""
     for slot in message.slots:
         here = (*path, slot.attribute)
         if isinstance(slot.type, field_types.Message):

@@ -32,7 +32,8 @@ def chunks_of(items: Any, is_numbers: bool) -> Iterator[Any]:
 
 
 def compile_test(message: MessageType) -> _IsLong | None:
-    """A function that tells whether a message of that type holds a long list; None if none of them can."""
+    """Return a function that tells whether a message of that type holds a long list; None if none of them
+    can."""
     lists = [(attrgetter(path), long_items(array.element)) for path, array in _lists(message, "")]
     if not lists:
         return None
@@ -48,18 +49,18 @@ def compile_test(message: MessageType) -> _IsLong | None:
 
 
 def long_items(element: FieldType) -> _IsLong | None:
-    """Tells whether an item of a list holds a long list; None if no such item can."""
+    """Return a test for items of a list that hold a long list; None if no such item can."""
     return element.type.holds_long_list if isinstance(element, field_types.Message) else None
 
 
 def holds_long_lists(array: field_types.Array, items: Iterable[Any]) -> bool:
-    """Whether an item of that list holds a long list."""
+    """Return True if an item of that list holds a long list."""
     is_long = long_items(array.element)
     return is_long is not None and any(map(is_long, items))
 
 
 def _lists(message: MessageType, prefix: str) -> Iterator[tuple[str, field_types.Array]]:
-    """The fields whose lists may be long, by the path of attributes to them."""
+    """Yield the fields whose lists may be long, by the path of attributes to them."""
     for slot in message.slots:
         if isinstance(slot.type, field_types.Message):
             yield from _lists(slot.type.type, f"{prefix}{slot.attribute}.")
@@ -73,7 +74,7 @@ def plain(value: object) -> Any:
 
 
 def plain_lists(type: MessageType, message: msgspec.Struct) -> Steps[object]:
-    """The same of one message, its long lists in steps."""
+    """Return one message as plain objects, its long lists in steps."""
     if type.holds_long_list is None or not type.holds_long_list(message):
         return plain(message)
     found: dict[str, object] = {}
@@ -104,6 +105,6 @@ def _plain_items(array: field_types.Array, values: Any) -> Steps[list[object]]:
 
 
 def _plain_array(array: object) -> object:
-    """A numpy array as a list: the only thing in a message that is not plain."""
+    """Return a numpy array as a list: the only thing in a message that is not plain."""
     to_list: Callable[[], object] = array.tolist  # type: ignore[attr-defined]  # numpy is not imported here
     return to_list()

@@ -76,7 +76,7 @@ class JoinedParts:
             self._short, self._size = [], 0
 
     def all(self) -> Parts:
-        """The parts."""
+        """Return the parts."""
         self._join()
         return tuple(self._parts)
 
@@ -102,7 +102,7 @@ class LongString(NamedTuple):
     begin: int
 
     def moved(self, raw: bytes) -> LongString:
-        """The same two parts of a copy of the text."""
+        """Return the same two parts of a copy of the text."""
         end = self.begin + len(self.content)
         return self._replace(content=memoryview(raw)[self.begin : end])
 
@@ -126,7 +126,8 @@ def token_for_base64(length: int, padding: int) -> bytes:
 
 
 def cut_long_string(raw: RawText, octets: bool, texts: bool) -> Steps[LongString | None]:
-    """The text apart from its one long string, or None if it has none from near its start to near its end.
+    """Return the text apart from its one long string, or None if it has none from near its start to near its
+    end.
 
     Why the parts stand for the whole: if the text is JSON, the first quote begins a string, since all strings
     before it have ended. What is cut is valid in a string, so the second quote ends it. Thus the text is JSON
@@ -177,7 +178,7 @@ def _first_quote(tail: bytes, offset: int) -> int:
 
 
 def _is_base64(content: memoryview) -> bool:
-    """Whether the bytes are padded base64 without white space."""
+    """Return True if the bytes are padded base64 without white space."""
     try:
         for start in range(0, len(content), BASE64_PIECE_BYTES):
             piece = content[start : start + BASE64_PIECE_BYTES]
@@ -267,8 +268,8 @@ def _unescaped(content: memoryview) -> Steps[tuple[str, ...] | None]:
 
 
 def _whole_letters(piece: bytes) -> bytes:
-    """The piece without what may be the first half of an escape, a letter or a pair of surrogates at its end;
-    where that leaves nothing, the piece."""
+    """Return the piece without what may be the first half of an escape, a letter or a pair of surrogates at
+    its end; where that leaves nothing, the piece."""
     end = len(piece)
     while end > len(piece) - 4 and piece[end - 1 : end] >= b"\x80":
         end -= 1
@@ -298,5 +299,5 @@ def substituted(value: object, token: str, text: str) -> object:
 
 
 def string_of(content: RawText, unescaped: tuple[str, ...]) -> str:
-    """The string that a proven content stands for."""
+    """Return the string that a proven content stands for."""
     return "".join(unescaped) if unescaped else str(content, "utf-8")

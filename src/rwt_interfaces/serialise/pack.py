@@ -31,7 +31,8 @@ _Write = Callable[[bytearray, Any], None]
 
 
 def compile_encoder(message: MessageType, rules: WireRules) -> Callable[[msgspec.Struct], bytes]:
-    """A function that encodes a message of that type; it takes its own Struct and `JsonCodec.sendable`."""
+    """Return a function that encodes a message of that type; it takes its own Struct and
+    `JsonCodec.sendable`."""
     write = _message_writer(message, rules)
     header = rules.header
 
@@ -46,7 +47,7 @@ def compile_encoder(message: MessageType, rules: WireRules) -> Callable[[msgspec
 def compile_step_encoder(
     message: MessageType, rules: WireRules
 ) -> Callable[[msgspec.Struct, Chunks], Steps[Parts]]:
-    """A function that encodes a message of that type in steps."""
+    """Return a function that encodes a message of that type in steps."""
     write = _step_writer(message, rules)
     header = rules.header
 
@@ -59,7 +60,8 @@ def compile_step_encoder(
 
 
 def _message_writer(message: MessageType, rules: WireRules) -> _Write:
-    """A function that appends a message of that type; it takes its own Struct and `JsonCodec.sendable`."""
+    """Return a function that appends a message of that type; it takes its own Struct and
+    `JsonCodec.sendable`."""
     steps = [step for step, _, _ in _steps(message, rules)]
 
     def write(out: bytearray, value: Any) -> None:
@@ -70,8 +72,8 @@ def _message_writer(message: MessageType, rules: WireRules) -> _Write:
 
 
 def _step_writer(message: MessageType, rules: WireRules) -> Callable[[bytearray, Any, Chunks], Steps[None]]:
-    """A function that appends a message of that type in steps, some items of a long list in each; lists that
-    are given apart take the place of those in the message."""
+    """Return a function that appends a message of that type in steps, some items of a long list in each;
+    lists that are given apart take the place of those in the message."""
     steps = [
         (step, path, attrgetter(path) if isinstance(field_type, field_types.Array) else None, field_type)
         for step, path, field_type in _steps(message, rules)
@@ -128,7 +130,7 @@ def _long_array(
 
 
 def _steps(message: MessageType, rules: WireRules) -> Iterator[tuple[_Write, str, FieldType | None]]:
-    """What writes the message, in order, and the path and type of each field that is not part of a run."""
+    """Yield the writers of a message, in order, and path and type of each field that is not part of a run."""
     codes, paths = "", list[str]()
     for path, field_type in _leaves(message, "", rules):
         leaf = letters(field_type)

@@ -55,14 +55,14 @@ class LongField:
         self.fetch: Callable[[Any], Any] = attrgetter(".".join(attributes))
 
     def put(self, message: msgspec.Struct, content: str | bytes) -> msgspec.Struct:
-        """A copy of a message with something else in this field; all else is shared."""
+        """Return a copy of a message with something else in this field; all else is shared."""
         return put(message, self._attributes, content)
 
 
 def put(
     message: msgspec.Struct, attributes: tuple[str, ...], content: str | bytes | int | list[Any]
 ) -> msgspec.Struct:
-    """A copy of a message with something else in the field that a path of attributes leads to."""
+    """Return a copy of a message with something else in the field that a path of attributes leads to."""
     first, *rest = attributes
     new = put(getattr(message, first), tuple(rest), content) if rest else content
     return msgspec.structs.replace(message, **{first: new})
@@ -87,7 +87,7 @@ def _long_fields(message: MessageType, prefix: tuple[str, ...]) -> Iterator[tupl
 
 
 def long_text(type: MessageType, message: msgspec.Struct) -> LongField | None:
-    """The first field where a message in Python has a text so long that it is written in steps."""
+    """Return the first field where a message in Python has a text so long that it is written in steps."""
     for field in type.long_text_fields:
         if len(field.fetch(message)) >= LONG_TEXT_CHARS:
             return field
@@ -95,7 +95,7 @@ def long_text(type: MessageType, message: msgspec.Struct) -> LongField | None:
 
 
 def long_octets(type: MessageType, message: msgspec.Struct) -> LongField | None:
-    """The first field where a message in Python has octets so long that they stand apart."""
+    """Return the first field where a message in Python has octets so long that they stand apart."""
     for field in type.long_fields:
         if not field.is_text and len(field.fetch(message)) >= LONG_OCTETS_BYTES:
             return field
@@ -103,7 +103,7 @@ def long_octets(type: MessageType, message: msgspec.Struct) -> LongField | None:
 
 
 def json_of_text(type: MessageType, message: msgspec.Struct, field: LongField) -> Steps[Parts]:
-    """A message in JSON, the long text in one of its fields written in steps."""
+    """Return a message in JSON, the long text in one of its fields written in steps."""
     text: str = field.fetch(message)
     token = token_for_text(len(text))
     before, _, after = type.json.encode(field.put(message, token.decode())).partition(token)
@@ -139,7 +139,7 @@ class SplicedMessage:
     def from_string(
         cls, type: MessageType, short: msgspec.Struct, string: LongString
     ) -> SplicedMessage | None:
-        """Of a message whose text was cut: None if the token is not in a long field of the type."""
+        """Return a message whose text was cut; None if the token is not in a long field of the type."""
         text = string.token.decode()
         octets = pybase64.b64decode(string.token) if string.is_base64 else None
         for field in type.long_fields:
@@ -149,14 +149,14 @@ class SplicedMessage:
 
     @classmethod
     def from_octets(cls, message: msgspec.Struct, field: LongField) -> SplicedMessage:
-        """Of a message in Python with long octets in one field."""
+        """Return a message of Python with long octets in one field."""
         octets: bytes = field.fetch(message)
         token = token_for_base64((len(octets) + 2) // 3 * 4, -len(octets) % 3)
         return cls(field.put(message, pybase64.b64decode(token)), field, token, None, octets)
 
     @classmethod
     def from_text(cls, message: msgspec.Struct, field: LongField) -> SplicedMessage:
-        """Of a message in Python with a long text in one field, for :meth:`binary` forms alone."""
+        """Return a message of Python with a long text in one field, for :meth:`binary` forms only."""
         text: str = field.fetch(message)
         token = token_for_text(len(text))
         return cls(field.put(message, token.decode()), field, token, None, None, (text,))
@@ -170,7 +170,7 @@ class SplicedMessage:
 
     @property
     def octets(self) -> bytes:
-        """What base64 or a text with escapes stands for; decoded once."""
+        """Octets that base64 or a text with escapes stands for; decoded once."""
         if self._octets is None and self._unescaped:
             self._octets = "".join(self._unescaped).encode()
         elif self._octets is None:
@@ -190,27 +190,27 @@ class SplicedMessage:
 
     @property
     def kept_size(self) -> int:
-        """About how many bytes the content takes, in the forms that it has now."""
+        """Approximate size of the content in its present forms, in bytes."""
         return len(self._content or b"") + len(self._octets or b"")
 
     def numbered(self, number: int) -> SplicedMessage:
-        """The same message with that `header.seq`."""
+        """Return the same message with that `header.seq`."""
         short = put(self._short, ("header", "seq"), number)
         return SplicedMessage(short, self._field, self._token, self._content, self._octets, self._unescaped)
 
     def value(self) -> msgspec.Struct:
-        """The whole message."""
+        """Return the whole message."""
         is_text = self._field.is_text
         content = string_of(self.content, self._unescaped) if is_text else self.octets
         return self._field.put(self._short, content)
 
     def json(self, encode: Callable[[msgspec.Struct], bytes]) -> Parts:
-        """The parts of the message in JSON."""
+        """Return the parts of the message in JSON."""
         before, _, after = encode(self._short).partition(self._token)
         return before, self.content, after
 
     def binary(self, encode: Callable[[msgspec.Struct], bytes], length_head: LengthHead) -> Parts:
-        """The parts of the message in an encoding where a length stands before strings and octets."""
+        """Return the parts of the message in an encoding where a length stands before strings and octets."""
         short, is_text = self._short, self._field.is_text
         content: RawText
         if not is_text:
@@ -226,7 +226,7 @@ class SplicedMessage:
         return before.removesuffix(short_head) + length_head(len(content), is_text), content, after
 
     def detached(self) -> SplicedMessage:
-        """The same message without a view of the buffer it was received in."""
+        """Return the same message without a view of the buffer it was received in."""
         content = self._content
         return SplicedMessage(
             self._short,

@@ -29,7 +29,7 @@ CUT_SHORT = "data cut short"
 
 
 def compile_reader(message: MessageType, rules: WireRules) -> _Read:
-    """A function that reads a message of that type as its own Struct; raises InvalidMessage and
+    """Return a function that reads a message of that type as its own Struct; raises InvalidMessage and
     struct.error."""
     fields = [(slot.name, _reader(slot.type, rules)) for slot in message.slots]
     make = message.struct
@@ -195,7 +195,7 @@ def _items_reader(read_item: _Read, empty: bool) -> Callable[[memoryview, int, i
 
 
 def compile_decoder(message: MessageType, rules: WireRules) -> Callable[[bytes | memoryview], msgspec.Struct]:
-    """A function that decodes a message of that type, or raises InvalidMessage."""
+    """Return a function that decodes a message of that type, or raises InvalidMessage."""
     read = compile_reader(message, rules)
     header = rules.header
 
@@ -218,7 +218,7 @@ def compile_decoder(message: MessageType, rules: WireRules) -> Callable[[bytes |
 
 
 def _without_header(data: memoryview, header: bytes) -> memoryview:
-    """What follows the encapsulation header, of which the last two bytes are options."""
+    """Return the data after the encapsulation header, whose last two bytes are options."""
     if len(data) < len(header):
         raise InvalidMessage("", CUT_SHORT)
     if bytes(data[:2]) != header[:2]:

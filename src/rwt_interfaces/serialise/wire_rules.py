@@ -32,7 +32,7 @@ class WireRules:
     filler: bytes
 
     def length_head(self, length: int, is_text: bool) -> bytes:
-        """What stands before a string or octets of that many bytes, after padding."""
+        """Return the length before a string or octets of that many bytes; padding precedes it."""
         return LENGTH.pack(length + (is_text and self.terminated))
 
 
@@ -49,7 +49,7 @@ ROS1: Final = WireRules(header=b"", aligned=False, terminated=False, filler=b"")
 
 
 def letters(field_type: FieldType | None) -> str:
-    """The letters of a leaf of fixed size in :mod:`struct`; empty for any other."""
+    """Return the letters of a leaf of fixed size in :mod:`struct`; empty for any other."""
     match field_type:
         case None:
             return FILLED
@@ -64,5 +64,5 @@ def letters(field_type: FieldType | None) -> str:
 
 
 def gap(offset: int, size: int, aligned: bool) -> int:
-    """The number of padding bytes before a number of that size at that offset."""
+    """Return the number of padding bytes before a number of that size at that offset."""
     return -offset % size if aligned else 0

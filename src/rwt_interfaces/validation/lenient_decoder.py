@@ -165,7 +165,7 @@ class MessageDecoder:
 
 
 def _field(slot: Slot, in_header: bool) -> tuple[str, LenientDecoder, Callable[[Now], object]]:
-    """A field's name, its lenient decoder, and what it is when absent."""
+    """Return a field's name, its lenient decoder, and what it is when absent."""
     type = slot.type
     if isinstance(type, field_types.Time) and in_header and not type.is_duration:
         stamp = _time(type, stamped=True)
@@ -202,13 +202,13 @@ def _holds_header(message: MessageType) -> bool:
 
 
 def _count(message: MessageType) -> int:
-    """The fields of a message, those of nested ones included."""
+    """Return the fields of a message, those of nested ones included."""
     nested = (slot.type.type for slot in message.slots if isinstance(slot.type, field_types.Message))
     return len(message.slots) + sum(map(_count, nested))
 
 
 def compile_field(type: FieldType) -> LenientDecoder:
-    """The lenient decoder of one field."""
+    """Return the lenient decoder of one field."""
     match type:
         case field_types.Bool():
             return _bool
@@ -352,7 +352,7 @@ def _array(type: field_types.Array) -> LenientDecoder:
 
 
 def _plain_texts(value: Any) -> list[str] | None:
-    """A new list of strings in one pass of compiled code; None if one of them has to be looked at."""
+    """Return a new list of strings in one pass of compiled code; None if one of them has to be looked at."""
     try:
         return list(value) if "".join(value).isascii() else None
     except TypeError:
