@@ -95,6 +95,19 @@ def test_steps_come_to_what_is_made_at_once(
             assert make(payload) == make(whole)
 
 
+@pytest.mark.parametrize("wrong", [(), (256,)])
+def test_octets_are_taken_as_a_long_list_of_numbers(wrong: tuple[int, ...]) -> None:
+    image = {"height": 1, "data": [*range(256)] * 2_000 + [*wrong]}
+    type, raw = REGISTRY.message("sensor_msgs/Image"), json.dumps(image).encode()
+    if not wrong:
+        value: Any = Payload.from_json(type, raw).value()
+        assert (value.height, value.data) == (1, bytes(range(256)) * 2_000)
+        return
+    with pytest.raises(InvalidMessage) as caught:
+        Payload.from_json(type, raw)
+    assert caught.value.path == "data[512000]"
+
+
 @pytest.mark.parametrize(
     ("kind", "text"),
     [

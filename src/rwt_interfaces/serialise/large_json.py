@@ -282,7 +282,7 @@ class _Items:
             InvalidMessage: an item does not fit.
             Unsplittable: the text is not JSON.
         """
-        taken: list[Any] = []
+        taken: Any = bytearray() if self.are_octets else []
         growth_left = MAX_GROWTH_BYTES
         for start, stop in _chunks(data, span, CHUNK_BYTES if self.are_numbers else SLOW_CHUNK_BYTES):
             yield
@@ -305,7 +305,7 @@ class _Items:
                 items = self.of_values(_parsed(text), len(taken), completion)
             if not items:
                 raise Unsplittable
-            taken += items
+            taken.extend(items)
         return self._held(taken)
 
     def complete_values(self, values: list[object], completion: Completion) -> Steps[Any]:
@@ -371,7 +371,7 @@ class _Items:
             return None
         return (yield from LargeJson.split(self._message, data[start:stop]))
 
-    def _held(self, items: list[Any]) -> Any:
+    def _held(self, items: list[Any] | bytearray) -> Any:
         check_length(len(items), self._array.length, self._bound)
         return bytes(items) if self.are_octets else items
 
