@@ -1,4 +1,4 @@
-"""What differs between ROS distributions, as data: one field for each difference, which code asks by name."""
+"""Differences between ROS distributions, as data: one field for each."""
 
 from __future__ import annotations
 
@@ -47,21 +47,6 @@ class Distro:
 
         encodes_all_cbor: rosbridge's servers encode every message in CBOR; otherwise some arrays are lost
             (CBR-07).
-        rosapi_package: where the types of rosapi's services are.
-        rosapi_has_version: rosapi answers ``get_ros_version``. Clients tell ROS 1 by its absence.
-        rosapi_has_idl_names: rosapi describes scalars by the names of IDL (API-04).
-        rosapi_reports_failures: answers about parameters have ``successful`` and ``reason``; otherwise the
-            call fails.
-        rosapi_fails_for_unknown_nodes: ``node_details`` fails then; otherwise its lists are empty (API-14).
-
-        marker_state: where viewers get the present state of interactive markers: a latched topic, or a
-            service.
-        camera_matrices: the fields of ``sensor_msgs/CameraInfo`` for distortion, camera matrix, rectification
-            and projection.
-        add_two_ints_type: the service type of the tutorials.
-        fibonacci_type: the action type of the tutorials.
-        move_base_type: the action type of the navigation stack's ``/move_base``; None where Nav2 has its
-            place.
     """
 
     name: str
@@ -91,28 +76,17 @@ class Distro:
     rosout_lifespan: float | None
 
     encodes_all_cbor: bool
-    rosapi_package: str
-    rosapi_has_version: bool
-    rosapi_has_idl_names: bool
-    rosapi_reports_failures: bool
-    rosapi_fails_for_unknown_nodes: bool
-
-    marker_state: Literal["service", "topic"]
-    camera_matrices: tuple[str, str, str, str]
-    add_two_ints_type: str
-    fibonacci_type: str
-    move_base_type: str | None
 
     def type_name(self, name: str, kind: Kind) -> str:
-        """What this distribution calls the type of a two-part name."""
+        """Return the name of a type in this distribution, given its two-part name."""
         return three_part(name, kind) if self.has_three_part_names else name
 
     def time(self, time_ns: int) -> dict[str, int]:
-        """A time or duration in nanoseconds, as the fields of its message."""
+        """Return a time or duration in nanoseconds, as the fields of its message."""
         return dict(zip(self.time_fields, divmod(time_ns, NANOSECONDS), strict=True))
 
     def time_ns(self, time: Any) -> int:
-        """The nanoseconds of a time or duration in a message."""
+        """Return the nanoseconds of a time or duration in a message."""
         seconds, nanoseconds = self.time_fields
         return int(getattr(time, seconds) * NANOSECONDS + getattr(time, nanoseconds))
 
@@ -142,16 +116,6 @@ JAZZY = Distro(
     rosout_depth=100,
     rosout_lifespan=10.0,
     encodes_all_cbor=True,
-    rosapi_package="rosapi_msgs",
-    rosapi_has_version=True,
-    rosapi_has_idl_names=True,
-    rosapi_reports_failures=True,
-    rosapi_fails_for_unknown_nodes=True,
-    marker_state="service",
-    camera_matrices=("d", "k", "r", "p"),
-    add_two_ints_type="example_interfaces/AddTwoInts",
-    fibonacci_type="example_interfaces/Fibonacci",
-    move_base_type=None,
 )
 #: The last ROS 1.
 NOETIC = Distro(
@@ -178,16 +142,6 @@ NOETIC = Distro(
     rosout_depth=1,
     rosout_lifespan=None,
     encodes_all_cbor=False,
-    rosapi_package="rosapi",
-    rosapi_has_version=False,
-    rosapi_has_idl_names=False,
-    rosapi_reports_failures=False,
-    rosapi_fails_for_unknown_nodes=False,
-    marker_state="topic",
-    camera_matrices=("D", "K", "R", "P"),
-    add_two_ints_type="rospy_tutorials/AddTwoInts",
-    fibonacci_type="actionlib_tutorials/Fibonacci",
-    move_base_type="move_base_msgs/MoveBase",
 )
 
 #: The distributions that `rwt serve --distro` takes.
@@ -195,5 +149,5 @@ DISTROS: dict[str, Distro] = {distro.name: distro for distro in (JAZZY, NOETIC)}
 
 
 def closest_distro(name: str, ros_version: int) -> Distro:
-    """The distribution of that name; for an unknown name the one here of that version of ROS."""
+    """Return the distribution of that name; for an unknown name the one here of that version of ROS."""
     return DISTROS.get(name) or (NOETIC if ros_version == 1 else JAZZY)

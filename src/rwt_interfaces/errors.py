@@ -8,6 +8,7 @@
   * :exc:`InvalidMessage`: a message that does not fit its type.
 
     * :exc:`TooManyValues`: one that may fit, and is too large to find out at once.
+    * :exc:`NotExact`: one that may fit, and has to be passed on untouched, which it cannot.
 """
 
 from __future__ import annotations
@@ -48,4 +49,11 @@ class InvalidMessage(InterfaceError, ValueError):
 
 
 class TooManyValues(InvalidMessage):
-    """A text of so many values that it is not decoded at once, and that cannot be taken in pieces."""
+    """A text with too many values to be decoded at once, which cannot be split either."""
+
+
+class NotExact(InvalidMessage):
+    """A text with too many objects to be parsed, which may not be passed on untouched."""
+
+    def __init__(self) -> None:
+        super().__init__("", "not as ROS writes it")

@@ -162,8 +162,8 @@ _BUILTIN_TIMES = {"builtin_interfaces/Time": False, "builtin_interfaces/Duration
 
 
 def time_type(name: str, distro: Distro) -> Time | None:
-    """The time that `name` is, or None. ROS 2's times are messages whose names and signs are fixed; ROS 1's
-    primitives are spelled as the distribution spells time, and only durations are negative there."""
+    """Return the time that `name` is, or None. ROS 2's times are messages whose names and signs are fixed;
+    ROS 1's primitives are spelled as the distribution spells time, and only durations are negative there."""
     nanoseconds = _INTS["uint32"]
     if name in _BUILTIN_TIMES:
         return Time(_BUILTIN_TIMES[name], ("sec", "nanosec"), _INTS["int32"], nanoseconds)

@@ -56,7 +56,7 @@ class Package:
 
 
 def packages_of(distro: Distro) -> Callable[[str], Package | type]:
-    """What finds a distribution's packages by their names: a module's `__getattr__`.
+    """Return a `__getattr__` for a module that finds the packages of a distribution.
 
     `Time` and `Duration`, which are primitives of ROS 1 and belong to no package, are found besides.
     """

@@ -23,7 +23,7 @@ _WORD = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
 
 
 def is_word(text: str) -> bool:
-    """Whether `text` may be the name of a package, a type, a field or a constant.
+    """Return True if `text` may be the name of a package, a type, a field or a constant.
 
     This is what ROS 1 allows. ROS 2 is narrower (lower case packages and fields, no double underscore), but
     its programs must be able to read what ROS 1 has named ``CameraInfo.D``.

@@ -1,84 +1,80 @@
-"""One message of one type in whichever forms exist so far."""
+"""One message of one type, in each form that was asked for so far."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import msgspec
 
-from rwt_interfaces.errors import InvalidMessage, TooManyValues
+from rwt_interfaces.errors import InvalidMessage, NotExact, TooManyValues
+from rwt_interfaces.serialise import large_json
 from rwt_interfaces.serialise.json import REJECTIONS, begins_too_deep, parse, require_quick_numbers
-from rwt_interfaces.serialise.long_arrays import (
-    MOST_LENIENT,
-    MOST_VALUES,
-    PIECE,
-    SEQUENCE,
-    TakenMessage,
-    has_many_values_in_steps,
-)
+from rwt_interfaces.serialise.large_json import MAX_LENIENT_VALUES, MAX_VALUES, LargeJson, has_many_values
 from rwt_interfaces.serialise.long_lists import plain, plain_lists
-from rwt_interfaces.serialise.long_strings import (
-    LARGE,
-    LongString,
-    Parts,
-    RawText,
-    Steps,
-    finished,
-    string_of,
-    substituted,
-)
+from rwt_interfaces.serialise.long_strings import LongString, Parts, RawText, string_of, substituted
 from rwt_interfaces.serialise.splice import (
-    LONG_TEXT,
+    LONG_TEXT_CHARS,
     SplicedMessage,
     json_of_text,
     long_octets,
     long_text,
     put,
 )
+from rwt_interfaces.steps import Steps, finished
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import BinaryForm, MessageType
 
+LONG_STRING_BYTES: Final = 4096
+"""Size of a JSON text from which one long string in it is kept apart."""
+LARGE_BYTES: Final = 64 * 1024
+"""Size of a JSON text from which callers take it with :meth:`Payload.from_json_in_steps`."""
+WHOLE_BYTES: Final = 384 * 1024
+"""Size of a JSON text up to which it is checked at once, to be passed on untouched.
+
+Milliseconds of CPU that the check of 1 MB takes on the machine of the benchmarks: LaserScan 6.2,
+OccupancyGrid 5.5, String with escapes 4.0, Path 1.7, Image and PointCloud2 0.5, String 0.2. So 384 KiB
+take at most 2.5 ms there, and 10 ms on a board that is four times slower.
+"""
+SLOW_BYTES: Final = 64 * 1024
+"""Size of a JSON text up to which a message is completed at once. 1 MB takes up to 40 ms, see above."""
+LONG_FORMS_BYTES: Final = 128 * 1024
+"""Size of a JSON text with arrays from which other forms are made in steps."""
+
 _SEQUENCE_PATH = ("header", "seq")
-#: What frames are made of: JSON, CBOR, the distribution's own serialisation, or plain objects, for which
-#: :meth:`Payload.prepare` makes nothing.
 Form = Literal["json", "cbor", "serialised", "plain"]
-#: ROS time in nanoseconds.
+"""What frames are made of: JSON, CBOR, the distribution's own serialisation, or plain objects.
+:meth:`Payload.prepare` makes nothing for the last."""
 Now = Callable[[], int]
+"""ROS time in nanoseconds."""
 
 
-class Payload:
-    """One message of one type. Each form is made at most once, when it is first asked for, and shared.
+class Payload(msgspec.Struct, eq=False):
+    """Message of one type that has been checked, in one or more forms.
 
-    A message that arrived as JSON exactly as this project would send it keeps its bytes and nothing else: a
-    server that only relays never builds an object from it. Make payloads with the ``from_…`` class methods.
+    Forms are made on first use, at most once, and shared by all readers. A message that arrived as JSON
+    exactly as this project would send it keeps its bytes and nothing else: a server that only relays never
+    builds an object from it. Make payloads with the ``from_…`` class methods.
+
+    At least one form exists from the start: ``_json`` (with ``_string``, if most of the text is one long
+    string), ``_json_parts``, ``_message``, ``_spliced``, or CDR in ``_forms``.
 
     Attributes:
-        type: the message's type.
-        is_long: whether other forms of it take so long to make that :meth:`prepare` should make them.
+        type: type of the message.
+        is_long: True if other forms take so long to make that :meth:`prepare` should make them in steps.
     """
 
-    __slots__ = ("_forms", "_json", "_json_parts", "_message", "_spliced", "_string", "is_long", "type")
-
-    def __init__(
-        self,
-        message_type: MessageType,
-        json: RawText | None,
-        message: msgspec.Struct | None,
-        string: LongString | None = None,
-        spliced: SplicedMessage | None = None,
-    ) -> None:
-        self.type = message_type
-        self._json = json
-        self._message = message
-        self._string = string
-        self._spliced = spliced
-        self._json_parts: Parts | None = None
-        self._forms: dict[BinaryForm, Parts] | None = None
-        self.is_long = False
+    type: MessageType
+    _json: RawText | None
+    _message: msgspec.Struct | None = None
+    _string: LongString | None = None
+    _spliced: SplicedMessage | None = None
+    _json_parts: Parts | None = None
+    _forms: dict[BinaryForm, Parts] | None = None
+    is_long: bool = False
 
     def __repr__(self) -> str:
         return f"<Payload {self.type.name}>"
@@ -87,187 +83,105 @@ class Payload:
     def from_json(
         cls, message_type: MessageType, raw: RawText, now: Now | None = None, *, is_trusted: bool = False
     ) -> Payload:
-        """Take a message as it came in JSON.
+        """Check a message that arrived as JSON, and complete it if necessary.
 
         Args:
-            message_type: what the message should be.
-            raw: the JSON text; kept as it is if it may be passed on untouched, and then not copied.
-            now: ROS time in nanoseconds for headers without a stamp and for "now"; the wall clock by default.
-            is_trusted: whether it may have any number of numbers that take long to be read.
+            message_type: expected type.
+            raw: JSON text. It is kept without a copy if it may be passed on untouched.
+            now: ROS time in nanoseconds, for headers without a stamp and for "now". Default: the wall clock.
+            is_trusted: True to accept any number of numbers that take long to parse.
 
         Raises:
-            InvalidMessage: it does not fit, and where and why; no other exception, whatever the bytes.
+            InvalidMessage: the message does not fit. No other exception is raised, whatever the bytes.
         """
-        if len(raw) >= LARGE:
-            return finished(cls._in_steps(message_type, raw, now, is_trusted))
-        # As _wholly does it, written out: most are exact, and this runs for each of them.
-        try:
-            message_type.json.check(raw)
-        except REJECTIONS:
-            return finished(cls._wholly(message_type, raw, now or time.time_ns))
-        return cls(message_type, raw, None)
-
-    @classmethod
-    def from_exact_json(cls, message_type: MessageType, raw: bytes) -> Payload | None:
-        """Take a short message as it came in JSON if it may be passed on untouched; None for any other
-        text, whatever it is."""
-        try:
-            message_type.json.check(raw)
-        except REJECTIONS:
-            return None
-        return cls(message_type, raw, None)
-
-    @classmethod
-    def from_dense_json(
-        cls, message_type: MessageType, raw: RawText, now: Now | None = None
-    ) -> Payload | None:
-        """Take a message as it came in JSON without ever making plain objects of all that it holds.
-
-        So it must be one that may be passed on untouched, or nearly all of it one long string.
-
-        Returns:
-            The message, or None if it is neither.
-
-        Raises:
-            InvalidMessage: what stands around a long string does not fit.
-        """
-        return finished(cls.from_dense_json_in_steps(message_type, raw, now))
-
-    @classmethod
-    def from_dense_json_in_steps(
-        cls, message_type: MessageType, raw: RawText, now: Now | None = None
-    ) -> Steps[Payload | None]:
-        """As :meth:`from_dense_json`, in such steps as :meth:`from_json_in_steps` takes.
-
-        Raises:
-            InvalidMessage: as :meth:`from_dense_json`, from any step.
-        """
-        codec = message_type.json
-        string = yield from codec.cut(raw)
-        if string is not None and len(string.text) < LARGE:
-            return (yield from cls._in_steps(message_type, raw, now, False))
-        yield from require_quick_numbers(raw)
-        taken = yield from codec.long_arrays.take(raw, now or time.time_ns, completes=False)
-        if taken is not None:
-            return (
-                None if taken.short is None and not taken.is_exact else cls._taken(message_type, raw, taken)
-            )
-        if (yield from has_many_values_in_steps(raw)):
-            return None
-        try:
-            codec.check(raw)
-        except REJECTIONS:
-            return None
-        payload = cls(message_type, raw, None)
-        payload.is_long = codec.has_arrays
-        return payload
+        if len(raw) < LONG_STRING_BYTES:
+            try:
+                message_type.json.check(raw)
+            except REJECTIONS:
+                message = finished(_completed(message_type, raw, now or time.time_ns))
+                return cls(message_type, None, message)
+            return cls(message_type, raw)
+        return finished(cls.from_json_in_steps(message_type, raw, now, is_trusted=is_trusted))
 
     @classmethod
     def from_json_in_steps(
-        cls, message_type: MessageType, raw: RawText, now: Now | None = None
+        cls,
+        message_type: MessageType,
+        raw: RawText,
+        now: Now | None = None,
+        *,
+        is_trusted: bool = False,
+        is_dense: bool = False,
     ) -> Steps[Payload]:
-        """As :meth:`from_json`, in steps of less than a millisecond where the text allows: a large one is
-        mostly one long string or long arrays, which are looked at piece by piece.
+        """Same as :meth:`from_json`, in steps. An exact message up to `WHOLE_BYTES` takes hardly any.
+
+        Args:
+            message_type, raw, now, is_trusted: as for :meth:`from_json`.
+            is_dense: True if the text holds too many objects to be parsed. It is accepted only if it may be
+                passed on untouched, or if nearly all of it is one long string.
 
         Raises:
-            InvalidMessage: as :meth:`from_json`, from any step; or too many of its numbers take long.
+            NotExact: the text is dense and not exact.
+            InvalidMessage: the message does not fit, or too many of its numbers take long to parse.
         """
-        return (yield from cls._in_steps(message_type, raw, now, False))
-
-    @classmethod
-    def _in_steps(
-        cls, message_type: MessageType, raw: RawText, now: Now | None, is_trusted: bool
-    ) -> Steps[Payload]:
         codec, now = message_type.json, now or time.time_ns
         string = yield from codec.cut(raw)
+        if string is not None and is_dense and len(string.text) >= LONG_STRING_BYTES:
+            string = None
         if not is_trusted:
             yield from require_quick_numbers(raw if string is None else string.text)
         if string is not None:
             try:
                 codec.check(string.text)
             except REJECTIONS:
-                return cls._around_string(message_type, string, now)
-            payload = cls(message_type, raw, None, string)
-            payload.is_long = bool(string.unescaped) and len(string.content) >= LONG_TEXT
-            return payload
-        if len(raw) < 4 * PIECE:
+                return _around_string(message_type, string, now)
+            is_long = bool(string.unescaped) and len(string.content) >= LONG_TEXT_CHARS
+            return cls(message_type, raw, None, string, is_long=is_long)
+        is_long = codec.has_arrays and len(raw) >= LONG_FORMS_BYTES
+        if len(raw) <= WHOLE_BYTES:
             try:
                 codec.check(raw)
             except REJECTIONS:
-                pass
+                if is_dense:
+                    raise NotExact from None
             else:
-                return cls(message_type, raw, None)
-        taken = yield from codec.long_arrays.take(raw, now)
-        if taken is None:
-            if (yield from has_many_values_in_steps(raw)):
-                raise TooManyValues(
-                    "", f"more than {MOST_VALUES} values: so many are taken only as items of long lists"
-                )
-            payload = yield from cls._wholly(message_type, raw, now)
-            payload.is_long = codec.has_arrays
-            return payload
-        return cls._taken(message_type, raw, taken)
-
-    @classmethod
-    def _taken(cls, message_type: MessageType, raw: RawText, taken: TakenMessage) -> Payload:
-        """A message that was taken apart from its long arrays."""
-        payload = cls(message_type, raw if taken.is_exact else None, taken.value())
-        if not taken.is_exact:
-            payload._json_parts = taken.json_parts(message_type.json.encode)
-        payload.is_long = True
-        return payload
-
-    @classmethod
-    def _wholly(cls, message_type: MessageType, raw: RawText, now: Now) -> Steps[Payload]:
-        """Take a message that cannot be looked at in pieces: its checks are the steps, none of which others
-        have to wait for together with the next."""
-        yield
-        with suppress(*REJECTIONS):
-            message_type.json.check(raw)
-            return cls(message_type, raw, None)
-        yield
-        with suppress(*REJECTIONS):
-            return cls(message_type, None, message_type.complete_quickly(raw, now))
-        if (yield from has_many_values_in_steps(raw, MOST_LENIENT)):
-            if begins_too_deep(raw):
-                raise InvalidMessage("", "nested too deeply")
+                return cls(message_type, raw, is_long=is_long)
+            if len(raw) > SLOW_BYTES:
+                yield
+                with suppress(*REJECTIONS):
+                    message = message_type.complete_quickly(raw, now)
+                    return cls(message_type, None, message, is_long=is_long)
+        if len(raw) > SLOW_BYTES and codec.has_lists:
+            large = yield from LargeJson.split(message_type, raw)
+            if large is not None:
+                with suppress(large_json.Unsplittable):
+                    return (yield from _split(message_type, raw, large, now, is_dense=is_dense))
+        if (yield from has_many_values(raw)):
+            if is_dense:
+                raise NotExact
             raise TooManyValues(
-                "",
-                f"more than {MOST_LENIENT} values, and not as ROS writes it:"
-                " so many are taken only as items of long lists",
+                "", f"more than {MAX_VALUES} values: so many are taken only as items of long lists"
             )
-        yield
-        parsed = parse(raw)
-        yield
-        return cls(message_type, None, message_type.decode_leniently(parsed, now))
-
-    @classmethod
-    def _around_string(cls, message_type: MessageType, string: LongString, now: Now) -> Payload:
-        """A message that may not be passed on as it is; its long string may be."""
-        complete = message_type.decode_leniently
-        parsed = parse(string.text)
-        with suppress(InvalidMessage):
-            short = complete(parsed, now)
-            spliced = SplicedMessage.from_string(message_type, short, string)
-            if spliced is not None:
-                return cls(message_type, None, None, None, spliced)
-        # Whatever is wrong may lie in the long string, or say what it is.
-        whole = substituted(parsed, string.token.decode(), string_of(string.content, string.unescaped))
-        return cls(message_type, None, complete(whole, now))
+        if len(raw) > WHOLE_BYTES:
+            yield
+            with suppress(*REJECTIONS):
+                codec.check(raw)
+                return cls(message_type, raw, is_long=is_long)
+            if is_dense:
+                raise NotExact
+        message = yield from _completed(message_type, raw, now)
+        return cls(message_type, None, message, is_long=is_long)
 
     @classmethod
     def from_args(cls, message_type: MessageType, raw: RawText | None, now: Now | None = None) -> Payload:
-        """Take a service's arguments: an object by name, a list by position, anything else is no arguments
-        (SRV-02).
+        """Take the arguments of a service: an object by name, a list by position, otherwise none (SRV-02).
 
         Raises:
-            InvalidMessage: as :meth:`from_json`.
+            InvalidMessage: see :meth:`from_json`.
         """
-        if raw is None:
-            return cls.from_value(message_type, {}, now)
-        if bytes(raw[:1]) == b"{":
+        if raw is not None and bytes(raw[:1]) == b"{":
             return cls.from_json(message_type, raw, now)
-        parsed = parse(raw)
+        parsed = None if raw is None else parse(raw)
         return cls.from_value(message_type, parsed if isinstance(parsed, (dict, list)) else {}, now)
 
     @classmethod
@@ -287,32 +201,27 @@ class Payload:
             value = dict(zip(names, value, strict=False))
         codec = message_type.json
         try:
-            payload = cls(message_type, None, codec.convert(value))
+            message = codec.convert(value)
         except REJECTIONS:
-            payload = cls(message_type, None, message_type.decode_leniently(value, now or time.time_ns))
-        message = payload._known()
+            message = message_type.decode_leniently(value, now or time.time_ns)
         holds_list = message_type.holds_long_list if codec.has_arrays else None
-        payload.is_long = (holds_list is not None and holds_list(message)) or (
-            bool(message_type.text_places) and long_text(message_type, message) is not None
+        is_long = (holds_list is not None and holds_list(message)) or (
+            bool(message_type.long_text_fields) and long_text(message_type, message) is not None
         )
-        return payload
+        return cls(message_type, None, message, is_long=is_long)
 
     @classmethod
     def from_value_in_steps(
         cls, message_type: MessageType, value: dict[str, object], now: Now | None = None
     ) -> Steps[Payload]:
-        """As :meth:`from_value` for a mapping, its long lists in steps.
+        """Same as :meth:`from_value` for a mapping, its long lists in steps.
 
         Raises:
             InvalidMessage: as :meth:`from_value`, from any step.
         """
-        codec = message_type.json
-        if codec.has_arrays:
-            message = yield from codec.long_arrays.of_value(value, now or time.time_ns)
-            if message is not None:
-                payload = cls(message_type, None, message)
-                payload.is_long = True
-                return payload
+        if large_json.holds_long_list(message_type, value):
+            message = yield from large_json.complete_values(message_type, value, now or time.time_ns)
+            return cls(message_type, None, message, is_long=True)
         return cls.from_value(message_type, value, now)
 
     @classmethod
@@ -340,9 +249,7 @@ class Payload:
         If it does not fit its type, the first call of a method other than :meth:`cdr` raises
         :exc:`InvalidMessage`.
         """
-        payload = cls(message_type, None, None)
-        payload._forms = {"cdr": (data,)}
-        return payload
+        return cls(message_type, None, None, None, None, None, {"cdr": (data,)})
 
     @classmethod
     def from_ros1(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:
@@ -355,45 +262,47 @@ class Payload:
 
     @property
     def is_passthrough(self) -> bool:
-        """Whether it came in JSON, and is passed on in the very bytes."""
+        """True if the message arrived as JSON, and is passed on untouched."""
         return self._json is not None and self._message is None
 
     def json(self) -> RawText:
-        """The message in JSON: the very bytes that came, if they came fit to be passed on."""
-        if self._json is None:
-            self._json = _joined(self.json_parts())
-        return self._json
+        """Return the message in JSON: the very bytes that came, if they came fit to be passed on."""
+        json = self._json
+        if json is None:
+            json = self._json = _joined(self.json_parts())
+        return json
 
     def json_parts(self) -> Parts:
-        """The bytes of :meth:`json` in one part or more, so that a long one is not copied."""
+        """Return the bytes of :meth:`json` in one part or more, so that a long one is not copied."""
         if self._json is not None:
             return (self._json,)
         if self._json_parts is not None:
             return self._json_parts
-        spliced = self._apart()
+        type = self.type
+        spliced = self._apart() if type.long_fields else None
         if spliced is not None:
-            return spliced.json(self.type.json.encode)
-        self._json = self.type.json.encode(self._known())
+            return spliced.json(type.json.encode)
+        self._json = type.json.encode(self._message or self.value())
         return (self._json,)
 
     def cbor(self) -> bytes:
-        """The message in CBOR, without any envelope (CBR-02 to CBR-07)."""
+        """Return the message in CBOR, without any envelope (CBR-02 to CBR-07)."""
         return self._whole("cbor")
 
     def cbor_parts(self) -> Parts:
-        """The bytes of :meth:`cbor` in one part or more, so that a long one is not copied."""
+        """Return the bytes of :meth:`cbor` in one part or more, so that a long one is not copied."""
         return self._made("cbor")
 
     def serialised(self) -> bytes:
-        """The message in the serialisation of its type's distribution: CDR, or ROS 1's own form."""
+        """Return the message in the serialisation of its type's distribution: CDR, or ROS 1's own form."""
         return self._whole(self.type.registry.distro.serialisation)
 
     def serialised_parts(self) -> Parts:
-        """The bytes of :meth:`serialised` in one part or more, so that a long one is not copied."""
+        """Return the bytes of :meth:`serialised` in one part or more, so that a long one is not copied."""
         return self._made(self.type.registry.distro.serialisation)
 
     def cdr(self) -> bytes:
-        """The message in CDR, with its encapsulation header."""
+        """Return the message in CDR, with its encapsulation header."""
         return self._whole("cdr")
 
     def prepare(self, forms: Iterable[Form]) -> Steps[None]:
@@ -406,7 +315,7 @@ class Payload:
                 continue
             if form == "json":
                 if self._json is None and self._json_parts is None and has_lists:
-                    self._json_parts = yield from self.type.json.long_arrays.json(self._encodable())
+                    self._json_parts = yield from large_json.encode(self.type, self._encodable())
                 if self._json is None and self._json_parts is None:
                     self._json_parts = yield from self._text_in_steps()
                 continue
@@ -423,29 +332,29 @@ class Payload:
                     made = text.binary(*self.type.binary_encoder(name))
                     self._forms = {**(self._forms or {}), name: made}
             else:
-                apart = None
+                large = None
                 if self._message is None and (self._json is not None or self._json_parts is not None):
-                    apart = yield from self.type.json.long_arrays.apart(self.json())
-                short, lists = apart or (self._encodable(), {})
+                    large = yield from LargeJson.split(self.type, self.json())
+                short, lists = (self._encodable(), {}) if large is None else (yield from large.apart())
                 made = yield from self.type.step_encoder(name)(short, lists)
                 self._forms = {**(self._forms or {}), name: made}
 
     def _text_apart(self) -> SplicedMessage | None:
         message = self._message
-        place = None if message is None else long_text(self.type, message)
-        return None if place is None else SplicedMessage.from_text(self.value(), place)
+        field = None if message is None else long_text(self.type, message)
+        return None if field is None else SplicedMessage.from_text(self.value(), field)
 
     def _text_in_steps(self) -> Steps[Parts | None]:
         message = self._message
-        place = None if message is None else long_text(self.type, message)
-        return None if place is None else (yield from json_of_text(self.type, self.value(), place))
+        field = None if message is None else long_text(self.type, message)
+        return None if field is None else (yield from json_of_text(self.type, self.value(), field))
 
     def plain(self) -> object:
-        """The message as dicts, lists and scalars, octets as bytes."""
+        """Return the message as dicts, lists and scalars, octets as bytes."""
         return plain(self._encodable())
 
     def plain_in_steps(self) -> Steps[object]:
-        """What :meth:`plain` returns, long lists in steps; other messages take none."""
+        """Return the result of :meth:`plain`, long lists in steps. Other messages take none."""
         if self.is_long:
             return (yield from plain_lists(self.type, self._encodable()))
         return self.plain()
@@ -476,35 +385,40 @@ class Payload:
         return made
 
     def _apart(self) -> SplicedMessage | None:
-        """The message in two parts, if most of it is one long string or octets."""
-        if self._spliced is None and self.type.places:
+        """Return the message in two parts, if most of it is one long string or octets."""
+        if self._spliced is None and self.type.long_fields:
             if self._string is not None:
                 self._spliced = self._of_string(self._string)
                 self._string = None
             elif self._message is not None or (self._json is None and self._json_parts is None):
-                place = long_octets(self.type, self._encodable())
-                self._spliced = None if place is None else SplicedMessage.from_octets(self.value(), place)
+                field = long_octets(self.type, self._encodable())
+                self._spliced = None if field is None else SplicedMessage.from_octets(self.value(), field)
         return self._spliced
 
     def _of_string(self, string: LongString) -> SplicedMessage | None:
         return SplicedMessage.from_string(self.type, self.type.json.decode(string.text), string)
 
     def value(self) -> msgspec.Struct:
-        """The message as its type's Struct. It is shared: treat it as read-only.
+        """Return the message as its type's Struct. It is shared: treat it as read-only.
 
         Raises:
             InvalidMessage: the message was relayed as CDR, and does not fit.
         """
         message = self._message
         if message is None:
-            message = self._message = self._decoded()
+            raw = self._json
+            if raw is None or self._string is not None:
+                message = self._decoded()
+            else:
+                message = self.type.json.decode(raw)
+            self._message = message
         elif message.__class__ is not self.type.struct:
             message = self._message = self._own_struct(message)
         return message
 
     @property
     def kept_size(self) -> int:
-        """About how many bytes the message takes to be kept, in the form that it has now."""
+        """Approximate size of the message in its present form, in bytes."""
         if self._json is not None:
             return len(self._json)
         if self._forms:
@@ -516,13 +430,13 @@ class Payload:
         return self.type.sizes([self._message])
 
     def detach(self) -> Payload:
-        """The same message without a view of the buffer it was received in, for keeping."""
+        """Return the same message without a view of the buffer it was received in, for keeping."""
         if isinstance(self._json, memoryview):
             raw = bytes(self._json)
             string = None if self._string is None else self._string.moved(raw)
-            return self._like(Payload(self.type, raw, self._message, string))
+            return Payload(self.type, raw, self._message, string, is_long=self.is_long)
         if self._json_parts is not None:
-            return self._like(Payload(self.type, bytes(self.json()), self._message))
+            return Payload(self.type, bytes(self.json()), self._message, is_long=self.is_long)
         if self._spliced is not None:
             return Payload(self.type, self._json, self._message, None, self._spliced.detached())
         return self
@@ -535,9 +449,9 @@ class Payload:
             self._forms = None
 
     def numbered(self, number: int) -> Payload:
-        """The same message with that `header.seq`, of a type that has it."""
+        """Return the same message with that `header.seq`, of a type that has it."""
         parts = (self._json,) if self._json is not None else self._json_parts
-        found = None if parts is None or self._string is not None else SEQUENCE.match(parts[0])
+        found = None if parts is None or self._string is not None else large_json.SEQUENCE.match(parts[0])
         if parts is None or found is None:
             spliced = self._apart()
             if spliced is not None:
@@ -546,16 +460,11 @@ class Payload:
         start, end = found.span(1)
         first = memoryview(parts[0])
         before = b"".join((first[:start], b"%d" % number))
-        if len(first) < LARGE and len(parts) == 1:
-            return Payload(self.type, before + first[end:], None)
+        if len(first) < LONG_STRING_BYTES and len(parts) == 1:
+            return Payload(self.type, before + first[end:])
         known = None if self._message is None else put(self.value(), _SEQUENCE_PATH, number)
-        payload = self._like(Payload(self.type, None, known))
-        payload._json_parts = (before, first[end:], *parts[1:])
-        return payload
-
-    def _like(self, other: Payload) -> Payload:
-        other.is_long = self.is_long
-        return other
+        numbered = (before, first[end:], *parts[1:])
+        return Payload(self.type, None, known, None, None, numbered, is_long=self.is_long)
 
     def _own_struct(self, message: msgspec.Struct) -> msgspec.Struct:
         try:
@@ -566,14 +475,11 @@ class Payload:
             return own
 
     def _encodable(self) -> msgspec.Struct:
-        """The message in a Struct that every encoder takes."""
+        """Return the message in a Struct that every encoder takes."""
         message = self._message
         if message is not None and message.__class__ is self.type.json.sendable:
             return message
         return self.value()
-
-    def _known(self) -> msgspec.Struct:
-        return self._message if self._message is not None else self.value()
 
     def _decoded(self) -> msgspec.Struct:
         spliced = self._spliced or (self._apart() if self._string is not None else None)
@@ -583,6 +489,60 @@ class Payload:
             return self.type.json.decode(self.json())
         assert self._forms is not None  # A payload has its text, its message or its CDR from the start.
         return self.type.from_cdr(_joined(self._forms["cdr"]))
+
+
+def _split(
+    message_type: MessageType, raw: RawText, large: LargeJson, now: Now, *, is_dense: bool
+) -> Steps[Payload]:
+    """Take a message in chunks of its long arrays.
+
+    Raises:
+        Unsplittable: it has to be taken as a whole.
+    """
+    if len(raw) > WHOLE_BYTES and (yield from large.is_exact()):
+        parts = large.sequence_first()
+        if parts is None:
+            return Payload(message_type, raw, is_long=True)
+        # Publishers write their count into the header: it goes first, where that costs nothing.
+        return Payload(message_type, None, None, None, None, parts, is_long=True)
+    if is_dense:
+        raise NotExact
+    message = yield from large.complete(now)
+    return Payload(message_type, None, message, is_long=True)
+
+
+def _completed(message_type: MessageType, raw: RawText, now: Now) -> Steps[msgspec.Struct]:
+    """Complete a message that is not split: each way to read it is a step."""
+    yield
+    with suppress(*REJECTIONS):
+        return message_type.complete_quickly(raw, now)
+    if (yield from has_many_values(raw, MAX_LENIENT_VALUES)):
+        if begins_too_deep(raw):
+            raise InvalidMessage("", "nested too deeply")
+        raise TooManyValues(
+            "",
+            f"more than {MAX_LENIENT_VALUES} values, and not as ROS writes it:"
+            " so many are taken only as items of long lists",
+        )
+    yield
+    parsed = parse(raw)
+    yield
+    message: msgspec.Struct = message_type.decode_leniently(parsed, now)
+    return message
+
+
+def _around_string(message_type: MessageType, string: LongString, now: Now) -> Payload:
+    """Complete a message around its long string, which may be passed on as it is."""
+    complete = message_type.decode_leniently
+    parsed = parse(string.text)
+    with suppress(InvalidMessage):
+        short = complete(parsed, now)
+        spliced = SplicedMessage.from_string(message_type, short, string)
+        if spliced is not None:
+            return Payload(message_type, None, None, None, spliced)
+    # The fault may lie in the long string, or its text may quote it.
+    whole = substituted(parsed, string.token.decode(), string_of(string.content, string.unescaped))
+    return Payload(message_type, None, complete(whole, now))
 
 
 def _joined(parts: Parts) -> RawText:

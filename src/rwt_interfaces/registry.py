@@ -1,4 +1,4 @@
-"""What types are known: the standard set of one distribution and the user's own.
+"""Registry of types: the standard set of one distribution, and the types of the user.
 
 Nothing is read until a name is asked for; then one package's texts are split, and only the asked definition
 and those it contains are parsed and compiled.
@@ -98,7 +98,7 @@ class Registry:
     # Types
 
     def message(self, name: str) -> MessageType:
-        """The message of that name, compiled at the first question.
+        """Return the message of that name, compiled on first use.
 
         Raises:
             UnknownType: neither it nor a message in it is known; the text names the closest known names.
@@ -117,7 +117,7 @@ class Registry:
             return compiled
 
     def service(self, name: str) -> ServiceType:
-        """The service of that name.
+        """Return the service of that name.
 
         Raises:
             UnknownType: see :meth:`message`.
@@ -139,7 +139,8 @@ class Registry:
             return compiled
 
     def action(self, name: str) -> ActionType:
-        """The action of that name, which ROS 1 calls ``FibonacciAction`` after the message of its parts.
+        """Return the action of that name, which ROS 1 calls ``FibonacciAction`` after the message of its
+        parts.
 
         Raises:
             UnknownType: see :meth:`message`.
@@ -235,7 +236,7 @@ class Registry:
     # Definitions
 
     def definition(self, name: str) -> MessageDefinition:
-        """The definition of a message, or of a part of a service or action.
+        """Return the definition of a message, or of a part of a service or action.
 
         Raises:
             UnknownType: no such message is known.
@@ -317,7 +318,7 @@ class Registry:
         return None
 
     def _read(self, kind: Kind, package: str, name: str) -> _Definition | None:
-        """One definition that was written as such, parsed at the first question."""
+        """Return a definition that was written as such, parsed on first use."""
         key = (kind, f"{package}/{name}")
         found = self._definitions.get(key)
         if found is None:
@@ -398,7 +399,7 @@ class Registry:
         return tuple(sorted(found))
 
     def full_name(self, name: str) -> str:
-        """The three-part name of a message: the middle says where it is defined
+        """Return the three-part name of a message: the middle says where it is defined
         (``std_srvs/srv/SetBool_Request``).
 
         Raises:
@@ -422,7 +423,7 @@ class Registry:
         return "action" if made_by_rule or self._action_part(package, short) is not None else "msg"
 
     def type_name(self, interface: MessageType | ServiceType | ActionType) -> str:
-        """What this distribution calls a type: ``std_msgs/msg/String`` (ROS 2), ``std_msgs/String`` (1)."""
+        """Return the name of a type in this distribution: ``std_msgs/msg/String`` or ``std_msgs/String``."""
         if not self.distro.has_three_part_names:
             return interface.name
         name = self._type_names.get(interface)
@@ -440,7 +441,7 @@ class Registry:
         return self.full_name(interface.name)
 
     def full_text(self, message: MessageType) -> str:
-        """The definition of a message and of all it contains, as one text (API-06).
+        """Return the definition of a message and of all it contains, as one text (API-06).
 
         The message itself comes first; before each other definition stand an empty line, a line of 80 ``=``
         and ``MSG: pkg/Name``. Each text is as it was written, comments included; those of the standard
@@ -487,7 +488,7 @@ class Registry:
         return f"{where}: {known}{f'; did you mean {meant}?' if meant else ''}"
 
     def _meant(self, kind: Kind, name: str) -> str:
-        """What may have been meant: the same word in another package, or else what is spelled closely."""
+        """Return suggestions: the same word in another package, or else similar names."""
         if len(name) > _LONGEST_GUESSED:
             return ""
         known = self.names(kind)
@@ -508,7 +509,7 @@ def _too_deep(name: str) -> str:
 
 
 def _cache_key(name: str) -> str:
-    """The spelling under which an answer is kept.
+    """Return the spelling under which an answer is kept.
 
     It is the one that was asked for, but without needless slashes, of which a peer could send any number.
     """

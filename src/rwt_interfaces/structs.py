@@ -18,13 +18,15 @@ from rwt_interfaces import field_types
 from rwt_interfaces.definitions import hashes
 from rwt_interfaces.definitions.model import MessageDefinition, ServiceDefinition
 from rwt_interfaces.field_types import Slot
-from rwt_interfaces.struct_fields import struct_field, time_struct
+from rwt_interfaces.struct_fields import compile_sizes, struct_field, time_struct
 
 if TYPE_CHECKING:
     from rwt_interfaces.registry import Registry
     from rwt_interfaces.serialise.json import JsonCodec
-    from rwt_interfaces.serialise.long_strings import Chunks, Parts, Steps
-    from rwt_interfaces.serialise.splice import LengthHead, Place
+    from rwt_interfaces.serialise.long_lists import Chunks
+    from rwt_interfaces.serialise.long_strings import Parts
+    from rwt_interfaces.serialise.splice import LengthHead, LongField
+    from rwt_interfaces.steps import Steps
     from rwt_interfaces.validation.lenient_decoder import LenientDecoder
     from rwt_interfaces.validation.quick_completion import QuickCompletion
 
@@ -33,7 +35,7 @@ if TYPE_CHECKING:
 
 
 def python_name(name: str) -> str:
-    """What a field or a constant is called in Python: as in ROS, a keyword with an underscore behind it."""
+    """Return the name of a field or constant in Python: a keyword gets an underscore appended, as in ROS."""
     return f"{name}_" if keyword.iskeyword(name) else name
 
 
@@ -123,7 +125,7 @@ class MessageType:
 
     @cached_property
     def has_sequence(self) -> bool:
-        """Whether publishers count in messages of this type: `header.seq` of ROS 1."""
+        """True if publishers count in messages of this type: `header.seq` of ROS 1."""
         return any(
             slot.name == "header"
             and isinstance(slot.type, field_types.Message)
@@ -133,16 +135,16 @@ class MessageType:
         )
 
     @cached_property
-    def places(self) -> tuple[Place, ...]:
+    def long_fields(self) -> tuple[LongField, ...]:
         """Where a message of this type may hold most of its bytes."""
         from rwt_interfaces.serialise import splice
 
-        return tuple(splice.places(self))
+        return tuple(splice.long_fields(self))
 
     @cached_property
-    def text_places(self) -> tuple[Place, ...]:
-        """Those of them that hold text."""
-        return tuple(place for place in self.places if place.is_text)
+    def long_text_fields(self) -> tuple[LongField, ...]:
+        """Long fields that hold text."""
+        return tuple(field for field in self.long_fields if field.is_text)
 
     @cached_property
     def serialise(self) -> Callable[[msgspec.Struct], bytes]:
@@ -155,34 +157,34 @@ class MessageType:
         return self.from_cdr if self.registry.distro.serialisation == "cdr" else self.from_ros1
 
     def binary_encoder(self, form: BinaryForm) -> BinaryEncoder:
-        """The encoder to one form, and what stands before strings and octets there."""
+        """Return the encoder to one form, and what stands before strings and octets there."""
         encoder = self._binary_encoders.get(form)
         if encoder is None:
-            from rwt_interfaces.serialise import cbor, packed
+            from rwt_interfaces.serialise import cbor, wire_rules
 
             match form:
                 case "cbor":
                     encoder = self.to_cbor, cbor.length_head
                 case "cdr":
-                    encoder = self.to_cdr, packed.CDR.length_head
+                    encoder = self.to_cdr, wire_rules.CDR.length_head
                 case "ros1":
-                    encoder = self.to_ros1, packed.ROS1.length_head
+                    encoder = self.to_ros1, wire_rules.ROS1.length_head
             self._binary_encoders[form] = encoder
         return encoder
 
     def step_encoder(self, form: BinaryForm) -> Callable[[msgspec.Struct, Chunks], Steps[Parts]]:
-        """The encoder to one form in steps, for messages with long lists."""
+        """Return the encoder to one form in steps, for messages with long lists."""
         encoder = self._step_encoders.get(form)
         if encoder is None:
-            from rwt_interfaces.serialise import cbor, packed
+            from rwt_interfaces.serialise import cbor, pack, wire_rules
 
             match form:
                 case "cbor":
                     encoder = cbor.compile_steps(self)
                 case "cdr":
-                    encoder = packed.compile_step_encoder(self, packed.CDR)
+                    encoder = pack.compile_step_encoder(self, wire_rules.CDR)
                 case "ros1":
-                    encoder = packed.compile_step_encoder(self, packed.ROS1)
+                    encoder = pack.compile_step_encoder(self, wire_rules.ROS1)
             self._step_encoders[form] = encoder
         return encoder
 
@@ -197,9 +199,7 @@ class MessageType:
     @cached_property
     def sizes(self) -> Callable[[list[Any]], int]:
         """Reckons how many bytes messages of this type take as objects."""
-        from rwt_interfaces.serialise import sizes
-
-        return sizes.compile_sizes(self)
+        return compile_sizes(self)
 
     @cached_property
     def to_cbor(self) -> Callable[[msgspec.Struct], bytes]:
@@ -211,30 +211,30 @@ class MessageType:
     @cached_property
     def to_cdr(self) -> Callable[[msgspec.Struct], bytes]:
         """Encodes a message of this type in CDR."""
-        from rwt_interfaces.serialise import packed
+        from rwt_interfaces.serialise import pack, wire_rules
 
-        return packed.compile_encoder(self, packed.CDR)
+        return pack.compile_encoder(self, wire_rules.CDR)
 
     @cached_property
     def from_cdr(self) -> Callable[[bytes | memoryview], msgspec.Struct]:
         """Decodes a message of this type from CDR; raises InvalidMessage."""
-        from rwt_interfaces.serialise import packed
+        from rwt_interfaces.serialise import unpack, wire_rules
 
-        return packed.compile_decoder(self, packed.CDR)
+        return unpack.compile_decoder(self, wire_rules.CDR)
 
     @cached_property
     def to_ros1(self) -> Callable[[msgspec.Struct], bytes]:
         """Encodes a message of this type in ROS 1's own form."""
-        from rwt_interfaces.serialise import packed
+        from rwt_interfaces.serialise import pack, wire_rules
 
-        return packed.compile_encoder(self, packed.ROS1)
+        return pack.compile_encoder(self, wire_rules.ROS1)
 
     @cached_property
     def from_ros1(self) -> Callable[[bytes | memoryview], msgspec.Struct]:
         """Decodes a message of this type from ROS 1's own form; raises InvalidMessage."""
-        from rwt_interfaces.serialise import packed
+        from rwt_interfaces.serialise import unpack, wire_rules
 
-        return packed.compile_decoder(self, packed.ROS1)
+        return unpack.compile_decoder(self, wire_rules.ROS1)
 
 
 class ServiceType:

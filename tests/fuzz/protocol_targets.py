@@ -19,7 +19,7 @@ from rwt.settings.models import Settings
 from rwt_graph import MemoryGraph, Node
 from rwt_graph.clock import SimulatedClock
 from rwt_interfaces.registry import Registry
-from rwt_interfaces.serialise.long_strings import finished
+from rwt_interfaces.steps import finished
 from rwt_protocol.codecs import JSON, png
 from rwt_protocol.codecs.base import SplitLimits
 from rwt_protocol.codecs.bson import BsonCodec

@@ -405,14 +405,14 @@ def test_the_quick_check_of_large_texts_accepts_what_the_plain_one_does(
     raw = text.encode()[: len(text.encode()) - cut]
     patch = pytest.MonkeyPatch()
     with patch.context() as small:
-        small.setattr(payload_form, "LARGE", 1 << 30)
+        small.setattr(payload_form, "LONG_STRING_BYTES", 1 << 30)
         plain = accepts(name, raw)
-        small.setattr(long_strings, "BASE64_PIECE", 16)
-        small.setattr(long_strings, "TEXT_PIECE", 16)
+        small.setattr(long_strings, "BASE64_PIECE_BYTES", 16)
+        small.setattr(long_strings, "TEXT_PIECE_BYTES", 16)
         for margin, at_once in product((12, 24, 60), (0, 1 << 20)):
-            small.setattr(long_strings, "MARGIN", margin)
-            small.setattr(long_strings, "_AT_ONCE", at_once)
-            small.setattr(payload_form, "LARGE", 4 * margin)
+            small.setattr(long_strings, "MARGIN_BYTES", margin)
+            small.setattr(long_strings, "_AT_ONCE_BYTES", at_once)
+            small.setattr(payload_form, "LONG_STRING_BYTES", 4 * margin)
             assert accepts(name, raw) == plain
 
 
@@ -499,7 +499,7 @@ def test_a_text_within_a_frame_is_proven_where_it_stands(head: str, content: str
     kind = Registry().message("std_msgs/String")
     for at_once in (0, 1 << 20):
         with pytest.MonkeyPatch().context() as other:
-            other.setattr(long_strings, "_AT_ONCE", at_once)
+            other.setattr(long_strings, "_AT_ONCE_BYTES", at_once)
             if is_valid:
                 assert bytes(Payload.from_json(kind, raw).json()) == bytes(raw)
             else:

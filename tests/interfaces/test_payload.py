@@ -8,7 +8,6 @@ import struct as struct_module
 import subprocess
 import sys
 from array import array
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from types import ModuleType
@@ -23,6 +22,7 @@ from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
+from rwt_interfaces.steps import finished
 
 REGISTRY = Registry()
 TWIST = REGISTRY.message("geometry_msgs/Twist")
@@ -289,9 +289,9 @@ def test_messages_are_made_while_another_thread_imports_numpy(monkeypatch: pytes
         make("std_msgs/Bool", {"data": 1})
 
 
-@pytest.mark.parametrize("take", [Payload.from_json, Payload.from_dense_json])
+@pytest.mark.parametrize("is_dense", [False, True])
 def test_a_large_message_is_numbered_without_being_decoded_wherever_its_header_is(
-    take: Callable[..., Payload | None],
+    is_dense: bool,
 ) -> None:
     message = Registry(DISTROS["noetic"]).message("geometry_msgs/PoseArray")
     pose = {
@@ -300,11 +300,19 @@ def test_a_large_message_is_numbered_without_being_decoded_wherever_its_header_i
     }
     header = {"seq": 1, "stamp": {"secs": 1, "nsecs": 2}, "frame_id": "map"}
     text = json.dumps({"poses": [pose] * 5_000, "header": header}).encode()
-    payload = take(message, text)
-    assert payload is not None
+    payload = finished(Payload.from_json_in_steps(message, text, is_dense=is_dense))
     numbered = payload.numbered(7)
     assert len(numbered.json_parts()) > 1  # The list is still in the very bytes that came.
     assert json.loads(bytes(numbered.json())) == {"header": {**header, "seq": 7}, "poses": [pose] * 5_000}
+
+
+def test_of_two_members_of_one_name_the_last_is_taken_in_a_large_message_too() -> None:
+    message = Registry(DISTROS["noetic"]).message("std_msgs/Float64MultiArray")
+    layout = '"layout":{"dim":[],"data_offset":0}'
+    text = f'{{{layout},"data":[1.5],"data":{[0.5] * 100_000},{layout}}}'
+    payload = Payload.from_json(message, text.encode())
+    finished(payload.prepare(["cbor"]))
+    assert payload.cbor() == Payload.from_value(message, {"data": [0.5] * 100_000}).cbor()
 
 
 _POSE = {"position": {"x": 1.0, "y": 2, "z": 3.5}, "orientation": {"w": 1.0}}

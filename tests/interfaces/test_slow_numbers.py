@@ -6,7 +6,7 @@ import pytest
 
 from rwt_interfaces import InvalidMessage, Payload, Registry
 from rwt_interfaces.serialise.json import MOST_SLOW_NUMBERS, require_quick_numbers
-from rwt_interfaces.serialise.long_strings import finished
+from rwt_interfaces.steps import finished
 
 ARRAY = Registry().message("std_msgs/Float64MultiArray")
 CLOUD = Registry().message("std_msgs/String")
@@ -21,7 +21,7 @@ def _array(number: str, count: int) -> bytes:
 def test_few_of_them_are_taken(number: str) -> None:
     assert Payload.from_json(ARRAY, _array(number, MOST_SLOW_NUMBERS)).size > MOST_SLOW_NUMBERS
     for take in (Payload.from_json, lambda *given: finished(Payload.from_json_in_steps(*given)),
-                 lambda *given: finished(Payload.from_dense_json_in_steps(*given))):  # fmt: skip
+                 lambda *given: finished(Payload.from_json_in_steps(*given, is_dense=True))):  # fmt: skip
         for count in (MOST_SLOW_NUMBERS + 1, 100_000):
             with pytest.raises(InvalidMessage, match="exponents of three digits"):
                 take(ARRAY, _array(number, count))

@@ -23,7 +23,8 @@ from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import Array, Message
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
-from rwt_interfaces.serialise import array_regions, cbor, long_arrays, long_strings, pack, splice
+from rwt_interfaces.serialise import cbor, large_json, long_lists, long_strings, pack, splice
+from rwt_interfaces.steps import finished
 from rwt_interfaces.structs import MessageType
 from rwt_interfaces.validation.mismatch import has_lone_surrogate
 
@@ -182,19 +183,18 @@ def test_to_splice_is_to_decode_and_encode(
     raw = json.dumps(message, ensure_ascii=ascii_only, separators=separators).encode()
     expected = wholly(kind, raw)
     with pytest.MonkeyPatch().context() as small:
-        small.setattr(long_strings, "BASE64_PIECE", 64)
-        small.setattr(long_strings, "TEXT_PIECE", 64)
-        small.setattr(payload_form, "LARGE", 1)
-        small.setattr(payload_form, "PIECE", 1)
-        small.setattr(array_regions, "LARGE", 1)
-        small.setattr(long_arrays, "PIECE", piece)
-        small.setattr(long_arrays, "SLOW_PIECE", piece // 2)
-        small.setattr(long_strings, "_LONG_PART", piece)
-        for module in (long_strings, long_arrays, cbor, pack):
-            small.setattr(module, "FEW", 2)
-        small.setattr(long_strings, "NUMBERS", 3)
-        small.setattr(splice, "LONG_TEXT", 20)
-        small.setattr(splice, "_TEXT_STEP", 7)
+        small.setattr(long_strings, "BASE64_PIECE_BYTES", 64)
+        small.setattr(long_strings, "TEXT_PIECE_BYTES", 64)
+        for limit in ("LONG_STRING_BYTES", "WHOLE_BYTES", "SLOW_BYTES", "LONG_FORMS_BYTES"):
+            small.setattr(payload_form, limit, 1)
+        small.setattr(large_json, "CHUNK_BYTES", piece)
+        small.setattr(large_json, "SLOW_CHUNK_BYTES", piece // 2)
+        small.setattr(long_strings, "_LONG_PART_BYTES", piece)
+        for module in (long_lists, large_json, cbor, pack):
+            small.setattr(module, "CHUNK_ITEMS", 2)
+        small.setattr(long_lists, "CHUNK_NUMBERS", 3)
+        small.setattr(splice, "LONG_TEXT_CHARS", 20)
+        small.setattr(splice, "_TEXT_STEP_CHARS", 7)
         for take in (
             lambda: Payload.from_json(kind, raw, now),
             lambda: Payload.from_json(kind, memoryview(raw), now).detach(),
@@ -206,7 +206,7 @@ def test_to_splice_is_to_decode_and_encode(
 
 
 def _prepared(payload: Payload) -> Payload:
-    long_strings.finished(payload.prepare(("json", "cbor", "serialised")))
+    finished(payload.prepare(("json", "cbor", "serialised")))
     return payload
 
 
@@ -222,6 +222,7 @@ def _asked(payload: Payload) -> Payload:
     st.integers(0, 255),
     st.integers(-1, 1),
 )
+@example("t_msgs/Holder", "e2FOQooYb0pMEW2v6A==", Random(0), 128, 0)  # Not UTF-8, behind a wrong field.
 def test_one_byte_changed_is_found_wherever_it_is(
     name: str, content: str, chance: Random, change: int, length: int
 ) -> None:
@@ -231,9 +232,12 @@ def test_one_byte_changed_is_found_wherever_it_is(
     place = chance.randrange(len(raw))
     changed = raw[:place] + (bytes([change]) if length >= 0 else b"") + raw[place + (length != 1) :]
     with pytest.MonkeyPatch().context() as small:
-        small.setattr(payload_form, "LARGE", 1)
+        for limit in ("LONG_STRING_BYTES", "WHOLE_BYTES", "SLOW_BYTES"):
+            small.setattr(payload_form, limit, 1)
+        small.setattr(large_json, "CHUNK_BYTES", 8)
         spliced = outcome(lambda: Payload.from_json(kind, changed, now))
-        small.setattr(payload_form, "LARGE", 1 << 30)
+        for limit in ("LONG_STRING_BYTES", "WHOLE_BYTES", "SLOW_BYTES"):
+            small.setattr(payload_form, limit, 1 << 30)
         assert spliced == outcome(lambda: Payload.from_json(kind, changed, now))
 
 
@@ -346,17 +350,17 @@ def test_a_refused_image_is_refused_in_the_same_words() -> None:
         assert str(refused.value) == words
 
 
-def test_an_incomplete_scan_is_completed_around_its_ranges() -> None:
-    """Whose numbers are decoded once; those that are no float32s go out as what is left of them."""
+@pytest.mark.parametrize("count", [2000, 40_000])
+def test_an_incomplete_scan_is_completed(count: int) -> None:
+    """Numbers that are not float32 are sent as the nearest ones."""
     kind = REGISTRIES[2].message("sensor_msgs/LaserScan")
-    ranges, intensities = ", ".join(["1.5", "null"] * 2000), ", ".join(["0.1"] * 4000)
+    ranges, intensities = ", ".join(["1.5", "null"] * count), ", ".join(["0.1"] * 2 * count)
     raw = f'{{"header":{{}},"ranges":[{ranges}],"angle_min":0.1,"intensities":[{intensities}]}}'.encode()
     payload = Payload.from_json(kind, memoryview(raw), now)
-    assert f"[{ranges}]".encode() in [bytes(part) for part in payload.json_parts()]
     sent = json.loads(bytes(payload.json()))
     assert sent["header"]["stamp"] == {"sec": 5, "nanosec": 7}
     assert sent["angle_min"] == 0.10000000149011612
-    assert sent["intensities"] == [0.10000000149011612] * 4000
+    assert sent["intensities"] == [0.10000000149011612] * 2 * count
     assert payload.detach().json() == payload.json()
     value: Any = payload.value()
     assert value.ranges[0] == 1.5 and math.isnan(value.ranges[1])
@@ -380,8 +384,9 @@ def test_to_number_a_message_is_to_change_its_sequence(
     whole.header.seq = 77
     with pytest.MonkeyPatch().context() as small:
         if is_large:
-            small.setattr(payload_form, "LARGE", 1)
-            small.setattr(array_regions, "LARGE", 1)
+            for limit in ("LONG_STRING_BYTES", "WHOLE_BYTES", "SLOW_BYTES"):
+                small.setattr(payload_form, limit, 1)
+            small.setattr(large_json, "CHUNK_BYTES", 8)
         numbered = Payload.from_json(kind, memoryview(raw), now).numbered(77)
         again = Payload.from_value(kind, Payload.from_json(kind, raw, now).value()).numbered(77)
         expected = outcome(lambda: Payload(kind, None, whole))
@@ -392,13 +397,13 @@ def test_to_number_a_message_is_to_change_its_sequence(
 @pytest.mark.parametrize("letter", ["a", "é", "漢", "🤖", '"', "\\", "\n", "\u2028"])
 def test_a_long_text_of_a_program_is_written_in_steps(letter: str) -> None:
     kind = REGISTRIES[2].message("std_msgs/String")
-    text = "x" * 65_535 + letter * splice.LONG_TEXT
+    text = "x" * 65_535 + letter * splice.LONG_TEXT_CHARS
     payload = Payload.from_value(kind, {"data": text})
     assert payload.is_long
     assert len([*payload.prepare(("json", "cbor", "serialised"))]) > 4
     assert payload.json() == json.dumps({"data": text}, ensure_ascii=False, separators=(",", ":")).encode()
     assert cbor2.loads(payload.cbor()) == {"data": text}
-    assert not Payload.from_value(kind, {"data": "x" * (splice.LONG_TEXT - 1)}).is_long
+    assert not Payload.from_value(kind, {"data": "x" * (splice.LONG_TEXT_CHARS - 1)}).is_long
 
 
 @pytest.mark.parametrize("text", ["\ud83d", "a\ude00b", "\ude00\ud83d", "é\ud83dé", "漢\udfff", "🤖\ud83d"])
@@ -412,7 +417,7 @@ def test_half_a_letter_is_refused_as_utf_8_refuses_it(text: str) -> None:
 
 def test_a_long_text_with_escapes_is_made_binary_in_steps() -> None:
     kind = REGISTRIES[2].message("std_msgs/String")
-    text = 'é\n"' * splice.LONG_TEXT
+    text = 'é\n"' * splice.LONG_TEXT_CHARS
     raw = json.dumps({"data": text}, ensure_ascii=False, separators=(",", ":")).encode()
     payload = Payload.from_json(kind, raw)
     assert payload.is_long

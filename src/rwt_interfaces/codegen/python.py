@@ -76,7 +76,7 @@ _TAKEN: Final = frozenset(dir(BaseModel)) | frozenset(
 
 
 def python_stubs(chosen: TypeSelection) -> str:
-    """The module."""
+    """Return the text of the module."""
     return _Stubs(chosen).text()
 
 
@@ -169,7 +169,8 @@ class _Stubs:
                 return items if most is None else _bounded(items, length or 0, most)
 
     def _default(self, slot: Slot) -> str:
-        """The default as an expression, or as ``default_factory=…`` where each message needs its own."""
+        """Return the default as an expression, or as ``default_factory=…`` where each message needs its
+        own."""
         if isinstance(slot.type, field_types.Message | field_types.Time):
             return f"default_factory={self._type(slot.type)}"
         if not isinstance(slot.type, field_types.Array):

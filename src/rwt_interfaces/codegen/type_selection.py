@@ -55,7 +55,7 @@ def selection(registry: Registry, types: Iterable[InterfaceType]) -> TypeSelecti
 
 
 def parts_of(interface: InterfaceType) -> Iterator[MessageType]:
-    """The messages that a type is made of."""
+    """Return the messages that a type is made of."""
     if isinstance(interface, MessageType):
         yield interface
     elif isinstance(interface, ServiceType):
@@ -72,7 +72,7 @@ class _Walk:
         self.times: list[field_types.Time] = []
 
     def add(self, message: MessageType) -> None:
-        """A message and what it contains."""
+        """Add a message and the messages that it contains."""
         if message.name in self.messages:
             return
         if message.time is not None:
@@ -127,5 +127,5 @@ class ClassNames:
 
 
 def time_name(time: field_types.Time) -> str:
-    """The name of a time as a message."""
+    """Return the name of a time as a message."""
     return f"builtin_interfaces/{'Duration' if time.is_duration else 'Time'}"

@@ -28,7 +28,7 @@ _LARGEST_EXACT: Final = 2**53
 
 
 def typescript_stubs(chosen: TypeSelection) -> str:
-    """The module."""
+    """Return the text of the module."""
     return "".join(_Stubs(chosen).parts())
 
 
@@ -38,7 +38,7 @@ class _Stubs:
         self._names = ClassNames(chosen, _RESERVED)
 
     def parts(self) -> Iterator[str]:
-        """The text, piece by piece."""
+        """Yield the text, piece by piece."""
         registry = self._chosen.registry
         yield _HEAD.format(distro=registry.distro.name)
         for time in self._chosen.times:
@@ -107,7 +107,7 @@ class _Stubs:
 
 
 def _remark(field_type: FieldType) -> str:
-    """The comment for what TypeScript cannot express about a field."""
+    """Return the comment for what TypeScript cannot express about a field."""
     match field_type:
         case (
             field_types.Bool()

@@ -1,1 +1,1 @@
-"""What a `.msg`, `.srv` or `.action` text says: its fields, constants and hashes."""
+"""Definitions in `.msg`, `.srv` and `.action` texts: fields, constants and hashes."""

@@ -37,7 +37,8 @@ def split_part(name: str, parts: tuple[str, ...]) -> tuple[str, str] | None:
 
 
 def wrapper(action: ActionDefinition, which: str) -> MessageDefinition:
-    """The message ``XAction``, ``XActionGoal``, ``XActionResult`` or ``XActionFeedback`` of action ``X``."""
+    """Return the message ``XAction``, ``XActionGoal``, ``XActionResult`` or ``XActionFeedback`` of action
+    ``X``."""
     if which == "Action":
         fields = tuple(
             Field(f"action_{part.lower()}", WrittenType(f"{action.name}Action{part}"))
@@ -60,7 +61,8 @@ def wrapper(action: ActionDefinition, which: str) -> MessageDefinition:
 
 
 def service_event(service: ServiceDefinition) -> MessageDefinition:
-    """The message ``X_Event`` of service ``X``: what is published of a call on ``/name/_service_event``."""
+    """Return the message ``X_Event`` of service ``X``: what is published of a call on
+    ``/name/_service_event``."""
     fields = (
         Field("info", WrittenType("service_msgs/ServiceEventInfo")),
         Field("request", WrittenType(service.request.name, is_array=True, bound=1)),
@@ -70,13 +72,13 @@ def service_event(service: ServiceDefinition) -> MessageDefinition:
 
 
 def feedback_message(action: ActionDefinition) -> MessageDefinition:
-    """The message ``X_FeedbackMessage`` of action ``X``, published on ``/name/_action/feedback``."""
+    """Return the message ``X_FeedbackMessage`` of action ``X``, published on ``/name/_action/feedback``."""
     fields = (Field("goal_id", _UUID), Field("feedback", WrittenType(action.feedback.name)))
     return _made(f"{action.name}{FEEDBACK_MESSAGE}", fields)
 
 
 def action_service(action: ActionDefinition, which: str) -> ServiceDefinition:
-    """The service ``X_SendGoal`` or ``X_GetResult`` of action ``X``."""
+    """Return the service ``X_SendGoal`` or ``X_GetResult`` of action ``X``."""
     name = f"{action.name}{which}"
     request: tuple[Field, ...]
     if which == "_SendGoal":

@@ -35,11 +35,12 @@ class Lookup(Protocol):
     """Where the definitions of nested messages come from: a :class:`~rwt_interfaces.registry.Registry`."""
 
     def definition(self, name: str) -> MessageDefinition:
-        """The definition of that name."""
+        """Return the definition of that name."""
         ...
 
     def full_name(self, name: str) -> str:
-        """The three-part name of a message, ``std_msgs/msg/String`` or ``std_srvs/srv/SetBool_Request``."""
+        """Return the three-part name of a message, ``std_msgs/msg/String`` or
+        ``std_srvs/srv/SetBool_Request``."""
         ...
 
 
@@ -63,7 +64,8 @@ def _md5(text: str) -> str:
 
 
 def _md5_text(definition: MessageDefinition, lookup: Lookup, known: dict[str, str]) -> str:
-    """What the sum is computed over: constants, then fields; a nested message, or array of it, as its sum."""
+    """Return the text that the sum is computed over: constants, then fields, nested messages by their
+    sums."""
     lines = [f"{item.type.name} {item.name}={item.text}" for item in definition.constants]
     for item in definition.fields:
         name = item.type.name

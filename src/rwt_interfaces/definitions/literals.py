@@ -41,8 +41,8 @@ class Literals:
         self.text = ""
 
     def constant(self, field_type: WrittenType) -> Value:
-        """The value of a constant. A string may be bare: then it ends at the comment or at the end of the
-        line.
+        """Return the value of a constant. A string may be bare: then it ends at the comment or at the end of
+        the line.
 
         Raises:
             DefinitionError: not a value of the type.
@@ -55,7 +55,7 @@ class Literals:
         return value
 
     def default(self, field_type: WrittenType) -> Value | tuple[Value, ...]:
-        """The default value of a field; a tuple for an array.
+        """Return the default value of a field; a tuple for an array.
 
         Raises:
             DefinitionError: not a value of the type, or not as many as the type holds.
@@ -72,7 +72,7 @@ class Literals:
 
     @staticmethod
     def format(value: object) -> str:
-        """A value as it is written in a definition; the reverse of reading it."""
+        """Return a value as it is written in a definition; the reverse of reading it."""
         if isinstance(value, tuple):
             return f"[{', '.join(Literals.format(item) for item in value)}]"
         if isinstance(value, bool):

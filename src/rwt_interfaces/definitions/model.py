@@ -33,7 +33,7 @@ class WrittenType:
 
     @property
     def is_primitive(self) -> bool:
-        """Whether an element is a primitive rather than a nested message."""
+        """True if an element is a primitive rather than a nested message."""
         return self.name in PRIMITIVES
 
 

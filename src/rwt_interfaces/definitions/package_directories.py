@@ -40,7 +40,7 @@ class InterfaceFile:
 
 
 def interface_files(folder: Path) -> list[InterfaceFile]:
-    """The files of a package, or of every package below a folder, sorted by path.
+    """Return the files of a package, or of every package below a folder, sorted by path.
 
     A package is a folder that has a folder ``msg``, ``srv`` or ``action`` with such files in it. Its name is
     what its ``package.xml`` says, or the folder's own name. Hidden folders are not entered.
@@ -80,7 +80,7 @@ def _files(folder: Path, seen: set[Path]) -> Iterator[InterfaceFile]:
 
 
 def package_name(folder: Path) -> str:
-    """The package's name in its ``package.xml``, or else the folder's own name.
+    """Return the package's name in its ``package.xml``, or else the folder's own name.
 
     Only the one element is looked for: the file is not ours to validate, and no XML parser has to meet its
     entities.

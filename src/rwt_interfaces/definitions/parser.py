@@ -108,7 +108,7 @@ def parse_action(text: str, name: str, *, source: str = "", distro: Distro = JAZ
 
 
 def format_type(field_type: WrittenType) -> str:
-    """A field type as it is written in a definition."""
+    """Return a field type as it is written in a definition."""
     text = field_type.name
     if field_type.string_bound is not None:
         text += f"<={field_type.string_bound}"
@@ -120,7 +120,7 @@ def format_type(field_type: WrittenType) -> str:
 
 
 def format_message(definition: MessageDefinition) -> str:
-    """A definition as text without comments, which reads back as an equal definition."""
+    """Return a definition as text without comments, which reads back as an equal definition."""
     lines = [f"{format_type(item.type)} {item.name}={item.text}" for item in definition.constants]
     for item in definition.fields:
         default = "" if item.default is None else f" {Literals.format(item.default)}"
@@ -279,7 +279,7 @@ def _size(digits: str, written: str, most: int = _LONGEST_SEQUENCE) -> int:
 
 
 def too_long(source: str) -> str:
-    """What is wrong with a text that is not read."""
+    """Describe a text that is too long to be read."""
     return f"{source}: a definition has {LONGEST_TEXT} characters at most, and this one has more"
 
 
@@ -288,6 +288,6 @@ def _short(complaint: str) -> str:
 
 
 def _tidy(lines: _Lines) -> str:
-    """The lines as text, without blank lines around it, ending in a line feed unless empty."""
+    """Return the lines as text, without blank lines around it, ending in a line feed unless empty."""
     text = "\n".join(line.rstrip() for _, line in lines).strip("\n")
     return f"{text}\n" if text else ""

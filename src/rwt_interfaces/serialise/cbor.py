@@ -20,8 +20,9 @@ from typing import TYPE_CHECKING, Any
 
 from rwt_interfaces import field_types
 from rwt_interfaces.field_types import FieldType
-from rwt_interfaces.serialise.long_lists import holds_long_lists, long_items
-from rwt_interfaces.serialise.long_strings import FEW, Chunks, ItemApart, JoinedParts, Parts, Steps, chunks_of
+from rwt_interfaces.serialise.long_lists import CHUNK_ITEMS, Chunks, chunks_of, holds_long_lists, long_items
+from rwt_interfaces.serialise.long_strings import JoinedParts, Parts
+from rwt_interfaces.steps import Steps
 from rwt_interfaces.validation.numbers import little_endian
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ _float64 = struct.Struct(">Bd").pack
 
 
 def head(major: int, argument: int) -> bytes:
-    """The head of a data item, as short as it can be (RFC 8949, section 3)."""
+    """Return the head of a data item, as short as it can be (RFC 8949, section 3)."""
     major <<= 5
     if argument < 24:
         return bytes((major | argument,))
@@ -74,12 +75,13 @@ def _octets(octets: bytes) -> bytes:
 
 
 def length_head(length: int, is_text: bool) -> bytes:
-    """What stands before a string or octets of that many bytes."""
+    """Return the head of a string or of octets with that many bytes."""
     return head(_TEXT if is_text else _BYTES, length)
 
 
 def compile_encoder(message: MessageType) -> Callable[[msgspec.Struct], bytes]:
-    """A function that encodes a message of that type; it takes its own Struct and `JsonCodec.sendable`."""
+    """Return a function that encodes a message of that type; it takes its own Struct and
+    `JsonCodec.sendable`."""
     leaves = list(_leaves(message, "", b""))
     tail = b""
     if leaves and not leaves[-1][1]:
@@ -104,8 +106,8 @@ def compile_encoder(message: MessageType) -> Callable[[msgspec.Struct], bytes]:
 
 
 def compile_steps(message: MessageType) -> Callable[[msgspec.Struct, Chunks], Steps[Parts]]:
-    """A function that encodes a message of that type in steps, some items of a long list in each; lists that
-    are given apart take the place of those in the message."""
+    """Return a function that encodes a message of that type in steps, some items of a long list in each;
+    lists that are given apart take the place of those in the message."""
     leaves = [
         (constant, path, attrgetter(path) if path else None, encode, field_type)
         for constant, path, encode, field_type in _leaves(message, "", b"")
@@ -119,7 +121,7 @@ def compile_steps(message: MessageType) -> Callable[[msgspec.Struct, Chunks], St
                 continue
             leaf = fetch(value)
             if isinstance(field_type, field_types.Array) and (
-                path in apart or len(leaf) > FEW or holds_long_lists(field_type, leaf)
+                path in apart or len(leaf) > CHUNK_ITEMS or holds_long_lists(field_type, leaf)
             ):
                 is_numbers = isinstance(field_type.element, field_types.Int | field_types.Float)
                 chunks = apart.get(path) or chunks_of(leaf, is_numbers)
@@ -137,6 +139,9 @@ def _long_array(parts: JoinedParts, chunks: Iterator[Any], element: FieldType) -
     encode = _encoder(element)
     is_long = long_items(element)
     for chunk in chunks:
+        if chunk is None:
+            yield
+            continue
         count += len(chunk)
         if isinstance(element, field_types.Int | field_types.Float):
             items.append(little_endian(chunk, element.code))
@@ -144,10 +149,7 @@ def _long_array(parts: JoinedParts, chunks: Iterator[Any], element: FieldType) -
             items.append(b"".join([encode(item) for item in chunk]))
         else:
             for item in chunk:
-                if isinstance(item, ItemApart):
-                    for part in (yield from element.type.step_encoder("cbor")(*item)):
-                        items.append(part)
-                elif is_long(item):
+                if is_long(item):
                     for part in (yield from element.type.step_encoder("cbor")(item, {})):
                         items.append(part)
                 else:
@@ -164,7 +166,7 @@ def _long_array(parts: JoinedParts, chunks: Iterator[Any], element: FieldType) -
 
 
 def _leaves(message: MessageType, prefix: str, before: bytes) -> Iterator[_Leaf]:
-    """The leaves of a message in order. Bytes after the last leaf come as a last one without attributes."""
+    """Yield the leaves of a message in order. Bytes after the last leaf come as one without attributes."""
     slots = _slots(message)
     before += head(_MAP, len(slots))
     for name, attribute, field_type in slots:

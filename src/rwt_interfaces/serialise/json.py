@@ -17,9 +17,9 @@ import pybase64
 from rwt_interfaces import field_types
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import FieldType
-from rwt_interfaces.serialise.long_arrays import LongArrays
-from rwt_interfaces.serialise.long_strings import LongString, RawText, Steps, cut_long_string
+from rwt_interfaces.serialise.long_strings import LongString, RawText, cut_long_string
 from rwt_interfaces.serialise.strict import Flaw, flaw_in, inexact, strict_struct, unsendable
+from rwt_interfaces.steps import Steps
 
 if TYPE_CHECKING:
     import numpy as np
@@ -45,7 +45,8 @@ class JsonCodec:
 
     Attributes:
         strict: the Struct that accepts only what may be passed on; immutable.
-        has_arrays: whether a field of the message is an array.
+        has_arrays: True if a field of the message is an array.
+        has_lists: True if a field may be written as a list: an array, or octets.
         check: accepts a text that may be passed on untouched, or raises one of :data:`REJECTIONS`.
     """
 
@@ -53,7 +54,6 @@ class JsonCodec:
         "_complete",
         "_decode",
         "_kinds",
-        "_long_arrays",
         "_message",
         "_octets",
         "_pack",
@@ -62,6 +62,7 @@ class JsonCodec:
         "_unsendable",
         "check",
         "has_arrays",
+        "has_lists",
         "strict",
     )
 
@@ -78,23 +79,16 @@ class JsonCodec:
         sized = self._kinds & {"fixed octets", "bounded string"}
         self._message = message
         self.has_arrays = _has_arrays(message)
-        self._long_arrays: LongArrays | None = None
+        self.has_lists = self.has_arrays or bool(self._kinds & {"octets", "fixed octets"})
         self._octets = not sized and "octets" in self._kinds
         self._texts = not sized and "string" in self._kinds
 
     def cut(self, raw: RawText) -> Steps[LongString | None]:
-        """A large text in two parts, of which the small one stands for the whole; None if it has no long
-        string that is most of it."""
+        """Return a large text in two parts, of which the small one stands for the whole; None if it has no
+        long string that is most of it."""
         if self._octets or self._texts:
             return (yield from cut_long_string(raw, self._octets, self._texts))
         return None
-
-    @property
-    def long_arrays(self) -> LongArrays:
-        """Takes large texts apart from their long arrays."""
-        if self._long_arrays is None:
-            self._long_arrays = LongArrays(self._message)
-        return self._long_arrays
 
     @property
     def sendable(self) -> type[msgspec.Struct]:
@@ -106,13 +100,13 @@ class JsonCodec:
 
     def convert(self, value: object) -> msgspec.Struct:
         """Copy a mapping or object into a :attr:`sendable` Struct, or raise one of :data:`REJECTIONS`."""
-        message = msgspec.convert(value, self.sendable, from_attributes=True)
+        message = msgspec.convert(value, self._sendable or self.sendable, from_attributes=True)
         if self._unsendable is not None and self._unsendable(message):
             raise msgspec.ValidationError
         return message
 
     def decode(self, raw: RawText) -> msgspec.Struct:
-        """A text that passed the check, as the message's own Struct."""
+        """Return a text that passed the check, as the message's own Struct."""
         try:
             return self._decode(raw)
         except msgspec.ValidationError:
@@ -120,7 +114,8 @@ class JsonCodec:
             return self._complete(parse(raw), _no_clock)
 
     def encode(self, value: msgspec.Struct) -> bytes:
-        """The message as compact JSON: every field, in order, NaN and infinities as null (JSN-04, JSN-08)."""
+        """Return the message as compact JSON: every field, in order, NaN and infinities as null (JSN-04,
+        JSN-08)."""
         return _ENCODER.encode(value if self._pack is None else self._pack(value))
 
 
@@ -129,7 +124,8 @@ MOST_SLOW_NUMBERS: Final = 1000
 each of those near the ends of what a float can be, hundreds of times as long as for others."""
 
 _SLOW_NUMBER: Final = re.compile(rb"[eE][+-]?[0-9]{3}")
-_SCANNED: Final = 1 << 17
+_EXPONENT: Final = bytes.maketrans(b"E123456789", b"e000000000")
+_SCANNED: Final = 1 << 18
 _OVERLAP: Final = 8
 
 
@@ -145,7 +141,10 @@ def require_quick_numbers(raw: RawText) -> Steps[None]:
             yield
         piece = bytes(raw[start : start + _SCANNED + _OVERLAP])
         # Most texts have no exponents, and to count two characters takes far less than to look for numbers.
-        if found + piece.count(b"e") + piece.count(b"E") > MOST_SLOW_NUMBERS:
+        if found + piece.count(b"e") + piece.count(b"E") <= MOST_SLOW_NUMBERS:
+            continue
+        # A quarter of the time of the regular expression, and finds what that finds, and perhaps more.
+        if found + piece.translate(_EXPONENT, b"+-").count(b"e000") > MOST_SLOW_NUMBERS:
             found += len(_SLOW_NUMBER.findall(piece))
         if found > MOST_SLOW_NUMBERS:
             raise InvalidMessage(
@@ -156,7 +155,7 @@ def require_quick_numbers(raw: RawText) -> Steps[None]:
 
 
 def _bounded(decode: Callable[[RawText], object], inexact: Flaw | None) -> Callable[[RawText], object]:
-    """The check of a small text: to decode it, and to look at numbers that msgspec cannot judge."""
+    """Return the check of a small text: to decode it, and to look at numbers that msgspec cannot judge."""
     if inexact is None:
         return decode
 
@@ -172,7 +171,7 @@ def _no_clock() -> int:
 
 
 def parse(raw: RawText) -> object:
-    """Any JSON text as plain objects, with the tokens NaN and Infinity that Python's programs send (JSN-33).
+    """Return any JSON text as plain objects; the tokens NaN and Infinity are accepted (JSN-33).
 
     Raises:
         InvalidMessage: not JSON, not UTF-8, or nested too deeply.
@@ -186,7 +185,8 @@ def parse(raw: RawText) -> object:
 
 
 def begins_too_deep(raw: RawText) -> bool:
-    """Whether the beginning of a text is nested more deeply than any message, too deeply to be skipped."""
+    """Return True if the beginning of a text is nested more deeply than any message, too deeply to be
+    skipped."""
     try:
         _skip(memoryview(raw)[:_BEGINNING])
     except RecursionError:
@@ -208,7 +208,7 @@ def _parse_leniently(raw: RawText) -> object:
 
 
 def _kinds(message: MessageType) -> Iterable[str]:
-    """What occurs anywhere in a message, as far as it matters for long strings."""
+    """Yield the kinds of strings and octets anywhere in a message."""
     for slot in message.slots:
         field_type = slot.type.element if isinstance(slot.type, field_types.Array) else slot.type
         match field_type:
@@ -229,7 +229,7 @@ def _has_arrays(message: MessageType) -> bool:
 
 
 def _plain(value: object) -> object:
-    """What msgspec does not know itself: a numpy array becomes a list."""
+    """Convert a numpy array, which msgspec does not know, to a list."""
     if not hasattr(value, "tolist"):
         raise InvalidMessage("", f"{type(value).__name__} has no form in JSON")
     array: NDArray[np.generic] = cast("NDArray[np.generic]", value)
@@ -244,14 +244,14 @@ _ENCODER = msgspec.json.Encoder(enc_hook=_plain)
 
 
 def items_encoder(element: FieldType) -> Callable[[list[Any]], bytes]:
-    """A function that encodes a list of such values as compact JSON."""
+    """Return a function that encodes a list of such values as compact JSON."""
     pack = _pack_field(element)
     encode = _ENCODER.encode
     return encode if pack is None else lambda items: encode([pack(item) for item in items])
 
 
 def _packer(message: MessageType) -> Callable[[Any], Any] | None:
-    """A function that copies a message with its long octets as finished base64 text; None if it has no
+    """Return a function that copies a message with its long octets as finished base64 text; None if it has no
     octets."""
     packers = {
         slot.attribute: packed for slot in message.slots if (packed := _pack_field(slot.type)) is not None

@@ -3,24 +3,37 @@ such messages as plain objects."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from operator import attrgetter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
 from rwt_interfaces import field_types
-from rwt_interfaces.serialise.long_strings import FEW, Steps, chunks_of
+from rwt_interfaces.steps import Steps
 
 if TYPE_CHECKING:
     from rwt_interfaces.field_types import FieldType
     from rwt_interfaces.structs import MessageType
 
+CHUNK_ITEMS: Final = 64
+"""Items of a list that are encoded in one step. A longer list is long."""
+CHUNK_NUMBERS: Final = 1 << 13
+"""Numbers of a list that are encoded in one step."""
+Chunks = Mapping[str, Iterator[list[Any] | None]]
+"""Items of lists by their paths, some at a time; None is a step without any."""
 _IsLong = Callable[[Any], bool]
 
 
+def chunks_of(items: Any, is_numbers: bool) -> Iterator[Any]:
+    """Yield the items of a list or an array, some at a time."""
+    size = CHUNK_NUMBERS if is_numbers else CHUNK_ITEMS
+    return (items[start : start + size] for start in range(0, len(items), size))
+
+
 def compile_test(message: MessageType) -> _IsLong | None:
-    """A function that tells whether a message of that type holds a long list; None if none of them can."""
+    """Return a function that tells whether a message of that type holds a long list; None if none of them
+    can."""
     lists = [(attrgetter(path), long_items(array.element)) for path, array in _lists(message, "")]
     if not lists:
         return None
@@ -28,7 +41,7 @@ def compile_test(message: MessageType) -> _IsLong | None:
     def holds_one(value: Any) -> bool:
         for fetch, is_long in lists:
             items = fetch(value)
-            if len(items) > FEW or (is_long is not None and any(map(is_long, items))):
+            if len(items) > CHUNK_ITEMS or (is_long is not None and any(map(is_long, items))):
                 return True
         return False
 
@@ -36,18 +49,18 @@ def compile_test(message: MessageType) -> _IsLong | None:
 
 
 def long_items(element: FieldType) -> _IsLong | None:
-    """Tells whether an item of a list holds a long list; None if no such item can."""
+    """Return a test for items of a list that hold a long list; None if no such item can."""
     return element.type.holds_long_list if isinstance(element, field_types.Message) else None
 
 
 def holds_long_lists(array: field_types.Array, items: Iterable[Any]) -> bool:
-    """Whether an item of that list holds a long list."""
+    """Return True if an item of that list holds a long list."""
     is_long = long_items(array.element)
     return is_long is not None and any(map(is_long, items))
 
 
 def _lists(message: MessageType, prefix: str) -> Iterator[tuple[str, field_types.Array]]:
-    """The fields whose lists may be long, by the path of attributes to them."""
+    """Yield the fields whose lists may be long, by the path of attributes to them."""
     for slot in message.slots:
         if isinstance(slot.type, field_types.Message):
             yield from _lists(slot.type.type, f"{prefix}{slot.attribute}.")
@@ -61,7 +74,7 @@ def plain(value: object) -> Any:
 
 
 def plain_lists(type: MessageType, message: msgspec.Struct) -> Steps[object]:
-    """The same of one message, its long lists in steps."""
+    """Return one message as plain objects, its long lists in steps."""
     if type.holds_long_list is None or not type.holds_long_list(message):
         return plain(message)
     found: dict[str, object] = {}
@@ -70,7 +83,7 @@ def plain_lists(type: MessageType, message: msgspec.Struct) -> Steps[object]:
         if isinstance(slot.type, field_types.Message):
             found[slot.name] = yield from plain_lists(slot.type.type, value)
         elif isinstance(slot.type, field_types.Array) and (
-            len(value) > FEW or holds_long_lists(slot.type, value)
+            len(value) > CHUNK_ITEMS or holds_long_lists(slot.type, value)
         ):
             found[slot.name] = yield from _plain_items(slot.type, value)
         else:
@@ -92,6 +105,6 @@ def _plain_items(array: field_types.Array, values: Any) -> Steps[list[object]]:
 
 
 def _plain_array(array: object) -> object:
-    """A numpy array as a list: the only thing in a message that is not plain."""
+    """Return a numpy array as a list: the only thing in a message that is not plain."""
     to_list: Callable[[], object] = array.tolist  # type: ignore[attr-defined]  # numpy is not imported here
     return to_list()

@@ -5,38 +5,30 @@ from __future__ import annotations
 
 import re
 import secrets
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable
 from functools import cache
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import msgspec
 import pybase64
 
-T = TypeVar("T")
-#: Work in steps of less than a millisecond, each up to the next `yield`; it comes to a T.
-Steps = Generator[None, None, T]
+from rwt_interfaces.steps import Steps
+
 #: A JSON text, perhaps a view of the buffer that a whole frame was received in.
 RawText = bytes | memoryview
 #: The bytes of one encoded message, to be joined.
 Parts = tuple[RawText, ...]
 
 #: Bytes from which a part is left apart; shorter ones are joined.
-_LONG_PART = 1 << 18
-#: Items of a list that are encoded in one step; a list of no more is not long.
-FEW = 64
-#: The same of numbers.
-NUMBERS = 1 << 13
-#: Lists of a message that are not in it, by their paths: what each holds, some items at a time, none after a
-#: step that found none, and each :class:`ItemApart` by itself.
-Chunks = Mapping[str, Iterator[list[Any]]]
+_LONG_PART_BYTES = 1 << 18
 #: From this many bytes on a text is large.
 LARGE = 4096
 #: How far from either end of a large text its long string begins and ends at most, and within a quarter.
-MARGIN = 8192
+MARGIN_BYTES = 8192
 #: How much base64 is checked at a time: large allocations cost more than the check.
-BASE64_PIECE = 1 << 16
+BASE64_PIECE_BYTES = 1 << 16
 #: How much text is checked at a time, between two quotes that stand around every piece.
-TEXT_PIECE = 1 << 16
+TEXT_PIECE_BYTES = 1 << 16
 #: What stands for a long string, or the beginning of it. No client can know it, nor write it by accident.
 _TOKEN = pybase64.b64encode(secrets.token_bytes(48))
 _SHORTEST_TOKEN = 32
@@ -44,7 +36,7 @@ _SHORTEST_TOKEN = 32
 TOKEN = _TOKEN.decode()
 #: Bytes of a frame that is proven to be JSON at once: 0.1 ms where it is ASCII, at most 3 ms where it only
 #: begins so.
-_AT_ONCE = 1 << 20
+_AT_ONCE_BYTES = 1 << 20
 _PADDING = ord("=")
 _QUOTE = ord('"')
 _BACKSLASH = ord("\\")
@@ -59,16 +51,6 @@ _HEAD = re.compile(rb'(?>[^"]*+"[^"\\]*+(?:\\.[^"\\]*+)*+")*+[^"]*+"', re.DOTALL
 _HIGH_SURROGATE = re.compile(rb"\\u[dD][89abAB][0-9a-fA-F]{2}")
 
 
-def finished(steps: Steps[T]) -> T:
-    """What work in steps comes to, all of them at once."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            value: T = end.value
-            return value
-
-
 class JoinedParts:
     """Parts of which short ones that follow each other are joined."""
 
@@ -79,13 +61,13 @@ class JoinedParts:
 
     def append(self, part: RawText) -> None:
         """Add a part."""
-        if len(part) >= _LONG_PART:
+        if len(part) >= _LONG_PART_BYTES:
             self._join()
             self._parts.append(part)
             return
         self._short.append(part)
         self._size += len(part)
-        if self._size >= _LONG_PART:
+        if self._size >= _LONG_PART_BYTES:
             self._join()
 
     def _join(self) -> None:
@@ -94,27 +76,9 @@ class JoinedParts:
             self._short, self._size = [], 0
 
     def all(self) -> Parts:
-        """The parts."""
+        """Return the parts."""
         self._join()
         return tuple(self._parts)
-
-
-class ItemApart(NamedTuple):
-    """An item of a list that is so long that its own lists are not in it.
-
-    Attributes:
-        message: the item, its long lists empty.
-        lists: what they hold, by their paths.
-    """
-
-    message: Any
-    lists: Chunks
-
-
-def chunks_of(items: Any, is_numbers: bool) -> Iterator[Any]:
-    """The items of a list or an array, some at a time."""
-    size = NUMBERS if is_numbers else FEW
-    return (items[start : start + size] for start in range(0, len(items), size))
 
 
 class LongString(NamedTuple):
@@ -138,7 +102,7 @@ class LongString(NamedTuple):
     begin: int
 
     def moved(self, raw: bytes) -> LongString:
-        """The same two parts of a copy of the text."""
+        """Return the same two parts of a copy of the text."""
         end = self.begin + len(self.content)
         return self._replace(content=memoryview(raw)[self.begin : end])
 
@@ -162,7 +126,8 @@ def token_for_base64(length: int, padding: int) -> bytes:
 
 
 def cut_long_string(raw: RawText, octets: bool, texts: bool) -> Steps[LongString | None]:
-    """The text apart from its one long string, or None if it has none from near its start to near its end.
+    """Return the text apart from its one long string, or None if it has none from near its start to near its
+    end.
 
     Why the parts stand for the whole: if the text is JSON, the first quote begins a string, since all strings
     before it have ended. What is cut is valid in a string, so the second quote ends it. Thus the text is JSON
@@ -174,7 +139,7 @@ def cut_long_string(raw: RawText, octets: bool, texts: bool) -> Steps[LongString
         octets: look for base64.
         texts: look for any text.
     """
-    margin = min(MARGIN, len(raw) // 4)
+    margin = min(MARGIN_BYTES, len(raw) // 4)
     begin = _begin(bytes(raw[:margin]))
     end = _first_quote(bytes(raw[-margin:]), len(raw) - margin)
     if not 0 < begin <= end:
@@ -213,12 +178,12 @@ def _first_quote(tail: bytes, offset: int) -> int:
 
 
 def _is_base64(content: memoryview) -> bool:
-    """Whether the bytes are padded base64 without white space."""
+    """Return True if the bytes are padded base64 without white space."""
     try:
-        for start in range(0, len(content), BASE64_PIECE):
-            piece = content[start : start + BASE64_PIECE]
+        for start in range(0, len(content), BASE64_PIECE_BYTES):
+            piece = content[start : start + BASE64_PIECE_BYTES]
             pybase64.b64decode(piece, validate=True)
-            if piece[-1] == _PADDING and start + BASE64_PIECE < len(content):
+            if piece[-1] == _PADDING and start + BASE64_PIECE_BYTES < len(content):
                 return False
     except ValueError:
         return False
@@ -233,7 +198,7 @@ def _is_plain(raw: RawText, begin: int, end: int) -> bool:
     the quote in front of it says that it is in one.
     """
     frame = raw if isinstance(raw, bytes) else raw.obj
-    if not isinstance(frame, bytes) or len(frame) > _AT_ONCE:
+    if not isinstance(frame, bytes) or len(frame) > _AT_ONCE_BYTES:
         return False
     offset = 0
     if len(frame) > len(raw):
@@ -271,7 +236,7 @@ def _unescaped(content: memoryview) -> Steps[tuple[str, ...] | None]:
 
     pieces: list[str] = []
     start = 0
-    quoted = bytearray(min(TEXT_PIECE, len(content)) + 2)
+    quoted = bytearray(min(TEXT_PIECE_BYTES, len(content)) + 2)
     quoted[0] = quoted[-1] = _QUOTE
     between = memoryview(quoted)[1:-1]
     try:
@@ -303,8 +268,8 @@ def _unescaped(content: memoryview) -> Steps[tuple[str, ...] | None]:
 
 
 def _whole_letters(piece: bytes) -> bytes:
-    """The piece without what may be the first half of an escape, a letter or a pair of surrogates at its end;
-    where that leaves nothing, the piece."""
+    """Return the piece without what may be the first half of an escape, a letter or a pair of surrogates at
+    its end; where that leaves nothing, the piece."""
     end = len(piece)
     while end > len(piece) - 4 and piece[end - 1 : end] >= b"\x80":
         end -= 1
@@ -334,5 +299,5 @@ def substituted(value: object, token: str, text: str) -> object:
 
 
 def string_of(content: RawText, unescaped: tuple[str, ...]) -> str:
-    """The string that a proven content stands for."""
+    """Return the string that a proven content stands for."""
     return "".join(unescaped) if unescaped else str(content, "utf-8")

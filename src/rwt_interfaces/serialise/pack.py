@@ -15,20 +15,53 @@ from typing import TYPE_CHECKING, Any
 
 from rwt_interfaces import field_types
 from rwt_interfaces.field_types import FieldType
-from rwt_interfaces.serialise.long_lists import holds_long_lists, long_items
-from rwt_interfaces.serialise.long_strings import FEW, Chunks, ItemApart, Steps, chunks_of
+from rwt_interfaces.serialise.long_lists import CHUNK_ITEMS, Chunks, chunks_of, holds_long_lists, long_items
+from rwt_interfaces.serialise.long_strings import Parts
 from rwt_interfaces.serialise.wire_rules import LENGTH, WireRules, gap, letters
+from rwt_interfaces.steps import Steps
 from rwt_interfaces.validation.numbers import little_endian
 
 if TYPE_CHECKING:
+    import msgspec
+
     from rwt_interfaces.structs import MessageType
 
 #: Appends a value to the output.
 _Write = Callable[[bytearray, Any], None]
 
 
-def compile_writer(message: MessageType, rules: WireRules) -> _Write:
-    """A function that appends a message of that type; it takes its own Struct and `JsonCodec.sendable`."""
+def compile_encoder(message: MessageType, rules: WireRules) -> Callable[[msgspec.Struct], bytes]:
+    """Return a function that encodes a message of that type; it takes its own Struct and
+    `JsonCodec.sendable`."""
+    write = _message_writer(message, rules)
+    header = rules.header
+
+    def encode(value: msgspec.Struct) -> bytes:
+        body = bytearray()
+        write(body, value)
+        return b"".join((header, body))
+
+    return encode
+
+
+def compile_step_encoder(
+    message: MessageType, rules: WireRules
+) -> Callable[[msgspec.Struct, Chunks], Steps[Parts]]:
+    """Return a function that encodes a message of that type in steps."""
+    write = _step_writer(message, rules)
+    header = rules.header
+
+    def encode(value: msgspec.Struct, apart: Chunks) -> Steps[Parts]:
+        body = bytearray()
+        yield from write(body, value, apart)
+        return header, memoryview(body)
+
+    return encode
+
+
+def _message_writer(message: MessageType, rules: WireRules) -> _Write:
+    """Return a function that appends a message of that type; it takes its own Struct and
+    `JsonCodec.sendable`."""
     steps = [step for step, _, _ in _steps(message, rules)]
 
     def write(out: bytearray, value: Any) -> None:
@@ -38,9 +71,9 @@ def compile_writer(message: MessageType, rules: WireRules) -> _Write:
     return write
 
 
-def compile_steps(message: MessageType, rules: WireRules) -> Callable[[bytearray, Any, Chunks], Steps[None]]:
-    """A function that appends a message of that type in steps, some items of a long list in each; lists that
-    are given apart take the place of those in the message."""
+def _step_writer(message: MessageType, rules: WireRules) -> Callable[[bytearray, Any, Chunks], Steps[None]]:
+    """Return a function that appends a message of that type in steps, some items of a long list in each;
+    lists that are given apart take the place of those in the message."""
     steps = [
         (step, path, attrgetter(path) if isinstance(field_type, field_types.Array) else None, field_type)
         for step, path, field_type in _steps(message, rules)
@@ -48,11 +81,14 @@ def compile_steps(message: MessageType, rules: WireRules) -> Callable[[bytearray
 
     def write_in_steps(out: bytearray, value: Any, apart: Chunks) -> Steps[None]:
         for step, path, fetch, field_type in steps:
-            if fetch is None or not isinstance(field_type, field_types.Array):
-                step(out, value)
-            elif path in apart or len(fetch(value)) > FEW or holds_long_lists(field_type, fetch(value)):
+            items = None if fetch is None else fetch(value)
+            if (
+                isinstance(field_type, field_types.Array)
+                and items is not None
+                and (path in apart or len(items) > CHUNK_ITEMS or holds_long_lists(field_type, items))
+            ):
                 is_numbers = isinstance(field_type.element, field_types.Int | field_types.Float)
-                chunks = apart.get(path) or chunks_of(fetch(value), is_numbers)
+                chunks = apart.get(path) or chunks_of(items, is_numbers)
                 yield from _long_array(out, chunks, field_type, rules)
             else:
                 step(out, value)
@@ -72,24 +108,20 @@ def _long_array(
         code = "?" if isinstance(element, field_types.Bool) else element.code
         out += bytes(gap(len(out), struct.calcsize(code), rules.aligned))
         for chunk in chunks:
-            count += len(chunk)
-            out += little_endian(chunk, code)
+            if chunk is not None:
+                count += len(chunk)
+                out += little_endian(chunk, code)
             yield
     else:
         write = _writer(element, rules)
         is_long = long_items(element)
         in_steps = None
         for chunk in chunks:
-            count += len(chunk)
-            for item in chunk:
-                apart = isinstance(item, ItemApart)
-                if (
-                    is_long is not None
-                    and isinstance(element, field_types.Message)
-                    and (apart or is_long(item))
-                ):
-                    in_steps = in_steps or compile_steps(element.type, rules)
-                    yield from in_steps(out, *(item if apart else (item, {})))
+            count += len(chunk or ())
+            for item in chunk or ():
+                if is_long is not None and isinstance(element, field_types.Message) and is_long(item):
+                    in_steps = in_steps or _step_writer(element.type, rules)
+                    yield from in_steps(out, item, {})
                 else:
                     write(out, item)
             yield
@@ -98,7 +130,7 @@ def _long_array(
 
 
 def _steps(message: MessageType, rules: WireRules) -> Iterator[tuple[_Write, str, FieldType | None]]:
-    """What writes the message, in order, and the path and type of each field that is not part of a run."""
+    """Yield the writers of a message, in order, and path and type of each field that is not part of a run."""
     codes, paths = "", list[str]()
     for path, field_type in _leaves(message, "", rules):
         leaf = letters(field_type)
@@ -170,7 +202,7 @@ def _writer(field_type: FieldType, rules: WireRules) -> _Write:
         case field_types.Array():
             return _array_writer(field_type, rules)
         case field_types.Message():
-            return compile_writer(field_type.type, rules)
+            return _message_writer(field_type.type, rules)
         case field_types.Time():
             return _run_writer(letters(field_type), list(field_type.keys), rules)
         case _:

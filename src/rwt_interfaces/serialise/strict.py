@@ -75,7 +75,8 @@ def _define(name: str, fields: list[tuple[str, str, Any]]) -> type[msgspec.Struc
 
 
 def strict_annotation(type: FieldType, *, has_nulls: bool = True) -> Any:
-    """The annotation of a field that takes only what may be passed on; has_nulls as :func:`strict_struct`."""
+    """Return the annotation of a field that takes only what may be passed on; has_nulls as
+    :func:`strict_struct`."""
     match type:
         case field_types.Bool():
             return bool
@@ -96,14 +97,14 @@ def strict_annotation(type: FieldType, *, has_nulls: bool = True) -> Any:
 
 
 def sized(kind: Any, length: int | None, bound: int | None) -> Any:
-    """The annotation of octets or a list with its length or the bound of it, if it has one."""
+    """Return the annotation of octets or a list with its length or the bound of it, if it has one."""
     if length is not None:
         return Annotated[kind, msgspec.Meta(min_length=length, max_length=length)]
     return kind if bound is None else Annotated[kind, msgspec.Meta(max_length=bound)]
 
 
 def inexact(type: FieldType) -> Flaw | None:
-    """The flaws of numbers.
+    """Return a test for numbers that may not be passed on; None if there are none of the type.
 
     A uint64 above its range, since msgspec's bounds end at int64's; and in a float32 field a number that is
     no float32, since ROS sends what is left of it: 0.10000000149011612 for 0.1.
@@ -116,7 +117,8 @@ def inexact(type: FieldType) -> Flaw | None:
 
 
 def unsendable(type: FieldType) -> Flaw | None:
-    """The flaws of Python's own values: lone surrogates too, which no JSON text brings."""
+    """Return a test as :func:`inexact`, for Python's own values: lone surrogates too, which no JSON text
+    holds."""
     if isinstance(type, field_types.String):
         return lambda text: not text.isascii() and has_lone_surrogate(text)
     return inexact(type)
@@ -144,8 +146,8 @@ def _flaw_of(type: FieldType, leaf: Callable[[FieldType], Flaw | None]) -> Flaw 
 
 
 def array_reader(type: field_types.Array) -> Callable[[bytes], tuple[list[Any], bool]]:
-    """A function that reads the text of an array as the field holds it, null as NaN; messages, if they may be
-    passed on, as their strict Structs.
+    """Return a function that reads the text of an array as the field holds it, null as NaN; messages, if they
+    may be passed on, as their strict Structs.
 
     It also tells whether the text may be passed on, and raises a msgspec.MsgspecError for numbers that the
     strict Struct refuses for another reason than that they are no float32s.
@@ -180,7 +182,7 @@ def _nearest(numbers: list[float | None]) -> tuple[list[float], bool]:
 
 
 def _has_inexact(items: list[float | None]) -> bool:
-    """Whether not all of the numbers are float32s, in one pass of compiled code."""
+    """Return True if not all numbers are float32, in one pass of compiled code."""
     doubles = loaded_doubles(items)
     if doubles is not None:
         return bool(((doubles.astype("f4") != doubles) & (doubles == doubles)).any())

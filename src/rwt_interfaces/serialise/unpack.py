@@ -28,21 +28,8 @@ _MOST_EMPTY_ELEMENTS = 16
 CUT_SHORT = "data cut short"
 
 
-def read_all(read: _Read, data: memoryview) -> tuple[msgspec.Struct, int]:
-    """Read one message from the start of `data`; returns it with how many bytes it took.
-
-    Raises:
-        InvalidMessage: the data ends before the message does, or holds what does not fit the type.
-    """
-    try:
-        value, position = read(data, 0)
-    except struct.error:
-        raise InvalidMessage("", CUT_SHORT) from None
-    return value, position
-
-
 def compile_reader(message: MessageType, rules: WireRules) -> _Read:
-    """A function that reads a message of that type as its own Struct; raises InvalidMessage and
+    """Return a function that reads a message of that type as its own Struct; raises InvalidMessage and
     struct.error."""
     fields = [(slot.name, _reader(slot.type, rules)) for slot in message.slots]
     make = message.struct
@@ -205,3 +192,36 @@ def _items_reader(read_item: _Read, empty: bool) -> Callable[[memoryview, int, i
         return items, position
 
     return read
+
+
+def compile_decoder(message: MessageType, rules: WireRules) -> Callable[[bytes | memoryview], msgspec.Struct]:
+    """Return a function that decodes a message of that type, or raises InvalidMessage."""
+    read = compile_reader(message, rules)
+    header = rules.header
+
+    def decode(data: bytes | memoryview) -> msgspec.Struct:
+        body = memoryview(data)
+        if header:
+            body = _without_header(body, header)
+        try:
+            value, used = read(body, 0)
+        except struct.error:
+            raise InvalidMessage("", CUT_SHORT) from None
+        rest = len(body) - used
+        # Some middleware pads CDR to a multiple of four.
+        if rest and not (header and rest < 4 and len(body) % 4 == 0 and not any(bytes(body[used:]))):
+            raise InvalidMessage("", f"{rest} bytes too many")
+        message: msgspec.Struct = value
+        return message
+
+    return decode
+
+
+def _without_header(data: memoryview, header: bytes) -> memoryview:
+    """Return the data after the encapsulation header, whose last two bytes are options."""
+    if len(data) < len(header):
+        raise InvalidMessage("", CUT_SHORT)
+    if bytes(data[:2]) != header[:2]:
+        got = data[:2].hex(" ")
+        raise InvalidMessage("", f"expected little-endian CDR (00 01), got encapsulation {got}")
+    return data[len(header) :]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from typing import Final
 
 from rwt_interfaces import field_types
 from rwt_interfaces.field_types import FieldType
@@ -31,7 +32,7 @@ class WireRules:
     filler: bytes
 
     def length_head(self, length: int, is_text: bool) -> bytes:
-        """What stands before a string or octets of that many bytes, after padding."""
+        """Return the length before a string or octets of that many bytes; padding precedes it."""
         return LENGTH.pack(length + (is_text and self.terminated))
 
 
@@ -40,9 +41,15 @@ LENGTH = struct.Struct("<I")
 #: The letter of a message without fields: :mod:`struct` makes it a zero byte that no value stands for.
 FILLED = "x"
 
+CDR: Final = WireRules(header=b"\0\1\0\0", aligned=True, terminated=True, filler=b"\0")
+"""XCDR version 1 with its encapsulation header. Alignment counts from after the header."""
+
+ROS1: Final = WireRules(header=b"", aligned=False, terminated=False, filler=b"")
+"""The body of a TCPROS message, without its length prefix."""
+
 
 def letters(field_type: FieldType | None) -> str:
-    """The letters of a leaf of fixed size in :mod:`struct`; empty for any other."""
+    """Return the letters of a leaf of fixed size in :mod:`struct`; empty for any other."""
     match field_type:
         case None:
             return FILLED
@@ -57,5 +64,5 @@ def letters(field_type: FieldType | None) -> str:
 
 
 def gap(offset: int, size: int, aligned: bool) -> int:
-    """The number of padding bytes before a number of that size at that offset."""
+    """Return the number of padding bytes before a number of that size at that offset."""
     return -offset % size if aligned else 0

@@ -30,7 +30,7 @@ _SECTION = re.compile(r"^=== (msg|srv|action)/(\w+)\n", re.MULTILINE)
 
 @cache
 def packages(distro: str) -> tuple[str, ...]:
-    """The packages that a distribution has, sorted."""
+    """Return the packages that a distribution has, sorted."""
     root = files(__name__)
     found = {
         entry.name.partition(".")[0]
@@ -43,7 +43,8 @@ def packages(distro: str) -> tuple[str, ...]:
 
 @cache
 def package(distro: str, name: str) -> PackageTexts:
-    """The texts of one package; empty if the distribution has no such package. Treat it as read-only."""
+    """Return the texts of one package; empty if the distribution has no such package. Treat it as
+    read-only."""
     if name not in packages(distro):
         return {}
     texts: PackageTexts = {}
@@ -56,7 +57,7 @@ def package(distro: str, name: str) -> PackageTexts:
 
 
 def split(text: str) -> PackageTexts:
-    """The sections of one data file."""
+    """Return the sections of one data file."""
     pieces = _SECTION.split(text)
     kinds: dict[str, Kind] = {kind: kind for kind in KINDS}
     return {

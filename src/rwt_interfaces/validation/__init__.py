@@ -1,1 +1,1 @@
-"""Whether a value fits its type: lenient decoding, numbers, and how a mismatch is described."""
+"""Validation of values against their types: lenient decoding, numbers, descriptions of mismatches."""

@@ -18,6 +18,7 @@ import pybase64
 from rwt_interfaces import field_types
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import FieldType, Slot
+from rwt_interfaces.steps import Steps
 from rwt_interfaces.struct_fields import slot_default, time_struct
 from rwt_interfaces.times import NANOSECONDS
 from rwt_interfaces.validation.mismatch import (
@@ -53,6 +54,9 @@ class LenientDecoder(Protocol):
         """Complete one value; `now` is asked only where a time is missing."""
 
 
+FieldSteps = Callable[[FieldType, LenientDecoder, Any], Steps[Any]]
+"""Completes one field in steps."""
+
 MOST_LEFT_OUT: Final = 30_000
 """Fields of one message, those of nested ones included, that may be left to their defaults: three bytes of a
 message can leave out forty."""
@@ -85,26 +89,36 @@ class Completion:
 
 
 def compile_message(message: MessageType) -> LenientDecoder:
-    """The lenient decoder of one message type."""
-    if message.time is not None:
-        return _time(message.time, stamped=False)
-    in_header = message.name == _HEADER
-    fields = [_field(slot, in_header) for slot in message.slots]
-    names = [slot.name for slot in message.slots]
-    # ROS 2 headers have no seq, but roslibpy's do, whatever it talks to.
-    ignored = {"seq"} - set(names) if in_header else set()
-    struct = message.struct
+    """Return the lenient decoder of one message type."""
+    return MessageDecoder(message) if message.time is None else _time(message.time, stamped=False)
 
-    def complete(value: object, now: Now, /) -> msgspec.Struct:
+
+class MessageDecoder:
+    """Lenient decoder of one message type."""
+
+    __slots__ = ("_fields", "_ignored", "_message", "_names", "_struct")
+
+    def __init__(self, message: MessageType) -> None:
+        in_header = message.name == _HEADER
+        self._message = message
+        self._fields = [(*_field(slot, in_header), slot.type) for slot in message.slots]
+        self._names = [slot.name for slot in message.slots]
+        # ROS 2 headers have no seq, but roslibpy's do, whatever it talks to.
+        self._ignored = frozenset({"seq"} - set(self._names) if in_header else ())
+        self._struct = message.struct
+
+    def __call__(self, value: object, now: Now, /) -> msgspec.Struct:
+        """Complete a message; see :class:`LenientDecoder`."""
         given = fields_of(value)
         if given is None:
-            raise InvalidMessage("", f"expected {with_article(message.name)} object, got {describe(value)}")
+            name = self._message.name
+            raise InvalidMessage("", f"expected {with_article(name)} object, got {describe(value)}")
         completion = now if type(now) is Completion else Completion(now)
-        if len(given) < len(fields):
-            completion.leave_out(len(fields) - len(given))
+        if len(given) < len(self._fields):
+            completion.leave_out(len(self._fields) - len(given))
         values = []
         found = 0
-        for name, take, absent in fields:
+        for name, take, absent, _ in self._fields:
             if name not in given:
                 values.append(absent(completion))
                 continue
@@ -113,15 +127,45 @@ def compile_message(message: MessageType) -> LenientDecoder:
                 values.append(take(given[name], completion))
             except InvalidMessage as error:
                 raise under(name, error) from None
-        if found != len(given) and not given.keys() <= ignored.union(names):
-            raise InvalidMessage("", unknown_field(message.name, names, given.keys() - ignored))
-        return struct(*values)
+        if found != len(given):
+            self._check_names(given)
+        return self._struct(*values)
 
-    return complete
+    def in_steps(
+        self, given: Mapping[str, object], completion: Completion, field: FieldSteps
+    ) -> Steps[msgspec.Struct]:
+        """Complete a message in steps.
+
+        Args:
+            given: fields by name, in a form that `field` knows.
+            completion: clock of the message.
+            field: completes one field in steps, given its type, its lenient decoder and what `given` holds.
+
+        Raises:
+            InvalidMessage: the message does not fit.
+        """
+        if len(given) < len(self._fields):
+            completion.leave_out(len(self._fields) - len(given))
+        values: list[object] = []
+        for name, take, absent, type in self._fields:
+            if name not in given:
+                values.append(absent(completion))
+                continue
+            try:
+                values.append((yield from field(type, take, given[name])))
+            except InvalidMessage as error:
+                raise under(name, error) from None
+        self._check_names(given)
+        return self._struct(*values)
+
+    def _check_names(self, given: Mapping[str, object]) -> None:
+        if not given.keys() <= self._ignored.union(self._names):
+            unknown = given.keys() - self._ignored
+            raise InvalidMessage("", unknown_field(self._message.name, self._names, unknown))
 
 
 def _field(slot: Slot, in_header: bool) -> tuple[str, LenientDecoder, Callable[[Now], object]]:
-    """A field's name, its lenient decoder, and what it is when absent."""
+    """Return a field's name, its lenient decoder, and what it is when absent."""
     type = slot.type
     if isinstance(type, field_types.Time) and in_header and not type.is_duration:
         stamp = _time(type, stamped=True)
@@ -158,13 +202,13 @@ def _holds_header(message: MessageType) -> bool:
 
 
 def _count(message: MessageType) -> int:
-    """The fields of a message, those of nested ones included."""
+    """Return the fields of a message, those of nested ones included."""
     nested = (slot.type.type for slot in message.slots if isinstance(slot.type, field_types.Message))
     return len(message.slots) + sum(map(_count, nested))
 
 
 def compile_field(type: FieldType) -> LenientDecoder:
-    """The lenient decoder of one field."""
+    """Return the lenient decoder of one field."""
     match type:
         case field_types.Bool():
             return _bool
@@ -308,7 +352,7 @@ def _array(type: field_types.Array) -> LenientDecoder:
 
 
 def _plain_texts(value: Any) -> list[str] | None:
-    """A new list of strings in one pass of compiled code; None if one of them has to be looked at."""
+    """Return a new list of strings in one pass of compiled code; None if one of them has to be looked at."""
     try:
         return list(value) if "".join(value).isascii() else None
     except TypeError:

@@ -14,7 +14,7 @@ _LONGEST_QUOTE = 40
 
 
 def describe(value: object) -> str:
-    """The value as JSON would write it, if it is short; else what kind of thing it is."""
+    """Return the value as JSON would write it, if it is short; else what kind of thing it is."""
     match value:
         case None:
             return "null"
@@ -43,25 +43,26 @@ def quote(text: str) -> str:
 
 
 def under(segment: str, error: InvalidMessage) -> InvalidMessage:
-    """The same mismatch seen from one level further out: ``x`` under ``linear`` is ``linear.x``."""
+    """Return the mismatch as seen from one level further out: ``x`` under ``linear`` is ``linear.x``."""
     joined = segment + error.path if error.path[:1] in ("", "[") else f"{segment}.{error.path}"
     return InvalidMessage(joined, error.reason)
 
 
 def with_article(name: str) -> str:
-    """The name with ``a`` or ``an`` before it."""
+    """Return the name with ``a`` or ``an`` before it."""
     return f"an {name}" if name[:1].lower() in "aeiou" else f"a {name}"
 
 
 def unknown_field(message: str, names: Sequence[str], given: Iterable[str]) -> str:
-    """A sentence about the first field, in the alphabet, that the message does not have (JSN-25)."""
+    """Return a sentence about the first field, in the alphabet, that the message does not have (JSN-25)."""
     stranger = min(str(key) for key in given if key not in names)
     has = f"it has {', '.join(names)}" if names else "it has no fields"
     return f"{message} has no field {quote(stranger)}; {has}"
 
 
 def fields_of(value: object) -> Mapping[str, object] | None:
-    """The fields of a mapping, a Struct or a dataclass instance, by ROS name; None for anything else."""
+    """Return the fields of a mapping, a Struct or a dataclass instance, by ROS name; None for anything
+    else."""
     if isinstance(value, Mapping):
         return value
     if isinstance(value, msgspec.Struct):
@@ -73,7 +74,7 @@ def fields_of(value: object) -> Mapping[str, object] | None:
 
 
 def has_lone_surrogate(text: str) -> bool:
-    """Whether the text cannot be encoded; JSON's escapes and Python's file names can bring such text
+    """Return True if the text cannot be encoded; JSON's escapes and Python's file names can bring such text
     about."""
     try:
         # As UTF-8 refuses them, in a tenth of its time.

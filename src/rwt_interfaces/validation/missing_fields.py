@@ -16,7 +16,7 @@ _HEADER = "std_msgs/Header"
 
 
 def missing_fields(message: MessageType, value: object, most: int = 10) -> tuple[str, ...]:
-    """The paths of the fields that `value` does not have, for example ``pose.position.z``.
+    """Return the paths of the fields that `value` does not have, for example ``pose.position.z``.
 
     Headers are no part of it: leaving them, or what is in them, to the server is what the protocol provides
     for (PUB-05). A nested message that is missing is named once, without its fields.
@@ -40,7 +40,7 @@ def _missing(message: MessageType, value: object) -> Iterator[str]:
 
 
 def _inside(slot: Slot, value: object) -> Iterator[str]:
-    """What is missing within one field, as what follows its name in a path."""
+    """Yield what is missing within one field, as the rest of a path after its name."""
     field_type = slot.type
     if isinstance(field_type, Message):
         yield from (f".{path}" for path in _missing(field_type.type, value))

@@ -31,7 +31,7 @@ _FLOAT_RECORD, _FLOAT_MARK, _LIST_HEADS = 9, 0xCB, (1, 3, 5)
 
 
 def as_int(value: object, type: field_types.Int) -> int:
-    """The value as an integer of that type; no float is one, not even 1.0, and no bool (JSN-22)."""
+    """Return the value as an integer of that type; no float is one, not even 1.0, and no bool (JSN-22)."""
     if isinstance(value, bool) or not isinstance(value, Integral):
         raise InvalidMessage("", f"expected {type}, got {describe(value)}")
     number = int(value)
@@ -41,8 +41,8 @@ def as_int(value: object, type: field_types.Int) -> int:
 
 
 def as_float(value: object, type: field_types.Float) -> float:
-    """The value as a float: integers are taken (JSN-21), null is NaN, so that what JSON made of NaN comes
-    back."""
+    """Return the value as a float: integers are taken (JSN-21), null is NaN, so that what JSON made of NaN
+    comes back."""
     if value is None:
         return math.nan
     if isinstance(value, bool) or not isinstance(value, Real):
@@ -61,19 +61,19 @@ def as_float(value: object, type: field_types.Float) -> float:
 
 
 def float32(number: float) -> float:
-    """The float32 nearest to a number in its range."""
+    """Return the float32 nearest to a number in its range."""
     nearest: float = _FLOAT32.unpack(_FLOAT32.pack(number))[0]
     return nearest
 
 
 def float32_list(numbers: list[Any]) -> list[float]:
-    """The float32s nearest to numbers in its range, infinities and NaN among them."""
+    """Return the float32s nearest to numbers in its range, infinities and NaN among them."""
     nearest: list[Any] = memoryview(struct.pack(f"{len(numbers)}f", *numbers)).cast("f").tolist()
     return nearest
 
 
 def loaded_doubles(numbers: list[Any]) -> np.ndarray | None:
-    """The numbers of a list as an array, if they are many, numpy is loaded and all are floats.
+    """Return the numbers of a list as an array, if they are many, numpy is loaded and all are floats.
 
     MessagePack writes a float as a byte that says so and eight of the number, which takes a quarter of the
     time that numpy needs for a list.
@@ -94,14 +94,14 @@ def loaded_doubles(numbers: list[Any]) -> np.ndarray | None:
 
 
 def int_annotation(type: field_types.Int) -> object:
-    """The integer as msgspec checks it; uint64's upper bound is checked by the decoder."""
+    """Return the integer as msgspec checks it; uint64's upper bound is checked by the decoder."""
     if type.high > _LARGEST_BOUND:
         return Annotated[int, msgspec.Meta(ge=type.low)]
     return Annotated[int, msgspec.Meta(ge=type.low, le=type.high)]
 
 
 def float_annotation(type: field_types.Float, *, has_nulls: bool = True) -> object:
-    """The float as msgspec checks it; None stands for null, if there may be any."""
+    """Return the float as msgspec checks it; None stands for null, if there may be any."""
     limit = field_types.FLOAT32_LIMIT
     kind: Any = float if type.code == "d" else Annotated[float, msgspec.Meta(ge=-limit, le=limit)]
     return kind | None if has_nulls else kind
@@ -113,7 +113,8 @@ def _list_annotation(type: field_types.Int | field_types.Float) -> Any:
 
 
 def number_list(value: Any, type: field_types.Int | field_types.Float) -> list[Any]:
-    """A new list of checked numbers: in one pass of compiled code if all are plain, one by one if not."""
+    """Return a new list of checked numbers: in one pass of compiled code if all are plain, one by one if
+    not."""
     doubles = loaded_doubles(value) if type.code == "f" and value.__class__ is list else None
     if doubles is not None:
         sizes = abs(doubles)
@@ -162,14 +163,15 @@ _MOST_WIDENED: Final = 1 << 24
 
 
 def is_numpy_array(value: object) -> bool:
-    """Whether the value is a numpy array, found out without importing numpy."""
+    """Return True if the value is a numpy array, found out without importing numpy."""
     # Another thread may be halfway through importing it, and no value is of a class that is not there yet.
     array = getattr(sys.modules.get("numpy"), "ndarray", None)
     return array is not None and isinstance(value, array)
 
 
 def array_from_numpy(value: Any, type: field_types.Int | field_types.Float | field_types.Bool) -> np.ndarray:
-    """A flat, read-only copy in exactly the element's type; raises InvalidMessage if a value does not fit.
+    """Return a flat, read-only copy in exactly the element's type; raises InvalidMessage if a value does not
+    fit.
 
     Integers may become floats, floats never integers, and bool stays by itself, as for single values.
     """

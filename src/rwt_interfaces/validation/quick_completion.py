@@ -66,7 +66,7 @@ class QuickCompletion:
         self._fields = _most_fields(message)
 
     def __call__(self, raw: bytes | memoryview, now: Now) -> msgspec.Struct:
-        """The message of a JSON text.
+        """Return the message of a JSON text.
 
         Args:
             raw: the text.
@@ -81,7 +81,7 @@ class QuickCompletion:
         return self._checked(self._decode(raw))
 
     def items(self, raw: bytes, now: Now) -> list[msgspec.Struct]:
-        """The messages of a JSON array, which must be short: what it lacks is not counted.
+        """Return the messages of a JSON array, which must be short: what it lacks is not counted.
 
         Raises:
             msgspec.MsgspecError, UnicodeDecodeError, RecursionError: as when called.
@@ -99,7 +99,8 @@ class QuickCompletion:
 
 
 def _struct(message: MessageType) -> type[msgspec.Struct]:
-    """The Struct of a message in which no field is required; nested ones are taken from their types."""
+    """Return the Struct of a message in which no field is required; nested ones are taken from their
+    types."""
     if message.time is not None:
         return strict_struct(message)
     in_header = message.name == "std_msgs/Header"
@@ -140,8 +141,8 @@ def _integer_flaw(type: FieldType) -> Callable[[Any], bool] | None:
 
 
 def _most_fields(message: MessageType) -> int:
-    """The most fields that one object of the many which a message may hold can leave out; 0 if it holds no
-    arrays of objects."""
+    """Return the most fields that one object of the many which a message may hold can leave out; 0 if it
+    holds no arrays of objects."""
     most = 0
     for slot in message.slots:
         inner = slot.type.element if isinstance(slot.type, field_types.Array) else slot.type
@@ -158,7 +159,7 @@ def _fields(message: MessageType) -> int:
 
 
 def _rounding(message: MessageType) -> Rounding | None:
-    """What makes the float32s of a message the nearest ones; None if it has none."""
+    """Return a function that rounds the float32 numbers of a message; None if it has none."""
     singles = [slot.attribute for slot in message.slots if slot.type == field_types.FLOAT32]
     parts: list[Rounding] = [_rounding_of_singles(singles)] if singles else []
     for slot in message.slots:

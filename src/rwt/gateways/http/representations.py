@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from hashlib import blake2b
 from typing import TYPE_CHECKING, Final
 
 import msgspec
 
 from rwt.gateways.http.problems import HttpProblem
+from rwt_interfaces.payload import Payload
 from rwt_transports.http.routes import HttpResponse
 
 if TYPE_CHECKING:
-    from rwt_interfaces.payload import Payload
     from rwt_transports.http.routes import HttpRequest
 
 JSON: Final = "application/json"
@@ -94,13 +94,13 @@ def value_response(
     if chosen(request, (media, CBOR)) == CBOR:
         import cbor2  # Only for those who use it.
 
-        return _tagged(request, cbor2.dumps(_plain(value)), status, CBOR, headers)
+        return _tagged(request, cbor2.dumps(_converted(value, Payload.plain)), status, CBOR, headers)
     return _tagged(request, json_of(value), status, media, headers)
 
 
 def json_of(value: object) -> bytes:
     """A value of plain objects and payloads as JSON."""
-    return msgspec.json.encode(value, enc_hook=_raw)
+    return msgspec.json.encode(_converted(value, lambda payload: msgspec.Raw(bytes(payload.json()))))
 
 
 def payload_response(
@@ -138,19 +138,10 @@ def _tagged(
     return HttpResponse(body, status, media, all_headers)
 
 
-def _raw(value: object) -> msgspec.Raw:
-    """A payload's own bytes."""
-    make_json = getattr(value, "json", None)
-    if make_json is None:
-        raise TypeError(f"{type(value).__name__} has no JSON")
-    return msgspec.Raw(bytes(make_json()))
-
-
-def _plain(value: object) -> object:
-    """The same with payloads as plain objects."""
+def _converted(value: object, convert: Callable[[Payload], object]) -> object:
+    """Return a copy of plain objects in which the payloads are converted."""
     if isinstance(value, dict):
-        return {name: _plain(item) for name, item in value.items()}
+        return {name: _converted(item, convert) for name, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    plain = getattr(value, "plain", None)
-    return value if plain is None else plain()
+        return [_converted(item, convert) for item in value]
+    return convert(value) if isinstance(value, Payload) else value

@@ -12,10 +12,10 @@ import msgspec
 from rwt.gateways.http.problems import HttpProblem
 from rwt.gateways.http.representations import CBOR, JSON
 from rwt_graph.names import resolve
-from rwt_interfaces.errors import InvalidMessage
-from rwt_interfaces.payload import Payload
+from rwt_interfaces.errors import InvalidMessage, NotExact
+from rwt_interfaces.payload import LARGE_BYTES, Payload
 from rwt_interfaces.serialise.json import require_quick_numbers
-from rwt_interfaces.serialise.long_strings import finished
+from rwt_interfaces.steps import finished
 from rwt_protocol.codecs import CBOR as CBOR_CODEC
 from rwt_protocol.codecs.base import DecodeFailure, SplitLimits
 from rwt_protocol.payloads import Decoded
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
     from rwt_transports.http.routes import HttpRequest
 
-IN_STEPS: Final = 64 * 1024
+IN_STEPS: Final = LARGE_BYTES
 """Bytes from which a body is read in steps."""
 
 _MOST_BRACKETS: Final = 32 * 1024
@@ -157,16 +157,15 @@ async def payload_of(type: MessageType, request: HttpRequest, now: Callable[[], 
         return Payload.from_json(type, b"{}", now)
     if len(body) < IN_STEPS:
         return Payload.from_json(type, body, now)
-    if body.count(b"{") + body.count(b"[") <= _MOST_BRACKETS:
-        return await in_turns(Payload.from_json_in_steps(type, body, now))
-    payload = await in_turns(Payload.from_dense_json_in_steps(type, body, now))
-    if payload is None:
+    is_dense = body.count(b"{") + body.count(b"[") > _MOST_BRACKETS
+    try:
+        return await in_turns(Payload.from_json_in_steps(type, body, now, is_dense=is_dense))
+    except NotExact:
         raise HttpProblem(
             "too-large",
             f"more than {_MOST_BRACKETS} brackets: so many are taken only in a message that has every field"
             f" of {type.name}, each as ROS writes it",
-        )
-    return payload
+        ) from None
 
 
 def value_of(request: HttpRequest) -> object:

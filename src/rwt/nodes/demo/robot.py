@@ -187,7 +187,7 @@ class DemoRobot:
         return planned if by_hand.is_zero else by_hand
 
     def _serve(self) -> None:
-        self._node.advertise_service("add_two_ints", self._node.distro.add_two_ints_type, _add_two_ints)
+        self._node.advertise_service("add_two_ints", _ADD_TWO_INTS[self._node.distro.name], _add_two_ints)
         self._node.advertise_service("reset", "std_srvs/Empty", self._reset)
         self._node.advertise_service("enable_motors", "std_srvs/SetBool", self._enable_motors)
 
@@ -270,6 +270,8 @@ def _add_two_ints(request: _Addends) -> messages.Message:
 _MOST_NUMBERS = 47
 
 #: How many numbers more than the order says a tutorial finds: programs written for either count on it.
+_ADD_TWO_INTS = {"jazzy": "example_interfaces/AddTwoInts", "noetic": "rospy_tutorials/AddTwoInts"}
+_FIBONACCI = {"jazzy": "example_interfaces/Fibonacci", "noetic": "actionlib_tutorials/Fibonacci"}
 _SURPLUS = {"actionlib_tutorials/Fibonacci": 2, "example_interfaces/Fibonacci": 1}
 
 
@@ -289,7 +291,7 @@ class Fibonacci:
     rate = 2.0
 
     def __init__(self, node: Node) -> None:
-        name = node.distro.fibonacci_type
+        name = _FIBONACCI[node.distro.name]
         self._node = node
         self._surplus = _SURPLUS[name]
         node.advertise_action("fibonacci", name, self._execute, accept=self._accept)

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
+from typing import Final
 
 from rwt_graph import Node
 from rwt_participant.messages import Message
@@ -28,6 +29,8 @@ _DEPTH = QoS(depth=100)
 _KEEP_ALIVE, _UPDATE = 0, 1
 #: Seconds between two signs of life; a client of ROS 1 gives a server up after two without one.
 _KEEP_ALIVE_PERIOD = 0.5
+PUBLISHES_STATE: Final = {"jazzy": False, "noetic": True}
+"""True if viewers get all markers from a latched topic, otherwise from a service, by distribution."""
 
 
 class MarkerTopics:
@@ -63,7 +66,7 @@ class MarkerTopics:
         )
         hold(closing(node.subscribe(f"{base}/feedback", on_feedback, f"{_TYPE}Feedback", qos=_DEPTH)))
         self._full = None
-        if node.distro.marker_state == "topic":
+        if PUBLISHES_STATE[node.distro.name]:
             self._full = hold(node.advertise(f"{base}/update_full", f"{_TYPE}Init", latch=True))
             self._full.publish(self._init())
             self._parts.callback(node.create_timer(_KEEP_ALIVE_PERIOD, self._keep_alive).cancel)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 from typing import TYPE_CHECKING, Any, Final
 
+from rwt.nodes.rosapi.conventions import CONVENTIONS
 from rwt.nodes.rosapi.service import Answer, Service
 from rwt_graph.disclosure import NOTHING, AsksAbout, Lists, ListsProviders
 from rwt_graph.errors import InvalidGraphName
@@ -112,7 +113,7 @@ def node_details(node: Node, request: Any) -> Answer:
     """Return the topics and services of a node; an unknown one is empty in ROS 1, fails in ROS 2 (API-14)."""
     name = _absolute(request.node)
     found = [each for each in node.graph.nodes() if each.name == name]
-    if not found and node.graph.distro.rosapi_fails_for_unknown_nodes:
+    if not found and CONVENTIONS[node.distro.name].fails_for_unknown_nodes:
         raise ServiceFailed(f"node {name} does not exist")
     return {
         "subscribing": sorted({topic for each in found for topic in each.subscribing}),

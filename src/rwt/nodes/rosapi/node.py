@@ -7,8 +7,8 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from rwt.nodes.rosapi import graph_services, parameter_services, type_services
+from rwt.nodes.rosapi.conventions import CONVENTIONS
 from rwt_graph.nodes.node import Node
-from rwt_interfaces.distro import DISTROS
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph
@@ -19,7 +19,7 @@ _SERVICES: Final = (*graph_services.SERVICES, *type_services.SERVICES, *paramete
 DISCLOSURES: Final[Mapping[str, Disclosure]] = MappingProxyType(
     {
         f"{package}/{service.type}": service.reveals
-        for package in sorted({distro.rosapi_package for distro in DISTROS.values()})
+        for package in sorted({each.package for each in CONVENTIONS.values()})
         for service in (*_SERVICES, graph_services.VERSION)
     }
 )
@@ -31,11 +31,11 @@ class Rosapi:
 
     def __init__(self, graph: Graph) -> None:
         self._node = Node(graph, "rosapi")
-        distro = graph.distro
-        for service in (*_SERVICES, *((graph_services.VERSION,) if distro.rosapi_has_version else ())):
+        conventions = CONVENTIONS[graph.distro.name]
+        for service in (*_SERVICES, *((graph_services.VERSION,) if conventions.has_version else ())):
             self._node.advertise_service(
                 f"/rosapi/{service.name}",
-                f"{distro.rosapi_package}/{service.type}",
+                f"{conventions.package}/{service.type}",
                 service.serve(self._node),
             )
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
+from rwt.nodes.rosapi.conventions import CONVENTIONS
 from rwt.nodes.rosapi.service import Answer, Service
 from rwt_graph.disclosure import AsksAbout, Lists, Reads, Writes
 from rwt_participant.errors import NotFound, RobotError, ServiceFailed
@@ -41,7 +42,7 @@ async def get_param_names(node: Node, _: Any) -> Answer:
 
 async def get_param(node: Node, request: Any) -> Answer:
     """Return a value; if there is none, the default of the request, otherwise null (API-07)."""
-    default = request.default_value if node.distro.rosapi_reports_failures else request.default
+    default = request.default_value if CONVENTIONS[node.distro.name].reports_failures else request.default
     if len(default) > MOST_DEFAULT:
         raise ServiceFailed(
             f"get_param: the default has {len(default)} characters, and {MOST_DEFAULT} are the most:"
@@ -50,7 +51,7 @@ async def get_param(node: Node, request: Any) -> Answer:
     try:
         value = await node.params.read(await _full_name(node, request.name), _as_text)
     except RobotError as error:
-        if default or not node.distro.rosapi_reports_failures:
+        if default or not CONVENTIONS[node.distro.name].reports_failures:
             return {"value": _as_json(default), **_done(node)}
         return {"value": "null", "successful": False, "reason": str(error)}
     return {"value": value, **_done(node)}
@@ -135,7 +136,7 @@ async def delete_param(node: Node, request: Any) -> Answer:
         await node.params.delete(request.name)
     except NotFound as error:
         # ROS 1's rosapi asks whether it is there first, and has nothing to say where it is not.
-        return {} if not node.distro.rosapi_reports_failures else _failed(node, str(error))
+        return {} if not CONVENTIONS[node.distro.name].reports_failures else _failed(node, str(error))
     except RobotError as error:
         return _failed(node, str(error))
     return _done(node)
@@ -151,11 +152,11 @@ async def search_param(node: Node, request: Any) -> Answer:
 
 
 def _done(node: Node) -> Answer:
-    return {"successful": True, "reason": ""} if node.distro.rosapi_reports_failures else {}
+    return {"successful": True, "reason": ""} if CONVENTIONS[node.distro.name].reports_failures else {}
 
 
 def _failed(node: Node, reason: str) -> Answer:
-    if node.distro.rosapi_reports_failures:
+    if CONVENTIONS[node.distro.name].reports_failures:
         return {"successful": False, "reason": reason}
     raise ServiceFailed(reason)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from rwt.nodes.rosapi.conventions import CONVENTIONS
 from rwt_interfaces.payload import Payload
 from rwt_participant.future import run_until_it_waits
 
@@ -73,7 +74,8 @@ class Listing:
         graph = self._node.graph
         version = graph.version
         if version != self._version:
-            type = graph.registry.service(f"{graph.distro.rosapi_package}/{self._service.type}")
+            package = CONVENTIONS[graph.distro.name].package
+            type = graph.registry.service(f"{package}/{self._service.type}")
             self._answer = Payload.from_value(type.response, self._service.handler(self._node, request))
             self._version = version
         return self._answer

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from rwt.nodes.rosapi.conventions import CONVENTIONS
 from rwt_interfaces.definitions.model import WrittenType
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ def _collect(definition: MessageDefinition, registry: Registry, found: dict[str,
 
 
 def _typedef(definition: MessageDefinition, registry: Registry) -> TypeDef:
-    idl = registry.distro.rosapi_has_idl_names
+    idl = CONVENTIONS[registry.distro.name].has_idl_names
     return {
         "type": definition.name,
         "fieldnames": [field.name for field in definition.fields],

@@ -206,7 +206,7 @@ def _long_path(**first: object) -> dict[str, object]:
         "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
     }
     header = {"stamp": {"sec": 1, "nanosec": 2}, "frame_id": "map"}
-    poses = [{"header": header, "pose": pose} for _ in range(1000)]
+    poses = [{"header": header, "pose": pose} for _ in range(3000)]
     path = {"header": header, "poses": [poses[0] | first, *poses]}
     return {"op": "publish", "topic": "/path", "type": "nav_msgs/Path", "msg": path, "id": "long"}
 

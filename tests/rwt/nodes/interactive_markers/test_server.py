@@ -19,6 +19,7 @@ from rwt.nodes.interactive_markers import (
     interactive_marker,
     move_plane,
 )
+from rwt.nodes.interactive_markers.topics import PUBLISHES_STATE
 from rwt_graph import Node
 from rwt_interfaces.errors import InvalidMessage
 from rwt_participant.messages import Message
@@ -109,7 +110,7 @@ async def test_who_begins_later_gets_everything_with_its_number(lab: Lab) -> Non
     everything = await lab.init()
     assert everything.seq_num == 2
     assert [x_of(marker) for marker in everything.markers] == [5.0]
-    if lab.graph.distro.marker_state == "topic":
+    if PUBLISHES_STATE[lab.graph.distro.name]:
         [full] = lab.watch("update_full")
         assert full == everything
     else:
@@ -136,7 +137,7 @@ async def test_a_marker_without_a_stamp_stays_with_its_frame(lab: Lab) -> None:
 async def test_ros_1_clients_hear_that_the_server_lives(lab: Lab) -> None:
     updates, tunneled = lab.watch(), lab.watch("tunneled/update")
     lab.clock.advance(1.2)
-    signs = 2 if lab.graph.distro.marker_state == "topic" else 0
+    signs = 2 if PUBLISHES_STATE[lab.graph.distro.name] else 0
     assert [update.type for update in updates] == [0] * signs
     assert tunneled == []
 

@@ -19,7 +19,7 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 from rwt.gateways.foxglove.errors import MalformedMessage
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.serialise.json import require_quick_numbers
-from rwt_interfaces.serialise.long_strings import finished
+from rwt_interfaces.steps import finished
 
 MOST_TEXT: Final = 1024 * 1024
 """Bytes of the largest text that is taken. Messages of topics are binary; what is said in texts is short, and

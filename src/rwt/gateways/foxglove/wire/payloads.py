@@ -6,7 +6,8 @@ from collections.abc import Callable, Generator
 from typing import TYPE_CHECKING, Final
 
 from rwt.gateways.foxglove.errors import NotPossible
-from rwt_interfaces.payload import Payload
+from rwt_interfaces.errors import NotExact
+from rwt_interfaces.payload import LARGE_BYTES, Payload
 from rwt_protocol.brackets import has_more_brackets
 
 if TYPE_CHECKING:
@@ -15,9 +16,6 @@ if TYPE_CHECKING:
     from rwt_protocol.frames import Buffer
 
 JSON: Final = "json"
-
-_IN_STEPS: Final = 64 * 1024
-"""Bytes from which JSON is checked in steps."""
 
 
 def encodings(distro: Distro) -> tuple[str, ...]:
@@ -40,7 +38,7 @@ def check_encoding(encoding: str, distro: Distro) -> None:
 
 def is_long(encoding: str, data: memoryview) -> bool:
     """Whether a message is to be made by :func:`long_payload`: JSON, and so long that it takes steps."""
-    return encoding == JSON and len(data) >= _IN_STEPS
+    return encoding == JSON and len(data) >= LARGE_BYTES
 
 
 def payload_of(type: MessageType, encoding: str, data: memoryview, now: Callable[[], int]) -> Payload:
@@ -74,15 +72,14 @@ def long_payload(
         NotPossible: it has more brackets, and would have to be read so.
     """
     whole = bytes(data)  # The frame may be gone at the next step.
-    if not has_more_brackets(whole, structure // 2):
-        return (yield from Payload.from_json_in_steps(type, whole, now))
-    exact = yield from Payload.from_dense_json_in_steps(type, whole, now)
-    if exact is None:
+    is_dense = has_more_brackets(whole, structure // 2)
+    try:
+        return (yield from Payload.from_json_in_steps(type, whole, now, is_dense=is_dense))
+    except NotExact:
         raise NotPossible(
             f"more than {structure} brackets (limits.structure_bytes): so many are taken only in a message"
             f" that has every field of {type.name}, each as ROS writes it"
-        )
-    return exact
+        ) from None
 
 
 def in_encoding(payload: Payload, encoding: str) -> tuple[Buffer, ...]:

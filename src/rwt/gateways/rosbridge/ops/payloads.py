@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Final
 
 import msgspec
 
-from rwt_interfaces.errors import InvalidMessage, TooManyValues
-from rwt_interfaces.payload import Payload
-from rwt_interfaces.serialise.long_arrays import MOST_LENIENT, has_many_values
+from rwt_interfaces.errors import InvalidMessage, NotExact, TooManyValues
+from rwt_interfaces.payload import LARGE_BYTES, Payload
+from rwt_interfaces.serialise.large_json import MAX_LENIENT_VALUES, has_many_values
+from rwt_interfaces.steps import finished
 from rwt_protocol.error_text import describe_kind
 from rwt_protocol.errors import Refused
 from rwt_protocol.payloads import EMPTY, FEW_BYTES, Decoded, Encodable, RawJson
@@ -17,9 +18,8 @@ from rwt_protocol.payloads import EMPTY, FEW_BYTES, Decoded, Encodable, RawJson
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
-
-IN_STEPS: Final = 64 * 1024
-"""Bytes from which a payload is checked in steps."""
+IN_STEPS: Final = LARGE_BYTES
+"""Size of a payload from which it is checked in steps."""
 
 
 def payload_of(type: MessageType, raw: Encodable, where: str, now: Callable[[], int]) -> Payload:
@@ -40,8 +40,10 @@ def payload_of(type: MessageType, raw: Encodable, where: str, now: Callable[[], 
         if not isinstance(raw, RawJson):
             return Payload.from_json(type, raw.json(), now)
         if raw.dense:
-            return _of_dense(type, raw, where, now)
+            return finished(Payload.from_json_in_steps(type, raw.data, now, is_dense=True))
         return Payload.from_json(type, raw.data, now)
+    except NotExact:
+        raise _too_dense(type, raw, where) from None
     except TooManyValues as error:
         raise _refused(where, error) from None
     except InvalidMessage as error:
@@ -63,10 +65,9 @@ def payload_in_steps(
             if isinstance(raw.value, dict):
                 return (yield from Payload.from_value_in_steps(type, raw.value, now))
             return _of_object(type, raw, where, now)
-        if not raw.dense:
-            return (yield from Payload.from_json_in_steps(type, raw.data, now))
-        dense = yield from Payload.from_dense_json_in_steps(type, raw.data, now)
-        return _complete(dense, type, raw, where)
+        return (yield from Payload.from_json_in_steps(type, raw.data, now, is_dense=bool(raw.dense)))
+    except NotExact:
+        raise _too_dense(type, raw, where) from None
     except TooManyValues as error:
         raise _refused(where, error) from None
     except InvalidMessage as error:
@@ -85,17 +86,12 @@ def _of_object(type: MessageType, raw: Decoded, where: str, now: Callable[[], in
     return Payload.from_value(type, raw.value, now)
 
 
-def _of_dense(type: MessageType, raw: RawJson, where: str, now: Callable[[], int]) -> Payload:
-    return _complete(Payload.from_dense_json(type, raw.data, now), type, raw, where)
-
-
-def _complete(payload: Payload | None, type: MessageType, raw: RawJson, where: str) -> Payload:
-    if payload is None:
-        raise Refused(
-            f"{where}: {raw.dense}: so many are taken only in a message that has every field of {type.name},"
-            " each as ROS writes it"
-        )
-    return payload
+def _too_dense(type: MessageType, raw: Encodable, where: str) -> Refused:
+    reason = raw.dense if isinstance(raw, RawJson) else ""
+    return Refused(
+        f"{where}: {reason}: so many are taken only in a message that has every field of {type.name},"
+        " each as ROS writes it"
+    )
 
 
 def arguments_of(type: MessageType, raw: Encodable, where: str, now: Callable[[], int]) -> Payload:
@@ -109,8 +105,8 @@ def arguments_of(type: MessageType, raw: Encodable, where: str, now: Callable[[]
     try:
         if isinstance(raw, Decoded):
             return Payload.from_value(type, raw.value if raw.kind == "array" else {}, now)
-        if isinstance(raw, RawJson) and raw.size > FEW_BYTES and has_many_values(raw.data, MOST_LENIENT):
-            raise Refused(f"{where}: more than {MOST_LENIENT} values: send them by their names")
+        if raw.size > FEW_BYTES and finished(has_many_values(raw.data, MAX_LENIENT_VALUES)):
+            raise Refused(f"{where}: more than {MAX_LENIENT_VALUES} values: send them by their names")
         return Payload.from_args(type, raw.json(), now)
     except InvalidMessage as error:
         raise _refused(where, error) from None

@@ -13,6 +13,7 @@ from rwt.gateways.rosbridge.ops.qos import incompatible_policies, publisher_qos
 from rwt.gateways.rosbridge.ops.subscriptions import ClientSubscription
 from rwt_graph.names import resolve
 from rwt_interfaces.payload import Payload
+from rwt_interfaces.serialise.json import REJECTIONS
 from rwt_interfaces.validation.missing_fields import missing_fields
 from rwt_protocol.errors import Refused
 from rwt_protocol.ops import Advertise, Op, Publish, Status, Subscribe, Unadvertise, Unsubscribe
@@ -101,14 +102,15 @@ class Topics:
         publisher = self._exact.get(topic)
         if publisher is None:
             return False
-        payload = Payload.from_exact_json(publisher.type, raw)
-        if payload is None:
+        try:
+            publisher.type.json.check(raw)
+        except REJECTIONS:
             del self._exact[topic]
             return False
         counts = publisher.counts
         counts.received += 1
         counts.received_bytes += len(raw)
-        publisher.publish(payload)
+        publisher.publish(Payload(publisher.type, raw))
         return True
 
     def _publish_in_steps(self, op: Publish, raw: Encodable, type: MessageType) -> Steps:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Protocol
+from typing import Any, Final, Protocol
 
 import anyio
 
@@ -102,6 +102,10 @@ class _NavigationTask:
             self.ended.set()
 
 
+_MOVE_BASE_TYPES: Final = {"noetic": "move_base_msgs/MoveBase"}
+"""Type of `/move_base` by distribution. Nav2 has its own action."""
+
+
 class Navigation:
     """Serves the action and, while a goal is active, says how to drive."""
 
@@ -113,8 +117,9 @@ class Navigation:
         self._task: _NavigationTask | None = None
         self._plans = node.advertise("plan", "nav_msgs/Path")
         self._offer("navigate_to_pose", ACTION, _NAV2)
-        if node.distro.move_base_type is not None:
-            self._offer("move_base", node.distro.move_base_type, _MOVE_BASE)
+        move_base = _MOVE_BASE_TYPES.get(node.distro.name)
+        if move_base is not None:
+            self._offer("move_base", move_base, _MOVE_BASE)
 
     def _offer(self, name: str, type: str, interface: _Interface) -> None:
         execute = partial(self._execute, interface)

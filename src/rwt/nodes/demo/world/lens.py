@@ -53,9 +53,12 @@ class Lens:
             "width": self.width,
             "height": self.height,
             "distortion_model": "plumb_bob",
-            **dict(zip(distro.camera_matrices, matrices, strict=True)),
+            **dict(zip(MATRICES[distro.name], matrices, strict=True)),
         }
 
+
+MATRICES: Final = {"jazzy": ("d", "k", "r", "p"), "noetic": ("D", "K", "R", "P")}
+"""Matrices of `sensor_msgs/CameraInfo` by distribution: distortion, camera, rectification, projection."""
 
 DEFAULT_LENS: Final = Lens()
 """640x480, 75 degrees wide."""

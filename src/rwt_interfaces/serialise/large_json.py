@@ -1,0 +1,671 @@
+"""Large messages in JSON: check, decode and complete them in steps.
+
+Most of a large message is long arrays, of numbers or of messages. The text is split into its members, and
+the long arrays into chunks, at commas between two items. Each chunk is decoded in a step of its own, and the
+rest of the text as a short message in which the arrays are empty.
+
+Why the chunks stand for the whole: :func:`_walk` finds all names and separators, and where each value begins
+and ends, up to the end of the text. Every value is decoded later. A chunk begins with an item and is a valid
+list by itself, so the comma behind it separates two items.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import msgspec
+
+from rwt_interfaces import field_types
+from rwt_interfaces.errors import InvalidMessage
+from rwt_interfaces.serialise.json import REJECTIONS, items_encoder, parse
+from rwt_interfaces.serialise.long_lists import CHUNK_ITEMS, Chunks, chunks_of
+from rwt_interfaces.serialise.long_strings import TOKEN, JoinedParts, Parts, RawText
+from rwt_interfaces.serialise.splice import put
+from rwt_interfaces.serialise.strict import array_reader, strict_annotation
+from rwt_interfaces.steps import Steps
+from rwt_interfaces.struct_fields import annotation
+from rwt_interfaces.validation.lenient_decoder import (
+    Completion,
+    LenientDecoder,
+    MessageDecoder,
+    compile_field,
+)
+from rwt_interfaces.validation.mismatch import check_length, under
+from rwt_interfaces.validation.numbers import number_list
+
+if TYPE_CHECKING:
+    from rwt_interfaces.field_types import FieldType
+    from rwt_interfaces.structs import MessageType
+
+CHUNK_BYTES: Final = 1 << 16
+"""Bytes of an array that are decoded in one step. Longer arrays are decoded in chunks."""
+SLOW_CHUNK_BYTES: Final = 1 << 12
+"""Bytes of an array that are decoded in one step where values are completed one by one."""
+MAX_GROWTH_BYTES: Final = 1_000_000
+"""Bytes that the messages of an array may grow before the fields that they lack are counted."""
+MAX_VALUES: Final = 1 << 18
+"""Maximum number of values of a text that is decoded at once, estimated by its commas and braces."""
+MAX_LENIENT_VALUES: Final = 1 << 15
+"""The same for a text that has to be completed value by value."""
+SEQUENCE: Final = re.compile(rb'\s*\{\s*"header"\s*:\s*\{\s*"seq"\s*:\s*(\d+)')
+"""A message in JSON up to its `header.seq`, in the usual place."""
+_WINDOW_BYTES: Final = 1 << 18
+_MAX_MEMBERS: Final = 256
+"""Members of an object that are looked at one by one in a step."""
+_MAX_DEPTH: Final = 16
+_MAX_TRIES: Final = 16
+_QUOTED_TOKEN: Final = b'"%b"' % TOKEN.encode()
+
+_SPACE: Final = rb"[ \t\r\n]*+"
+_NAME: Final = re.compile(_SPACE + rb'"([^"\\\x00-\x1f]*+)"' + _SPACE + rb":" + _SPACE)
+_EMPTY: Final = re.compile(_SPACE + rb"\}")
+_AFTER_VALUE: Final = re.compile(_SPACE + rb"([,}\]]|\Z)")
+_NUMBERS: Final = re.compile(rb"\[" + _SPACE + rb"[-0-9NInatf]")
+_BETWEEN: Final = re.compile(rb"\}" + _SPACE + rb"(,)" + _SPACE + rb"\{")
+# Each turn of the outer loop is atomic: Python before 3.11.5 does not go back from one that fails halfway.
+_STRINGS: Final = re.compile(
+    rb'(?>"[^"\\]*+(?:\\.[^"\\]*+)*+"' + _SPACE + rb"," + _SPACE + rb")++", re.DOTALL
+)
+_NOT_SPACE: Final = re.compile(rb"[^ \t\r\n]")
+_TRAILING: Final = re.compile(r"trailing characters \(byte (\d+)\)")
+
+#: Subscripted at run time, which a checker cannot follow.
+_LIST: Any = list
+_skip: Final = msgspec.json.Decoder(msgspec.Raw).decode
+_Path = tuple[str, ...]
+
+
+class Unsplittable(Exception):
+    """The text cannot be split into chunks: it is not JSON, or holds many values in an unusual place."""
+
+
+class _Span(NamedTuple):
+    """Place of one value in a text.
+
+    Attributes:
+        begin, end: offsets of its first byte, and behind its last.
+        members: members by name, of an object.
+        name_begin: offset of the name before it, of a member.
+    """
+
+    begin: int
+    end: int
+    members: dict[str, _Span] | None = None
+    name_begin: int = 0
+
+
+class _Array(NamedTuple):
+    """One long array of a text: attributes that lead to its field, its items, and its place."""
+
+    path: _Path
+    items: _Items
+    span: _Span
+
+
+class LargeJson:
+    """JSON text of one message, split into its long arrays and the rest. Make it with :meth:`split`."""
+
+    def __init__(self, message: MessageType, data: bytes, root: _Span, arrays: list[_Array]) -> None:
+        self._message = message
+        self._data = data
+        self._root = root
+        self._arrays = arrays
+
+    @classmethod
+    def split(cls, message: MessageType, raw: RawText) -> Steps[LargeJson | None]:
+        """Return the split text; None if it has no long arrays, or cannot be split."""
+        data = bytes(raw)
+        begin = _NOT_SPACE.search(data)
+        if begin is None or begin[0] != b"{":
+            return None
+        yield
+        try:
+            root = yield from _walk(data, begin.start(), 0)
+        except (Unsplittable, UnicodeDecodeError):
+            return None
+        arrays = list(_long_arrays(message, data, root, ()))
+        after = _AFTER_VALUE.match(data, root.end)
+        return cls(message, data, root, arrays) if arrays and after and not after[1] else None
+
+    def is_exact(self) -> Steps[bool]:
+        """Check, in steps, that the text may be passed on untouched.
+
+        Raises:
+            Unsplittable: the rest of the text is large itself.
+        """
+        if any(items.are_octets for _, items, _ in self._arrays):
+            return False
+        short = self._without_arrays()
+        if (yield from has_many_values(short)):
+            raise Unsplittable
+        yield
+        try:
+            self._message.json.check(short)
+        except REJECTIONS:
+            return False
+        for _, items, span in self._arrays:
+            if not (yield from items.are_exact(self._data, span)):
+                return False
+        return True
+
+    def apart(self) -> Steps[tuple[msgspec.Struct, Chunks]]:
+        """Return the message of an exact text with empty long arrays, and their items in chunks.
+
+        No more than a chunk is held at a time, because to free a large tree of objects takes too long.
+        """
+        yield
+        message = self._message.json.decode(self._without_arrays())
+        return message, {".".join(path): items.chunks(self._data, span) for path, items, span in self._arrays}
+
+    def complete(self, now: Callable[[], int]) -> Steps[msgspec.Struct]:
+        """Complete the message in steps, as the lenient decoder does.
+
+        Raises:
+            InvalidMessage: the message does not fit.
+            Unsplittable: the text is not JSON.
+        """
+        try:
+            return (yield from _complete(self._message, self._data, self._root, Completion(now)))
+        except InvalidMessage:
+            yield
+            if not self._is_json():
+                raise Unsplittable from None
+            raise
+
+    def _is_json(self) -> bool:
+        """True unless a fault is found outside the arrays, or in the encoding. A text that is not JSON is
+        rejected for that, and not for the first field that does not fit."""
+        try:
+            if not self._data.isascii():
+                str(self._data, "utf-8")
+            parse(self._without_arrays())
+        except (InvalidMessage, UnicodeDecodeError):
+            return False
+        return True
+
+    def sequence_first(self) -> Parts | None:
+        """Return the text with `header.seq` where :data:`SEQUENCE` finds it; None if it is there already."""
+        data, members = self._data, self._root.members
+        if not self._message.has_sequence or SEQUENCE.match(data) or members is None:
+            return None
+        header = members["header"]
+        type = next(slot.type for slot in self._message.slots if slot.name == "header")
+        assert isinstance(type, field_types.Message)
+        codec = type.type.json
+        first = b'{"header":' + codec.encode(codec.decode(data[header.begin : header.end]))
+        others = memoryview(data)
+        if header.name_begin == min(member.name_begin for member in members.values()):
+            return first, others[header.end :]
+        before = data.rindex(b",", 0, header.name_begin)
+        return first + b",", others[self._root.begin + 1 : before], others[header.end :]
+
+    def _without_arrays(self) -> bytes:
+        parts: list[bytes] = []
+        begin = 0
+        for span in sorted(array.span for array in self._arrays):
+            parts += (self._data[begin : span.begin], b"[]")
+            begin = span.end
+        return b"".join((*parts, self._data[begin:]))
+
+
+class _Items:
+    """Decoders for the items of arrays of one element type.
+
+    Attributes:
+        are_octets: True for octets, which may be written as a list of numbers.
+        are_numbers: True if the items are numbers.
+        encode: encodes a list of items as JSON.
+    """
+
+    def __init__(self, array: field_types.Array | field_types.Octets) -> None:
+        self._array = array
+        element = field_types.UINT8 if isinstance(array, field_types.Octets) else array.element
+        self._element = element
+        self.are_octets = isinstance(array, field_types.Octets)
+        self._bound = None if isinstance(array, field_types.Octets) else array.bound
+        self._message = element.type if isinstance(element, field_types.Message) else None
+        self.are_numbers = isinstance(element, field_types.Int | field_types.Float)
+        self._decode_leniently = compile_field(element)
+        self._read = array_reader(field_types.Array(element, None, None))
+        self._decode_sendable: Callable[[bytes], list[Any]] = msgspec.json.Decoder(
+            _LIST[strict_annotation(element, has_nulls=False)]
+        ).decode
+        self.encode = items_encoder(element)
+
+    def are_exact(self, data: bytes, span: _Span) -> Steps[bool]:
+        """Check, in steps, that an array may be passed on untouched."""
+        count = 0
+        try:
+            for start, stop in _chunks(data, span, CHUNK_BYTES):
+                yield
+                item = yield from self._long_item(data, start, stop)
+                if item is not None:
+                    if not (yield from item.is_exact()):
+                        return False
+                    count += 1
+                    continue
+                text = _text(data, start, stop)
+                if (yield from _is_unusual(text)):
+                    raise Unsplittable
+                taken, may_pass = self._read(text)
+                if not may_pass or not taken:
+                    return False
+                count += len(taken)
+        except REJECTIONS:
+            return False
+        return self._bound is None or count <= self._bound
+
+    def chunks(self, data: bytes, span: _Span) -> Iterator[list[Any] | None]:
+        """Yield the items of an exact array, some at a time; None is a step without any."""
+        for start, stop in _chunks(data, span, CHUNK_BYTES if self.are_numbers else SLOW_CHUNK_BYTES):
+            item = yield from self._long_item(data, start, stop)
+            if item is not None:
+                yield [(yield from _whole(item))]
+                continue
+            text = _text(data, start, stop)
+            if self.are_numbers:
+                yield self._read(text)[0]
+                continue
+            try:
+                yield self._decode_sendable(text)
+            except msgspec.ValidationError:
+                # It holds a null, which is NaN.
+                yield [self._decode_leniently(value, _no_clock) for value in _parsed(text)]
+
+    def complete(self, data: bytes, span: _Span, completion: Completion) -> Steps[Any]:
+        """Complete the items of an array in steps.
+
+        Raises:
+            InvalidMessage: an item does not fit.
+            Unsplittable: the text is not JSON.
+        """
+        taken: Any = bytearray() if self.are_octets else []
+        growth_left = MAX_GROWTH_BYTES
+        for start, stop in _chunks(data, span, CHUNK_BYTES if self.are_numbers else SLOW_CHUNK_BYTES):
+            yield
+            item = yield from self._long_item(data, start, stop)
+            if item is not None and self._message is not None:
+                try:
+                    taken.append((yield from _complete(self._message, item._data, item._root, completion)))
+                except InvalidMessage as error:
+                    raise under(f"[{len(taken)}]", error) from None
+                continue
+            text = _text(data, start, stop)
+            if (yield from _is_unusual(text)):
+                raise Unsplittable
+            items = self._completed_quickly(text, completion) if growth_left > 0 else None
+            if items is not None and self._message is not None:
+                growth_left -= len(self.encode(items)) - len(text)
+                if growth_left < 0:
+                    items = None
+            if items is None:
+                items = self.of_values(_parsed(text), len(taken), completion)
+            if not items:
+                raise Unsplittable
+            taken.extend(items)
+        return self._held(taken)
+
+    def complete_values(self, values: list[object], completion: Completion) -> Steps[Any]:
+        """Complete the items of a list of plain values in steps.
+
+        Raises:
+            InvalidMessage: an item does not fit.
+        """
+        taken: list[Any] = []
+        for chunk in chunks_of(values, self.are_numbers):
+            yield
+            taken += self._converted(chunk) or self.of_values(chunk, len(taken), completion)
+        return self._held(taken)
+
+    def of_values(self, values: list[object], offset: int, completion: Completion) -> list[Any]:
+        """Return the items that plain values stand for.
+
+        Args:
+            values: some of the values of a list.
+            offset: number of the first.
+            completion: counts what is missing.
+
+        Raises:
+            InvalidMessage: an item does not fit.
+        """
+        if isinstance(self._element, field_types.Int | field_types.Float):
+            try:
+                return number_list(values, self._element)
+            except InvalidMessage as error:
+                number, _, rest = error.path.removeprefix("[").partition("]")
+                raise InvalidMessage(f"[{offset + int(number)}]{rest}", error.reason) from None
+        items = []
+        for index, value in enumerate(values, offset):
+            try:
+                items.append(self._decode_leniently(value, completion))
+            except InvalidMessage as error:
+                raise under(f"[{index}]", error) from None
+        return items
+
+    def _completed_quickly(self, text: bytes, completion: Completion) -> list[Any] | None:
+        try:
+            if self._message is not None:
+                return self._own(self._message.complete_quickly.items(text, completion))
+            return self._read(text)[0]
+        except REJECTIONS:
+            return None
+
+    def _converted(self, values: list[object]) -> list[Any] | None:
+        if self._message is None:
+            return None
+        try:
+            return self._own([self._message.json.convert(value) for value in values])
+        except REJECTIONS:
+            return None
+
+    def _own(self, items: list[msgspec.Struct]) -> list[Any]:
+        own: list[Any] = msgspec.convert(items, _LIST[annotation(self._element)], from_attributes=True)
+        return own
+
+    def _long_item(self, data: bytes, start: int, stop: int) -> Steps[LargeJson | None]:
+        """Return one long message of an array, split; None if it is short or has no long arrays."""
+        if self._message is None or stop - start <= CHUNK_BYTES:
+            return None
+        return (yield from LargeJson.split(self._message, data[start:stop]))
+
+    def _held(self, items: list[Any] | bytearray) -> Any:
+        check_length(len(items), self._array.length, self._bound)
+        return bytes(items) if self.are_octets else items
+
+
+_items_of: Final = lru_cache(maxsize=256)(_Items)
+
+
+def _no_clock() -> int:
+    return 0
+
+
+def _parsed(text: bytes) -> list[object]:
+    try:
+        values: Any = parse(text)
+    except InvalidMessage:
+        raise Unsplittable from None
+    return values  # type: ignore[no-any-return]  # a list in brackets
+
+
+def _text(data: bytes, start: int, stop: int) -> bytes:
+    return b"[%b]" % data[start:stop]
+
+
+def _whole(text: LargeJson) -> Steps[msgspec.Struct]:
+    """Decode an exact text in steps."""
+    message, lists = yield from text.apart()
+    for path, chunks in lists.items():
+        taken: list[Any] = []
+        for chunk in chunks:
+            taken += chunk or ()
+            yield
+        message = put(message, tuple(path.split(".")), taken)
+    return message
+
+
+def _complete(
+    message: MessageType, data: bytes, span: _Span, completion: Completion
+) -> Steps[msgspec.Struct]:
+    decoder = message.decode_leniently
+    if span.members is None or not isinstance(decoder, MessageDecoder):
+        raise Unsplittable
+
+    def field(type: FieldType, take: LenientDecoder, value: Any) -> Steps[Any]:
+        if value.end - value.begin > SLOW_CHUNK_BYTES:
+            yield
+            if isinstance(type, field_types.Message) and value.members and type.type.time is None:
+                return (yield from _complete(type.type, data, value, completion))
+            if isinstance(type, field_types.Array | field_types.Octets) and data[value.begin] == ord("["):
+                return (yield from _items_of(type).complete(data, value, completion))
+        text = data[value.begin : value.end]
+        if len(text) > _WINDOW_BYTES and (yield from has_many_values(text, MAX_LENIENT_VALUES)):
+            raise Unsplittable
+        try:
+            plain = parse(text)
+        except InvalidMessage:
+            raise Unsplittable from None
+        return take(plain, completion)
+
+    return (yield from decoder.in_steps(span.members, completion, field))
+
+
+def complete_values(
+    message: MessageType, value: dict[str, Any], now: Callable[[], int]
+) -> Steps[msgspec.Struct]:
+    """Complete a message of plain values, its long lists in steps.
+
+    Raises:
+        InvalidMessage: the message does not fit.
+    """
+    return (yield from _complete_values(message, value, Completion(now)))
+
+
+def _complete_values(
+    message: MessageType, value: Mapping[str, object], completion: Completion
+) -> Steps[msgspec.Struct]:
+    decoder = message.decode_leniently
+
+    def field(type: FieldType, take: LenientDecoder, value: object) -> Steps[Any]:
+        if _holds_long_list(type, value):
+            if isinstance(type, field_types.Message) and isinstance(value, dict):
+                return (yield from _complete_values(type.type, value, completion))
+            if isinstance(type, field_types.Array) and isinstance(value, list):
+                return (yield from _items_of(type).complete_values(value, completion))
+        return take(value, completion)
+
+    assert isinstance(decoder, MessageDecoder)  # Times hold no lists.
+    return (yield from decoder.in_steps(value, completion, field))
+
+
+def _holds_long_list(type: FieldType, value: object) -> bool:
+    if isinstance(type, field_types.Message):
+        return isinstance(value, dict) and holds_long_list(type.type, value)
+    return isinstance(type, field_types.Array) and isinstance(value, list) and len(value) > CHUNK_ITEMS
+
+
+def holds_long_list(message: MessageType, value: Mapping[str, object]) -> bool:
+    """True if a field of a message of plain values is a long list."""
+    return any(_holds_long_list(slot.type, value.get(slot.name)) for slot in message.slots)
+
+
+def encode(message: MessageType, value: msgspec.Struct) -> Steps[Parts | None]:
+    """Encode a message as JSON in steps; return None if it has no long lists."""
+    short = value
+    lists: list[Parts] = []
+    for path, items in _lists(message, ()):
+        found: Any = value
+        for attribute in path:
+            found = getattr(found, attribute)
+        if len(found) <= CHUNK_ITEMS:
+            continue
+        short = put(short, path, TOKEN)
+        parts = JoinedParts()
+        before = b"["
+        for chunk in chunks_of(found, items.are_numbers):
+            parts.append(before + items.encode(chunk)[1:-1])
+            before = b","
+            yield
+        parts.append(b"]")
+        lists.append(parts.all())
+    if not lists:
+        return None
+    first, *others = message.json.encode(short).split(_QUOTED_TOKEN)
+    joined: list[RawText] = [first]
+    for parts_of_list, other in zip(lists, others, strict=True):
+        joined += (*parts_of_list, other)
+    return tuple(joined)
+
+
+def has_many_values(data: RawText, most: int = MAX_VALUES) -> Steps[bool]:
+    """Return True, in steps, if a text may hold so many values that it may not be decoded at once."""
+    if len(data) <= most:
+        return False
+    text = bytes(data)
+    found = 0
+    for start in range(0, len(text), _WINDOW_BYTES):
+        if start:
+            yield
+        stop = start + _WINDOW_BYTES
+        found += text.count(b",", start, stop) + text.count(b"{", start, stop)
+        if found > most:
+            return True
+    return False
+
+
+def _is_unusual(chunk: bytes) -> Steps[bool]:
+    """Return True if a chunk, which is one item then, may not be decoded at once."""
+    return len(chunk) > _WINDOW_BYTES and (yield from has_many_values(chunk))
+
+
+def _lists(message: MessageType, path: _Path) -> Iterator[tuple[_Path, _Items]]:
+    """Yield the fields that may hold long lists."""
+    for slot in message.slots:
+        here = (*path, slot.attribute)
+        if isinstance(slot.type, field_types.Message):
+            yield from _lists(slot.type.type, here)
+        elif isinstance(slot.type, field_types.Array) and slot.type.length is None:
+            yield here, _items_of(slot.type)
+
+
+def _long_arrays(message: MessageType, data: bytes, span: _Span, path: _Path) -> Iterator[_Array]:
+    for slot in message.slots:
+        value = (span.members or {}).get(slot.name)
+        if value is None or value.end - value.begin <= CHUNK_BYTES:
+            continue
+        here = (*path, slot.attribute)
+        if isinstance(slot.type, field_types.Message):
+            yield from _long_arrays(slot.type.type, data, value, here)
+        elif data[value.begin] == ord("["):
+            match slot.type:
+                case field_types.Array(length=None) | field_types.Octets():
+                    yield _Array(here, _items_of(slot.type), value)
+
+
+def _walk(data: bytes, begin: int, depth: int) -> Steps[_Span]:
+    """Return the span of the value that begins there; of an object, also those of its members.
+
+    Raises:
+        Unsplittable: it is not JSON, has too many members, or two of the same name.
+        UnicodeDecodeError: a name is not UTF-8.
+    """
+    if data[begin : begin + 1] != b"{" or depth == _MAX_DEPTH:
+        # An array of numbers ends at the first bracket. To find that is much faster than to skip numbers.
+        end = data.find(b"]", begin) + 1 if _NUMBERS.match(data, begin) else _end(data, begin, len(data))
+        if not end:
+            raise Unsplittable
+        if end - begin > CHUNK_BYTES:
+            yield
+        return _Span(begin, end)
+    members: dict[str, _Span] = {}
+    empty = _EMPTY.match(data, begin + 1)
+    if empty is not None:
+        return _Span(begin, empty.end(), members)
+    at = begin + 1
+    for _ in range(_MAX_MEMBERS):
+        name = _NAME.match(data, at)
+        if name is None:
+            raise Unsplittable
+        value = yield from _walk(data, name.end(), depth + 1)
+        key = str(name[1], "utf-8")
+        if key in members:
+            raise Unsplittable
+        members[key] = value._replace(name_begin=name.start(1) - 1)
+        after = _AFTER_VALUE.match(data, value.end)
+        if after is None or after[1] not in (b",", b"}"):
+            raise Unsplittable
+        at = after.end()
+        if after[1] == b"}":
+            return _Span(begin, at, members)
+    raise Unsplittable
+
+
+def _end(data: bytes, begin: int, last: int) -> int:
+    """Return the offset behind the value that begins there and ends before `last`.
+
+    Raises:
+        Unsplittable: it is not JSON.
+    """
+    try:
+        _skip(memoryview(data)[begin:last])
+    except msgspec.DecodeError as error:
+        trailing = _TRAILING.search(str(error))
+        if trailing is None:
+            raise Unsplittable from None
+        end = begin + int(trailing[1]) - 1  # Behind the space that follows the value.
+        return end if data[end - 1] > 32 else begin + len(data[begin:end].rstrip(b" \t\r\n"))
+    except RecursionError:
+        raise Unsplittable from None
+    return last
+
+
+def _chunks(data: bytes, span: _Span, size: int) -> Iterator[tuple[int, int]]:
+    """Yield the offsets of chunks of an array, each of about `size` bytes or a single item.
+
+    Raises:
+        Unsplittable: the array is not JSON.
+    """
+    start, last = span.begin + 1, span.end - 1
+    while True:
+        stop = last if last - start <= size else _cut(data, start, start + size, last)
+        yield start, stop
+        if stop == last:
+            return
+        start = stop + 1
+
+
+def _cut(data: bytes, start: int, near: int, last: int) -> int:
+    """Return the offset of a comma between two items near an offset; `last` if there is none behind it."""
+    first = _NOT_SPACE.search(data, start, last)
+    if first is None:
+        return last
+    begin = first.start()
+    if first[0] == b'"':
+        strings = _STRINGS.match(data, begin, near)
+        if strings is not None:
+            return data.rindex(b",", begin, strings.end())
+    elif first[0] == b"{":
+        comma = _cut_before(data, begin, near)
+        if comma:
+            return comma
+    elif first[0] != b"[":
+        comma = data.find(b",", near, last)
+        return comma if comma >= 0 else last
+    end = _end(data, begin, last)
+    after = _AFTER_VALUE.match(data, end)
+    if after is None:
+        raise Unsplittable
+    return min(after.start(1), last)
+
+
+def _cut_before(data: bytes, begin: int, near: int) -> int:
+    """Return the offset of the last comma between two objects of a list before `near`; 0 if none is found."""
+    stop = near
+    for _ in range(_MAX_TRIES):
+        comma = _last_between(data, begin, stop)
+        if not comma:
+            return 0
+        if data.count(b"[", begin, comma) != data.count(b"]", begin, comma):
+            stop = data.rfind(b"[", begin, comma)  # It may be within an array of the item.
+            continue
+        try:
+            _skip(_text(data, begin, comma))
+        except (msgspec.DecodeError, RecursionError):
+            stop = comma
+        else:
+            return comma
+    return 0
+
+
+def _last_between(data: bytes, begin: int, stop: int) -> int:
+    for _ in range(4 * _MAX_TRIES):
+        stop = data.rfind(b"}", begin, stop)
+        if stop < 0:
+            return 0
+        between = _BETWEEN.match(data, stop)
+        if between is not None:
+            return between.start(1)
+    return 0
