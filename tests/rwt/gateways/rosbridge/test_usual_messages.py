@@ -51,6 +51,19 @@ def test_the_messages_of_a_topic_are_read_in_full_once(client: Client, decoded: 
     assert len(decoded) == 1
 
 
+def test_a_subscriber_in_the_process_changes_nothing_about_that(
+    client: Client, graph: MemoryGraph, decoded: list[bytes]
+) -> None:
+    received: list[object] = []
+    Node(graph, "robot").subscribe("/t", lambda message: received.append(message.data), "std_msgs/Int32")
+    client.say("advertise", topic="/t", type="std_msgs/Int32")
+    decoded.clear()
+    for number in range(100):
+        client.say_raw(_publish(msg={"data": number}))
+    assert len(decoded) == 1
+    assert received == list(range(100))
+
+
 def test_a_topic_whose_messages_are_completed_is_always_read_in_full(
     client: Client, decoded: list[bytes]
 ) -> None:

@@ -83,9 +83,11 @@ class Topics:
         if raw.size >= IN_STEPS:
             return self._publish_in_steps(op, raw, publisher.type)
         payload = payload_of(publisher.type, raw, "publish.msg", self._now)
-        self._publish(op, publisher, payload)
         if payload.is_passthrough:
+            # Checked before publishing: a subscriber in the process decodes the payload, after which it no
+            # longer counts as passed through.
             self._exact[op.topic.encode()] = publisher
+        self._publish(op, publisher, payload)
         return None
 
     def publish_exact(self, topic: bytes, raw: bytes) -> bool:
