@@ -129,9 +129,9 @@ class Server:
         clock: of a graph that is made here; the wall clock by default.
         extra_nodes: each is called with the graph when it runs, before anybody can connect, and makes a node
             that is closed with the server; what the node brings to HTTP is its attribute `http`.
-        gateways: each is called with the graph when it runs, and with the rules of who may do what, and makes
-            a gateway for another protocol on the same port, beside those of the setting `gateways`; names
-            are those of the setting, and take its place.
+        gateways: the protocols beside rosbridge, in place of the setting `gateways`; ``[]`` for none. A name
+            is one that the setting takes; a function makes a gateway of your own, from the running graph and
+            the access rules (:class:`rwt.gateways.base.Gateway`). None leaves the setting as it is.
         http: further pages, sections of the index page, and metrics.
         mounts: ASGI apps of others by the path at which they are, such as ``{"/shop": app}``: HTTP, streams,
             WebSocket without subprotocols, and lifespan. They make their own rules; the limits of the port
@@ -165,7 +165,7 @@ class Server:
         registry: Registry | None = None,
         clock: Clock | None = None,
         extra_nodes: Iterable[Callable[[Graph], ReadyNode]] = (),
-        gateways: Iterable[MakeGateway | str] = (),
+        gateways: Iterable[MakeGateway | str] | None = None,
         http: Iterable[HttpExtension] = (),
         mounts: Mapping[str, App] = MappingProxyType({}),
         script: Path | None = None,
@@ -184,14 +184,20 @@ class Server:
             changes["listen"] = urls
         if isinstance(graph, str):
             changes["graph"], graph = graph, None
-        gateways = tuple(gateways)
-        if named := [each for each in gateways if isinstance(each, str)]:
-            changes["gateways"] = named
+        own_gateways: list[MakeGateway] = []
+        if gateways is not None:
+            names: list[str] = []
+            for each in gateways:
+                if isinstance(each, str):
+                    names.append(each)
+                else:
+                    own_gateways.append(each)
+            changes["gateways"] = names
         self.settings = with_changes(settings, changes)
         self._registry = registry
         self._clock = clock
         self._extra_nodes = tuple(extra_nodes)
-        self._gateways = tuple(each for each in gateways if not isinstance(each, str))
+        self._own_gateways = own_gateways
         self._http = tuple(http)
         self._mounts = dict(mounts)
         for path in self._mounts:
@@ -466,11 +472,11 @@ class Server:
     def _start_gateways(
         self, access: Access, http: Sequence[HttpExtension], stack: AsyncExitStack
     ) -> list[Gateway]:
-        """Start the gateways of the settings, and those of the program; `stack` closes them."""
+        """Start the gateways of the settings and of the program; `stack` closes them."""
         graph, settings = self.graph, self.settings
         made = [partial(make_gateway, name, graph, settings, access, http) for name in settings.gateways]
         gateways: list[Gateway] = []
-        for make in (*made, *(partial(make, graph, access) for make in self._gateways)):
+        for make in (*made, *(partial(make, graph, access) for make in self._own_gateways)):
             gateways.append(gateway := make())
             stack.callback(gateway.close)
         return gateways
@@ -587,7 +593,7 @@ class Server:
             registry=self._registry,
             clock=self._clock,
             extra_nodes=self._extra_nodes if worker.number == 1 else (),
-            gateways=self._gateways,
+            gateways=(*settings.gateways, *self._own_gateways),
             http=self._http,
             mounts=self._mounts,
             middleware=self._middleware,

@@ -124,6 +124,28 @@ async def test_the_first_offered_subprotocol_that_is_spoken_decides(
         assert ("service_response" in str(answer)) is not shouts
 
 
+@pytest.mark.parametrize(
+    ("gateways", "names"),
+    [
+        (None, ["foxglove", "http"]),
+        ([], []),
+        (["http"], ["http"]),
+        ([Shouting], []),
+        (["http", Shouting], ["http"]),
+    ],
+)
+async def test_the_gateways_of_a_server_are_those_of_the_argument_or_else_of_the_setting(
+    gateways: list[Any] | None, names: list[str]
+) -> None:
+    async with Server("ws://127.0.0.1:0", gateways=gateways) as server:
+        assert list(server.settings.gateways) == names
+        spoken = {text.split('"')[1] for text in server.metrics.text().decode().split("gateway=")[1:]}
+        own = {"shouting"} if Shouting in (gateways or []) else set()
+        assert spoken == {"rosbridge", *names, *own}
+        status, *_ = await asyncio.to_thread(ask, server.urls[0], "GET", "/api/topics")
+        assert status == (200 if "http" in names else 404)
+
+
 async def test_a_page_that_acts_does_what_its_role_may() -> None:
     async with Server("ws://127.0.0.1:0", gateways=[Shouting]) as server:
         heard: asyncio.Queue[str] = asyncio.Queue()
