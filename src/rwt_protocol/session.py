@@ -12,8 +12,7 @@ from pydantic import ValidationError
 from rwt_protocol.codecs import BINARY_CODECS, JSON, png
 from rwt_protocol.codecs.base import Codec, DecodeFailure, Members, SplitLimits, SplitsInSteps
 from rwt_protocol.codecs.head_tail_split import head_members
-from rwt_protocol.codecs.quick_calls import UsualCall, UsualResponse, split_call
-from rwt_protocol.codecs.quick_publish import QUICK, never, split_publish
+from rwt_protocol.codecs.quick_publish import QUICK
 from rwt_protocol.error_text import describe, explain
 from rwt_protocol.errors import Level, Refused
 from rwt_protocol.fragments import FragmentLimits, Reassembly, cut
@@ -87,19 +86,17 @@ class Session:
             JSON.
         response: the reply to a call that succeeded, from the service, its response and the caller's id.
         call: a call to a provider, from the service, its request and the id.
-        split_publish: the topic and the payload of a text frame that is a usual small `publish`; None for
-            every other frame, for which :meth:`decode` is there. See
-            :mod:`rwt_protocol.codecs.quick_publish` for what is known of the two. While the client is to be
-            told of successes or of defaults, it is None for all.
-        split_call: a text frame that is a usual small `call_service` or `service_response`; None for every
-            other frame, as of `split_publish`.
+        is_quick: True if usual small text frames may be taken apart by
+            :func:`~rwt_protocol.codecs.quick_publish.split_publish` and
+            :func:`~rwt_protocol.codecs.quick_calls.split_call` instead of :meth:`decode`. False while the
+            client asks for `status` messages about successes or defaults, which need the whole op.
     """
 
     __slots__ = (
+        "_can_be_quick",
         "_codec",
         "_direction",
         "_inside",
-        "_is_quick",
         "_level",
         "_max_size",
         "_profile",
@@ -108,9 +105,8 @@ class Session:
         "_split_limits",
         "call",
         "encode",
+        "is_quick",
         "response",
-        "split_call",
-        "split_publish",
     )
 
     def __init__(
@@ -134,15 +130,13 @@ class Session:
         self._reassembly = Reassembly(limits.fragments)
         self._readers = readers(profile, direction)
         self._level: Level | None = "error" if profile.status is StatusRule.FROM_THE_START else None
-        self._is_quick = (
+        self._can_be_quick = (
             codec is None
             and direction is Direction.TO_SERVER
             and self._readers.keys() >= _QUICK_OPS
             and limits.max_message_size >= QUICK
             and limits.split.max_depth >= _DEEP
         )
-        self.split_publish: Callable[[bytes], tuple[bytes, bytes] | None] = never
-        self.split_call: Callable[[bytes], UsualCall | UsualResponse | None] = never
         self._note_level()
 
     def decode(self, data: bytes, binary: bool, now: float) -> Sequence[Op | Refusal]:
@@ -262,9 +256,7 @@ class Session:
         return ()
 
     def _note_level(self) -> None:
-        is_quick = self._is_quick and not self.wants_status("warning")
-        self.split_publish = split_publish if is_quick else never
-        self.split_call = split_call if is_quick else never
+        self.is_quick = self._can_be_quick and not self.wants_status("warning")
 
     def _join(self, fragment: Fragment, now: float) -> Sequence[Op | Refusal]:
         """What a piece completes, as if it had come whole (FRG-11).

@@ -25,7 +25,8 @@ from rwt_protocol.codecs.base import SplitLimits
 from rwt_protocol.codecs.bson import BsonCodec
 from rwt_protocol.codecs.bson_decoder import LargeDocument
 from rwt_protocol.codecs.full_split import MOST_MESSAGES
-from rwt_protocol.codecs.quick_calls import UsualCall
+from rwt_protocol.codecs.quick_calls import UsualCall, split_call
+from rwt_protocol.codecs.quick_publish import split_publish
 from rwt_protocol.errors import Refused
 from rwt_protocol.fragments import FragmentLimits
 from rwt_protocol.ops import Direction, Op
@@ -97,7 +98,7 @@ def _frames(chosen: Session, data: bytes) -> None:
 
 def _check_usual(chosen: Session, data: bytes) -> None:
     """What the ends of a frame show of a `publish` is what its parse finds, if what is between is JSON."""
-    usual = chosen.split_publish(data)
+    usual = split_publish(data) if chosen.is_quick else None
     if usual is None:
         return
     topic, payload = usual
@@ -113,7 +114,7 @@ def _check_usual(chosen: Session, data: bytes) -> None:
 
 def _check_usual_call(chosen: Session, data: bytes) -> None:
     """A usual call or response is what a parse of the frame finds."""
-    usual = chosen.split_call(data)
+    usual = split_call(data) if chosen.is_quick else None
     if usual is None:
         return
     (members,) = JSON.split(data, LIMITS.split)

@@ -18,7 +18,8 @@ from rwt.gateways.rosbridge.ops.services import Services
 from rwt.gateways.rosbridge.ops.topics import Topics
 from rwt.gateways.rosbridge.reply import Replies
 from rwt_participant.errors import RobotError
-from rwt_protocol.codecs.quick_calls import UsualCall
+from rwt_protocol.codecs.quick_calls import UsualCall, split_call
+from rwt_protocol.codecs.quick_publish import PUBLISH_STARTS, split_publish
 from rwt_protocol.errors import ProtocolError
 from rwt_protocol.ops import OPS, CallService, Op, SendActionGoal, Status
 from rwt_protocol.session import Refusal
@@ -167,39 +168,33 @@ class Peer(TakesTurns[_Waiting]):
         now = self._began = self._monotonic()
         # As _read does it, written out: this runs for each message.
         self.messages += 1
-        if self._rate is None or self._may_send(now):
-            usual = None if binary else self._session.split_publish(data)
-            if (usual is None or not self._publish_exact(*usual, data)) and (
-                binary or usual is not None or not self._call_usual(data)
-            ):
-                self._decode(data, binary, now)
+        if (self._rate is None or self._may_send(now)) and (
+            binary or not self._session.is_quick or not self._run_usual(data)
+        ):
+            self._decode(data, binary, now)
         self._worked += self._monotonic() - now
         if self._worked - self._counted > SHARE:
             self._count_work()
 
-    def _publish_exact(self, topic: bytes, payload: bytes, data: bytes) -> bool:
-        """Publish the usual message in a frame; False, and nothing is done, if it needs a closer look."""
-        try:
-            return self.topics.publish_exact(topic, payload)
-        except Exception as error:
-            (op,) = self._session.decode(data, False, self._began)
-            assert isinstance(op, Op)  # Its payload has passed the check of its type.
-            self._after(op, self._bridge.dispatcher.refused(self, op, error))
-            return True
+    def _run_usual(self, data: bytes) -> bool:
+        """Run the usual `publish`, call or response in a text frame.
 
-    def _call_usual(self, data: bytes) -> bool:
-        """Do what the usual call or response in a frame asks; False, and nothing is done, if it is none."""
-        usual = self._session.split_call(data)
-        if usual is None:
-            return False
+        Returns False, and does nothing, if the frame has to be decoded.
+        """
         try:
+            if data.startswith(PUBLISH_STARTS):
+                publish = split_publish(data)
+                return publish is not None and self.topics.publish_exact(*publish)
+            usual = split_call(data)
+            if usual is None:
+                return False
             if isinstance(usual, UsualCall):
                 self.services.call_usual(usual)
             else:
                 self.services.answer_usual(usual)
         except Exception as error:
             (op,) = self._session.decode(data, False, self._began)
-            assert isinstance(op, Op)  # It was read as one before.
+            assert isinstance(op, Op)  # The frame was found to hold one before the handler ran.
             self._after(op, self._bridge.dispatcher.refused(self, op, error))
         return True
 

@@ -82,12 +82,6 @@ class Replies:
             self.send(Status(level="error", msg=f"{op.op}: {reason}", id=op.id))
         return False
 
-    def respond(self, service: str, values: Payload, id: str | int | None, fragment_size: int | None) -> None:
-        """Send the response of a call that succeeded; as :meth:`send`, without an op in between."""
-        reason = self.send_frame(self.session.response(service, values, id), id, fragment_size)
-        if reason is not None:
-            self.send(ServiceResponse(service=service, values=reason, result=False, id=id))
-
     def request(self, service: str, args: Payload, id: str) -> str | None:
         """Ask the client, which offers a service, to run it; returns why it cannot be asked, or None."""
         return self.send_frame(self.session.call(service, args, id), id)

@@ -16,7 +16,6 @@ from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_graph.nodes.node import Node
 from rwt_interfaces.registry import Registry
-from rwt_protocol.codecs.quick_publish import never
 from rwt_protocol.frames import Frame
 from rwt_protocol.session import Session
 from tests.rwt.gateways.rosbridge.recording_client import Client
@@ -114,7 +113,7 @@ def _outcome(frames: list[str], distro_latch: bool, *, in_full: bool, binary: bo
     session = client.peer._session
     for frame in frames:
         if in_full:
-            session.split_publish = never
+            session.is_quick = False
         client.say_raw(frame, binary=binary)
     counted = {
         name: (counts.received, counts.received_bytes)
@@ -233,7 +232,7 @@ def _answered(calls: list[str], response: str, *, in_full: bool, binary: bool = 
         each.say("set_level", level="error")
         each.heard()
         if in_full:
-            each.peer._session.split_call = never
+            each.peer._session.is_quick = False
     heard: list[object] = []
     for call in calls:
         client.say_raw(call, binary=binary)

@@ -44,7 +44,8 @@ def split_suffix(name: str) -> tuple[str, str | None]:
     return (base, suffix) if hash_ else (name, None)
 
 
-#: Where an answer stands in its op.
+#: Where arguments and responses are in their ops, for errors.
+_ARGUMENTS: Final = "call_service.args"
 _ANSWER: Final = "service_response.values"
 
 Asked = tuple["ServiceType", "ServiceCall"]
@@ -105,56 +106,66 @@ class Services:
         seconds = self._timeout if op.timeout is None else op.timeout
         if op.args.size >= IN_STEPS:
             return self._call_in_steps(op, seconds)
-        self._call(op.service, op.id, op.args, seconds, op.fragment_size)
+        args = op.args
+        self._call(
+            op.service,
+            op.id,
+            lambda type: arguments_of(type.request, args, _ARGUMENTS, self._now),
+            seconds,
+            op.fragment_size,
+        )
         return None
 
     def call_usual(self, asked: UsualCall) -> None:
-        """As :meth:`call`."""
-        self._call(asked.service, asked.id, RawJson(bytes(asked.args)), self._timeout, None)
+        """Like :meth:`call`, for a usual small call, whose arguments are an object."""
+        args = RawJson(bytes(asked.args))
+        self._call(
+            asked.service,
+            asked.id,
+            lambda type: payload_of(type.request, args, _ARGUMENTS, self._now),
+            self._timeout,
+            None,
+        )
 
     def _call_in_steps(self, op: CallService, seconds: float) -> Steps:
         service = self._graph.service(split_suffix(op.service)[0])
         request: Payload | None = None
         if service is not None:
-            request = yield from arguments_in_steps(
-                service.type.request, op.args, "call_service.args", self._now
-            )
-        self._call(op.service, op.id, op.args, seconds, op.fragment_size, request)
+            request = yield from arguments_in_steps(service.type.request, op.args, _ARGUMENTS, self._now)
+
+        def request_of(type: ServiceType) -> Payload:
+            # Meanwhile another provider may have offered the service with another type.
+            if request is not None and request.type is type.request:
+                return request
+            return arguments_of(type.request, op.args, _ARGUMENTS, self._now)
+
+        self._call(op.service, op.id, request_of, seconds, op.fragment_size)
 
     def _call(
         self,
         name: str,
         id: str | int | None,
-        args: Encodable,
+        request_of: Callable[[ServiceType], Payload],
         seconds: float,
         fragment_size: int | None,
-        request: Payload | None = None,
     ) -> None:
-        """Call a service; `request` is its arguments, where they have been checked already against the type
-        of the service."""
-        service, suffix = split_suffix(name)
+        service, suffix = split_suffix(name) if "#" in name else (name, None)
         mark = suffix if id is None else id
         replies = self._replies
 
         def on_reply(outcome: Payload | CallFailed) -> None:
             """Answer the client: exactly one reply per call (SRV-14)."""
+            reason: str | None
             if isinstance(outcome, CallFailed):
-                replies.send(ServiceResponse(service=name, values=str(outcome), result=False, id=mark))
+                reason = str(outcome)
             else:
-                replies.respond(name, outcome, mark, fragment_size)
-
-        def request_of(type: ServiceType) -> Payload:
-            if request is not None and request.type is type.request:
-                return request
-            return arguments_of(type.request, args, "call_service.args", self._now)
+                frame = replies.session.response(name, outcome, mark)
+                reason = replies.send_frame(frame, mark, fragment_size)
+            if reason is not None:
+                replies.send(ServiceResponse(service=name, values=reason, result=False, id=mark))
 
         try:
-            self._graph.call_service(
-                service,
-                request_of,
-                on_reply,
-                seconds if seconds > 0 else None,
-            )
+            self._graph.call_service(service, request_of, on_reply, seconds if seconds > 0 else None)
         except ProviderNotFound as missing:
             raise Refused(str(missing)) from None
 
