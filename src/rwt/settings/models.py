@@ -12,6 +12,7 @@ from rwt.access.settings import (
     BUILT_IN_ROLES,
     MIB,
     Bytes,
+    ClientLimits,
     Count,
     PlainToken,
     Seconds,
@@ -22,7 +23,7 @@ from rwt.access.settings import (
 from rwt.gateways.foxglove.settings import FoxgloveSettings
 from rwt.gateways.http.settings import HttpSettings
 from rwt.gateways.mcp.settings import McpSettings
-from rwt.gateways.rosbridge.settings import BridgeLimits, BridgeSettings
+from rwt.gateways.rosbridge.settings import BridgeSettings
 from rwt.settings.webrtc import WebRtcSettings
 from rwt_protocol.error_text import Expected
 from rwt_protocol.extensions import extension_names
@@ -67,7 +68,7 @@ def _named(group: str, builtin: tuple[str, ...], expected: Expected) -> AfterVal
     return AfterValidator(check)
 
 
-class LimitSettings(BridgeLimits):
+class LimitSettings(ClientLimits):
     """What one client, or all of them together, may take. A refusal names the setting."""
 
     connections: Annotated[

@@ -2,6 +2,8 @@
 
 from rwt.access.settings.models import (
     BUILT_IN_ROLES,
+    CALL_SECONDS,
+    LINGER_SECONDS,
     AccessSettings,
     AuthSettings,
     ClientLimits,
@@ -25,6 +27,8 @@ from rwt.access.settings.types import (
 
 __all__ = [
     "BUILT_IN_ROLES",
+    "CALL_SECONDS",
+    "LINGER_SECONDS",
     "MIB",
     "AccessSettings",
     "AuthSettings",

@@ -41,8 +41,15 @@ WorkRate = Annotated[float, Field(ge=0, le=1000, allow_inf_nan=False), AfterVali
 """Seconds of work each second; 0 for any."""
 
 
+LINGER_SECONDS: Final = 10.0
+"""Default time that a topic outlives its last publisher among the clients (`unregister_timeout`)."""
+
+CALL_SECONDS: Final = 5.0
+"""Default time that a service call may take (`default_call_service_timeout`)."""
+
+
 class ClientLimits(Table):
-    """What one client may have open."""
+    """What one client may have open, send, and be sent."""
 
     connections_per_address: Annotated[
         CountOrNone,
@@ -82,6 +89,44 @@ class ClientLimits(Table):
     work_burst: Annotated[
         SecondsOrNone, Field(description="seconds of work at once before their rate counts")
     ] = 0.5
+    messages_per_second: Annotated[
+        CountOrNone,
+        Field(description="messages that one client may send each second in the long run; 0 for any number"),
+    ] = 0
+    messages_burst: Annotated[
+        Count, Field(description="messages that one client may send at once before their rate counts")
+    ] = 20_000
+    max_depth: Annotated[
+        int,
+        Field(ge=4, le=500, description="objects and arrays open at once in one message, itself included"),
+    ] = 100
+    structure_bytes: Annotated[
+        Bytes,
+        Field(
+            description="bytes of one message in CBOR or BSON beside its long strings and typed arrays;"
+            " brackets of one in JSON, unless its payload has every field of its type as ROS writes it"
+        ),
+    ] = 256 * 1024
+    fragmented_messages: Annotated[
+        Count, Field(description="messages of one client that may be in pieces at the same time")
+    ] = 16
+    fragment_characters: Annotated[
+        Count, Field(description="characters of all pieces of one client together")
+    ] = 10_000_000
+    fragment_seconds: Annotated[
+        Seconds, Field(description="time after the last piece until the others are forgotten")
+    ] = 600.0
+    outgoing_message_bytes: Annotated[
+        Bytes,
+        Field(description="largest message to a client; a larger reply fails its call, a sample is dropped"),
+    ] = 256 * MIB
+    data_bytes: Annotated[
+        Bytes,
+        Field(
+            description="samples queued for one client behind its connection, and as many again behind its"
+            " throttles; beyond it the oldest of the topic is dropped"
+        ),
+    ] = 8 * MIB
 
 
 _TOKEN: Final = re.compile(r"[A-Za-z0-9._~-]{16,256}")
