@@ -37,9 +37,9 @@ from rwt.composition.nodes import (
     start_script,
 )
 from rwt.composition.webrtc import media_routes, webrtc_media, webrtc_peers
-from rwt.delivery.http_traffic import counted
 from rwt.gateways.rosbridge.bridge import GATEWAY_NODE, Bridge
 from rwt.gateways.rosbridge.numpy_loading import NumpyLoading
+from rwt.gateways.visitors import counted
 from rwt.nodes.rosapi import DISCLOSURES
 from rwt.observability.metrics import ServerMetrics
 from rwt.observability.supervision import READY, STOPPING, Heartbeat, tell, tell_reloading
@@ -57,10 +57,10 @@ if TYPE_CHECKING:
 
     from typing_extensions import TypeIs
 
-    from rwt.access.gateway import Gateway, MakeGateway
     from rwt.access.graph_view import GraphView
     from rwt.blocking import Loop
     from rwt.composition.graphs import MakeGraph
+    from rwt.gateways.base import Gateway, MakeGateway
     from rwt.settings.models import Settings
     from rwt.workers.worker import InWorker, WorkerContext
     from rwt_graph.clock import Clock

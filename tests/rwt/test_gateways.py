@@ -12,14 +12,13 @@ import pytest
 from websockets.asyncio.client import connect
 
 from rwt import Server, Settings
-from rwt.delivery.shared_graph import SharedGraph
+from rwt.gateways.base import Gateway
 from rwt_interfaces.payload import Payload
 from rwt_protocol.frames import Frame
 from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Route
 
 if TYPE_CHECKING:
     from rwt.access.access import Access
-    from rwt.access.gateway import AcceptPeer
     from rwt.access.graph_view import GraphView
     from rwt_graph.api import Graph
     from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
@@ -44,19 +43,17 @@ class Shout:
         pass
 
 
-class Shouting:
+class Shouting(Gateway):
     """A gateway whose WebSocket says things in capitals, and whose page publishes what is posted."""
 
     name = "shouting"
-    clients: tuple[()] = ()
 
     def __init__(self, graph: Graph, access: Access) -> None:
-        self._access = access
-        self.shared = SharedGraph(graph, "/shouting", 0.0, print)
+        super().__init__(graph, access, "/shouting", 0.0)
         self.reloads = 0
         self.is_closed = False
-        self.websockets: Mapping[str, AcceptPeer] = {"shout.v1": self._accept, "shout.v2": self._accept}
-        self.http: HttpExtension[GraphView] = HttpExtension(
+        self.websockets = {"shout.v1": self._accept, "shout.v2": self._accept}
+        self.http = HttpExtension(
             (
                 Route("/said", self._publish, Audience.ADMITTED, "POST"),
                 Route("/said", lambda request, reader: HttpResponse(b"nothing"), Audience.ADMITTED),
@@ -64,11 +61,11 @@ class Shouting:
         )
 
     def _accept(self, sink: Sink, info: PeerInfo, *, loopback: bool) -> Endpoint:
-        self._access.admission.admit(info, loopback=loopback)
+        self.access.admission.admit(info, loopback=loopback)
         return Shout(sink)
 
     def _publish(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        client = self._access.client(self.shared, reader.role, request.address)
+        client = self.access.client(self.shared, reader.role, request.address)
         try:
             said = client.publisher("/said", "std_msgs/String")
         except Exception as error:
@@ -81,7 +78,7 @@ class Shouting:
         self.reloads += 1
 
     def close(self) -> None:
-        self.shared.close()
+        super().close()
         self.is_closed = True
 
 

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
     from ssl import SSLContext
 
-    from rwt.access.gateway import AcceptPeer
     from rwt.access.graph_view import GraphView
+    from rwt.gateways.base import AcceptPeer
     from rwt.gateways.rosbridge.bridge import Bridge
     from rwt.observability.metrics import ServerMetrics
     from rwt.settings.models import Settings

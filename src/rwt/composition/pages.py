@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Final
 
 import anyio
 
+from rwt.gateways.visitors import peer_of
 from rwt.observability.prometheus import CONTENT_TYPE
-from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import Audience, HttpResponse, Route, Routes, page_policy, refusal_as_text
 
@@ -134,8 +134,7 @@ def _admitted(access: Access, audience: Audience, request: HttpRequest) -> Graph
     Raises:
         Refused: they are none of the audience, or their address is beyond its rate of work.
     """
-    target = f"{request.path}?{request.query}"
-    reader = access.reader(PeerInfo("http", request.address, 0, target, request.headers))
+    reader = access.reader(peer_of(request))
     if audience is Audience.EVERY_TOPIC and not reader.sees_every_topic:
         role = reader.role.name
         raise Refused(403, f"role {role!r} may not see every topic (roles.{role}.subscribe)")

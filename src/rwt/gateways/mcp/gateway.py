@@ -6,12 +6,11 @@ import html
 import json
 import logging
 import time
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import version
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
 import anyio
@@ -23,8 +22,8 @@ from mcp_types.version import HANDSHAKE_PROTOCOL_VERSIONS
 
 from rwt.access.audit import LineRate, one_line
 from rwt.access.roles import glob_pattern
-from rwt.delivery.http_traffic import Visitors
-from rwt.delivery.shared_graph import SharedGraph
+from rwt.access.settings import LINGER_SECONDS
+from rwt.gateways.base import Gateway
 from rwt.gateways.mcp.agent import Agent
 from rwt.gateways.mcp.approvals import Questions
 from rwt.gateways.mcp.asgi import Exchange
@@ -33,7 +32,7 @@ from rwt.gateways.mcp.goals import GoalTable
 from rwt.gateways.mcp.graph_robot import GraphRobot
 from rwt.gateways.mcp.server import make_server
 from rwt.gateways.mcp.tools import TOOLS
-from rwt_transports.endpoint import PeerInfo
+from rwt.gateways.visitors import Visitor, Visitors, peer_of
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import (
     Audience,
@@ -55,7 +54,6 @@ if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
     from rwt.access.gate.approvals import Approval
     from rwt.access.gate.gate import Gate
-    from rwt.access.gateway import AcceptPeer
     from rwt.access.graph_view import GraphView
     from rwt.access.roles import Role
     from rwt.gateways.mcp.agent import Act
@@ -64,6 +62,7 @@ if TYPE_CHECKING:
     from rwt.gateways.mcp.server import Allow
     from rwt.gateways.mcp.settings import McpSettings
     from rwt_graph.api import Graph
+    from rwt_transports.endpoint import PeerInfo
 
 logger = logging.getLogger(__name__)
 
@@ -72,9 +71,6 @@ PATH: Final = "/mcp"
 
 NODE: Final = "/mcp"
 """The node as which all agents act."""
-
-#: Seconds that a publisher of an agent outlives it, as those of rosbridge's clients do.
-_LINGER_SECONDS: Final = 10.0
 
 #: Seconds by which a yes holds for longer than what it is for, so that the robot can be stopped at the end.
 _STOP_SECONDS: Final = 2.0
@@ -132,26 +128,27 @@ class _Session:
     under_way: int = 0
 
 
-class McpGateway:
-    """Agents in front of a graph. One is made for a server; needs the extra `mcp`.
+class McpGateway(Gateway):
+    """Agents over the Model Context Protocol, as the node `/mcp`. Needs the extra `mcp`.
 
-    Attributes:
-        name: of the protocol.
-        shared: the part in the graph that all agents share, as the node `/mcp`.
-        clients: nobody has a connection of its own.
+    Attributes by purpose:
+
+    * Requests that are being answered: ``_callers``; ``_visitors`` counts the agents behind them as clients.
+    * Sessions of older protocol versions: ``_sessions``, and the SDK's own in ``_manager``.
+    * Running: ``_tasks`` and ``_is_up`` (set once the SDK's manager runs), ``_threads``.
+    * Counters and log: ``_tool_calls``, ``_refused``, ``_log_rate``.
+    * What agents have: ``_goals``, ``questions`` (to the person at the agent's program), ``_recordings``.
 
     Args:
         graph: the robot.
-        access: who may do what.
-        settings: see there.
-        recordings: what agents may look at.
-        several_processes: whether other processes serve the same port: then no session is kept, since the
-            next request may come to another one.
+        access: access rules of the server.
+        settings: settings of the operator.
+        recordings: recordings that agents may read; None for none.
+        several_processes: True if other processes serve the same port. Then no session is kept, because the
+            next request may reach another process.
     """
 
-    name: Final = "mcp"
-    clients: tuple[()] = ()
-    websockets: Mapping[str, AcceptPeer] = MappingProxyType({})
+    name = "mcp"
 
     def __init__(
         self,
@@ -162,14 +159,10 @@ class McpGateway:
         *,
         several_processes: bool = False,
     ) -> None:
-        self._graph = graph
-        self._access = access
+        super().__init__(graph, access, NODE, LINGER_SECONDS)
         self._settings = settings
         self._recordings = recordings
-        self.shared = SharedGraph(
-            graph, NODE, _LINGER_SECONDS, partial(access.audit.write, logging.INFO, "%s")
-        )
-        self._visitors = Visitors(self.shared.counters, graph.clock, _LINGER_SECONDS)
+        self._visitors: Visitors[Visitor] = Visitors(self.shared.counters, graph.clock, LINGER_SECONDS)
         self._goals = GoalTable(settings.goals, several_processes=several_processes)
         self._asks_about = any_of(settings.confirm)
         self._callers: set[_Caller] = set()
@@ -188,7 +181,7 @@ class McpGateway:
             session_idle_timeout=settings.session_idle_seconds,
             max_sessions=settings.sessions,
         )
-        self.http: HttpExtension[GraphView] = HttpExtension(
+        self.http = HttpExtension(
             tuple(Route(PATH, self._page, Audience.ADMITTED, method) for method in ("POST", "GET", "DELETE")),
             self._section,
             self._metrics,
@@ -221,12 +214,12 @@ class McpGateway:
         if self._tasks is not None:
             self._tasks.cancel_scope.cancel()
         self._visitors.close()
-        self.shared.close()
+        super().close()
 
     # -- requests --------------------------------------------------------------------------------------------
 
     async def _page(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        info = PeerInfo("http", request.address, 0, f"{request.path}?{request.query}", request.headers)
+        info = peer_of(request)
         try:
             role = self._role(info)
             self._check_room(request)
@@ -238,9 +231,8 @@ class McpGateway:
             return _refusal(Refused(503, "this server is closing"))
         caller = _Caller(info, role, request.method == "GET")
         self._callers.add(caller)
-        # Its role may be another one when it goes.
-        visitor = caller.owner
-        self._visitors.begin(visitor)
+        visitor = self._visitors.find(caller.owner, Visitor)
+        visitor.hold()
         session = self._sessions.get(request.headers.get("mcp-session-id", ""))
         if session is not None:
             session.under_way += 1
@@ -265,7 +257,7 @@ class McpGateway:
         Raises:
             Refused: its token is not known, or the settings name a role that is not there any more.
         """
-        admission = self._access.admission
+        admission = self.access.admission
         role = admission.role_of_token(info)
         if role is None and admission.default_role is not None:
             role = admission.roles.get(self._settings.default_role)
@@ -320,9 +312,9 @@ class McpGateway:
             self._forget_ended_sessions()
             self._sessions[opened] = _Session(network_of(caller.info.address), time.monotonic())
 
-    def _left(self, caller: _Caller, visitor: str, session: _Session | None) -> None:
+    def _left(self, caller: _Caller, visitor: Visitor, session: _Session | None) -> None:
         self._callers.discard(caller)
-        self._visitors.end(visitor)
+        visitor.release()
         if session is not None:
             session.under_way -= 1
             session.used_at = time.monotonic()
@@ -339,8 +331,8 @@ class McpGateway:
         if running >= self._settings.requests:
             raise ToolError(f"{running} agents are being served now (mcp.requests): try again in a moment")
         name = f"mcp:{_name_of(context)}"
-        client = self._access.client(self.shared, caller.role, caller.info.address, name)
-        gate, leave = self._access.gate, None
+        client = self.access.client(self.shared, caller.role, caller.info.address, name)
+        gate, leave = self.access.gate, None
         if gate is not None and allow is not None:
             leave = partial(self._ask_for_leave, gate, client, caller, allow)
         robot = GraphRobot(client, leave)
@@ -408,7 +400,7 @@ class McpGateway:
         said = f"the agent {_name_of(context)} ({caller.role.name}, {caller.info.address}): {text}"
         line = self._log_rate.admit(one_line(said), time.monotonic())
         if line is not None:
-            self._access.audit.write(logging.INFO if acts else logging.DEBUG, "%s", line)
+            self.access.audit.write(logging.INFO if acts else logging.DEBUG, "%s", line)
 
     def count(self, tool: str, outcome: str) -> None:
         """Count a call of a tool."""

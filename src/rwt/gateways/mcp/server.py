@@ -18,9 +18,9 @@ from rwt.access.errors import AccessError
 from rwt.gateways.mcp.content.answer import Part, Picture, as_text
 from rwt.gateways.mcp.errors import AnswerNeeded, ToolError
 from rwt.gateways.mcp.guides import INSTRUCTIONS, PROMPTS, RESOURCES, read_resource
-from rwt.gateways.mcp.metered import Metered
 from rwt.gateways.mcp.person import Person, asked
 from rwt.gateways.mcp.tools import TOOLS
+from rwt.gateways.visitors import Metered
 from rwt_participant.errors import RobotError
 
 if TYPE_CHECKING:
@@ -112,7 +112,7 @@ class _Handlers:
                     confirm=partial(self._confirm, context, person, agent.owner),
                     report_progress=context.session.report_progress,
                 )
-                answer = await Metered(tool(heard, given), agent.charge)
+                answer = await Metered(tool(heard, given), agent.charge, self._host.monotonic)
         except AnswerNeeded as needed:
             self._host.count(tool.name, "asked")
             return asked(needed)
@@ -169,7 +169,7 @@ class _Handlers:
         self._host.note(context, f"read {uri}", acts=False)
         try:
             async with self._host.agent(context) as agent:
-                answer = await Metered(read_resource(agent, uri), agent.charge)
+                answer = await Metered(read_resource(agent, uri), agent.charge, self._host.monotonic)
         except (ToolError, RobotError, AccessError) as error:
             raise MCPError(types.INVALID_PARAMS, str(error)) from None
         return types.ReadResourceResult(contents=[_resource_content(uri, part) for part in answer])

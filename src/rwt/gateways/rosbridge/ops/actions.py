@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Final, Never, Protocol
+from typing import TYPE_CHECKING, Final, Never
 
 from rwt.gateways.rosbridge.ops.offers import Offer, Offers
 from rwt.gateways.rosbridge.ops.payloads import (
@@ -36,6 +36,7 @@ from rwt_protocol.payloads import RawJson
 
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
+    from rwt.gateways.rosbridge.peer import Peer
     from rwt.gateways.rosbridge.reply import Replies
     from rwt_graph.api import ClientGoal, ServerGoal
     from rwt_interfaces.structs import ActionType
@@ -389,12 +390,7 @@ class Actions:
             yield
 
 
-class _HasActions(Protocol):
-    @property
-    def actions(self) -> Actions: ...
-
-
-HANDLERS: Final[Mapping[type[Op], Callable[[_HasActions, Never], Steps | None]]] = {
+HANDLERS: Final[Mapping[type[Op], Callable[[Peer, Never], Steps | None]]] = {
     SendActionGoal: lambda client, op: client.actions.send_goal(op),
     CancelActionGoal: lambda client, op: client.actions.cancel(op),
     ActionFeedback: lambda client, op: client.actions.feedback(op),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Final, Never, Protocol
+from typing import TYPE_CHECKING, Final, Never
 
 from rwt.access.errors import NotAuthenticated
 from rwt_protocol.errors import Refused
@@ -11,20 +11,10 @@ from rwt_protocol.ops import Auth, Op
 from rwt_transports.websocket.close_codes import POLICY
 
 if TYPE_CHECKING:
-    from rwt.access.credentials import Rosauth
-    from rwt.access.roles import Role
-    from rwt_transports.endpoint import Sink
+    from rwt.gateways.rosbridge.peer import Peer
 
 
-class _Authenticates(Protocol):
-    @property
-    def rosauth(self) -> Rosauth | None: ...
-    @property
-    def sink(self) -> Sink: ...
-    def take_role(self, role: Role) -> None: ...
-
-
-def on_auth(client: _Authenticates, op: Auth) -> None:
+def on_auth(client: Peer, op: Auth) -> None:
     """Give a client that came in without credentials, or with others, the role that `op` proves (AUT-03).
 
     Where no secret is configured nobody needs to authenticate (AUT-04).
@@ -33,10 +23,10 @@ def on_auth(client: _Authenticates, op: Auth) -> None:
     if rosauth is None:
         raise Refused("auth: this server has no authentication; go on without", level="warning")
     try:
-        client.take_role(rosauth.authenticate(op))
+        client.authenticated(rosauth.authenticate(op))
     except NotAuthenticated as error:
         client.sink.close(POLICY, str(error))
         raise Refused(str(error)) from None
 
 
-HANDLERS: Final[Mapping[type[Op], Callable[[_Authenticates, Never], None]]] = {Auth: on_auth}
+HANDLERS: Final[Mapping[type[Op], Callable[[Peer, Never], None]]] = {Auth: on_auth}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Final, Never, Protocol
+from typing import TYPE_CHECKING, Final, Never
 
 from rwt.gateways.rosbridge.ops.offers import Offer, Offers
 from rwt.gateways.rosbridge.ops.payloads import (
@@ -29,6 +29,7 @@ from rwt_protocol.payloads import RawJson
 
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
+    from rwt.gateways.rosbridge.peer import Peer
     from rwt.gateways.rosbridge.reply import Replies
     from rwt_graph.api import ServiceCall
     from rwt_interfaces.payload import Payload
@@ -273,12 +274,7 @@ class Services:
         raise Refused(f"service_response: no call of {service} waits under id {id!r}", level="warning")
 
 
-class _HasServices(Protocol):
-    @property
-    def services(self) -> Services: ...
-
-
-HANDLERS: Final[Mapping[type[Op], Callable[[_HasServices, Never], Steps | None]]] = {
+HANDLERS: Final[Mapping[type[Op], Callable[[Peer, Never], Steps | None]]] = {
     CallService: lambda client, op: client.services.call(op),
     ServiceResponse: lambda client, op: client.services.answer(op),
     AdvertiseService: lambda client, op: client.services.advertise(op),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Final, Never, Protocol
+from typing import TYPE_CHECKING, Final, Never
 
 from rwt.access.client_graph import UnknownTopicType
 from rwt.delivery.throttle import Room
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph, ClientPublisher
     from rwt.delivery.fanout import Fanout
     from rwt.delivery.shared_publishers import Lacks
+    from rwt.gateways.rosbridge.peer import Peer
     from rwt.gateways.rosbridge.reply import Replies
     from rwt_interfaces.structs import MessageType
     from rwt_protocol.codecs import Encoding
@@ -224,12 +225,7 @@ def _lacks(op: Advertise | Publish) -> Lacks | None:
     return partial(incompatible_policies, op.qos) if op.qos else None
 
 
-class _HasTopics(Protocol):
-    @property
-    def topics(self) -> Topics: ...
-
-
-HANDLERS: Final[Mapping[type[Op], Callable[[_HasTopics, Never], Steps | None]]] = {
+HANDLERS: Final[Mapping[type[Op], Callable[[Peer, Never], Steps | None]]] = {
     Advertise: lambda client, op: client.topics.advertise(op),
     Unadvertise: lambda client, op: client.topics.unadvertise(op),
     Publish: lambda client, op: client.topics.publish(op),
