@@ -10,12 +10,12 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from rwt_protocol.codecs import JSON
-from rwt_protocol.codecs.base import SplitLimits
 from rwt_protocol.codecs.bson import BsonCodec
 from rwt_protocol.codecs.quick_publish import QUICK, split_publish
+from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import Direction
 from rwt_protocol.profiles import PROFILES
-from rwt_protocol.session import Session, WireLimits
+from rwt_protocol.session import Session
 
 USUAL = b'{"op":"publish","topic":"/t","msg":{"data":1}}'
 
@@ -89,7 +89,7 @@ def test_a_payload_that_is_json_makes_the_frame_that_message(frame: bytes) -> No
         value = msgspec.json.decode(payload)
     except msgspec.DecodeError:
         return
-    (members,) = JSON.split(frame, SplitLimits())
+    (members,) = JSON.split(frame, WireLimits())
     assert isinstance(members, dict)
     assert set(members) - {"id", "type", "latch"} == {"op", "topic", "msg"}
     assert members["topic"] == topic.decode()
@@ -100,7 +100,7 @@ def test_a_payload_that_is_json_makes_the_frame_that_message(frame: bytes) -> No
 def test_a_session_takes_no_frame_apart_so_where_it_may_not() -> None:
     assert Session().is_quick
     assert not Session(limits=WireLimits(max_message_size=100)).is_quick
-    assert not Session(limits=WireLimits(split=SplitLimits(max_depth=4))).is_quick
+    assert not Session(limits=WireLimits(max_depth=4)).is_quick
     assert not Session(direction=Direction.TO_CLIENT).is_quick
     assert not Session(codec=BsonCodec()).is_quick
 

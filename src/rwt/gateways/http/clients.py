@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 from rwt.gateways.http import problems
 from rwt.gateways.visitors import Metered, Visitor, Visitors, peer_of
 from rwt_transports.errors import Refused
+from rwt_transports.http.addresses import network_of
 from rwt_transports.http.routes import HttpResponse
-from rwt_transports.limits import network_of
 
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph

@@ -34,6 +34,7 @@ from rwt.gateways.mcp.server import make_server
 from rwt.gateways.mcp.tools import TOOLS
 from rwt.gateways.visitors import Visitor, Visitors, peer_of
 from rwt_transports.errors import Refused
+from rwt_transports.http.addresses import network_of
 from rwt_transports.http.routes import (
     Audience,
     HttpExtension,
@@ -44,7 +45,6 @@ from rwt_transports.http.routes import (
     any_of,
     is_local,
 )
-from rwt_transports.limits import network_of
 
 if TYPE_CHECKING:
     from anyio.abc import TaskGroup

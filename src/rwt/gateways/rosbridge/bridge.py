@@ -18,12 +18,11 @@ from rwt_participant.errors import RobotError
 from rwt_participant.qos import LATCHED
 from rwt_protocol import ops
 from rwt_protocol.codecs import CODECS, Codec, Encoding, bson_codec, encoding_of
-from rwt_protocol.codecs.base import SplitLimits
 from rwt_protocol.dispatcher import Dispatcher
 from rwt_protocol.errors import EncodingUnavailable
-from rwt_protocol.fragments import FragmentLimits
+from rwt_protocol.limits import WireLimits
 from rwt_protocol.profiles import PROFILES
-from rwt_protocol.session import Session, WireLimits
+from rwt_protocol.session import Session
 
 if TYPE_CHECKING:
     from rwt.access.roles import Role
@@ -137,13 +136,16 @@ def _log_error(peer: Peer, op: ops.Op, error: Exception) -> None:
 
 
 def _wire_limits(settings: BridgeSettings) -> WireLimits:
-    """The bounds that a session keeps."""
+    """Return the limits of one client's session."""
     limits = settings.limits
-    fragments = FragmentLimits(
-        limits.fragmented_messages, limits.fragment_characters, limits.fragment_seconds
+    return WireLimits(
+        settings.max_message_size,
+        limits.max_depth,
+        limits.structure_bytes,
+        limits.fragmented_messages,
+        limits.fragment_characters,
+        limits.fragment_seconds,
     )
-    split = SplitLimits(limits.max_depth, limits.structure_bytes)
-    return WireLimits(settings.max_message_size, split, fragments)
 
 
 def _exclusive_codec(settings: BridgeSettings) -> Codec | None:

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from rwt.access.settings import CALL_SECONDS, LINGER_SECONDS, AccessSettings, Bytes, SecondsOrNone
+from rwt_protocol.limits import MAX_MESSAGE_BYTES
 
 
 class BridgeSettings(AccessSettings):
@@ -17,7 +18,7 @@ class BridgeSettings(AccessSettings):
         Field(description="protocol text to follow; `compat` takes what any client sends"),
     ] = "compat"
     max_message_size: Annotated[Bytes, Field(description="largest message taken from a client, bytes")] = (
-        10_000_000
+        MAX_MESSAGE_BYTES
     )
     default_call_service_timeout: Annotated[
         SecondsOrNone,
