@@ -18,8 +18,8 @@ from rwt.access.settings import RoleSettings, SettingsError
 from rwt_graph.nodes.logs import DISCLOSURES as LOGGER_DISCLOSURES
 from rwt_graph.parameters.services import DISCLOSURES as PARAMETER_DISCLOSURES
 from rwt_transports.errors import Refused
+from rwt_transports.http.addresses import network_of
 from rwt_transports.http.routes import is_local
-from rwt_transports.limits import network_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

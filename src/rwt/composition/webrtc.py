@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from rwt.nodes.video import WebVideoServer
     from rwt.settings.webrtc import WebRtcSettings
     from rwt_graph.api import Graph
+    from rwt_transports.http.addresses import AddressCount
     from rwt_transports.http.routes import Route
-    from rwt_transports.limits import AddressCount, Limits
+    from rwt_transports.limits import Limits
     from rwt_transports.webrtc.signalling import Peers
     from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
