@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Final, Never
+from operator import attrgetter
+from typing import TYPE_CHECKING, Final, Never, TypeVar
 
 from rwt.access.access import Access
 from rwt.access.errors import AccessError
 from rwt.access.settings import SettingsError
 from rwt.gateways.base import ConnectionGateway
-from rwt.gateways.rosbridge.ops import actions, auth, services, topics
+from rwt.gateways.rosbridge.ops import actions, services, topics
 from rwt.gateways.rosbridge.ops.offers import Offers
 from rwt.gateways.rosbridge.peer import Peer
 from rwt.gateways.rosbridge.pending_auth import PendingAuth
@@ -35,11 +36,26 @@ if TYPE_CHECKING:
     from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 
 
-HANDLERS: Final[Mapping[type[ops.Op], Callable[[Peer, Never], Steps | None]]] = {
-    **topics.HANDLERS,
-    **services.HANDLERS,
-    **actions.HANDLERS,
-    **auth.HANDLERS,
+P = TypeVar("P")
+_Handlers = Mapping[type[ops.Op], Callable[[Peer, Never], "Steps | None"]]
+
+
+def _handlers_of(
+    handlers: Mapping[type[ops.Op], Callable[[P, Never], Steps | None]], part: Callable[[Peer], P]
+) -> _Handlers:
+    """Bind handlers of one part of a client, such as its topics, to the client."""
+
+    def bind(handler: Callable[[P, Never], Steps | None]) -> Callable[[Peer, Never], Steps | None]:
+        return lambda peer, op: handler(part(peer), op)
+
+    return {model: bind(handler) for model, handler in handlers.items()}
+
+
+HANDLERS: Final[_Handlers] = {
+    **_handlers_of(topics.HANDLERS, attrgetter("topics")),
+    **_handlers_of(services.HANDLERS, attrgetter("services")),
+    **_handlers_of(actions.HANDLERS, attrgetter("actions")),
+    ops.Auth: Peer.authenticate,
 }
 
 

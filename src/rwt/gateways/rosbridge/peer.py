@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
-from rwt.access.errors import AccessError
+from rwt.access.errors import AccessError, NotAuthenticated
 from rwt.delivery.counters import UNKNOWN
 from rwt.delivery.turns import ALONE, SHARE, Arriving
 from rwt.gateways.base import ConnectedClient, UnreadFrame
@@ -19,16 +19,15 @@ from rwt.gateways.rosbridge.reply import Replies
 from rwt_participant.errors import RobotError
 from rwt_protocol.codecs.quick_calls import UsualCall, split_call
 from rwt_protocol.codecs.quick_publish import PUBLISH_STARTS, split_publish
-from rwt_protocol.errors import ProtocolError
-from rwt_protocol.ops import OPS, CallService, Op, SendActionGoal, Status
+from rwt_protocol.errors import ProtocolError, Refused
+from rwt_protocol.ops import OPS, Auth, CallService, Op, SendActionGoal, Status
 from rwt_protocol.session import Refusal
-from rwt_transports.websocket.close_codes import TOO_BIG
+from rwt_transports.websocket.close_codes import POLICY, TOO_BIG
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rwt.access.client_graph import ClientGraph
-    from rwt.access.credentials import Rosauth
     from rwt.access.roles import Role
     from rwt.gateways.rosbridge.bridge import Bridge
     from rwt_protocol.dispatcher import Steps
@@ -255,13 +254,20 @@ class Peer(ConnectedClient[_Waiting]):
         yield from self.actions.close()
         yield from self.topics.close()
 
-    @property
-    def rosauth(self) -> Rosauth | None:
-        """Verifier of `auth` ops; None without a secret."""
-        return self._bridge.access.admission.rosauth
+    def authenticate(self, op: Auth) -> None:
+        """Switch to the role that an `auth` op proves, or disconnect the client (AUT-03).
 
-    def authenticated(self, role: Role) -> None:
-        """Switch to the role that a valid `auth` op gives."""
+        Raises:
+            Refused: `op` is not valid, or the server has no secret, so that nobody needs it (AUT-04).
+        """
+        rosauth = self._bridge.access.admission.rosauth
+        if rosauth is None:
+            raise Refused("auth: this server has no authentication; go on without", level="warning")
+        try:
+            role = rosauth.authenticate(op)
+        except NotAuthenticated as error:
+            self.sink.close(POLICY, str(error))
+            raise Refused(str(error)) from None
         self.is_role_by_auth = True
         self.take_role(role)
 

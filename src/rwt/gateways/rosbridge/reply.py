@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rwt.gateways.base import ControlLane
 from rwt_protocol.ops import ActionResult, ServiceResponse, Status
 
 if TYPE_CHECKING:
-    from rwt.gateways.rosbridge.bridge import Bridge
+    from rwt.gateways.base import ConnectionGateway
     from rwt_interfaces.payload import Payload
     from rwt_protocol.frames import Frame
     from rwt_protocol.ops import Op
@@ -40,7 +40,9 @@ class Replies(ControlLane):
 
     __slots__ = ("_info", "session")
 
-    def __init__(self, bridge: Bridge, number: int, sink: Sink, info: PeerInfo, session: Session) -> None:
+    def __init__(
+        self, bridge: ConnectionGateway[Any], number: int, sink: Sink, info: PeerInfo, session: Session
+    ) -> None:
         super().__init__(bridge, number, sink)
         self.session = session
         self._info = info

@@ -36,7 +36,6 @@ from rwt_protocol.payloads import RawJson
 
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
-    from rwt.gateways.rosbridge.peer import Peer
     from rwt.gateways.rosbridge.reply import Replies
     from rwt_graph.api import ClientGoal, ServerGoal
     from rwt_interfaces.structs import ActionType
@@ -390,11 +389,11 @@ class Actions:
             yield
 
 
-HANDLERS: Final[Mapping[type[Op], Callable[[Peer, Never], Steps | None]]] = {
-    SendActionGoal: lambda client, op: client.actions.send_goal(op),
-    CancelActionGoal: lambda client, op: client.actions.cancel(op),
-    ActionFeedback: lambda client, op: client.actions.feedback(op),
-    ActionResult: lambda client, op: client.actions.result(op),
-    AdvertiseAction: lambda client, op: client.actions.advertise(op),
-    UnadvertiseAction: lambda client, op: client.actions.unadvertise(op),
+HANDLERS: Final[Mapping[type[Op], Callable[[Actions, Never], Steps | None]]] = {
+    SendActionGoal: Actions.send_goal,
+    CancelActionGoal: Actions.cancel,
+    ActionFeedback: Actions.feedback,
+    ActionResult: Actions.result,
+    AdvertiseAction: Actions.advertise,
+    UnadvertiseAction: Actions.unadvertise,
 }

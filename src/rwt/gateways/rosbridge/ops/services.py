@@ -29,7 +29,6 @@ from rwt_protocol.payloads import RawJson
 
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
-    from rwt.gateways.rosbridge.peer import Peer
     from rwt.gateways.rosbridge.reply import Replies
     from rwt_graph.api import ServiceCall
     from rwt_interfaces.payload import Payload
@@ -274,9 +273,9 @@ class Services:
         raise Refused(f"service_response: no call of {service} waits under id {id!r}", level="warning")
 
 
-HANDLERS: Final[Mapping[type[Op], Callable[[Peer, Never], Steps | None]]] = {
-    CallService: lambda client, op: client.services.call(op),
-    ServiceResponse: lambda client, op: client.services.answer(op),
-    AdvertiseService: lambda client, op: client.services.advertise(op),
-    UnadvertiseService: lambda client, op: client.services.unadvertise(op),
+HANDLERS: Final[Mapping[type[Op], Callable[[Services, Never], Steps | None]]] = {
+    CallService: Services.call,
+    ServiceResponse: Services.answer,
+    AdvertiseService: Services.advertise,
+    UnadvertiseService: Services.unadvertise,
 }

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph, ClientPublisher
     from rwt.delivery.fanout import Fanout
     from rwt.delivery.shared_publishers import Lacks
-    from rwt.gateways.rosbridge.peer import Peer
     from rwt.gateways.rosbridge.reply import Replies
     from rwt_interfaces.structs import MessageType
     from rwt_protocol.codecs import Encoding
@@ -225,10 +224,10 @@ def _lacks(op: Advertise | Publish) -> Lacks | None:
     return partial(incompatible_policies, op.qos) if op.qos else None
 
 
-HANDLERS: Final[Mapping[type[Op], Callable[[Peer, Never], Steps | None]]] = {
-    Advertise: lambda client, op: client.topics.advertise(op),
-    Unadvertise: lambda client, op: client.topics.unadvertise(op),
-    Publish: lambda client, op: client.topics.publish(op),
-    Subscribe: lambda client, op: client.topics.subscribe(op),
-    Unsubscribe: lambda client, op: client.topics.unsubscribe(op),
+HANDLERS: Final[Mapping[type[Op], Callable[[Topics, Never], Steps | None]]] = {
+    Advertise: Topics.advertise,
+    Unadvertise: Topics.unadvertise,
+    Publish: Topics.publish,
+    Subscribe: Topics.subscribe,
+    Unsubscribe: Topics.unsubscribe,
 }
