@@ -14,7 +14,7 @@ from rwt_transports.http.routes import HttpRequest, HttpResponse
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
     from rwt.access.graph_view import GraphView
-    from rwt.gateways.foxglove.replies import Replies
+    from rwt.gateways.foxglove.replies import StatusLane
     from rwt.gateways.foxglove.settings import FoxgloveSettings
     from rwt.gateways.foxglove.wire.client_messages import FetchAsset
 
@@ -43,7 +43,7 @@ class Assets:
     """
 
     def __init__(
-        self, graph: ClientGraph, replies: Replies, pages: Pages, settings: FoxgloveSettings, address: str
+        self, graph: ClientGraph, replies: StatusLane, pages: Pages, settings: FoxgloveSettings, address: str
     ) -> None:
         self._graph = graph
         self._replies = replies

@@ -21,7 +21,7 @@ SCHEMA_ENCODINGS: Final[Mapping[str, str]] = {"cdr": "ros2msg", "ros1": "ros1msg
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Channel:
+class TopicChannel:
     """A topic as clients subscribe to it.
 
     Attributes:
@@ -67,11 +67,11 @@ class Catalogue:
 
     def __init__(self, node: str) -> None:
         self._node = node
-        self._channels: dict[str, Channel] = {}
+        self._channels: dict[str, TopicChannel] = {}
         self._services: dict[str, OfferedService] = {}
         self._count = 0
 
-    def channel(self, topic: TopicInfo) -> Channel | None:
+    def channel(self, topic: TopicInfo) -> TopicChannel | None:
         """The channel of a topic; None for one whose type is not known, or that only clients of this gateway
         listen to."""
         if topic.type is None:
@@ -83,7 +83,7 @@ class Catalogue:
             self._count += 1
             schema = _schema(topic.type)
             announced = encoded({"id": self._count, "topic": topic.name, **schema})
-            known = self._channels[topic.name] = Channel(
+            known = self._channels[topic.name] = TopicChannel(
                 self._count, topic.name, topic.type, announced, schema["encoding"] == JSON
             )
         return known
@@ -195,7 +195,7 @@ class Listing:
 
     def __init__(self, catalogue: Catalogue, view: GraphView) -> None:
         self.view = view
-        self.channels: Mapping[int, Channel] = {}
+        self.channels: Mapping[int, TopicChannel] = {}
         self.services: Mapping[int, OfferedService] = {}
         self._catalogue = catalogue
         self._welcome: tuple[Frame, ...] | None = None
@@ -222,9 +222,9 @@ class Listing:
 
     @staticmethod
     def difference(
-        channels: Mapping[int, Channel],
+        channels: Mapping[int, TopicChannel],
         services: Mapping[int, OfferedService],
-        new_channels: Mapping[int, Channel],
+        new_channels: Mapping[int, TopicChannel],
         new_services: Mapping[int, OfferedService],
     ) -> Change:
         """What tells a client that was shown these channels and services of the new ones."""

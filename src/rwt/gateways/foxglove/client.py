@@ -12,11 +12,11 @@ from rwt.gateways.base import ConnectedClient
 from rwt.gateways.foxglove.assets import Assets
 from rwt.gateways.foxglove.catalogue import Connections
 from rwt.gateways.foxglove.errors import FoxgloveError, NotPossible
-from rwt.gateways.foxglove.parameters import Parameters
+from rwt.gateways.foxglove.parameters import ParameterRequests
 from rwt.gateways.foxglove.playback import PlaybackControl
-from rwt.gateways.foxglove.publications import Publications
-from rwt.gateways.foxglove.replies import Replies
-from rwt.gateways.foxglove.services import Services
+from rwt.gateways.foxglove.publications import ClientChannels
+from rwt.gateways.foxglove.replies import StatusLane
+from rwt.gateways.foxglove.services import ServiceCalls
 from rwt.gateways.foxglove.subscriptions import Subscriptions
 from rwt.gateways.foxglove.wire import client_messages as said
 from rwt.gateways.foxglove.wire.server_messages import Level
@@ -52,12 +52,12 @@ class FoxgloveClient(ConnectedClient[Steps]):
       ``parameters``, ``assets`` (None without files), ``playback`` (None without a recording).
     """
 
-    replies: Replies
+    replies: StatusLane
     listing: Listing
     subscriptions: Subscriptions
-    publications: Publications
-    services: Services
-    parameters: Parameters
+    publications: ClientChannels
+    services: ServiceCalls
+    parameters: ParameterRequests
 
     def __init__(
         self,
@@ -68,7 +68,7 @@ class FoxgloveClient(ConnectedClient[Steps]):
         graph: ClientGraph,
         listing: Listing,
     ) -> None:
-        replies = Replies(gateway, number, sink)
+        replies = StatusLane(gateway, number, sink)
         super().__init__(gateway, number, info, graph, replies)
         structure = gateway.access.limits.structure_bytes
         settings, pages, playback = gateway.settings, gateway.pages, gateway.playback
@@ -77,9 +77,9 @@ class FoxgloveClient(ConnectedClient[Steps]):
         self.connections: Connections | None = None
         self._time = sink.flow("time", FlowRules(depth=1, notes=True))
         self.subscriptions = Subscriptions(graph, replies)
-        self.publications = Publications(graph, replies, structure)
-        self.services = Services(graph, replies, structure, gateway.call_timeout)
-        self.parameters = Parameters(graph, replies, settings.parameter_names, gateway.turns)
+        self.publications = ClientChannels(graph, replies, structure)
+        self.services = ServiceCalls(graph, replies, structure, gateway.call_timeout)
+        self.parameters = ParameterRequests(graph, replies, settings.parameter_names, gateway.turns)
         self.assets = None if pages is None else Assets(graph, replies, pages, settings, info.address)
         self.playback = None if playback is None else PlaybackControl(graph, replies, playback)
 

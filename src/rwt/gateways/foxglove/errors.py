@@ -1,7 +1,7 @@
 """What the gateway itself refuses of what a client of Foxglove's protocol asks; the client is told the text.
 
 - :exc:`FoxgloveError`
-    - :exc:`MalformedMessage`: a frame that is no message of the protocol
+    - :exc:`InvalidFrame`: a frame that is no message of the protocol
     - :exc:`NotPossible`: a message that asks for what is not there, or not now
 """
 
@@ -12,7 +12,7 @@ class FoxgloveError(Exception):
     """Base of what the gateway refuses. The text is one line: what, and what instead."""
 
 
-class MalformedMessage(FoxgloveError):
+class InvalidFrame(FoxgloveError):
     """A frame that is no message of the protocol."""
 
 

@@ -25,7 +25,7 @@ from rwt_participant.errors import CallFailed, RobotError
 
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
-    from rwt.gateways.foxglove.replies import Replies
+    from rwt.gateways.foxglove.replies import StatusLane
     from rwt.gateways.foxglove.wire.client_messages import GetParameters, Parameter, SetParameters
     from rwt_interfaces.distro import Distro
     from rwt_interfaces.structs import ServiceType
@@ -109,7 +109,7 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-class Parameters:
+class ParameterRequests:
     """What one client asks of parameters.
 
     Args:
@@ -119,7 +119,7 @@ class Parameters:
         turns: of the event loop, in which what it asks for is done.
     """
 
-    def __init__(self, graph: ClientGraph, replies: Replies, most_names: int, turns: Turns) -> None:
+    def __init__(self, graph: ClientGraph, replies: StatusLane, most_names: int, turns: Turns) -> None:
         self._graph = graph
         self._replies = replies
         self._most_names = most_names

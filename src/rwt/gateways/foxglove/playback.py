@@ -15,7 +15,7 @@ from rwt_participant.errors import CallFailed, RobotError
 
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
-    from rwt.gateways.foxglove.replies import Replies
+    from rwt.gateways.foxglove.replies import StatusLane
     from rwt.gateways.foxglove.wire.client_messages import PlaybackControlRequest
     from rwt_graph.clock import Playback
     from rwt_interfaces.structs import ServiceType
@@ -65,7 +65,7 @@ class PlaybackControl:
         playback: the recording.
     """
 
-    def __init__(self, graph: ClientGraph, replies: Replies, playback: Playback) -> None:
+    def __init__(self, graph: ClientGraph, replies: StatusLane, playback: Playback) -> None:
         self._graph = graph
         self._replies = replies
         self._playback = playback

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 _LOG_LEVELS = {Level.INFO: logging.DEBUG, Level.WARNING: logging.INFO, Level.ERROR: logging.WARNING}
 
 
-class Replies(ControlLane):
+class StatusLane(ControlLane):
     """Control lane to one Foxglove client: responses, failures and status lines."""
 
     __slots__ = ()

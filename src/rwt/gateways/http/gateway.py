@@ -72,9 +72,11 @@ class HttpGateway(Gateway):
         self._requests: dict[tuple[str, str], int] = {}
         self._documents: dict[tuple[str, str], tuple[object, bytes]] = {}
         self._visitors = Clients(self, linger)
-        self._actions = actions.Actions(self._visitors, settings, several_processes=several_processes)
+        self._actions = actions.ActionPages(self._visitors, settings, several_processes=several_processes)
         self.http = HttpExtension(
-            tuple(self._routes(topics.Topics(self._visitors, settings, access))), self._section, self._metrics
+            tuple(self._routes(topics.TopicPages(self._visitors, settings, access))),
+            self._section,
+            self._metrics,
         )
 
     def reload_roles(self) -> None:
@@ -88,9 +90,9 @@ class HttpGateway(Gateway):
         self._visitors.close()
         super().close()
 
-    def _routes(self, of_topics: topics.Topics) -> Iterable[Route[GraphView]]:
-        of_services = services.Services(self._visitors, self._settings)
-        of_parameters = parameters.Parameters(self._visitors)
+    def _routes(self, of_topics: topics.TopicPages) -> Iterable[Route[GraphView]]:
+        of_services = services.ServicePages(self._visitors, self._settings)
+        of_parameters = parameters.ParameterPages(self._visitors)
         of_actions = self._actions
         rows: tuple[tuple[str, str, str, Handler], ...] = (
             ("GET", "/version", "server", self._version),

@@ -26,7 +26,7 @@ ANSWER_SECONDS: Final = 10.0
 """How long a node may take to answer for its parameters."""
 
 
-class Parameters:
+class ParameterPages:
     """The pages of parameters: ``/node:name`` on ROS 2, ``/name`` on ROS 1.
 
     Args:

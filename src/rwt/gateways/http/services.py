@@ -26,7 +26,7 @@ CALL_SECONDS: Final = 10.0
 """How long a call may take whose client says nothing."""
 
 
-class Services:
+class ServicePages:
     """The pages of services.
 
     Args:

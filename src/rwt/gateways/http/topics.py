@@ -52,7 +52,7 @@ _EVENTS: Final = 100
 _INSTEAD: Final = "read faster, ask for fewer with ?throttle=SECONDS, or let more wait with ?queue=COUNT"
 
 
-class Topics:
+class TopicPages:
     """The pages of topics.
 
     Args:

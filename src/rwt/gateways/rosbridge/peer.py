@@ -12,9 +12,9 @@ from rwt.delivery.counters import UNKNOWN
 from rwt.delivery.turns import ALONE, SHARE, Arriving
 from rwt.gateways.base import ConnectedClient, UnreadFrame
 from rwt.gateways.rosbridge.numpy_loading import LARGE
-from rwt.gateways.rosbridge.ops.actions import Actions
-from rwt.gateways.rosbridge.ops.services import Services
-from rwt.gateways.rosbridge.ops.topics import Topics
+from rwt.gateways.rosbridge.ops.actions import PeerActions
+from rwt.gateways.rosbridge.ops.services import PeerServices
+from rwt.gateways.rosbridge.ops.topics import PeerTopics
 from rwt.gateways.rosbridge.reply import Replies
 from rwt_participant.errors import RobotError
 from rwt_protocol.codecs.quick_calls import UsualCall, split_call
@@ -43,13 +43,13 @@ class _Work(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class _TooLarge:
+class _Oversized:
     """A message over the size limit whose head does not show where to send the refusal."""
 
     reason: str
 
 
-_Waiting = Op | Refusal | _Work | _TooLarge
+_Waiting = Op | Refusal | _Work | _Oversized
 """Work that waits for a turn: a message, or the rest of one."""
 
 
@@ -65,9 +65,9 @@ class Peer(ConnectedClient[_Waiting]):
     """
 
     replies: Replies
-    topics: Topics
-    services: Services
-    actions: Actions
+    topics: PeerTopics
+    services: PeerServices
+    actions: PeerActions
 
     def __init__(
         self, bridge: Bridge, number: int, sink: Sink, info: PeerInfo, session: Session, graph: ClientGraph
@@ -80,11 +80,11 @@ class Peer(ConnectedClient[_Waiting]):
         self._loading = bridge.loading
         self._dispatch = bridge.dispatcher.dispatch
         self._unfinished: Op | None = None
-        self.topics = Topics(graph, replies, bridge.encoding_of, limits.data_bytes)
-        self.services = Services(
+        self.topics = PeerTopics(graph, replies, bridge.encoding_of, limits.data_bytes)
+        self.services = PeerServices(
             graph, replies, info.address, bridge.service_offers, settings.default_call_service_timeout
         )
-        self.actions = Actions(graph, replies, info.address, bridge.action_offers, bridge.orphans)
+        self.actions = PeerActions(graph, replies, info.address, bridge.action_offers, bridge.orphans)
 
     def receive(self, data: bytes, binary: bool) -> None:
         """Read one frame, run its messages, and reply to those that are rejected.
@@ -224,7 +224,7 @@ class Peer(ConnectedClient[_Waiting]):
             answer = self.work(what.op, what.steps)
             if answer is not None or self._session.level == "info":
                 self._after(what.op, answer)
-        elif isinstance(what, _TooLarge):
+        elif isinstance(what, _Oversized):
             self.replies.log(logging.WARNING, what.reason)
             self.sink.close(TOO_BIG, what.reason)
         else:
@@ -243,7 +243,7 @@ class Peer(ConnectedClient[_Waiting]):
         sender would wait forever (CFG-06).
         """
         reason = f"a message of {size} bytes: the limit is {limit} (max_message_size)"
-        what = self._session.refuse_skipped(head, reason) or _TooLarge(reason)
+        what = self._session.refuse_skipped(head, reason) or _Oversized(reason)
         if self._is_held:
             self._wait(what)  # Messages before it may change the reply.
         else:

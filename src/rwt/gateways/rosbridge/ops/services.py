@@ -51,7 +51,7 @@ _ANSWER: Final = "service_response.values"
 Asked = tuple["ServiceType", "ServiceCall"]
 
 
-class _Provided(Offer[Asked]):
+class _ProvidedService(Offer[Asked]):
     """One service that a client offers, and the calls that wait for its answers."""
 
     __slots__ = ("_count", "_name", "_replies")
@@ -76,7 +76,7 @@ class _Provided(Offer[Asked]):
         self.pending.pop(id_, None)
 
 
-class Services:
+class PeerServices:
     """What one client calls and offers.
 
     Args:
@@ -98,7 +98,7 @@ class Services:
         self._offers = offers
         self._timeout = timeout
         self._now = graph.clock.time_ns
-        self._provided: dict[str, _Provided] = {}
+        self._provided: dict[str, _ProvidedService] = {}
 
     def call(self, op: CallService) -> Steps | None:
         """Call a service of the graph and answer with the caller's own id (SRV-01 … SRV-14); large arguments
@@ -171,7 +171,7 @@ class Services:
 
     def advertise(self, op: AdvertiseService) -> None:
         """Offer a service on the client's behalf, in place of any other of that name (SVP-01, SVP-07)."""
-        provided = _Provided(op.service, self._graph, self._address, self._replies)
+        provided = _ProvidedService(op.service, self._graph, self._address, self._replies)
         name = self._graph.advertise_service(op.service, op.type, provided.ask)
         self._forget(name)
         self._provided[name] = provided
@@ -273,9 +273,9 @@ class Services:
         raise Refused(f"service_response: no call of {service} waits under id {id!r}", level="warning")
 
 
-HANDLERS: Final[Mapping[type[Op], Callable[[Services, Never], Steps | None]]] = {
-    CallService: Services.call,
-    ServiceResponse: Services.answer,
-    AdvertiseService: Services.advertise,
-    UnadvertiseService: Services.unadvertise,
+HANDLERS: Final[Mapping[type[Op], Callable[[PeerServices, Never], Steps | None]]] = {
+    CallService: PeerServices.call,
+    ServiceResponse: PeerServices.answer,
+    AdvertiseService: PeerServices.advertise,
+    UnadvertiseService: PeerServices.unadvertise,
 }

@@ -35,7 +35,7 @@ _MOST_SPELLINGS: Final = 4
 _MOST_NAMES: Final = 4096
 
 
-class Topics:
+class PeerTopics:
     """What one client publishes and subscribes to.
 
     Args:
@@ -224,10 +224,10 @@ def _lacks(op: Advertise | Publish) -> Lacks | None:
     return partial(incompatible_policies, op.qos) if op.qos else None
 
 
-HANDLERS: Final[Mapping[type[Op], Callable[[Topics, Never], Steps | None]]] = {
-    Advertise: Topics.advertise,
-    Unadvertise: Topics.unadvertise,
-    Publish: Topics.publish,
-    Subscribe: Topics.subscribe,
-    Unsubscribe: Topics.unsubscribe,
+HANDLERS: Final[Mapping[type[Op], Callable[[PeerTopics, Never], Steps | None]]] = {
+    Advertise: PeerTopics.advertise,
+    Unadvertise: PeerTopics.unadvertise,
+    Publish: PeerTopics.publish,
+    Subscribe: PeerTopics.subscribe,
+    Unsubscribe: PeerTopics.unsubscribe,
 }
