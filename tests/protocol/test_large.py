@@ -9,10 +9,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from rwt_protocol.brackets import has_more_brackets
 from rwt_protocol.codecs.head_tail_split import LARGE, split_large
 from rwt_protocol.errors import MalformedPayload
-from rwt_protocol.limits import WireLimits
+from rwt_protocol.limits import WireLimits, has_more_brackets
 from rwt_protocol.ops import OPS, Publish
 from rwt_protocol.payloads import RawJson
 from rwt_protocol.session import Refusal, Session

@@ -12,13 +12,12 @@ from typing import Final
 import msgspec
 from pydantic import BaseModel
 
-from rwt_protocol.brackets import has_more_brackets
 from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder
 from rwt_protocol.codecs.envelope import DECODER, PAYLOADS, RELIED_ON
 from rwt_protocol.codecs.full_split import split_whole
 from rwt_protocol.codecs.head_tail_split import LARGE, split_large
 from rwt_protocol.frames import Buffer, Frame
-from rwt_protocol.limits import WireLimits
+from rwt_protocol.limits import WireLimits, has_more_brackets
 from rwt_protocol.ops import OPS, Op
 from rwt_protocol.payloads import Encodable, Sample
 

@@ -9,7 +9,7 @@ import threading
 from importlib import import_module
 from typing import TYPE_CHECKING, Final
 
-from rwt_protocol.brackets import has_more_brackets
+from rwt_protocol.limits import has_more_brackets
 
 if TYPE_CHECKING:
     from rwt_protocol.frames import Buffer
