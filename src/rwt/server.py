@@ -82,7 +82,7 @@ Main = Callable[["Server"], Awaitable[object]] | Callable[["BlockingNode"], obje
 
 
 class HasRoles(Protocol):
-    """What has clients whose roles may change while the server runs."""
+    """Owner of clients whose roles may change while the server runs."""
 
     def reload_roles(self) -> None:
         """Give each client the role that the settings give it now, and end what that does not allow."""
@@ -90,7 +90,7 @@ class HasRoles(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class _Running:
-    """What there is of a server only while it runs."""
+    """Parts of a server that exist only while it runs."""
 
     bridge: Bridge
     gateways: tuple[HasRoles, ...]
@@ -271,7 +271,7 @@ class Server:
 
     @property
     def running(self) -> bool:
-        """Whether clients can connect now."""
+        """True while clients can connect."""
         return self._running is not None
 
     @property
@@ -286,12 +286,12 @@ class Server:
 
     @property
     def dials(self) -> tuple[RelayStatus, ...]:
-        """How each dial-out goes (`dial.urls`). Raises :exc:`NotRunning` while it does not run."""
+        """Status of each connection to a hub (`dial.urls`). Raises :exc:`NotRunning` if it does not run."""
         return tuple(self._while_running.metrics.dials)
 
     @property
     def metrics(self) -> ServerMetrics:
-        """What is counted. Raises :exc:`NotRunning` while it does not run."""
+        """Metrics of the server. Raises :exc:`NotRunning` while it does not run."""
         return self._while_running.metrics
 
     def asgi(self) -> AsgiApplication:
@@ -319,7 +319,7 @@ class Server:
         return self._app
 
     def _begin(self) -> AbstractAsyncContextManager[object]:
-        """What the lifespan of an app begins and ends; nothing where the server runs already."""
+        """Return what the lifespan of an app enters: the server, or nothing if it runs already."""
         return nullcontext() if self.running else self
 
     @property
@@ -389,7 +389,7 @@ class Server:
             await anyio.sleep_forever()
 
     def _ends(self) -> list[Callable[[], Awaitable[object]]]:
-        """What each waits for an end of the server that comes by itself."""
+        """Return functions that each wait for something that ends the server."""
         ends: list[Callable[[], Awaitable[object]]] = [each.ended for each in self._while_running.listeners]
         if self._worker is not None:
             from rwt.workers.supervisor import parent_sentinel

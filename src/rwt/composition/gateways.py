@@ -84,7 +84,7 @@ def make_gateway(
 
 
 def package_pages(http: Sequence[HttpExtension]) -> Pages | None:
-    """What answers for the files of packages, of what nodes bring to HTTP; None where no node has any."""
+    """Return the page that serves files of packages, from the pages of nodes; None if no node has any."""
     found = {
         route.path: route.page
         for extension in http

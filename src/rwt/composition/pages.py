@@ -1,4 +1,4 @@
-"""What the server's port says to a browser and to a health check."""
+"""Pages of every server: index, health check, metrics and role."""
 
 from __future__ import annotations
 
@@ -103,8 +103,7 @@ def routes(
 
 
 def _preflight(access: Access, methods: Iterable[str], *, loopback: bool) -> Handler:
-    """What tells a browser, before it asks, by which methods and with which headers pages of other origins
-    may ask for a path (the Fetch standard's CORS preflight)."""
+    """Return the handler of CORS preflight requests: the methods and headers for pages of other origins."""
     allowed = ", ".join(sorted(set(methods)))
 
     def handler(request: HttpRequest) -> HttpResponse:
@@ -232,7 +231,7 @@ def _index(
     request: HttpRequest,
     reader: GraphView,
 ) -> HttpResponse:
-    """What is running, and what to connect."""
+    """The index page: what is running, and how to connect."""
     headers = request.headers
     address = headers.get("host", "localhost:9090")
     scheme = "wss" if headers.get("x-forwarded-proto") in ("https", "wss") else "ws"
@@ -288,15 +287,13 @@ _FEATURES: Final = {"/webrtc": "webrtc", "/whep": "whep", "/whip": "whip"}
 
 
 def _features(routes: Iterable[Route[GraphView]]) -> Sequence[str]:
-    """What pages need to know of before they ask: a request that is answered with 404 is an error on their
-    console."""
+    """Return the features that pages check for first: a response 404 is an error on their console."""
     paths = {route.path for route in routes}
     return [name for path, name in _FEATURES.items() if path in paths]
 
 
 def _role(features: Sequence[str], request: HttpRequest, reader: GraphView) -> HttpResponse:
-    """What the reader may do, for pages that offer only that: globs of absolute names by act; and what the
-    server has beside rosbridge."""
+    """Return what the reader may do, as globs of absolute names by act, and the server's features."""
     role = reader.role
     body = {
         "role": role.name,

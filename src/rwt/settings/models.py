@@ -1,4 +1,4 @@
-"""What an operator can set, with its defaults: the models alone. `rwt.settings.sources` reads them."""
+"""Settings of a server, with their defaults: the models alone. `rwt.settings.sources` reads them."""
 
 from __future__ import annotations
 

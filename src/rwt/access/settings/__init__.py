@@ -1,4 +1,4 @@
-"""What an operator can set about who may do what: the models alone."""
+"""Settings of access control: the models alone."""
 
 from rwt.access.settings.models import (
     BUILT_IN_ROLES,

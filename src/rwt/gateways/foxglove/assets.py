@@ -25,10 +25,10 @@ _UNREAD: Final = 1024 * 1024
 """Bytes that may wait for the client before the next file is read for it."""
 
 _LOOK_SECONDS: Final = 0.02
-"""How often that is looked at."""
+"""Interval at which the backlog is checked, in seconds."""
 
 Pages = Callable[[HttpRequest, "GraphView"], "HttpResponse | Awaitable[HttpResponse]"]
-"""What answers a request below :data:`PATH`."""
+"""Page that answers requests below :data:`PATH`."""
 
 
 class Assets:

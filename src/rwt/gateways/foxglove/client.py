@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from rwt_transports.endpoint import PeerInfo, Sink
 
 Steps = Iterator[None]
-"""What is left to do of one message."""
+"""The remaining steps of one message."""
 
 _MOST_REASONS: Final = 5
 """Refusals of one message, of many things, that a client is told; of the others it is told the number."""

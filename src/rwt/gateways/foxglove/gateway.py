@@ -36,17 +36,16 @@ if TYPE_CHECKING:
     from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 
 NODE: Final = "/foxglove_bridge"
-"""The node as which all clients act."""
+"""Absolute name of the node as which all clients act."""
 
 SUBPROTOCOLS: Final = ("foxglove.sdk.v1", "foxglove.websocket.v1")
-"""What the protocol is called; both names stand for the same."""
+"""WebSocket subprotocols; both names stand for the same protocol."""
 
 _LOOK_SECONDS: Final = 0.1
-"""How often the gateway looks whether the graph has changed."""
+"""Interval at which the gateway checks the graph for changes, in seconds."""
 
 _SHARE: Final = 0.1
-"""Of all time, what may be spent on telling clients of the graph's changes; beyond it they hear of them
-later."""
+"""Maximum share of time for announcing changes of the graph; beyond it, announcements are delayed."""
 
 
 class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
@@ -133,7 +132,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
         )
 
     def _capabilities(self, role: Role) -> list[Capability]:
-        """What clients of a role can make use of."""
+        """Return the capabilities that clients of a role can use."""
         has: dict[Capability, bool] = {
             "clientPublish": bool(role.globs["publish"]),
             "parameters": bool(role.globs["get_param"]) and self._graph.service(GET) is not None,
@@ -149,7 +148,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
     # -- what is shown -------------------------------------------------------------------------------------
 
     def listing_of(self, client: FoxgloveClient) -> Listing:
-        """What a client is shown, in its present role."""
+        """Return the listing of a client in its present role."""
         return self._listing(client.graph.role)
 
     def _listing(self, role: Role) -> Listing:
@@ -163,7 +162,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
         return listing
 
     def _tell(self, listing: Listing) -> None:
-        """Look at what a role is shown, and tell its clients what has changed."""
+        """Refresh the listing of a role, and announce the changes to its clients."""
         change = listing.refresh()
         clients = [client for client in self._clients.values() if client.listing is listing]
         if change.frames:
@@ -175,7 +174,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
                 client.tell_connections(connections)
 
     def _look(self) -> None:
-        """Tell clients what has changed in the graph since the last time."""
+        """Announce changes of the graph since the last call."""
         self._look_timer = None
         began = self._clock.monotonic()
         version = self._graph.version
@@ -197,7 +196,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
             self._time_timer = self._clock.call_later(0.0, self._tell_time)
 
     def _tell_time(self) -> None:
-        """Tell all clients the time and what the recording does, where they are not what they were."""
+        """Send all clients the time and the playback state if they have changed."""
         self._time_timer = None
         now = self._clock.time_ns()
         if now != self._told_time and now >= 0:
@@ -218,7 +217,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
     # -- parameters ----------------------------------------------------------------------------------------
 
     def watched(self) -> None:
-        """A client watches other parameters than before."""
+        """Called when a client has changed the parameters that it watches."""
         clients = [client.parameters for client in self._clients.values()]
         names = {name for each in clients for name in each.watched}
         self._feed.watch(names, everything=any(each.watches_all for each in clients))
@@ -248,7 +247,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
 
 
 def _section(request: HttpRequest, reader: GraphView) -> str:
-    """How to connect, for the index page."""
+    """Return the section of the index page: how to connect."""
     scheme = "wss" if request.headers.get("x-forwarded-proto") in ("https", "wss") else "ws"
     host = request.headers.get("host", "localhost:9090")
     url = html.escape(f"{scheme}://{host}{request.prefix}")

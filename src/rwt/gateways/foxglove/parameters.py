@@ -65,7 +65,7 @@ def described(name: str, value: object) -> dict[str, object]:
 
 
 def _kind(value: object) -> str:
-    """What a value's JSON alone does not say: a whole number may be a float."""
+    """Return the kind of a value, which its JSON does not show: a whole number may be a float."""
     if isinstance(value, float):
         return "float64"
     if isinstance(value, list | tuple) and any(isinstance(each, float) for each in value):
@@ -110,7 +110,7 @@ def _is_number(value: object) -> bool:
 
 
 class ParameterRequests:
-    """What one client asks of parameters.
+    """Parameters that one client reads, sets and watches.
 
     Args:
         graph: the graph as the client may see it.

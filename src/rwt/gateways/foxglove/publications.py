@@ -1,4 +1,4 @@
-"""What one client publishes: its channels, and their messages."""
+"""Channels that one client advertises, and their messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What one client has subscribed to: samples of topics as messages of its subscriptions."""
+"""Subscriptions of one client: samples of topics as messages of its subscriptions."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ class _Delivery:
 
 
 class Subscriptions:
-    """What one client has subscribed to, by its ids.
+    """Subscriptions of one client, by its ids.
 
     Args:
         graph: the graph as the client may see it.

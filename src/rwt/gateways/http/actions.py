@@ -92,7 +92,7 @@ class HttpGoal:
         self.id = self._sent.id
 
     def body(self) -> dict[str, object]:
-        """What is known of it now."""
+        """Return the present state of the goal."""
         state = self._state
         if not self.ended and self._sent is not None:
             state = self._sent.status.name.lower()
@@ -195,7 +195,7 @@ class GoalEventStream:
             self.queue.tell(event({name: body[name] for name in ("state", "feedback")}, "state"))
 
     def allowed(self, graph: ClientGraph) -> bool:
-        """Whether the role that the client has now may hear of the goal."""
+        """Return True if the client's present role may see the goal."""
         return graph.role.allows("goals", self._goal.action)
 
     def end(self) -> None:

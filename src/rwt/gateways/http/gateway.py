@@ -126,7 +126,7 @@ class HttpGateway(Gateway):
         return handler(request, reader)
 
     def _version(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        """What runs here and what it can do, for programs that must know before they connect."""
+        """Version and capabilities of the server, for programs that need them before they connect."""
         Query(request)
         body = {
             "name": "robot-web-tools",
@@ -166,7 +166,7 @@ class HttpGateway(Gateway):
         return tagged_bytes(request, known[1], JSON if media == JSON else OPENAPI_JSON)
 
     def _section(self, request: HttpRequest, reader: GraphView) -> str:
-        """What the index says of it."""
+        """Return the section of the index page."""
         prefix = html.escape(request.prefix)
         host = html.escape(request.headers.get("host", "localhost:9090"))
         scheme = "https" if request.headers.get("x-forwarded-proto") in ("https", "wss") else "http"

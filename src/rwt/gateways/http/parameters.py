@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 PATH: Final = "/api/parameters/"
 
 ANSWER_SECONDS: Final = 10.0
-"""How long a node may take to answer for its parameters."""
+"""Timeout of a node's parameter services, in seconds."""
 
 
 class ParameterPages:

@@ -1,4 +1,4 @@
-"""What goes wrong, as clients read it: problem details (RFC 9457), with what, where and what instead."""
+"""Errors as problem details (RFC 9457): what failed, where, and what to do instead."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ class HttpProblem(Exception):
 
 
 REFUSALS: Final = (HttpProblem, RobotError, AccessError)
-"""What a page may raise that is its client's to know."""
+"""Exceptions of a page whose texts are sent to the client."""
 
 
 def problem_of(error: Exception) -> HttpProblem:
@@ -172,6 +172,6 @@ def answer(request: HttpRequest, problem: HttpProblem) -> HttpResponse:
 
 
 def refusal(request: HttpRequest, refused: Refused) -> HttpResponse:
-    """What a request hears that was refused before it came to its page."""
+    """Return the response to a request that was refused before it reached its page."""
     kind = _OF_STATUS.get(refused.status, "invalid-request")
     return answer(request, HttpProblem(kind, refused.reason, headers=refused.headers))

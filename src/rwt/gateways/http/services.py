@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 PATH: Final = "/api/services/"
 
 CALL_SECONDS: Final = 10.0
-"""How long a call may take whose client says nothing."""
+"""Default timeout of a call, in seconds."""
 
 
 class ServicePages:

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 PATH: Final = "/api/topics/"
 
 WAIT_SECONDS: Final = 5.0
-"""How long the next message is waited for where none is kept and the request does not say."""
+"""Default time to wait for the next message if none is retained, in seconds."""
 
 _MARK: Final = object()
 """Under which a client of the gateway advertises what it publishes on."""
@@ -153,7 +153,7 @@ class TopicPages:
 
 
 def _publisher(graph: ClientGraph, name: str, type: str | None, is_latched: bool) -> ClientPublisher:
-    """What publishes on a topic as long as the client is there.
+    """Return a publisher for a topic, which lasts as long as the client is present.
 
     Raises:
         RobotError, AccessError: as :meth:`rwt.access.client_graph.ClientGraph.publisher`.
@@ -241,7 +241,7 @@ class TopicEvents:
                 self._stream.replay(sample, self._throttle)
 
     def allowed(self, graph: ClientGraph) -> bool:
-        """Whether the role that the client has now may see the topic."""
+        """Return True if the client's present role may see the topic."""
         return graph.may_subscribe(self._name)
 
     def end(self) -> None:

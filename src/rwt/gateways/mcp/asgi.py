@@ -194,7 +194,7 @@ class Exchange:
 
 
 class _Body(AsyncIterator[bytes]):
-    """What an application writes. Closed before its end, or before its beginning, it ends the exchange."""
+    """Body that an application writes. Closing it before its end ends the exchange."""
 
     def __init__(self, chunks: MemoryObjectReceiveStream[bytes], leave: Callable[[], None]) -> None:
         self._chunks = chunks

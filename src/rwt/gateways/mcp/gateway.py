@@ -67,10 +67,10 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 PATH: Final = "/mcp"
-"""Where agents are served."""
+"""Path at which agents are served."""
 
 NODE: Final = "/mcp"
-"""The node as which all agents act."""
+"""Absolute name of the node as which all agents act."""
 
 #: Seconds by which a yes holds for longer than what it is for, so that the robot can be stopped at the end.
 _STOP_SECONDS: Final = 2.0
@@ -86,14 +86,14 @@ _CALLER: Final = "rwt.caller"
 
 @dataclass(eq=False, slots=True)
 class _Caller:
-    """Who has sent one request.
+    """Sender of one request, until the response is complete or nobody reads it any more.
 
     Attributes:
-        info: what is known of it.
-        role: by its token, or that of agents without one.
-        is_stream: whether it only listens.
-        at_end: called when nobody hears the answer any more.
-        clients: those that act for it now.
+        info: the request as admission knows connections.
+        role: role by its token, or that of agents without a token. May change while the request is served.
+        is_stream: True if the request only opens a stream of events.
+        at_end: callbacks of what runs for the request, called when nobody reads the response any more.
+        clients: views of the graph in use for the request.
     """
 
     info: PeerInfo
@@ -104,23 +104,26 @@ class _Caller:
 
     @property
     def owner(self) -> str:
-        """Agents of one role at one address are one."""
+        """Identity of the agent: agents of one role at one address count as one."""
         return f"{self.role.name}@{network_of(self.info.address)}"
 
     def leave(self) -> None:
-        """End what is done for it."""
+        """Cancel what runs for the request."""
         for end in self.at_end:
             end()
 
 
 @dataclass(slots=True)
 class _Session:
-    """A session of the protocol's older versions.
+    """Session of an older protocol version.
+
+    It is **in use** while requests of it are in flight, and then **idle** until the next one; the SDK ends it
+    after `mcp.session_idle_seconds`, which :meth:`McpGateway._forget_ended_sessions` follows.
 
     Attributes:
-        network: of whoever opened it.
-        used_at: when a request of it was last under way.
-        under_way: how many are.
+        network: network of the address that opened it.
+        used_at: monotonic time at which a request of it last ended.
+        under_way: number of requests in flight.
     """
 
     network: str
@@ -266,10 +269,10 @@ class McpGateway(Gateway):
         return role
 
     def _check_room(self, request: HttpRequest) -> None:
-        """Refuse what would be too much at a time.
+        """Check the limits of requests and sessions.
 
         Raises:
-            Refused: it would.
+            Refused: a limit is reached.
         """
         settings, network = self._settings, network_of(request.address)
         most = settings.request_bytes // 16 if _opens_session(request) else settings.request_bytes
@@ -296,7 +299,7 @@ class McpGateway(Gateway):
                 raise Refused(429, text, {"Retry-After": "10"})
 
     def _forget_ended_sessions(self) -> None:
-        """Forget those that the SDK has ended for their silence."""
+        """Remove sessions that the SDK has ended because they were idle."""
         over = time.monotonic() - self._settings.session_idle_seconds
         self._sessions = {
             id: each for id, each in self._sessions.items() if each.under_way or each.used_at > over
@@ -391,7 +394,7 @@ class McpGateway(Gateway):
         return answer
 
     def asks_about(self, name: str) -> bool:
-        """Whether a person is asked before something is done to what has that name (mcp.confirm)."""
+        """Return True if acts on this name require a person's approval (`mcp.confirm`)."""
         return self._asks_about.fullmatch(name.lower()) is not None
 
     def note(self, context: ServerRequestContext[Any, Any], text: str, *, acts: bool) -> None:
@@ -446,7 +449,7 @@ def _caller_of(context: ServerRequestContext[Any, Any]) -> _Caller:
 
 
 def _name_of(context: ServerRequestContext[Any, Any]) -> str:
-    """What an agent's program calls itself, cut; it may be anything."""
+    """Return the name that an agent's program gives itself, shortened; it may be anything."""
     params = context.session.client_params
     return "unnamed" if params is None else one_line(params.client_info.name[:60]) or "unnamed"
 
@@ -457,13 +460,13 @@ def _asked_by(gate: Gate, client: ClientGraph) -> Approval | None:
 
 
 def _acts(role: Role) -> frozenset[Act]:
-    """What tools a role can make any use of; the services of rosapi, open to all, are behind others."""
+    """Return the acts that a role allows at all; the services of rosapi, open to all, do not count."""
     acts: tuple[Act, ...] = ("publish", "call", "goals", "set_param")
     return frozenset(act for act in acts if any(not glob.startswith("/rosapi/") for glob in role.globs[act]))
 
 
 def _opens_session(request: HttpRequest) -> bool:
-    """Whether a request would begin a session of the protocol's older versions."""
+    """Return True if a request would open a session of an older protocol version."""
     spoken = request.headers.get("mcp-protocol-version")
     older = spoken is None or spoken in HANDSHAKE_PROTOCOL_VERSIONS
     return request.method == "POST" and older and "mcp-session-id" not in request.headers

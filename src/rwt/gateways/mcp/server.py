@@ -39,7 +39,7 @@ Allow = Callable[[str, str], Awaitable[None]]
 
 
 class Host(Protocol):
-    """What the server is in: who an agent is, and which acts a person is asked about."""
+    """Surroundings of the server: identifies agents, and names the acts that require approval."""
 
     questions: Questions
 
@@ -48,7 +48,7 @@ class Host(Protocol):
         Raises :exc:`ToolError` to refuse it."""
 
     def asks_about(self, name: str) -> bool:
-        """Whether a person is asked before something is done to what has that name."""
+        """Return True if acts on this name require a person's approval."""
 
     def note(self, context: Context, text: str, *, acts: bool) -> None:
         """Write into the audit what an agent does."""
@@ -80,7 +80,7 @@ def make_server(host: Host, version: str) -> Server[Any]:
 
 
 class _Handlers:
-    """What answers each request of the protocol."""
+    """Handlers of the protocol's requests."""
 
     def __init__(self, host: Host) -> None:
         self._host = host

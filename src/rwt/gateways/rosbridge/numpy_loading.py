@@ -35,7 +35,7 @@ class NumpyLoading:
         self.is_over = False
 
     def holds_up(self, data: Buffer, binary: bool) -> bool:
-        """Whether a message waits until numpy is there."""
+        """Return True if a message has to wait until numpy is loaded."""
         if self.is_over or len(data) <= LARGE:
             return False
         if self._thread is None:

@@ -1,4 +1,4 @@
-"""What an operator can set about the rosbridge protocol: the models alone."""
+"""Settings of the rosbridge gateway: the model alone."""
 
 from __future__ import annotations
 

@@ -113,7 +113,7 @@ class PeerGoal:
 
     @property
     def ended(self) -> bool:
-        """Whether it has its result."""
+        """True once the goal has its result."""
         return self._ended
 
     def cancel(self) -> None:

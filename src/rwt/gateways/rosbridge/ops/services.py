@@ -52,7 +52,7 @@ Asked = tuple["ServiceType", "ServiceCall"]
 
 
 class _ProvidedService(Offer[Asked]):
-    """One service that a client offers, and the calls that wait for its answers."""
+    """Service that a client offers, with its pending calls."""
 
     __slots__ = ("_count", "_name", "_replies")
 
@@ -63,7 +63,7 @@ class _ProvidedService(Offer[Asked]):
         self._count = 0
 
     def ask(self, type: ServiceType, call: ServiceCall) -> None:
-        """Send one request to the client, under an id of its own (SVP-01, SVP-02)."""
+        """Send a request to the client, under a new id (SVP-01, SVP-02)."""
         self._count += 1
         id_ = f"service_request:{self._name}:{self._count}"
         self.pending[id_] = (type, call)
@@ -77,7 +77,7 @@ class _ProvidedService(Offer[Asked]):
 
 
 class PeerServices:
-    """What one client calls and offers.
+    """Services that one client calls and offers.
 
     Args:
         graph: the graph as the client may see it.
@@ -246,20 +246,20 @@ class PeerServices:
         call.fail(f"the provider's answer is malformed: {reason}")
 
     def _asked(self, service: str, id: str | int | None) -> Asked:
-        """What waits for an answer under an id, and does not any more.
+        """Remove and return the pending call with this id.
 
         Raises:
-            Refused: nothing does.
+            Refused: no such call is pending.
         """
         asked, pending = self._waiting(service, id)
         del pending[str(id)]
         return asked
 
     def _waiting(self, service: str, id: str | int | None) -> tuple[Asked, dict[str, Asked]]:
-        """What waits for an answer under an id, and what it is among.
+        """Return the pending call with this id, and the calls that it is among.
 
         Raises:
-            Refused: nothing does.
+            Refused: no such call is pending.
         """
         name = resolve(service)
         provided: Offer[Asked] | None = self._provided.get(name)

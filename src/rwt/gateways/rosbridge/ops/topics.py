@@ -36,7 +36,7 @@ _MOST_NAMES: Final = 4096
 
 
 class PeerTopics:
-    """What one client publishes and subscribes to.
+    """Topics that one client publishes and subscribes to.
 
     Args:
         graph: the graph as the client may see it.
@@ -91,14 +91,14 @@ class PeerTopics:
         return None
 
     def publish_exact(self, topic: bytes, raw: bytes) -> bool:
-        """Hand on a small message that may be passed on as it came, on a topic where the one before could be.
+        """Publish a small message unchanged, on a topic whose last message could be passed through.
 
         Args:
             topic: in UTF-8, as it is spelt.
             raw: what may be the message in JSON.
 
         Returns:
-            Whether that was done; if not, nothing was.
+            False if nothing was done, because the message needs a closer look.
         """
         publisher = self._exact.get(topic)
         if publisher is None:
