@@ -51,6 +51,7 @@ def test_importing_it_imports_nothing_else() -> None:
                 "rwt_transports.listener",
                 "rwt_transports.http",
                 "rwt_client",
+                "rwt.nodes",
             ),
         ),
         (
