@@ -28,10 +28,11 @@ from rwt_interfaces.distro import JAZZY, NOETIC
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.structs import MessageType
-from rwt_protocol.codecs.base import PublishEncoder, SplitLimits
+from rwt_protocol.codecs.base import PublishEncoder
 from rwt_protocol.codecs.bson import BsonCodec
 from rwt_protocol.codecs.cbor import CborCodec, raw_publish_encoder
 from rwt_protocol.codecs.json import JsonCodec
+from rwt_protocol.limits import WireLimits
 
 RUNS = 7
 #: Process CPU time that one run takes at least, in seconds.
@@ -185,7 +186,7 @@ def from_bytes(kind: MessageType, data: bytes, way_in: str) -> Callable[[], Payl
     split = (CborCodec() if way_in == "CBOR" else BsonCodec()).split
 
     def take() -> Payload:
-        members: Any = split(data, SplitLimits(max_structure=1 << 24))[0]
+        members: Any = split(data, WireLimits(structure_bytes=1 << 24))[0]
         return Payload.from_value(kind, members["msg"].value)
 
     return take

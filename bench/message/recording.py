@@ -29,7 +29,7 @@ from rwt_graph.api import Sample
 from rwt_interfaces import JAZZY, Payload
 from rwt_interfaces.structs import MessageType
 from rwt_protocol.codecs import CODECS
-from rwt_protocol.session import WireLimits
+from rwt_protocol.limits import WireLimits
 from rwt_transports.background import TaskStarter
 
 ROUNDS = 5

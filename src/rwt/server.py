@@ -37,9 +37,9 @@ from rwt.composition.nodes import (
     start_script,
 )
 from rwt.composition.webrtc import media_routes, webrtc_media, webrtc_peers
-from rwt.delivery.http_traffic import counted
 from rwt.gateways.rosbridge.bridge import GATEWAY_NODE, Bridge
 from rwt.gateways.rosbridge.numpy_loading import NumpyLoading
+from rwt.gateways.visitors import counted
 from rwt.nodes.rosapi import DISCLOSURES
 from rwt.observability.metrics import ServerMetrics
 from rwt.observability.supervision import READY, STOPPING, Heartbeat, tell, tell_reloading
@@ -57,10 +57,10 @@ if TYPE_CHECKING:
 
     from typing_extensions import TypeIs
 
-    from rwt.access.gateway import Gateway, MakeGateway
     from rwt.access.graph_view import GraphView
     from rwt.blocking import Loop
     from rwt.composition.graphs import MakeGraph
+    from rwt.gateways.base import Gateway, MakeGateway
     from rwt.settings.models import Settings
     from rwt.workers.worker import InWorker, WorkerContext
     from rwt_graph.clock import Clock
@@ -82,7 +82,7 @@ Main = Callable[["Server"], Awaitable[object]] | Callable[["BlockingNode"], obje
 
 
 class HasRoles(Protocol):
-    """What has clients whose roles may change while the server runs."""
+    """Owner of clients whose roles may change while the server runs."""
 
     def reload_roles(self) -> None:
         """Give each client the role that the settings give it now, and end what that does not allow."""
@@ -90,7 +90,7 @@ class HasRoles(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class _Running:
-    """What there is of a server only while it runs."""
+    """Parts of a server that exist only while it runs."""
 
     bridge: Bridge
     gateways: tuple[HasRoles, ...]
@@ -129,9 +129,9 @@ class Server:
         clock: of a graph that is made here; the wall clock by default.
         extra_nodes: each is called with the graph when it runs, before anybody can connect, and makes a node
             that is closed with the server; what the node brings to HTTP is its attribute `http`.
-        gateways: each is called with the graph when it runs, and with the rules of who may do what, and makes
-            a gateway for another protocol on the same port, beside those of the setting `gateways`; names
-            are those of the setting, and take its place.
+        gateways: the protocols beside rosbridge, in place of the setting `gateways`; ``[]`` for none. A name
+            is one that the setting takes; a function makes a gateway of your own, from the running graph and
+            the access rules (:class:`rwt.gateways.base.Gateway`). None leaves the setting as it is.
         http: further pages, sections of the index page, and metrics.
         mounts: ASGI apps of others by the path at which they are, such as ``{"/shop": app}``: HTTP, streams,
             WebSocket without subprotocols, and lifespan. They make their own rules; the limits of the port
@@ -165,7 +165,7 @@ class Server:
         registry: Registry | None = None,
         clock: Clock | None = None,
         extra_nodes: Iterable[Callable[[Graph], ReadyNode]] = (),
-        gateways: Iterable[MakeGateway | str] = (),
+        gateways: Iterable[MakeGateway | str] | None = None,
         http: Iterable[HttpExtension] = (),
         mounts: Mapping[str, App] = MappingProxyType({}),
         script: Path | None = None,
@@ -184,14 +184,20 @@ class Server:
             changes["listen"] = urls
         if isinstance(graph, str):
             changes["graph"], graph = graph, None
-        gateways = tuple(gateways)
-        if named := [each for each in gateways if isinstance(each, str)]:
-            changes["gateways"] = named
+        own_gateways: list[MakeGateway] = []
+        if gateways is not None:
+            names: list[str] = []
+            for each in gateways:
+                if isinstance(each, str):
+                    names.append(each)
+                else:
+                    own_gateways.append(each)
+            changes["gateways"] = names
         self.settings = with_changes(settings, changes)
         self._registry = registry
         self._clock = clock
         self._extra_nodes = tuple(extra_nodes)
-        self._gateways = tuple(each for each in gateways if not isinstance(each, str))
+        self._own_gateways = own_gateways
         self._http = tuple(http)
         self._mounts = dict(mounts)
         for path in self._mounts:
@@ -265,7 +271,7 @@ class Server:
 
     @property
     def running(self) -> bool:
-        """Whether clients can connect now."""
+        """True while clients can connect."""
         return self._running is not None
 
     @property
@@ -280,12 +286,12 @@ class Server:
 
     @property
     def dials(self) -> tuple[RelayStatus, ...]:
-        """How each dial-out goes (`dial.urls`). Raises :exc:`NotRunning` while it does not run."""
+        """Status of each connection to a hub (`dial.urls`). Raises :exc:`NotRunning` if it does not run."""
         return tuple(self._while_running.metrics.dials)
 
     @property
     def metrics(self) -> ServerMetrics:
-        """What is counted. Raises :exc:`NotRunning` while it does not run."""
+        """Metrics of the server. Raises :exc:`NotRunning` while it does not run."""
         return self._while_running.metrics
 
     def asgi(self) -> AsgiApplication:
@@ -313,7 +319,7 @@ class Server:
         return self._app
 
     def _begin(self) -> AbstractAsyncContextManager[object]:
-        """What the lifespan of an app begins and ends; nothing where the server runs already."""
+        """Return what the lifespan of an app enters: the server, or nothing if it runs already."""
         return nullcontext() if self.running else self
 
     @property
@@ -383,7 +389,7 @@ class Server:
             await anyio.sleep_forever()
 
     def _ends(self) -> list[Callable[[], Awaitable[object]]]:
-        """What each waits for an end of the server that comes by itself."""
+        """Return functions that each wait for something that ends the server."""
         ends: list[Callable[[], Awaitable[object]]] = [each.ended for each in self._while_running.listeners]
         if self._worker is not None:
             from rwt.workers.supervisor import parent_sentinel
@@ -466,11 +472,11 @@ class Server:
     def _start_gateways(
         self, access: Access, http: Sequence[HttpExtension], stack: AsyncExitStack
     ) -> list[Gateway]:
-        """Start the gateways of the settings, and those of the program; `stack` closes them."""
+        """Start the gateways of the settings and of the program; `stack` closes them."""
         graph, settings = self.graph, self.settings
         made = [partial(make_gateway, name, graph, settings, access, http) for name in settings.gateways]
         gateways: list[Gateway] = []
-        for make in (*made, *(partial(make, graph, access) for make in self._gateways)):
+        for make in (*made, *(partial(make, graph, access) for make in self._own_gateways)):
             gateways.append(gateway := make())
             stack.callback(gateway.close)
         return gateways
@@ -587,7 +593,7 @@ class Server:
             registry=self._registry,
             clock=self._clock,
             extra_nodes=self._extra_nodes if worker.number == 1 else (),
-            gateways=self._gateways,
+            gateways=(*settings.gateways, *self._own_gateways),
             http=self._http,
             mounts=self._mounts,
             middleware=self._middleware,

@@ -17,8 +17,7 @@ from rwt_client.robot import Robot
 from rwt_client.wire.arrays import ArrayKind, check_kind
 from rwt_client.wire.session import ReconnectingSession
 from rwt_protocol.errors import Level
-from rwt_protocol.fragments import FragmentLimits
-from rwt_protocol.session import WireLimits
+from rwt_protocol.limits import WireLimits
 from rwt_transports.background import TaskStarter, background_tasks
 from rwt_transports.backoff import Backoff
 from rwt_transports.connect import ConnectOptions
@@ -102,8 +101,8 @@ async def connect(
     """
     check_kind(arrays)
     bounds = limits or Limits()
-    fragments = FragmentLimits(max_size=2 * bounds.message_bytes)
-    session = ReconnectingSession(status_level, WireLimits(bounds.message_bytes, fragments=fragments))
+    wire_limits = WireLimits(bounds.message_bytes, fragment_characters=2 * bounds.message_bytes)
+    session = ReconnectingSession(status_level, wire_limits)
     dial = _dial(target, bounds, timeout, headers, tls, ice_servers)
     reconnector = _Reconnector(session, dial, reconnect)
     name = target if isinstance(target, str) else "memory"

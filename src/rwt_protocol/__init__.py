@@ -25,8 +25,9 @@ if TYPE_CHECKING:
         ProtocolError,
         Refused,
     )
-    from rwt_protocol.fragments import FragmentLimits, cut
+    from rwt_protocol.fragments import cut
     from rwt_protocol.frames import Frame
+    from rwt_protocol.limits import WireLimits
     from rwt_protocol.ops import (
         OPS,
         ActionFeedback,
@@ -62,14 +63,14 @@ if TYPE_CHECKING:
     from rwt_protocol.payloads import Decoded, Encodable, RawJson
     from rwt_protocol.profiles import COMPAT, PROFILES, ROS1, ROS2_2024, V2_0_0, Profile
     from rwt_protocol.schema import protocol_asyncapi, protocol_schema
-    from rwt_protocol.session import Refusal, Session, WireLimits
+    from rwt_protocol.session import Refusal, Session
     from rwt_protocol.stateless import EncodingName, dump, parse
 
 _HOMES: Final = {
     name: home
     for home, names in {
         "rwt_protocol.stateless": "parse dump EncodingName",
-        "rwt_protocol.session": "Session Refusal WireLimits",
+        "rwt_protocol.session": "Session Refusal",
         "rwt_protocol.dispatcher": "Dispatcher",
         "rwt_protocol.ops": (
             "AnyOp OpToServer OpToClient Op OPS inbound Direction ReplyTo Advertise Unadvertise Publish "
@@ -78,7 +79,8 @@ _HOMES: Final = {
             "UnadvertiseAction Status SetLevel Auth Fragment Png"
         ),
         "rwt_protocol.payloads": "Encodable RawJson Decoded",
-        "rwt_protocol.fragments": "FragmentLimits cut",
+        "rwt_protocol.fragments": "cut",
+        "rwt_protocol.limits": "WireLimits",
         "rwt_protocol.profiles": "Profile PROFILES COMPAT ROS1 ROS2_2024 V2_0_0",
         "rwt_protocol.frames": "Frame",
         "rwt_protocol.schema": "protocol_schema protocol_asyncapi",
@@ -130,7 +132,6 @@ __all__ = [
     "Encodable",
     "RawJson",
     "Decoded",
-    "FragmentLimits",
     "cut",
     "Profile",
     "PROFILES",

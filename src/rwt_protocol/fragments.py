@@ -12,6 +12,7 @@ import msgspec
 
 from rwt_protocol.errors import Refused
 from rwt_protocol.frames import Frame
+from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import Fragment
 
 MOST_PIECES: Final = 1_000
@@ -22,21 +23,6 @@ _numbers: Final = itertools.count(1)
 
 _OVERHEAD: Final = 200
 """Bytes that an open piece is counted as, beside its text: what it costs to keep it."""
-
-
-@dataclass(frozen=True, slots=True)
-class FragmentLimits:
-    """Limits of the messages of one peer that are in pieces.
-
-    Attributes:
-        max_lists: messages that are in pieces at the same time.
-        max_size: characters of all their pieces together.
-        timeout: seconds after the last piece until the others are forgotten (FRG-06).
-    """
-
-    max_lists: int = 16
-    max_size: int = 10_000_000
-    timeout: float = 600.0
 
 
 @dataclass(slots=True)
@@ -54,7 +40,7 @@ class Reassembly:
 
     __slots__ = ("_limits", "_open", "_size")
 
-    def __init__(self, limits: FragmentLimits) -> None:
+    def __init__(self, limits: WireLimits) -> None:
         self._limits = limits
         self._open: dict[str | int, _Pieces] = {}
         self._size = 0
@@ -93,11 +79,14 @@ class Reassembly:
         pieces = self._open.get(fragment.id)
         if pieces is not None:
             return pieces
-        for late in [mark for mark, held in self._open.items() if now - held.touched > self._limits.timeout]:
+        for late in [
+            mark for mark, held in self._open.items() if now - held.touched > self._limits.fragment_seconds
+        ]:
             self.forget(late)
-        if len(self._open) >= self._limits.max_lists:
+        if len(self._open) >= self._limits.fragmented_messages:
+            most = self._limits.fragmented_messages
             raise Refused(
-                f"fragment: {self._limits.max_lists} messages are in pieces already; complete one first"
+                f"fragment: {most} messages are in pieces already; complete one first"
                 " (limits.fragmented_messages)"
             )
         pieces = self._open[fragment.id] = _Pieces(fragment.total, now)
@@ -105,7 +94,7 @@ class Reassembly:
 
     def _keep(self, fragment: Fragment, pieces: _Pieces) -> None:
         size = len(fragment.data) + _OVERHEAD
-        most = self._limits.max_size
+        most = self._limits.fragment_characters
         if self._size + size > most or fragment.total * _OVERHEAD > most:
             self.forget(fragment.id)
             raise Refused(

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 import msgspec
 from pydantic import ValidationError
 
 from rwt_protocol.codecs import BINARY_CODECS, JSON, png
-from rwt_protocol.codecs.base import Codec, DecodeFailure, Members, SplitLimits, SplitsInSteps
+from rwt_protocol.codecs.base import Codec, DecodeFailure, Members, SplitsInSteps
 from rwt_protocol.codecs.head_tail_split import head_members
-from rwt_protocol.codecs.quick_calls import UsualCall, UsualResponse, split_call
-from rwt_protocol.codecs.quick_publish import QUICK, never, split_publish
+from rwt_protocol.codecs.quick_publish import QUICK
 from rwt_protocol.error_text import describe, explain
 from rwt_protocol.errors import Level, Refused
-from rwt_protocol.fragments import FragmentLimits, Reassembly, cut
+from rwt_protocol.fragments import Reassembly, cut
 from rwt_protocol.frames import Frame
+from rwt_protocol.limits import WIRE_LIMITS, WireLimits
 from rwt_protocol.ops import ALIASES, OPS, Direction, Fragment, Op, Png, ReplyTo, SetLevel, Status
 from rwt_protocol.ops.base import MOST_MARK
 from rwt_protocol.payloads import Encodable
@@ -33,21 +33,6 @@ _DEEP: Final = 64
 """Levels that no message type has. A payload that fits its type has no more than that."""
 
 _SEVERITY: Final[Mapping[Level, int]] = {"info": 0, "warning": 1, "error": 2, "none": 3}
-
-
-@dataclass(frozen=True, slots=True)
-class WireLimits:
-    """Limits of what one peer may send.
-
-    Attributes:
-        max_message_size: bytes in one frame.
-        split: the structure of one frame.
-        fragments: messages in pieces.
-    """
-
-    max_message_size: int = 10_000_000
-    split: SplitLimits = field(default_factory=SplitLimits)
-    fragments: FragmentLimits = field(default_factory=FragmentLimits)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,43 +72,40 @@ class Session:
             JSON.
         response: the reply to a call that succeeded, from the service, its response and the caller's id.
         call: a call to a provider, from the service, its request and the id.
-        split_publish: the topic and the payload of a text frame that is a usual small `publish`; None for
-            every other frame, for which :meth:`decode` is there. See
-            :mod:`rwt_protocol.codecs.quick_publish` for what is known of the two. While the client is to be
-            told of successes or of defaults, it is None for all.
-        split_call: a text frame that is a usual small `call_service` or `service_response`; None for every
-            other frame, as of `split_publish`.
+        is_quick: True if usual small text frames may be taken apart by
+            :func:`~rwt_protocol.codecs.quick_publish.split_publish` and
+            :func:`~rwt_protocol.codecs.quick_calls.split_call` instead of :meth:`decode`. False while the
+            client asks for `status` messages about successes or defaults, which need the whole op.
     """
 
     __slots__ = (
+        "_can_be_quick",
         "_codec",
         "_direction",
         "_inside",
-        "_is_quick",
         "_level",
+        "_limits",
         "_max_size",
         "_profile",
         "_readers",
         "_reassembly",
-        "_split_limits",
         "call",
         "encode",
+        "is_quick",
         "response",
-        "split_call",
-        "split_publish",
     )
 
     def __init__(
         self,
         profile: Profile = COMPAT,
         direction: Direction = Direction.TO_SERVER,
-        limits: WireLimits = WireLimits(),
+        limits: WireLimits = WIRE_LIMITS,
         codec: Codec | None = None,
     ) -> None:
         self._profile = profile
         self._direction = direction
         self._max_size = limits.max_message_size
-        self._split_limits = limits.split
+        self._limits = limits
         self._codec = codec
         outgoing = codec or JSON
         # The codec's own methods: a method of the session in between would cost each message a call.
@@ -131,18 +113,16 @@ class Session:
         self.response: Callable[[str, Encodable, str | int | None], Frame] = outgoing.response
         self.call: Callable[[str, Encodable, str | int], Frame] = outgoing.call
         self._inside = 0
-        self._reassembly = Reassembly(limits.fragments)
+        self._reassembly = Reassembly(limits)
         self._readers = readers(profile, direction)
         self._level: Level | None = "error" if profile.status is StatusRule.FROM_THE_START else None
-        self._is_quick = (
+        self._can_be_quick = (
             codec is None
             and direction is Direction.TO_SERVER
             and self._readers.keys() >= _QUICK_OPS
             and limits.max_message_size >= QUICK
-            and limits.split.max_depth >= _DEEP
+            and limits.max_depth >= _DEEP
         )
-        self.split_publish: Callable[[bytes], tuple[bytes, bytes] | None] = never
-        self.split_call: Callable[[bytes], UsualCall | UsualResponse | None] = never
         self._note_level()
 
     def decode(self, data: bytes, binary: bool, now: float) -> Sequence[Op | Refusal]:
@@ -166,7 +146,7 @@ class Session:
         codec = self._codec or (BINARY_CODECS.get(data[:1], JSON) if binary else JSON)
         if len(data) > self._max_size or not isinstance(codec, SplitsInSteps):
             return self._decode(data, codec, now)
-        parts = yield from codec.split_in_steps(data, self._split_limits)
+        parts = yield from codec.split_in_steps(data, self._limits)
         return [read for part in parts for read in self._read(part, now)]
 
     def refuse_skipped(self, head: bytes, reason: str) -> Refusal | None:
@@ -189,7 +169,7 @@ class Session:
             return (
                 self._refusal({}, f"{len(data)} bytes: the limit is {self._max_size} (max_message_size)"),
             )
-        parts = codec.split(data, self._split_limits)
+        parts = codec.split(data, self._limits)
         if len(parts) == 1:
             return self._read(parts[0], now)
         return [read for part in parts for read in self._read(part, now)]
@@ -262,9 +242,7 @@ class Session:
         return ()
 
     def _note_level(self) -> None:
-        is_quick = self._is_quick and not self.wants_status("warning")
-        self.split_publish = split_publish if is_quick else never
-        self.split_call = split_call if is_quick else never
+        self.is_quick = self._can_be_quick and not self.wants_status("warning")
 
     def _join(self, fragment: Fragment, now: float) -> Sequence[Op | Refusal]:
         """What a piece completes, as if it had come whole (FRG-11).

@@ -10,10 +10,11 @@ from rwt_protocol.codecs import BINARY_CODECS, CBOR, JSON, bson_codec, png
 from rwt_protocol.codecs.base import Codec
 from rwt_protocol.codecs.envelope import PAYLOADS
 from rwt_protocol.errors import EncodingUnavailable, MalformedMessage, MalformedPayload, Refused
+from rwt_protocol.limits import WIRE_LIMITS, WireLimits
 from rwt_protocol.ops import Direction, Op, Png
 from rwt_protocol.payloads import RawJson
 from rwt_protocol.profiles import COMPAT, Profile
-from rwt_protocol.session import Refusal, Session, WireLimits
+from rwt_protocol.session import Refusal, Session
 
 EncodingName = Literal["json", "cbor", "bson", "png"]
 """The encodings of whole messages. `png` is JSON in the pixels of a picture, which an op `png` carries."""
@@ -21,8 +22,6 @@ EncodingName = Literal["json", "cbor", "bson", "png"]
 _CODECS: Final[Mapping[str, Callable[[], Codec]]] = MappingProxyType(
     {"json": lambda: JSON, "png": lambda: JSON, "cbor": lambda: CBOR, "bson": bson_codec}
 )
-
-_LIMITS: Final = WireLimits()
 
 
 class _Stateless(Session):
@@ -40,7 +39,7 @@ def parse(
     *,
     profile: Profile = COMPAT,
     direction: Direction = Direction.BOTH,
-    limits: WireLimits = _LIMITS,
+    limits: WireLimits = WIRE_LIMITS,
 ) -> list[Op]:
     """The ops in one frame, in order; usually one.
 

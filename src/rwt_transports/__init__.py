@@ -1,22 +1,43 @@
 """Transports: bytes and frames over WebSocket with plain HTTP beside it, over TCP, Unix sockets, UDP and
-standard input and output. Knows no op of the protocol."""
+standard input and output. Knows no op of the protocol.
+
+Nothing is imported before its name is used.
+"""
 
 from __future__ import annotations
 
-from rwt_transports.api import OversizeAware
-from rwt_transports.endpoint import Accept, DropReason, Endpoint, Flow, FlowRules, PeerInfo, Sink, Traffic
-from rwt_transports.errors import BadUrl, ListenError, Refused, TransportError
-from rwt_transports.http.routes import (
-    Audience,
-    HttpExtension,
-    HttpRequest,
-    HttpResponse,
-    Reader,
-    Route,
-    Routes,
-)
-from rwt_transports.limits import Limits
-from rwt_transports.listener import Listener, listen
+import importlib
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from rwt_transports.api import OversizeAware
+    from rwt_transports.endpoint import Accept, DropReason, Endpoint, Flow, FlowRules, PeerInfo, Sink, Traffic
+    from rwt_transports.errors import BadUrl, ListenError, Refused, TransportError
+    from rwt_transports.http.routes import (
+        Audience,
+        HttpExtension,
+        HttpRequest,
+        HttpResponse,
+        Reader,
+        Route,
+        Routes,
+    )
+    from rwt_transports.limits import Limits
+    from rwt_transports.listener import Listener, listen
+
+_HOMES: Final = {
+    name: module
+    for module, names in {
+        "rwt_transports.api": "OversizeAware",
+        "rwt_transports.endpoint": "Accept DropReason Endpoint Flow FlowRules PeerInfo Sink Traffic",
+        "rwt_transports.errors": "BadUrl ListenError Refused TransportError",
+        "rwt_transports.http.routes": "Audience HttpExtension HttpRequest HttpResponse Reader Route Routes",
+        "rwt_transports.limits": "Limits",
+        "rwt_transports.listener": "Listener listen",
+    }.items()
+    for name in names.split()
+}
+"""Where each name is defined."""
 
 __all__ = [
     "listen",
@@ -43,3 +64,15 @@ __all__ = [
     "ListenError",
     "Refused",
 ]
+
+
+def __getattr__(name: str) -> object:
+    """Import a name when it is first used."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    """The names for completion, imported or not."""
+    return sorted({*globals(), *__all__})

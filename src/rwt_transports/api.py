@@ -18,7 +18,8 @@ from typing import Final, Protocol, runtime_checkable
 from anyio.abc import TaskGroup
 
 from rwt_protocol.frames import Buffer, Frame
-from rwt_transports.limits import AddressCount, Limits
+from rwt_transports.http.addresses import AddressCount
+from rwt_transports.limits import Limits
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,8 +28,9 @@ from rwt_transports.api import (
 from rwt_transports.background import TaskStarter
 from rwt_transports.endpoint import Accept, Endpoint, PeerInfo
 from rwt_transports.errors import Refused, log_exception
+from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.routes import EVERY_NAME, NO_PROXIES, Hosts, Proxies
-from rwt_transports.limits import AddressCount, Limits
+from rwt_transports.limits import Limits
 from rwt_transports.outbox import Outbox
 from rwt_transports.turns import REQUESTS_SECONDS, Turns, loop_turns, no_turns
 from rwt_transports.websocket.close_codes import ABNORMAL, GOING_AWAY, INTERNAL_ERROR, POLICY

@@ -18,8 +18,9 @@ from rosbridge_conformance.wire.dialing import dialer
 from rosbridge_conformance.wire.wires import Dial, StreamWire, Wire
 from rwt_transports.drivers.standard_streams import StandardStreamsDriver
 from rwt_transports.endpoint import Accept
+from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.routes import HttpRequest, HttpResponse, Route, Routes
-from rwt_transports.limits import AddressCount, Limits
+from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
 from rwt_transports.webrtc.ice import IceServer
 from rwt_transports.webrtc.peer import PeerTerms

@@ -12,7 +12,7 @@ import pytest
 
 from rwt.cli.commands.serve import MAX_SCANNED, BoundedGarbageCollection
 from rwt.delivery.throttle import Throttle
-from rwt.gateways.rosbridge.ops.actions import SentGoal
+from rwt.gateways.rosbridge.ops.actions import PeerGoal
 from rwt.gateways.rosbridge.ops.offers import Offer
 from rwt.gateways.rosbridge.ops.subscriptions import ClientSubscription
 from rwt.gateways.rosbridge.peer import Peer
@@ -29,7 +29,7 @@ from tests.waiting import wait_until
 COUNT = 200
 """Of what each client has."""
 
-OWNED = (ClientSubscription, Throttle, SentGoal, Offer, MemoryActionServer, Peer)
+OWNED = (ClientSubscription, Throttle, PeerGoal, Offer, MemoryActionServer, Peer)
 """Whose instances belong to clients here."""
 
 FEW = 3 * COUNT

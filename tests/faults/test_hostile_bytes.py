@@ -26,7 +26,7 @@ from rwt_transports import Limits, Routes
 from rwt_transports.connection import ListenerState, MakeWire
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.http.connection import HttpConnection
-from rwt_transports.websocket.extensions import Deflate
+from rwt_transports.limits import Deflate
 from rwt_transports.websocket.wire import websocket_server
 from rwt_transports.wires.json_stream import json_over_tcp
 from tests.faults.conftest import MIB, Robot

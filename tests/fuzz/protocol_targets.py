@@ -21,21 +21,23 @@ from rwt_graph.clock import SimulatedClock
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.steps import finished
 from rwt_protocol.codecs import JSON, png
-from rwt_protocol.codecs.base import SplitLimits
 from rwt_protocol.codecs.bson import BsonCodec
 from rwt_protocol.codecs.bson_decoder import LargeDocument
 from rwt_protocol.codecs.full_split import MOST_MESSAGES
-from rwt_protocol.codecs.quick_calls import UsualCall
+from rwt_protocol.codecs.quick_calls import UsualCall, split_call
+from rwt_protocol.codecs.quick_publish import split_publish
 from rwt_protocol.errors import Refused
-from rwt_protocol.fragments import FragmentLimits
+from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import Direction, Op
 from rwt_protocol.profiles import PROFILES
-from rwt_protocol.session import Refusal, Session, WireLimits
+from rwt_protocol.session import Refusal, Session
 from tests.rwt.gateways.rosbridge.recording_client import Client
 
 _PROFILES = list(PROFILES.values())
 _DIRECTIONS = [Direction.TO_SERVER, Direction.TO_CLIENT]
-LIMITS = WireLimits(100_000, SplitLimits(max_depth=70), FragmentLimits(4, 20_000, 10.0))
+LIMITS = WireLimits(
+    100_000, max_depth=70, fragmented_messages=4, fragment_characters=20_000, fragment_seconds=10.0
+)
 LONGEST_REASON = 2_000
 
 NOT_ALLOWED = set(range(0x0B, 0x10))
@@ -68,7 +70,7 @@ def bson(data: bytes) -> None:
 
 def _check_pieces(data: bytes) -> None:
     """What a document holds does not depend on how it is cut."""
-    found = [document_in_pieces(data, LIMITS.split, piece) for piece in (1, 40)]
+    found = [document_in_pieces(data, LIMITS, piece) for piece in (1, 40)]
     assert repr(found[0]) == repr(found[1])
     if found[0] is not None:
         assert repr(library.decode(data)) == repr(found[0])
@@ -77,7 +79,7 @@ def _check_pieces(data: bytes) -> None:
             library.decode(data)
 
 
-def document_in_pieces(data: bytes, limits: SplitLimits, piece: int) -> dict[str, object] | None:
+def document_in_pieces(data: bytes, limits: WireLimits, piece: int) -> dict[str, object] | None:
     """A document of BSON that is cut into such pieces; None where it is refused."""
     with suppress(BSONError, ValueError, OverflowError, struct.error, IndexError):
         return finished(LargeDocument(data, limits, piece=piece).value())
@@ -97,7 +99,7 @@ def _frames(chosen: Session, data: bytes) -> None:
 
 def _check_usual(chosen: Session, data: bytes) -> None:
     """What the ends of a frame show of a `publish` is what its parse finds, if what is between is JSON."""
-    usual = chosen.split_publish(data)
+    usual = split_publish(data) if chosen.is_quick else None
     if usual is None:
         return
     topic, payload = usual
@@ -105,7 +107,7 @@ def _check_usual(chosen: Session, data: bytes) -> None:
         value = msgspec.json.decode(payload)
     except (msgspec.DecodeError, RecursionError):
         return
-    (members,) = JSON.split(data, LIMITS.split)
+    (members,) = JSON.split(data, LIMITS)
     assert isinstance(members, dict)
     assert (members["op"], members["topic"], "qos" in members) == ("publish", topic.decode(), False)
     assert msgspec.json.decode(members["msg"]) == value  # type: ignore[call-overload]  # it is undecoded
@@ -113,10 +115,10 @@ def _check_usual(chosen: Session, data: bytes) -> None:
 
 def _check_usual_call(chosen: Session, data: bytes) -> None:
     """A usual call or response is what a parse of the frame finds."""
-    usual = chosen.split_call(data)
+    usual = split_call(data) if chosen.is_quick else None
     if usual is None:
         return
-    (members,) = JSON.split(data, LIMITS.split)
+    (members,) = JSON.split(data, LIMITS)
     assert isinstance(members, dict)
     assert (members["service"], members.get("id")) == (usual.service, usual.id)
     payload = usual.args if isinstance(usual, UsualCall) else usual.values

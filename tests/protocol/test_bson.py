@@ -14,13 +14,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_protocol.codecs import JSON
-from rwt_protocol.codecs.base import SplitLimits
 from rwt_protocol.codecs.bson import BsonCodec, encode_in_steps
 from rwt_protocol.codecs.bson_decoder import LargeDocument, TooMuchStructure
 from rwt_protocol.errors import MalformedPayload
+from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import Direction, Op, Publish
 from rwt_protocol.payloads import Decoded
-from rwt_protocol.session import Refusal, Session, WireLimits
+from rwt_protocol.session import Refusal, Session
 from tests.protocol.wire_examples import EXAMPLES, Example
 
 CODEC = BsonCodec()
@@ -80,7 +80,7 @@ def nested(levels: int) -> bytes:
 
 
 def test_depth_is_limited() -> None:
-    limits = WireLimits(split=SplitLimits(max_depth=5))
+    limits = WireLimits(max_depth=5)
     assert reason(nested(5), limits).startswith('no "op"')
     assert reason(nested(6), limits) == "nested more than 5 levels deep (limits.max_depth)"
     assert reason(nested(300)) == "nested more than 100 levels deep (limits.max_depth)"
@@ -146,7 +146,7 @@ def test_a_document_that_is_cut_holds_what_the_library_finds_in_it(
     message: dict[str, object], piece: int
 ) -> None:
     data = bson.encode(message)
-    found, _ = run(LargeDocument(data, SplitLimits(), piece=piece).value())
+    found, _ = run(LargeDocument(data, WireLimits(), piece=piece).value())
     assert found == bson.decode(data) == message
     assert list(found) == list(message)
 
@@ -158,11 +158,11 @@ def test_a_damaged_document_is_refused_however_it_is_cut(
     data = bson.encode(message)
     data = data[:place] + added + data[place + removed :]
     try:
-        found, _ = run(LargeDocument(data, SplitLimits(), piece=piece).value())
+        found, _ = run(LargeDocument(data, WireLimits(), piece=piece).value())
     except TooMuchStructure:
         return
     except (bson.errors.BSONError, ValueError, OverflowError, struct.error, IndexError):
-        whole = LargeDocument(data, SplitLimits(), piece=1 << 20)
+        whole = LargeDocument(data, WireLimits(), piece=1 << 20)
         with pytest.raises((bson.errors.BSONError, ValueError, OverflowError, struct.error, IndexError)):
             run(whole.value())
     else:
@@ -172,7 +172,7 @@ def test_a_damaged_document_is_refused_however_it_is_cut(
 @pytest.mark.parametrize("levels", [1, 5, 6, 40])
 def test_depth_is_counted_however_a_document_is_cut(levels: int) -> None:
     for piece in (1, 20, 1 << 20):
-        document = LargeDocument(nested(levels), SplitLimits(max_depth=5), piece=piece)
+        document = LargeDocument(nested(levels), WireLimits(max_depth=5), piece=piece)
         run(document.value())
         assert document.is_too_deep == (levels > 5)
 
@@ -200,7 +200,7 @@ def test_a_large_document_is_decoded_piece_by_piece(monkeypatch: pytest.MonkeyPa
     data = bson.encode(message)
     with monkeypatch.context() as patched:
         patched.setattr("rwt_protocol.codecs.bson_decoder.bson.decode", decode)
-        (found,), pauses = run(CODEC.split_in_steps(data, SplitLimits()))
+        (found,), pauses = run(CODEC.split_in_steps(data, WireLimits()))
     assert found == message | {"msg": Decoded(message["msg"])}
     assert max(sizes) < 40_000
     assert pauses >= len(sizes) + 800_000 // (128 * 1024)

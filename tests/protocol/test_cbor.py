@@ -15,11 +15,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_protocol.codecs import CBOR
-from rwt_protocol.codecs.base import DecodeFailure, SplitLimits
+from rwt_protocol.codecs.base import DecodeFailure
 from rwt_protocol.codecs.cbor import publish_frame, publish_prefix
+from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import Direction, Publish, ServiceResponse, Subscribe
 from rwt_protocol.payloads import FEW_BYTES, Decoded, RawJson
-from rwt_protocol.session import Refusal, Session, WireLimits
+from rwt_protocol.session import Refusal, Session
 from tests.protocol.wire_examples import EXAMPLES, CborFrame
 
 
@@ -115,14 +116,14 @@ _ITEMS = [b"\xa0", b"\x80", b"\x81\x80", b"\xa1\x60\x80", b"\x61a", b"\x59\x03\x
 def test_small_items_are_bounded_in_bytes_and_long_strings_are_not(item: bytes) -> None:
     count = 95_000 // len(item)
     data = b"\xa3\x62op\x67publish\x65topic\x62/a\x63msg\x9a" + count.to_bytes(4, "big") + item * count
-    most = WireLimits(split=SplitLimits(max_structure=90_000))
+    most = WireLimits(structure_bytes=90_000)
     (found,) = Session(limits=most).decode(data, True, 0.0)
     assert isinstance(found, Refusal)
     assert found.reason == (
         "more than 90000 bytes beside long strings and typed arrays, or more than 15000 arrays and maps"
         " (limits.structure_bytes)"
     )
-    more = WireLimits(split=SplitLimits(max_structure=600_000))
+    more = WireLimits(structure_bytes=600_000)
     (found,) = Session(limits=more).decode(data, True, 0.0)
     assert isinstance(found, Publish)
     octets = {"a": bytes(200_000), "b": cbor2.CBORTag(70, bytes(200_000))}
@@ -199,7 +200,7 @@ def test_bombs_are_refused(data: bytes) -> None:
 def test_any_damaged_frame_is_an_op_or_a_refusal(damage: bytes, example: CborFrame, place: int) -> None:
     whole = bytes.fromhex(example.hex)
     assert len(Session().decode(whole[:place] + damage + whole[place + len(damage) :], True, 0.0)) <= 1001
-    assert len(CBOR.split(b"\xa1" + damage, SplitLimits())) == 1
+    assert len(CBOR.split(b"\xa1" + damage, WireLimits())) == 1
 
 
 @given(st.text(), st.dictionaries(st.text(), st.integers(-(2**63), 2**64 - 1) | st.text() | st.booleans()))
@@ -252,7 +253,7 @@ def test_a_large_frame_in_steps_is_what_it_is_at_once(kind: str, write: Callable
     message = {"op": "publish", "topic": "/a", "msg": {"a": _LARGE_VALUES[kind], "b": 1}}
     data = write(message)
     assert len(data) > FEW_BYTES
-    steps = CBOR.split_in_steps(data, SplitLimits(max_structure=1 << 24))
+    steps = CBOR.split_in_steps(data, WireLimits(structure_bytes=1 << 24))
     count = 0
     with pytest.raises(StopIteration) as end:
         while True:
@@ -261,18 +262,18 @@ def test_a_large_frame_in_steps_is_what_it_is_at_once(kind: str, write: Callable
     (members,) = end.value.value
     assert count > 1
     assert members["msg"].value == message["msg"]
-    (damaged,) = CBOR.split(data[:-3], SplitLimits(max_structure=1 << 24))
+    (damaged,) = CBOR.split(data[:-3], WireLimits(structure_bytes=1 << 24))
     assert isinstance(damaged, DecodeFailure)
-    (doubled,) = CBOR.split(data + b"\x01", SplitLimits(max_structure=1 << 24))
+    (doubled,) = CBOR.split(data + b"\x01", WireLimits(structure_bytes=1 << 24))
     assert isinstance(doubled, DecodeFailure) and "more than one value" in doubled.reason
 
 
 def test_no_step_reads_much() -> None:
     data = cbor2.dumps({"op": "publish", "topic": "/a", "msg": {"a": _LARGE_VALUES["large in large"]}})
-    assert len(list(CBOR.split_in_steps(data, SplitLimits()))) > len(data) // 8192
+    assert len(list(CBOR.split_in_steps(data, WireLimits()))) > len(data) // 8192
 
 
 def test_what_is_too_deep_is_refused_in_steps_too() -> None:
     data = cbor2.dumps({"op": "publish", "topic": "/a", "msg": {"a": _LARGE_VALUES["deep"]}})
-    (found,) = CBOR.split(data, SplitLimits(max_depth=40))
+    (found,) = CBOR.split(data, WireLimits(max_depth=40))
     assert isinstance(found, DecodeFailure)

@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_protocol.codecs import JSON
-from rwt_protocol.fragments import FragmentLimits
 from rwt_protocol.frames import Frame
+from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import Direction, Op, Publish, Status, Subscribe
 from rwt_protocol.payloads import RawJson
-from rwt_protocol.session import Refusal, Session, WireLimits
+from rwt_protocol.session import Refusal, Session
 
 TEXT = '{"op":"subscribe","topic":"/a"}'
 OP = Subscribe(topic="/a")
@@ -80,7 +80,7 @@ def test_late_pieces_are_forgotten_when_another_message_begins() -> None:
 
 
 def test_open_lists_are_bounded() -> None:
-    session = Session(limits=WireLimits(fragments=FragmentLimits(max_lists=2)))
+    session = Session(limits=WireLimits(fragmented_messages=2))
     for name in "ab":
         assert send(session, TEXT[:9], 0, 2, name) == []
     assert reason(send(session, TEXT, 0, 1, "c")) == (
@@ -92,7 +92,7 @@ def test_open_lists_are_bounded() -> None:
 
 @pytest.mark.parametrize(("data", "total"), [("x" * 1000, 3), ("", 6)])
 def test_what_is_kept_is_bounded(data: str, total: int) -> None:
-    session = Session(limits=WireLimits(fragments=FragmentLimits(max_size=1000)))
+    session = Session(limits=WireLimits(fragment_characters=1000))
     assert reason(send(session, data, 0, total)) == (
         "fragment: the pieces take more than 1000 characters; the message was dropped"
         " (limits.fragment_characters)"

@@ -9,13 +9,12 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from rwt_protocol.brackets import has_more_brackets
-from rwt_protocol.codecs.base import SplitLimits
 from rwt_protocol.codecs.head_tail_split import LARGE, split_large
 from rwt_protocol.errors import MalformedPayload
+from rwt_protocol.limits import WireLimits, has_more_brackets
 from rwt_protocol.ops import OPS, Publish
 from rwt_protocol.payloads import RawJson
-from rwt_protocol.session import Refusal, Session, WireLimits
+from rwt_protocol.session import Refusal, Session
 from tests.protocol.wire_examples import text_of
 
 FILL = "x" * (LARGE + 1)
@@ -252,7 +251,7 @@ def test_a_large_member_beside_the_payload_is_refused_by_name(value: str, payloa
 
 
 def test_the_brackets_of_a_frame_are_bounded() -> None:
-    limits = WireLimits(split=SplitLimits(max_structure=100_000))
+    limits = WireLimits(structure_bytes=100_000)
     reason = "more than 100000 brackets (limits.structure_bytes)"
     for count, allowed in ((49_997, True), (50_001, False)):
         arrays = "[]," * (count - 3) + "[]"

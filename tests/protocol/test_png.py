@@ -18,10 +18,11 @@ from PIL import Image
 from rwt_protocol.codecs import png
 from rwt_protocol.errors import Refused
 from rwt_protocol.frames import Frame
+from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import Direction, Publish
 from rwt_protocol.payloads import RawJson
 from rwt_protocol.profiles import ROS1, ROS2_2024, Profile
-from rwt_protocol.session import Refusal, Session, WireLimits
+from rwt_protocol.session import Refusal, Session
 from tests.protocol.wire_examples import EXAMPLES, Picture, text_of
 
 LIMIT = 10_000_000

@@ -10,12 +10,12 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from rwt_protocol.codecs import JSON
-from rwt_protocol.codecs.base import SplitLimits
 from rwt_protocol.codecs.bson import BsonCodec
 from rwt_protocol.codecs.quick_publish import QUICK, split_publish
+from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import Direction
 from rwt_protocol.profiles import PROFILES
-from rwt_protocol.session import Session, WireLimits
+from rwt_protocol.session import Session
 
 USUAL = b'{"op":"publish","topic":"/t","msg":{"data":1}}'
 
@@ -89,7 +89,7 @@ def test_a_payload_that_is_json_makes_the_frame_that_message(frame: bytes) -> No
         value = msgspec.json.decode(payload)
     except msgspec.DecodeError:
         return
-    (members,) = JSON.split(frame, SplitLimits())
+    (members,) = JSON.split(frame, WireLimits())
     assert isinstance(members, dict)
     assert set(members) - {"id", "type", "latch"} == {"op", "topic", "msg"}
     assert members["topic"] == topic.decode()
@@ -98,11 +98,11 @@ def test_a_payload_that_is_json_makes_the_frame_that_message(frame: bytes) -> No
 
 
 def test_a_session_takes_no_frame_apart_so_where_it_may_not() -> None:
-    assert Session().split_publish(USUAL) is not None
-    assert Session(limits=WireLimits(max_message_size=100)).split_publish(USUAL) is None
-    assert Session(limits=WireLimits(split=SplitLimits(max_depth=4))).split_publish(USUAL) is None
-    assert Session(direction=Direction.TO_CLIENT).split_publish(USUAL) is None
-    assert Session(codec=BsonCodec()).split_publish(USUAL) is None
+    assert Session().is_quick
+    assert not Session(limits=WireLimits(max_message_size=100)).is_quick
+    assert not Session(limits=WireLimits(max_depth=4)).is_quick
+    assert not Session(direction=Direction.TO_CLIENT).is_quick
+    assert not Session(codec=BsonCodec()).is_quick
 
 
 @pytest.mark.parametrize("name", [name for name, each in PROFILES.items() if "set_level" in each.ops])
@@ -110,4 +110,4 @@ def test_who_is_told_of_defaults_and_successes_is_read_in_full(name: str) -> Non
     session = Session(PROFILES[name])
     for level, usual in (("info", False), ("error", True), ("warning", False), ("none", True)):
         session.decode(b'{"op":"set_level","level":"%b"}' % level.encode(), False, 0.0)
-        assert (session.split_publish(USUAL) is not None) is usual
+        assert session.is_quick is usual

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from rwt_protocol.codecs.base import SplitLimits
+from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import (
     ActionResult,
     Advertise,
@@ -21,7 +21,7 @@ from rwt_protocol.ops import (
     Unsubscribe,
 )
 from rwt_protocol.profiles import COMPAT, PROFILES, ROS1, ROS2_2024, V2_0_0, Profile
-from rwt_protocol.session import Refusal, Session, WireLimits
+from rwt_protocol.session import Refusal, Session
 from tests.protocol.wire_examples import EXAMPLES, Malformed, text_of
 
 A = b'{"op":"subscribe","topic":"/a"}'
@@ -159,7 +159,7 @@ def test_the_constants_that_python_writes_are_null() -> None:
 
 
 def test_sizes_and_depths_are_limited() -> None:
-    session = Session(limits=WireLimits(max_message_size=100, split=SplitLimits(max_depth=5)))
+    session = Session(limits=WireLimits(max_message_size=100, max_depth=5))
     assert refusals(b"x" * 101, session) == ["101 bytes: the limit is 100 (max_message_size)"]
     deep = b'{"op":"publish","topic":"/a","id":"i","msg":%s}'
     assert isinstance(decode(deep % b'{"a":[[[]]]}', session)[0], Publish)

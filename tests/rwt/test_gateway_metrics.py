@@ -7,30 +7,30 @@ from collections.abc import AsyncIterator
 import pytest
 
 from rwt.delivery.counters import Counters
-from rwt.delivery.http_traffic import Visitors, counted
+from rwt.gateways.visitors import Visitor, Visitors, counted
 from rwt_graph.clock import SimulatedClock
 from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
 
 def test_a_visitor_is_there_until_some_seconds_after_its_last_request() -> None:
     counters, clock = Counters(), SimulatedClock()
-    visitors = Visitors(counters, clock, 10.0)
-    visitors.begin("one")
-    visitors.begin("one")
-    visitors.begin("other")
-    visitors.end("one")
+    visitors: Visitors[Visitor] = Visitors(counters, clock, 10.0)
+    visitors.find("one", Visitor).hold()
+    visitors.find("one", Visitor).hold()
+    visitors.find("other", Visitor).hold()
+    visitors.find("one", Visitor).release()
     clock.advance(60)
     assert (counters.clients, counters.present) == (2, 2)
-    visitors.end("one")
+    visitors.find("one", Visitor).release()
     clock.advance(9)
-    visitors.begin("one")
+    visitors.find("one", Visitor).hold()
     clock.advance(60)
     assert (counters.clients, counters.present) == (2, 2)
-    visitors.end("one")
-    visitors.end("other")
+    visitors.find("one", Visitor).release()
+    visitors.find("other", Visitor).release()
     clock.advance(10.1)
     assert (counters.clients, counters.present) == (2, 0)
-    visitors.begin("one")
+    visitors.find("one", Visitor).hold()
     assert (counters.clients, counters.present) == (3, 1)
 
 

@@ -12,14 +12,13 @@ import pytest
 from websockets.asyncio.client import connect
 
 from rwt import Server, Settings
-from rwt.delivery.shared_graph import SharedGraph
+from rwt.gateways.base import Gateway
 from rwt_interfaces.payload import Payload
 from rwt_protocol.frames import Frame
 from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Route
 
 if TYPE_CHECKING:
     from rwt.access.access import Access
-    from rwt.access.gateway import AcceptPeer
     from rwt.access.graph_view import GraphView
     from rwt_graph.api import Graph
     from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
@@ -44,19 +43,17 @@ class Shout:
         pass
 
 
-class Shouting:
+class Shouting(Gateway):
     """A gateway whose WebSocket says things in capitals, and whose page publishes what is posted."""
 
     name = "shouting"
-    clients: tuple[()] = ()
 
     def __init__(self, graph: Graph, access: Access) -> None:
-        self._access = access
-        self.shared = SharedGraph(graph, "/shouting", 0.0, print)
+        super().__init__(graph, access, "/shouting", 0.0)
         self.reloads = 0
         self.is_closed = False
-        self.websockets: Mapping[str, AcceptPeer] = {"shout.v1": self._accept, "shout.v2": self._accept}
-        self.http: HttpExtension[GraphView] = HttpExtension(
+        self.websockets = {"shout.v1": self._accept, "shout.v2": self._accept}
+        self.http = HttpExtension(
             (
                 Route("/said", self._publish, Audience.ADMITTED, "POST"),
                 Route("/said", lambda request, reader: HttpResponse(b"nothing"), Audience.ADMITTED),
@@ -64,11 +61,11 @@ class Shouting:
         )
 
     def _accept(self, sink: Sink, info: PeerInfo, *, loopback: bool) -> Endpoint:
-        self._access.admission.admit(info, loopback=loopback)
+        self.access.admission.admit(info, loopback=loopback)
         return Shout(sink)
 
     def _publish(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        client = self._access.client(self.shared, reader.role, request.address)
+        client = self.access.client(self.shared, reader.role, request.address)
         try:
             said = client.publisher("/said", "std_msgs/String")
         except Exception as error:
@@ -81,7 +78,7 @@ class Shouting:
         self.reloads += 1
 
     def close(self) -> None:
-        self.shared.close()
+        super().close()
         self.is_closed = True
 
 
@@ -122,6 +119,28 @@ async def test_the_first_offered_subprotocol_that_is_spoken_decides(
         shouts = agreed is not None and agreed.startswith("shout")
         assert ("CALL_SERVICE" in str(answer)) is shouts
         assert ("service_response" in str(answer)) is not shouts
+
+
+@pytest.mark.parametrize(
+    ("gateways", "names"),
+    [
+        (None, ["foxglove", "http"]),
+        ([], []),
+        (["http"], ["http"]),
+        ([Shouting], []),
+        (["http", Shouting], ["http"]),
+    ],
+)
+async def test_the_gateways_of_a_server_are_those_of_the_argument_or_else_of_the_setting(
+    gateways: list[Any] | None, names: list[str]
+) -> None:
+    async with Server("ws://127.0.0.1:0", gateways=gateways) as server:
+        assert list(server.settings.gateways) == names
+        spoken = {text.split('"')[1] for text in server.metrics.text().decode().split("gateway=")[1:]}
+        own = {"shouting"} if Shouting in (gateways or []) else set()
+        assert spoken == {"rosbridge", *names, *own}
+        status, *_ = await asyncio.to_thread(ask, server.urls[0], "GET", "/api/topics")
+        assert status == (200 if "http" in names else 404)
 
 
 async def test_a_page_that_acts_does_what_its_role_may() -> None:

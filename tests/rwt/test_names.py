@@ -41,7 +41,19 @@ def test_importing_it_imports_nothing_else() -> None:
 @pytest.mark.parametrize(
     ("name", "without"),
     [
-        ("Settings", ("anyio", "rwt_graph", "rwt_transports", "rwt_client", "rwt.nodes")),
+        # Of the transports, only the limits, whose defaults are those of the settings.
+        (
+            "Settings",
+            (
+                "anyio",
+                "websockets",
+                "rwt_graph",
+                "rwt_transports.listener",
+                "rwt_transports.http",
+                "rwt_client",
+                "rwt.nodes",
+            ),
+        ),
         (
             "Server",
             ("rwt_client", "rwt.testing", "rwt.nodes.demo", "rwt.nodes.recording", "zenoh", "numpy", "PIL"),

@@ -17,9 +17,10 @@ from rwt_transports.drivers.anyio_stream import AnyioDriver
 from rwt_transports.drivers.sockets import Handshakes
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.errors import Refused
+from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.connection import HttpConnection
 from rwt_transports.http.routes import HttpRequest, HttpResponse, Routes
-from rwt_transports.limits import AddressCount, Limits
+from rwt_transports.limits import Limits
 from rwt_transports.websocket.wire import websocket_server
 from rwt_transports.wires.json_stream import json_over_tcp
 from tests.contract.transports import test_listen

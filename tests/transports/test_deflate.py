@@ -15,10 +15,10 @@ from websockets.extensions.permessage_deflate import ClientPerMessageDeflateFact
 
 from rwt_protocol.frames import Frame
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
-from rwt_transports.limits import Limits
+from rwt_transports.limits import Deflate, Limits
 from rwt_transports.listener import listen
 from rwt_transports.websocket.deflate import LARGEST, DeflateWire, shared_framing
-from rwt_transports.websocket.extensions import Deflate, DeflateTerms
+from rwt_transports.websocket.extensions import DeflateTerms
 from rwt_transports.websocket.handshake import answer_handshake
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from tests.transports.test_websocket_wire import Heard, frame

@@ -18,8 +18,8 @@ from rwt.access.settings import RoleSettings, SettingsError
 from rwt_graph.nodes.logs import DISCLOSURES as LOGGER_DISCLOSURES
 from rwt_graph.parameters.services import DISCLOSURES as PARAMETER_DISCLOSURES
 from rwt_transports.errors import Refused
+from rwt_transports.http.addresses import network_of
 from rwt_transports.http.routes import is_local
-from rwt_transports.limits import network_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -42,6 +42,7 @@ class Access:
     Attributes:
         admission: admission of connections.
         audit: log of what clients do.
+        limits: limits of what one client may have open, send, and be sent.
         gate: gate of the server; None without rules and audit file.
         nobody: view of the graph in which everything is hidden.
         work: totals of the work caused by all clients.
@@ -66,7 +67,7 @@ class Access:
         now: Callable[[], float] = time.time,
     ) -> None:
         self._graph = graph
-        self._limits = settings.limits
+        self.limits = settings.limits
         self.work = WorkTotals()
         self.nobody = GraphView(graph, Role("nobody", RoleSettings()), self._work(0.0))
         self._addresses: dict[str, AddressQuotas] = {}
@@ -98,7 +99,7 @@ class Access:
     def reload(self, settings: AccessSettings) -> None:
         """Replace tokens, roles and origins, and end the open responses that they no longer allow.
 
-        Gateways review their own clients (:meth:`rwt.access.gateway.Gateway.reload_roles`).
+        Gateways review their own clients (:meth:`rwt.gateways.base.Gateway.reload_roles`).
 
         Raises:
             SettingsError: the settings are invalid; then nothing changes.
@@ -122,8 +123,8 @@ class Access:
             name: name of the client at the gate, such as `rosbridge:3`; empty: the gate assigns one.
         """
         of_address = self._quotas_of(address)
-        work = self._work(self._limits.work_per_second, of_address.work)
-        quotas = ClientQuotas(self._limits, of_address, work)
+        work = self._work(self.limits.work_per_second, of_address.work)
+        quotas = ClientQuotas(self.limits, of_address, work)
         gate = None if self.gate is None else self._client_gate(self.gate, role, address, name)
         return ClientGraph(
             shared, role, quotas, self._disclosures, self._setting_parameters, gate, self._reserved
@@ -153,12 +154,12 @@ class Access:
         if quotas is None:
             self._addresses = {name: left for name, left in self._addresses.items() if not left.is_empty}
             bounded = address and not is_local(address)
-            work = self._work(self._limits.work_per_second if bounded else 0.0)
+            work = self._work(self.limits.work_per_second if bounded else 0.0)
             quotas = self._addresses[network] = AddressQuotas(work)
         return quotas
 
     def _work(self, rate: float, of_address: Work | None = None) -> Work:
-        return Work(rate, self._limits.work_burst, self.work, self._graph.clock.monotonic, of_address)
+        return Work(rate, self.limits.work_burst, self.work, self._graph.clock.monotonic, of_address)
 
     def reader(self, info: PeerInfo) -> GraphView:
         """Return the view of the graph for the sender of an HTTP request, by the token in the request.

@@ -302,12 +302,15 @@ class ClientGraph(GraphView):
 
     def require(self, act: Act, name: str) -> str:
         """Like :meth:`GraphView.require`, and record rejections in the gate's audit."""
-        try:
-            return super().require(act, name)
-        except NotAllowed as refused:
-            if self._gate is not None:
-                self._gate.note_refusal(act, resolve(name), str(refused))
-            raise
+        absolute = resolve(name)
+        if not self.role.unrestricted:
+            try:
+                self.role.require(act, absolute)
+            except NotAllowed as refused:
+                if self._gate is not None:
+                    self._gate.note_refusal(act, absolute, str(refused))
+                raise
+        return absolute
 
     def sees_service(self, name: str) -> bool:
         """Like :meth:`GraphView.sees_service`; the gate's own services are visible to every role."""

@@ -1,4 +1,4 @@
-"""How much one client may hold, how much work it may cause, and how fast it may act."""
+"""Quotas of one client: what it may hold, how much work it may cause, and how fast it may act."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class Quota:
-    """How much of one kind a client holds, and may hold.
+    """Quota of a client for one kind of thing: what it holds, and what it may hold.
 
     What outlives the client, as a publisher that lingers, stays charged to its address: clients from there
     may leave behind a few times as much as one may hold.
@@ -134,7 +134,7 @@ class Charge:
 
 
 WorkKind = Literal["messages", "pages", "pictures"]
-"""What work is for: messages and what they set off, pages over HTTP, and pictures made in threads."""
+"""Kind of work: messages with everything they cause, pages over HTTP, and images encoded in threads."""
 
 WORK_KINDS: Final[tuple[WorkKind, ...]] = get_args(WorkKind)
 
@@ -217,7 +217,7 @@ class Work:
 
     @property
     def is_forgotten(self) -> bool:
-        """Whether it is as if no work had been done."""
+        """True if the account is as if no work had been done."""
         return self._paid_at <= self._monotonic()
 
     def note_wait(self) -> None:
@@ -235,8 +235,9 @@ class Work:
 
 
 class AddressQuotas:
-    """What clients of one address have left behind, which counts towards the quotas of the next ones, and the
-    work that they all cause.
+    """Quotas of one address: what earlier clients have left behind, and the work of all of them.
+
+    Both count towards the quotas of the next clients.
 
     Attributes:
         clients: that are connected from there.
@@ -254,7 +255,7 @@ class AddressQuotas:
 
     @property
     def is_empty(self) -> bool:
-        """Whether nobody is there, and nothing is left behind."""
+        """True if no client is connected and nothing is left behind."""
         held = self.clients or self.advertisements.held or self.kept.held or self.parameters.held
         return not held and self.work.is_forgotten
 
@@ -313,7 +314,7 @@ class RateLimit:
         self._full = float("-inf")
 
     def take(self, now: float) -> bool:
-        """Whether one more event is within the bounds; `now` in seconds on a clock that never goes back."""
+        """Return True if one more event is within the limit; `now` in seconds on a monotonic clock."""
         full = self._full
         full = (full if full > now else now) + self._interval
         if full - now > self._tolerance:

@@ -52,7 +52,7 @@ class CertificateRenewal:
 
 
 def authority_page(settings: TlsSettings) -> HttpExtension:
-    """What devices are given to trust, for everybody: it is no secret, and its key is not in it."""
+    """Page with the authority's certificate, which devices install. It is public; the key is not in it."""
 
     def page(request: HttpRequest, reader: Reader) -> HttpResponse:
         from rwt.tls.own_certificate import own_certificate

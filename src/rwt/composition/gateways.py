@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from collections.abc import Awaitable
 
     from rwt.access.access import Access
-    from rwt.access.gateway import Gateway, MakeGateway
     from rwt.access.graph_view import GraphView
+    from rwt.gateways.base import Gateway, MakeGateway
     from rwt.gateways.foxglove.assets import Pages
     from rwt.settings.models import Settings
     from rwt_graph.api import Graph
@@ -28,18 +28,10 @@ _PACKAGES: Final = "/packages/"
 
 def _foxglove(graph: Graph, settings: Settings, access: Access, http: Sequence[HttpExtension]) -> Gateway:
     from rwt.gateways.foxglove.gateway import FoxgloveGateway
-    from rwt.gateways.foxglove.settings import Bounds
 
-    limits = settings.limits
-    bounds = Bounds(
-        limits.outgoing_message_bytes,
-        limits.structure_bytes,
-        limits.messages_per_second,
-        limits.messages_burst,
-        settings.default_call_service_timeout or None,
-    )
+    call_timeout = settings.default_call_service_timeout or None
     return FoxgloveGateway(
-        graph, access, settings.foxglove, bounds, settings.unregister_timeout, package_pages(http)
+        graph, access, settings.foxglove, call_timeout, settings.unregister_timeout, package_pages(http)
     )
 
 
@@ -92,7 +84,7 @@ def make_gateway(
 
 
 def package_pages(http: Sequence[HttpExtension]) -> Pages | None:
-    """What answers for the files of packages, of what nodes bring to HTTP; None where no node has any."""
+    """Return the page that serves files of packages, from the pages of nodes; None if no node has any."""
     found = {
         route.path: route.page
         for extension in http

@@ -10,18 +10,18 @@ from rwt.access.origins import is_loopback_listener
 from rwt.access.settings import SettingsError
 from rwt.composition.pages import routes
 from rwt.tls.tls import client_tls
+from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.routes import HttpExtension, Proxies, Route
-from rwt_transports.limits import AddressCount, Limits
+from rwt_transports.limits import Deflate, Limits
 from rwt_transports.listener import listen
 from rwt_transports.relay.dial import dial
-from rwt_transports.websocket.extensions import Deflate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
     from ssl import SSLContext
 
-    from rwt.access.gateway import AcceptPeer
     from rwt.access.graph_view import GraphView
+    from rwt.gateways.base import AcceptPeer
     from rwt.gateways.rosbridge.bridge import Bridge
     from rwt.observability.metrics import ServerMetrics
     from rwt.settings.models import Settings

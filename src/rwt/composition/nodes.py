@@ -1,4 +1,4 @@
-"""What takes part in the graph of a server besides the program's own nodes, and how it is started."""
+"""Ready-made nodes, scripts and recorders of a server."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class ReadyNode(Protocol):
 
 
 def http_of(*nodes: object) -> list[HttpExtension]:
-    """What nodes bring to HTTP; those that bring nothing have no attribute `http`."""
+    """Return the HTTP extensions of nodes; a node without one has no attribute `http`."""
     return [node.http for node in nodes if hasattr(node, "http")]
 
 
@@ -76,7 +76,7 @@ def _make_node(name: str, graph: Graph, settings: Settings) -> ReadyNode:
 
 
 class StartedNodes(NamedTuple):
-    """What the nodes that the settings name bring.
+    """HTTP extensions of the nodes that the settings name, and the video server.
 
     Attributes:
         http: to HTTP, with the robot's page.

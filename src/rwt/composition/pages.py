@@ -1,4 +1,4 @@
-"""What the server's port says to a browser and to a health check."""
+"""Pages of every server: index, health check, metrics and role."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Final
 
 import anyio
 
+from rwt.gateways.visitors import peer_of
 from rwt.observability.prometheus import CONTENT_TYPE
-from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import Audience, HttpResponse, Route, Routes, page_policy, refusal_as_text
 
@@ -103,8 +103,7 @@ def routes(
 
 
 def _preflight(access: Access, methods: Iterable[str], *, loopback: bool) -> Handler:
-    """What tells a browser, before it asks, by which methods and with which headers pages of other origins
-    may ask for a path (the Fetch standard's CORS preflight)."""
+    """Return the handler of CORS preflight requests: the methods and headers for pages of other origins."""
     allowed = ", ".join(sorted(set(methods)))
 
     def handler(request: HttpRequest) -> HttpResponse:
@@ -134,8 +133,7 @@ def _admitted(access: Access, audience: Audience, request: HttpRequest) -> Graph
     Raises:
         Refused: they are none of the audience, or their address is beyond its rate of work.
     """
-    target = f"{request.path}?{request.query}"
-    reader = access.reader(PeerInfo("http", request.address, 0, target, request.headers))
+    reader = access.reader(peer_of(request))
     if audience is Audience.EVERY_TOPIC and not reader.sees_every_topic:
         role = reader.role.name
         raise Refused(403, f"role {role!r} may not see every topic (roles.{role}.subscribe)")
@@ -233,7 +231,7 @@ def _index(
     request: HttpRequest,
     reader: GraphView,
 ) -> HttpResponse:
-    """What is running, and what to connect."""
+    """The index page: what is running, and how to connect."""
     headers = request.headers
     address = headers.get("host", "localhost:9090")
     scheme = "wss" if headers.get("x-forwarded-proto") in ("https", "wss") else "ws"
@@ -289,15 +287,13 @@ _FEATURES: Final = {"/webrtc": "webrtc", "/whep": "whep", "/whip": "whip"}
 
 
 def _features(routes: Iterable[Route[GraphView]]) -> Sequence[str]:
-    """What pages need to know of before they ask: a request that is answered with 404 is an error on their
-    console."""
+    """Return the features that pages check for first: a response 404 is an error on their console."""
     paths = {route.path for route in routes}
     return [name for path, name in _FEATURES.items() if path in paths]
 
 
 def _role(features: Sequence[str], request: HttpRequest, reader: GraphView) -> HttpResponse:
-    """What the reader may do, for pages that offer only that: globs of absolute names by act; and what the
-    server has beside rosbridge."""
+    """Return what the reader may do, as globs of absolute names by act, and the server's features."""
     role = reader.role
     body = {
         "role": role.name,

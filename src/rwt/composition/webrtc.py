@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from rwt.nodes.video import WebVideoServer
     from rwt.settings.webrtc import WebRtcSettings
     from rwt_graph.api import Graph
+    from rwt_transports.http.addresses import AddressCount
     from rwt_transports.http.routes import Route
-    from rwt_transports.limits import AddressCount, Limits
+    from rwt_transports.limits import Limits
     from rwt_transports.webrtc.signalling import Peers
     from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
@@ -77,8 +78,9 @@ async def webrtc_peers(
 def webrtc_media(
     graph: Graph, access: Access, linger: float, stack: AsyncExitStack
 ) -> tuple[IncomingMedia, AudioTopics] | None:
-    """What publishes the media of clients, and what they hear of topics, until `stack` is closed; None where
-    aiortc is not installed, of which :func:`webrtc_peers` complains."""
+    """Return the publisher of clients' media and the audio topics, until `stack` is closed.
+
+    Returns None if aiortc is not installed; :func:`webrtc_peers` reports that."""
     try:
         from rwt.media.webrtc import AudioTopics, IncomingMedia  # An extra that few need.
     except ImportError:

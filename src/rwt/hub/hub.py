@@ -29,6 +29,7 @@ from rwt_transports.api import FlowControl
 from rwt_transports.background import background_tasks
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.errors import Refused
+from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.routes import (
     NO_PROXIES,
     HttpRequest,
@@ -38,7 +39,7 @@ from rwt_transports.http.routes import (
     Routes,
     page_policy,
 )
-from rwt_transports.limits import AddressCount, Limits
+from rwt_transports.limits import Limits
 from rwt_transports.listener import listen
 from rwt_transports.relay.pages import PageInbox
 from rwt_transports.relay.protocol import (

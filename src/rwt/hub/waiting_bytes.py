@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from typing import Final, Protocol
 
+from rwt_transports.http.addresses import network_of
 from rwt_transports.http.routes import is_local
-from rwt_transports.limits import MIB, network_of
+from rwt_transports.limits import MIB
 
 OF_ADDRESS: Final = 64 * MIB
 """Bytes that wait on account of clients of one address, by default."""

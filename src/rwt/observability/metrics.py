@@ -11,16 +11,16 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from rwt.observability.prometheus import PrometheusText
 
 if TYPE_CHECKING:
     from rwt.access.gate.gate import Gate
-    from rwt.access.gateway import Counted, GatewayClient
     from rwt.access.graph_view import GraphView
     from rwt.access.quotas import WorkTotals
     from rwt.delivery.counters import EncodingCounts, TopicCounts
+    from rwt.gateways.base import ConnectedClient, Gateway
     from rwt.gateways.rosbridge.bridge import Bridge
     from rwt.observability.prometheus import Kind
     from rwt_graph.clock import Clock
@@ -46,10 +46,10 @@ class ServerMetrics:
         self,
         bridge: Bridge,
         extensions: Iterable[HttpExtension[GraphView]] = (),
-        gateways: Iterable[Counted] = (),
+        gateways: Iterable[Gateway] = (),
     ) -> None:
         self._bridge = bridge
-        self._gateways: tuple[Counted, ...] = (bridge, *gateways)
+        self._gateways: tuple[Gateway, ...] = (bridge, *gateways)
         self._of_nodes = [its.metrics for its in extensions if its.metrics is not None]
         self._loop_lag = LoopLag(bridge.shared.graph.clock, bridge.access.work)
         self.dials: list[RelayStatus] = []
@@ -64,7 +64,7 @@ class ServerMetrics:
         bridge = self._bridge
         counts = [GatewayCounts(gateway) for gateway in self._gateways]
         _write_totals(page, counts)
-        goals = sum(peer.actions.goals_running for peer in bridge.peers)
+        goals = sum(peer.actions.goals_running for peer in bridge.clients)
         page.single("rwt_action_goals_running", "gauge", "Goals of rosbridge clients under way.", goals)
         help_ = "Lines that the log could not take."
         page.single("rwt_lost_log_lines_total", "counter", help_, bridge.access.audit.dropped_lines)
@@ -110,7 +110,7 @@ class GatewayCounts:
         fanouts: the topics that clients listen to.
     """
 
-    def __init__(self, gateway: Counted) -> None:
+    def __init__(self, gateway: Gateway) -> None:
         self.name = gateway.name
         self.fanouts = sorted(gateway.shared.fanouts.items())
         for _, fanout in self.fanouts:
@@ -224,7 +224,7 @@ _OF_ENCODING: Final[tuple[tuple[str, str, Callable[[EncodingCounts], int]], ...]
     ("rwt_topic_sent_messages_total", "Messages handed to clients' connections.", lambda it: it.messages),
     ("rwt_topic_sent_bytes_total", "Bytes handed to clients' connections.", lambda it: it.bytes),
 )  # fmt: skip
-_OF_CLIENT: Final[tuple[tuple[str, str, Callable[[GatewayClient, Traffic], float]], ...]] = (
+_OF_CLIENT: Final[tuple[tuple[str, str, Callable[[ConnectedClient[Any], Traffic], float]], ...]] = (
     ("rwt_client_received_messages_total", "Messages from a client.", lambda client, _: client.messages),
     ("rwt_client_received_bytes_total", "Bytes read from a client.", lambda _, it: it.received_bytes),
     ("rwt_client_sent_messages_total", "Messages to a client.", lambda _, it: it.messages),

@@ -58,12 +58,12 @@ def table_at(key: Sequence[str]) -> type[BaseModel]:
 
 
 def is_list(key: Sequence[str]) -> bool:
-    """Whether the setting of that key holds several values."""
+    """Return True if the setting of this key holds several values."""
     return get_origin(plain_type(annotation_at(Settings, key))) is tuple
 
 
 def is_secret(key: Sequence[str]) -> bool:
-    """Whether the value may not be shown."""
+    """Return True if the value must not be shown."""
     return plain_type(annotation_at(Settings, key)) is SecretStr
 
 

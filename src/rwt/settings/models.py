@@ -1,4 +1,4 @@
-"""What an operator can set, with its defaults: the models alone. `rwt.settings.sources` reads them."""
+"""Settings of a server, with their defaults: the models alone. `rwt.settings.sources` reads them."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from rwt.access.settings import (
     BUILT_IN_ROLES,
     MIB,
     Bytes,
+    ClientLimits,
     Count,
     PlainToken,
     Seconds,
@@ -22,10 +23,11 @@ from rwt.access.settings import (
 from rwt.gateways.foxglove.settings import FoxgloveSettings
 from rwt.gateways.http.settings import HttpSettings
 from rwt.gateways.mcp.settings import McpSettings
-from rwt.gateways.rosbridge.settings import BridgeLimits, BridgeSettings
+from rwt.gateways.rosbridge.settings import BridgeSettings
 from rwt.settings.webrtc import WebRtcSettings
 from rwt_protocol.error_text import Expected
 from rwt_protocol.extensions import extension_names
+from rwt_transports.limits import Limits
 
 
 def _check_proxies(networks: tuple[str, ...]) -> tuple[str, ...]:
@@ -67,12 +69,15 @@ def _named(group: str, builtin: tuple[str, ...], expected: Expected) -> AfterVal
     return AfterValidator(check)
 
 
-class LimitSettings(BridgeLimits):
+_CONNECTION: Final = Limits()
+
+
+class LimitSettings(ClientLimits):
     """What one client, or all of them together, may take. A refusal names the setting."""
 
     connections: Annotated[
         Count, Field(description="open connections of one listener, plain HTTP included")
-    ] = 1024
+    ] = _CONNECTION.connections
     incoming_bytes: Annotated[
         Bytes,
         Field(
@@ -83,23 +88,25 @@ class LimitSettings(BridgeLimits):
     ] = 48 * MIB
     handshake_seconds: Annotated[
         Seconds, Field(description="from connecting to the end of the HTTP request")
-    ] = 10.0
+    ] = _CONNECTION.handshake_seconds
     idle_http_seconds: Annotated[
         Seconds, Field(description="how long a kept-alive HTTP connection may wait between two requests")
-    ] = 60.0
+    ] = _CONNECTION.idle_http_seconds
     stalled_http_seconds: Annotated[
         Seconds, Field(description="how long the reader of a page or stream may take nothing of what waits")
-    ] = 20.0
+    ] = _CONNECTION.stalled_http_seconds
     ping_seconds: Annotated[
         SecondsOrNone, Field(description="silence after which a client is pinged; 0 never pings")
-    ] = 20.0
+    ] = _CONNECTION.ping_seconds
     pong_seconds: Annotated[
         Seconds, Field(description="further silence after which a client counts as gone")
-    ] = 40.0
+    ] = _CONNECTION.pong_seconds
     idle_peer_seconds: Annotated[
         Seconds, Field(description="silence after which a client over UDP is forgotten")
-    ] = 60.0
-    close_seconds: Annotated[Seconds, Field(description="how long a closing connection may take")] = 2.0
+    ] = _CONNECTION.idle_peer_seconds
+    close_seconds: Annotated[Seconds, Field(description="how long a closing connection may take")] = (
+        _CONNECTION.close_seconds
+    )
     video_viewers: Annotated[
         Count, Field(description="streams and snapshots of pictures that are looked at at a time")
     ] = 100
@@ -110,11 +117,15 @@ class LimitSettings(BridgeLimits):
         Count,
         Field(description="pixels of a picture of each different video together; those of VP9 count twice"),
     ] = 1_500_000
-    data_frames: Annotated[Count, Field(description="the same bound as a number of messages")] = 10_000
+    data_frames: Annotated[Count, Field(description="the same bound as a number of messages")] = (
+        _CONNECTION.data_frames
+    )
     control_bytes: Annotated[
         Bytes, Field(description="replies queued for one client; beyond it the client is disconnected")
-    ] = 64 * MIB
-    control_frames: Annotated[Count, Field(description="the same bound as a number of messages")] = 100_000
+    ] = _CONNECTION.control_bytes
+    control_frames: Annotated[Count, Field(description="the same bound as a number of messages")] = (
+        _CONNECTION.control_frames
+    )
 
 
 class DialSettings(Table):

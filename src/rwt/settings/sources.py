@@ -19,7 +19,7 @@ FILE_VARIABLE: Final = "RWT_CONFIG"
 """The variable that names the file when the command line does not."""
 
 CLIENT_VARIABLES: Final = frozenset({"RWT_URL", "RWT_TOKEN"})
-"""What the commands that talk to a robot read; no settings of a server."""
+"""Variables of the commands that connect to a robot; they are not settings of a server."""
 
 DEFAULT: Final = "default"
 

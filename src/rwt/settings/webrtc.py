@@ -1,4 +1,4 @@
-"""What an operator can set of WebRTC."""
+"""Settings of WebRTC."""
 
 from __future__ import annotations
 

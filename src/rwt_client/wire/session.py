@@ -23,10 +23,11 @@ from rwt_client.wire.cbor import Unreadable, read_cbor, read_raw
 from rwt_client.wire.decoding import UnparsedMessage
 from rwt_protocol.codecs import CODECS
 from rwt_protocol.errors import Level
+from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import Direction, Op, Publish, SetLevel, Status
 from rwt_protocol.payloads import RawJson
 from rwt_protocol.profiles import COMPAT
-from rwt_protocol.session import Refusal, Session, WireLimits
+from rwt_protocol.session import Refusal, Session
 from rwt_transports.endpoint import DropReason, Flow, PeerInfo, Sink
 
 if TYPE_CHECKING:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Protocol, TypeVar, runtime_checkable
 
 from rwt_protocol.frames import Frame
+from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import Op
 from rwt_protocol.payloads import Encodable, Sample
 
@@ -26,21 +27,6 @@ Members = dict[str, object]
 
 
 @dataclass(frozen=True, slots=True)
-class SplitLimits:
-    """Limits of the structure of one frame.
-
-    Attributes:
-        max_depth: objects and arrays that may be open at once; the message itself is the first.
-        max_structure: bytes of a frame in CBOR or BSON beside its long strings and typed arrays, and brackets
-            of a frame in JSON. Each byte can cost eighty bytes of memory once it is decoded. A payload in
-            JSON may have more of them, but only decoders of message types take it (`RawJson.dense`).
-    """
-
-    max_depth: int = 100
-    max_structure: int = 256 * 1024
-
-
-@dataclass(frozen=True, slots=True)
 class DecodeFailure:
     """Something in a frame that is not a message.
 
@@ -56,7 +42,7 @@ class DecodeFailure:
 class Codec(Protocol):
     """The envelope in one encoding. Stateless; one instance serves every session."""
 
-    def split(self, data: bytes, limits: SplitLimits) -> Sequence[Members | DecodeFailure]:
+    def split(self, data: bytes, limits: WireLimits) -> Sequence[Members | DecodeFailure]:
         """The messages in one frame, in order. Never raises."""
 
     def encode(self, op: Op) -> Frame:
@@ -80,7 +66,7 @@ class Codec(Protocol):
 class SplitsInSteps(Protocol):
     """A codec that takes large frames apart in steps, between which others may be served."""
 
-    def split_in_steps(self, data: bytes, limits: SplitLimits) -> Steps[Sequence[Members | DecodeFailure]]:
+    def split_in_steps(self, data: bytes, limits: WireLimits) -> Steps[Sequence[Members | DecodeFailure]]:
         """As :meth:`Codec.split`, in steps of about a millisecond at most."""
 
 

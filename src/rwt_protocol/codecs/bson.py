@@ -10,10 +10,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import repeat
 from typing import Final
 
-from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, SplitLimits, Steps, finished
+from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, Steps, finished
 from rwt_protocol.codecs.object_codec import ObjectCodec, members_of, members_within, too_deep
 from rwt_protocol.errors import EncodingUnavailable, MalformedPayload
 from rwt_protocol.frames import Frame
+from rwt_protocol.limits import WireLimits
 from rwt_protocol.payloads import FEW_BYTES, Sample
 
 try:
@@ -51,11 +52,11 @@ _INT64: Final = range(-(2**63), 2**63)
 class BsonCodec(ObjectCodec):
     """The BSON encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
 
-    def split(self, data: bytes, limits: SplitLimits) -> Sequence[Members | DecodeFailure]:
+    def split(self, data: bytes, limits: WireLimits) -> Sequence[Members | DecodeFailure]:
         """The message in one frame. Never raises."""
         return finished(self.split_in_steps(data, limits))
 
-    def split_in_steps(self, data: bytes, limits: SplitLimits) -> Steps[Sequence[Members | DecodeFailure]]:
+    def split_in_steps(self, data: bytes, limits: WireLimits) -> Steps[Sequence[Members | DecodeFailure]]:
         """The same, in steps of about a millisecond at most."""
         size = len(data)
         try:
@@ -64,7 +65,7 @@ class BsonCodec(ObjectCodec):
             document = LargeDocument(data, limits)
             found = yield from document.value()
         except TooMuchStructure:
-            most = limits.max_structure
+            most = limits.structure_bytes
             return (DecodeFailure(f"more than {most} bytes beside text and octets (limits.structure_bytes)"),)
         except (BSONError, ValueError, OverflowError, RecursionError, struct.error, IndexError):
             return (DecodeFailure("not BSON: expected one document, neither malformed nor cut short"),)

@@ -9,7 +9,8 @@ from typing import Any, Final
 
 import bson
 
-from rwt_protocol.codecs.base import SplitLimits, Steps
+from rwt_protocol.codecs.base import Steps
+from rwt_protocol.limits import WireLimits
 
 _LENGTH: Final = struct.Struct("<i")
 
@@ -92,13 +93,13 @@ class LargeDocument:
         is_too_deep: whether more documents and arrays were open at once than may be.
     """
 
-    def __init__(self, data: bytes, limits: SplitLimits, *, piece: int = 16 * 1024) -> None:
+    def __init__(self, data: bytes, limits: WireLimits, *, piece: int = 16 * 1024) -> None:
         self.is_too_deep = False
         self._piece = piece
         self._long = 8 * piece
         self._data = data
         self._max_depth = limits.max_depth
-        self._left = limits.max_structure
+        self._left = limits.structure_bytes
         self._open: list[_Container] = []
         self._walked_from = 0
         self._place = 0

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from io import BytesIO
 from typing import Final
 
-from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, SplitLimits, Steps, finished
+from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, Steps, finished
 from rwt_protocol.codecs.cbor_decoder import (
     BYTES_OF_A_HEAD,
     LargeFrame,
@@ -20,6 +20,7 @@ from rwt_protocol.codecs.cbor_decoder import (
 )
 from rwt_protocol.codecs.object_codec import ObjectCodec, members_of
 from rwt_protocol.frames import Buffer, Frame
+from rwt_protocol.limits import WireLimits
 from rwt_protocol.payloads import FEW_BYTES, Sample
 
 MAPS: Final = bytes(range(0xA0, 0xC0))
@@ -44,11 +45,11 @@ _NOT_CBOR: Final = (
 class CborCodec(ObjectCodec):
     """The CBOR encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
 
-    def split(self, data: bytes, limits: SplitLimits) -> Sequence[Members | DecodeFailure]:
+    def split(self, data: bytes, limits: WireLimits) -> Sequence[Members | DecodeFailure]:
         """The message in one binary frame. Never raises."""
         return finished(self.split_in_steps(data, limits))
 
-    def split_in_steps(self, data: bytes, limits: SplitLimits) -> Steps[Sequence[Members | DecodeFailure]]:
+    def split_in_steps(self, data: bytes, limits: WireLimits) -> Steps[Sequence[Members | DecodeFailure]]:
         """The same, in steps of about a millisecond at most."""
         import cbor2  # only for those who use it
 
@@ -61,7 +62,7 @@ class CborCodec(ObjectCodec):
                 else new_decoder(stream, limits.max_depth).decode()
             )
         except TooMuchStructure:
-            most = limits.max_structure
+            most = limits.structure_bytes
             return (
                 DecodeFailure(
                     f"more than {most} bytes beside long strings and typed arrays, or more than"

@@ -8,8 +8,9 @@ import struct
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
-from rwt_protocol.codecs.base import SplitLimits, Steps
+from rwt_protocol.codecs.base import Steps
 from rwt_protocol.frames import Buffer
+from rwt_protocol.limits import WireLimits
 from rwt_protocol.payloads import FEW_BYTES
 
 if TYPE_CHECKING:
@@ -94,12 +95,12 @@ class _Stream(BytesIO):
         is_to_be_walked: whether there may be too many arrays and maps, which have to be counted exactly.
     """
 
-    def __init__(self, data: bytes, max_structure: int) -> None:
+    def __init__(self, data: bytes, structure_bytes: int) -> None:
         super().__init__(data)
-        self.left = max_structure
+        self.left = structure_bytes
         self.is_over = False
         self.is_to_be_walked = False
-        self._few_heads = max_structure // BYTES_OF_A_HEAD // 8
+        self._few_heads = structure_bytes // BYTES_OF_A_HEAD // 8
         self._is_walked = False
         self._heads = 0
         self._head = self._last = b""
@@ -181,10 +182,10 @@ class LargeFrame:
     items are decoded together, behind a head of as many. An item that is too much by itself is cut in turn.
     """
 
-    def __init__(self, data: bytes, limits: SplitLimits) -> None:
-        self.stream = _Stream(data, limits.max_structure)
+    def __init__(self, data: bytes, limits: WireLimits) -> None:
+        self.stream = _Stream(data, limits.structure_bytes)
         self._data = data
-        self._most_heads = limits.max_structure // BYTES_OF_A_HEAD
+        self._most_heads = limits.structure_bytes // BYTES_OF_A_HEAD
 
     def value(self, depth: int) -> Steps[Any]:
         """The value that comes next, of as many levels at most.

@@ -10,9 +10,9 @@ from typing import Final
 
 import msgspec
 
-from rwt_protocol.brackets import has_more_brackets
 from rwt_protocol.codecs.base import DecodeFailure, Members
 from rwt_protocol.codecs.envelope import DECODER, RAW_DECODER, UNDECODED
+from rwt_protocol.limits import has_more_brackets
 
 MOST_MESSAGES: Final = 1000
 """Messages and faults that one frame may hold; what follows is one more fault."""

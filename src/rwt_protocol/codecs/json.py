@@ -12,12 +12,12 @@ from typing import Final
 import msgspec
 from pydantic import BaseModel
 
-from rwt_protocol.brackets import has_more_brackets
-from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, SplitLimits
+from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder
 from rwt_protocol.codecs.envelope import DECODER, PAYLOADS, RELIED_ON
 from rwt_protocol.codecs.full_split import split_whole
 from rwt_protocol.codecs.head_tail_split import LARGE, split_large
 from rwt_protocol.frames import Buffer, Frame
+from rwt_protocol.limits import WireLimits, has_more_brackets
 from rwt_protocol.ops import OPS, Op
 from rwt_protocol.payloads import Encodable, Sample
 
@@ -37,7 +37,7 @@ _encode: Final = msgspec.json.Encoder(enc_hook=_plain_model).encode
 class JsonCodec:
     """The JSON encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
 
-    def split(self, data: bytes, limits: SplitLimits) -> Sequence[Members | DecodeFailure]:
+    def split(self, data: bytes, limits: WireLimits) -> Sequence[Members | DecodeFailure]:
         """The messages in one frame, in order. Never raises."""
         size, max_depth = len(data), limits.max_depth
         if size <= 2 * max_depth and data.isascii():
@@ -47,7 +47,7 @@ class JsonCodec:
             except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
                 return split_whole(data, max_depth)
         if size > LARGE:
-            most = limits.max_structure
+            most = limits.structure_bytes
             dense = ""
             if size > most and has_more_brackets(data, most // 2):
                 dense = f"more than {most} brackets (limits.structure_bytes)"

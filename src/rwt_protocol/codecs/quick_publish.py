@@ -29,6 +29,9 @@ _HEAD: Final = re.compile(
 )
 _match: Final = _HEAD.match
 
+PUBLISH_STARTS: Final = (b'{"op":"publish"', b'{"op": "publish"')
+"""First bytes of every frame that :func:`split_publish` takes apart."""
+
 _LATCH: Final = b'},"latch":false}'
 _SPACED_LATCH: Final = b'}, "latch": false}'
 
@@ -49,7 +52,3 @@ def split_publish(data: bytes) -> tuple[bytes, bytes] | None:
     if data.endswith(_LATCH):
         return head[1], data[head.end() : 1 - len(_LATCH)]
     return (head[1], data[head.end() : 1 - len(_SPACED_LATCH)]) if data.endswith(_SPACED_LATCH) else None
-
-
-def never(_data: bytes) -> None:
-    """Stands for :func:`split_publish` where every frame has to be read."""

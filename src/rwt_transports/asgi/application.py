@@ -24,6 +24,7 @@ from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.drivers.task_link import TaskLink
 from rwt_transports.endpoint import Accept, PeerInfo
 from rwt_transports.errors import Refused, log_exception
+from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.connection import SAFE_HEADERS, close_iterator
 from rwt_transports.http.routes import (
     NO_PROXIES,
@@ -35,7 +36,7 @@ from rwt_transports.http.routes import (
     is_local,
     refusal_as_text,
 )
-from rwt_transports.limits import AddressCount, Limits
+from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import NO_STATUS, POLICY, may_travel
 from rwt_transports.websocket.handshake import choose_subprotocol
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool

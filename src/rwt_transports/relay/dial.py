@@ -22,8 +22,9 @@ from rwt_transports.backoff import Backoff
 from rwt_transports.connect import OutgoingConnection, connect
 from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
 from rwt_transports.errors import BadUrl, Refused, TransportError, log_exception
+from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.routes import HttpRequest, Routes
-from rwt_transports.limits import AddressCount, Limits
+from rwt_transports.limits import Limits
 from rwt_transports.relay.pages import PageServer
 from rwt_transports.relay.protocol import (
     INSTANCE,

@@ -11,8 +11,8 @@ import anyio.to_thread
 
 from rwt_transports.background import runs_asyncio
 from rwt_transports.errors import ConnectError, Refused
+from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.routes import is_local
-from rwt_transports.limits import AddressCount
 from rwt_transports.webrtc.ice import BadIceServer, kinds_of
 from rwt_transports.webrtc.ice_servers import read_configuration, read_ice_servers
 from rwt_transports.webrtc.peer import Peer, PeerTerms

@@ -14,8 +14,9 @@ from aiortc import RTCPeerConnection, RTCSessionDescription
 
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.errors import log_exception
+from rwt_transports.http.addresses import AddressCount, network_of
 from rwt_transports.http.routes import is_local
-from rwt_transports.limits import KIB, AddressCount, Limits, network_of
+from rwt_transports.limits import KIB, Limits
 from rwt_transports.webrtc.aiortc_internals import Association, accept_rsa
 from rwt_transports.webrtc.channels import ChannelLink
 from rwt_transports.webrtc.ice import IceServer, configuration, prepare, way

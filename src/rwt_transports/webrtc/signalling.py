@@ -23,8 +23,8 @@ import anyio
 from rwt_transports.background import background_tasks
 from rwt_transports.connection import TICK_SECONDS
 from rwt_transports.errors import Refused, TransportError
+from rwt_transports.http.addresses import network_of
 from rwt_transports.http.routes import Audience, HttpResponse, MetricFamily, Reader, Route, is_local
-from rwt_transports.limits import network_of
 from rwt_transports.webrtc.peer import Peer, PeerTerms
 from rwt_transports.webrtc.sdp import BadDescription, read_description, read_fragment
 

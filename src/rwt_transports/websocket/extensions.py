@@ -4,25 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Final
 
 from websockets.extensions import Extension, ServerExtensionFactory
 from websockets.extensions.permessage_deflate import PerMessageDeflate, ServerPerMessageDeflateFactory
 
+from rwt_transports.limits import Deflate
+
 WINDOW_BITS: Final = 12
 """The window with which this side compresses in context: 4 KiB, enough for messages that resemble each
 other."""
-
-
-class Deflate(StrEnum):
-    """Compression of messages to clients that support it."""
-
-    OFF = "off"
-    SHARED = "shared"
-    """Each message by itself, once for all its readers."""
-    CONTEXT = "context"
-    """Each in the context of those before it on the same connection."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,8 @@ from websockets.http11 import Request
 from websockets.server import ServerProtocol
 from websockets.typing import Subprotocol
 
-from rwt_transports.websocket.extensions import Deflate, DeflateTerms, agreed_terms, extension_factories
+from rwt_transports.limits import Deflate
+from rwt_transports.websocket.extensions import DeflateTerms, agreed_terms, extension_factories
 
 SUBPROTOCOL = Subprotocol("rwt")
 """What a client offers that wants the server to confirm what is spoken; it may offer others beside it."""

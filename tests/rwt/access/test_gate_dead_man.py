@@ -214,7 +214,7 @@ async def test_the_robot_stands_while_another_client_floods_the_server() -> None
             await witness.until(lambda: witness.drives)
             with _driver(server, speed=-0.9, period=0.0):
                 bridge = server.bridge
-                await witness.until(lambda: sum(peer.messages for peer in bridge.peers) > 3000)
+                await witness.until(lambda: sum(peer.messages for peer in bridge.clients) > 3000)
                 witness.begin()
                 driver.send_signal(signal.SIGSTOP)
                 # When the lease is over, the one who floods is given it, and drives.

@@ -83,7 +83,7 @@ def test_a_narrow_role_is_refused_no_more_than_it_is_told(rwt: Rwt) -> None:
 
 def test_clients_beyond_their_rate_are_noticed(rwt: Rwt) -> None:
     with Server("ws://127.0.0.1:0") as robot, connect(robot.server.urls[0]):
-        (peer,) = robot.server.bridge.peers
+        (peer,) = robot.server.bridge.clients
         peer.graph.work.add(1000.0, "messages")
         ended = rwt("doctor", robot.server.urls[0])
     assert "warning  server: rwt " in ended.out

@@ -214,7 +214,7 @@ async def test_a_slow_reader_holds_up_its_own_outbox_alone(server: Server) -> No
         for number in range(300):
             talker.publish({"data": f"{number:03d}" * 10_000})
             await anyio.lowlevel.checkpoint()
-        peer = server.bridge.peers[0]
+        peer = server.bridge.clients[0]
         assert peer.sink.backlog < 2_000_000, "what waits is bounded"
         assert sum(peer.sink.traffic.dropped.values()) > 200
         socket.may_send.set()

@@ -26,8 +26,8 @@ from rwt_transports.drivers.anyio_stream import AnyioDriver
 from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
 from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
 from rwt_transports.http.connection import HttpConnection
+from rwt_transports.limits import Deflate
 from rwt_transports.listener import Listener
-from rwt_transports.websocket.extensions import Deflate
 from rwt_transports.websocket.wire import websocket_server
 from tests.memory_pipe import MemoryPipe
 from tests.transports.rfc6455.case import Case

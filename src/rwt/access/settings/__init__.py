@@ -1,7 +1,9 @@
-"""What an operator can set about who may do what: the models alone."""
+"""Settings of access control: the models alone."""
 
 from rwt.access.settings.models import (
     BUILT_IN_ROLES,
+    CALL_SECONDS,
+    LINGER_SECONDS,
     AccessSettings,
     AuthSettings,
     ClientLimits,
@@ -25,6 +27,8 @@ from rwt.access.settings.types import (
 
 __all__ = [
     "BUILT_IN_ROLES",
+    "CALL_SECONDS",
+    "LINGER_SECONDS",
     "MIB",
     "AccessSettings",
     "AuthSettings",

@@ -22,6 +22,8 @@ from rwt.access.settings.types import (
     SecondsOrNone,
     Table,
 )
+from rwt_protocol.limits import WIRE_LIMITS
+from rwt_transports.limits import Limits
 
 
 class SettingsError(ValueError):
@@ -41,8 +43,18 @@ WorkRate = Annotated[float, Field(ge=0, le=1000, allow_inf_nan=False), AfterVali
 """Seconds of work each second; 0 for any."""
 
 
+LINGER_SECONDS: Final = 10.0
+"""Default time that a topic outlives its last publisher among the clients (`unregister_timeout`)."""
+
+CALL_SECONDS: Final = 5.0
+"""Default time that a service call may take (`default_call_service_timeout`)."""
+
+
+_CONNECTION: Final = Limits()
+
+
 class ClientLimits(Table):
-    """What one client may have open."""
+    """What one client may have open, send, and be sent."""
 
     connections_per_address: Annotated[
         CountOrNone,
@@ -50,7 +62,7 @@ class ClientLimits(Table):
             description="open connections from one address that is not this machine's, those of plain HTTP"
             " and in TLS handshakes included; 0 for any number"
         ),
-    ] = 128
+    ] = _CONNECTION.connections_per_address
     subscriptions: Annotated[Count, Field(description="subscriptions of one client")] = 1000
     advertisements: Annotated[
         Count, Field(description="topics, services and actions together that one client offers")
@@ -82,6 +94,44 @@ class ClientLimits(Table):
     work_burst: Annotated[
         SecondsOrNone, Field(description="seconds of work at once before their rate counts")
     ] = 0.5
+    messages_per_second: Annotated[
+        CountOrNone,
+        Field(description="messages that one client may send each second in the long run; 0 for any number"),
+    ] = 0
+    messages_burst: Annotated[
+        Count, Field(description="messages that one client may send at once before their rate counts")
+    ] = 20_000
+    max_depth: Annotated[
+        int,
+        Field(ge=4, le=500, description="objects and arrays open at once in one message, itself included"),
+    ] = WIRE_LIMITS.max_depth
+    structure_bytes: Annotated[
+        Bytes,
+        Field(
+            description="bytes of one message in CBOR or BSON beside its long strings and typed arrays;"
+            " brackets of one in JSON, unless its payload has every field of its type as ROS writes it"
+        ),
+    ] = WIRE_LIMITS.structure_bytes
+    fragmented_messages: Annotated[
+        Count, Field(description="messages of one client that may be in pieces at the same time")
+    ] = WIRE_LIMITS.fragmented_messages
+    fragment_characters: Annotated[
+        Count, Field(description="characters of all pieces of one client together")
+    ] = WIRE_LIMITS.fragment_characters
+    fragment_seconds: Annotated[
+        Seconds, Field(description="time after the last piece until the others are forgotten")
+    ] = WIRE_LIMITS.fragment_seconds
+    outgoing_message_bytes: Annotated[
+        Bytes,
+        Field(description="largest message to a client; a larger reply fails its call, a sample is dropped"),
+    ] = _CONNECTION.outgoing_bytes
+    data_bytes: Annotated[
+        Bytes,
+        Field(
+            description="samples queued for one client behind its connection, and as many again behind its"
+            " throttles; beyond it the oldest of the topic is dropped"
+        ),
+    ] = _CONNECTION.data_bytes
 
 
 _TOKEN: Final = re.compile(r"[A-Za-z0-9._~-]{16,256}")

@@ -14,7 +14,7 @@ from rwt_transports.http.routes import HttpRequest, HttpResponse
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
     from rwt.access.graph_view import GraphView
-    from rwt.gateways.foxglove.replies import Replies
+    from rwt.gateways.foxglove.replies import StatusLane
     from rwt.gateways.foxglove.settings import FoxgloveSettings
     from rwt.gateways.foxglove.wire.client_messages import FetchAsset
 
@@ -25,10 +25,10 @@ _UNREAD: Final = 1024 * 1024
 """Bytes that may wait for the client before the next file is read for it."""
 
 _LOOK_SECONDS: Final = 0.02
-"""How often that is looked at."""
+"""Interval at which the backlog is checked, in seconds."""
 
 Pages = Callable[[HttpRequest, "GraphView"], "HttpResponse | Awaitable[HttpResponse]"]
-"""What answers a request below :data:`PATH`."""
+"""Page that answers requests below :data:`PATH`."""
 
 
 class Assets:
@@ -43,7 +43,7 @@ class Assets:
     """
 
     def __init__(
-        self, graph: ClientGraph, replies: Replies, pages: Pages, settings: FoxgloveSettings, address: str
+        self, graph: ClientGraph, replies: StatusLane, pages: Pages, settings: FoxgloveSettings, address: str
     ) -> None:
         self._graph = graph
         self._replies = replies

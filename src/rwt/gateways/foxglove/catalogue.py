@@ -1,4 +1,4 @@
-"""What clients are told that there is: channels for topics, services, and who takes part in what, by role."""
+"""Announcements to clients, by role: channels for topics, services, and the connection graph."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from rwt_protocol.frames import Frame
 
 SCHEMA_ENCODINGS: Final[Mapping[str, str]] = {"cdr": "ros2msg", "ros1": "ros1msg"}
-"""How the definition of a type is written, by the serialisation of its messages."""
+"""Encoding of type definitions, by the serialisation of the messages."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Channel:
+class TopicChannel:
     """A topic as clients subscribe to it.
 
     Attributes:
@@ -67,11 +67,11 @@ class Catalogue:
 
     def __init__(self, node: str) -> None:
         self._node = node
-        self._channels: dict[str, Channel] = {}
+        self._channels: dict[str, TopicChannel] = {}
         self._services: dict[str, OfferedService] = {}
         self._count = 0
 
-    def channel(self, topic: TopicInfo) -> Channel | None:
+    def channel(self, topic: TopicInfo) -> TopicChannel | None:
         """The channel of a topic; None for one whose type is not known, or that only clients of this gateway
         listen to."""
         if topic.type is None:
@@ -83,7 +83,7 @@ class Catalogue:
             self._count += 1
             schema = _schema(topic.type)
             announced = encoded({"id": self._count, "topic": topic.name, **schema})
-            known = self._channels[topic.name] = Channel(
+            known = self._channels[topic.name] = TopicChannel(
                 self._count, topic.name, topic.type, announced, schema["encoding"] == JSON
             )
         return known
@@ -134,14 +134,14 @@ def _schema(type: MessageType) -> dict[str, str]:
 
 
 class Connections(NamedTuple):
-    """Who takes part in what: names of nodes by topic and by service."""
+    """Connection graph: names of nodes by topic and by service."""
 
     publishers: Mapping[str, tuple[str, ...]] = {}
     subscribers: Mapping[str, tuple[str, ...]] = {}
     providers: Mapping[str, tuple[str, ...]] = {}
 
     def since(self, before: Connections) -> Frame | None:
-        """What tells a client that knows `before` of these; None where nothing has changed."""
+        """Return the frame with the changes since `before`; None if nothing has changed."""
         topics = self.publishers.keys() | self.subscribers.keys()
         removed = sorted((before.publishers.keys() | before.subscribers.keys()) - topics)
         published = _changed(self.publishers, before.publishers, topics, "publisherIds")
@@ -172,7 +172,7 @@ def _changed(
 
 
 class Change(NamedTuple):
-    """What has become of a listing.
+    """Changes of a listing.
 
     Attributes:
         frames: what tells its clients.
@@ -184,8 +184,7 @@ class Change(NamedTuple):
 
 
 class Listing:
-    """What the clients of one role are shown: topics that they may subscribe to, and services that they may
-    call.
+    """Listing for clients of one role: topics that they may subscribe to, and services that they may call.
 
     Attributes:
         view: the graph as the role sees it.
@@ -195,7 +194,7 @@ class Listing:
 
     def __init__(self, catalogue: Catalogue, view: GraphView) -> None:
         self.view = view
-        self.channels: Mapping[int, Channel] = {}
+        self.channels: Mapping[int, TopicChannel] = {}
         self.services: Mapping[int, OfferedService] = {}
         self._catalogue = catalogue
         self._welcome: tuple[Frame, ...] | None = None
@@ -222,12 +221,12 @@ class Listing:
 
     @staticmethod
     def difference(
-        channels: Mapping[int, Channel],
+        channels: Mapping[int, TopicChannel],
         services: Mapping[int, OfferedService],
-        new_channels: Mapping[int, Channel],
+        new_channels: Mapping[int, TopicChannel],
         new_services: Mapping[int, OfferedService],
     ) -> Change:
-        """What tells a client that was shown these channels and services of the new ones."""
+        """Return the changes for a client that knows these channels and services."""
         gone = channels.keys() - new_channels.keys()
         withdrawn = services.keys() - new_services.keys()
         frames = [
@@ -248,13 +247,13 @@ class Listing:
 
     @property
     def welcome(self) -> tuple[Frame, ...]:
-        """What tells a client that knows nothing yet; made once for all that come before the next change."""
+        """Return the frames for a new client; they are shared until the next change."""
         if self._welcome is None:
             self._welcome = self.difference({}, {}, self.channels, self.services).frames
         return self._welcome
 
     def connections(self) -> Connections:
-        """Who takes part in what the role is shown, as far as it is shown who."""
+        """Return the connection graph, as far as the role may see it."""
         view = self.view
         publishers: dict[str, tuple[str, ...]] = {}
         subscribers: dict[str, tuple[str, ...]] = {}

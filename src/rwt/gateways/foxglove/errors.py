@@ -1,7 +1,7 @@
-"""What the gateway itself refuses of what a client of Foxglove's protocol asks; the client is told the text.
+"""Errors of the Foxglove gateway; their texts are sent to the client.
 
 - :exc:`FoxgloveError`
-    - :exc:`MalformedMessage`: a frame that is no message of the protocol
+    - :exc:`InvalidFrame`: a frame that is no message of the protocol
     - :exc:`NotPossible`: a message that asks for what is not there, or not now
 """
 
@@ -9,12 +9,12 @@ from __future__ import annotations
 
 
 class FoxgloveError(Exception):
-    """Base of what the gateway refuses. The text is one line: what, and what instead."""
+    """Base of the gateway's errors. The text is one line: what failed, and what to do instead."""
 
 
-class MalformedMessage(FoxgloveError):
+class InvalidFrame(FoxgloveError):
     """A frame that is no message of the protocol."""
 
 
 class NotPossible(FoxgloveError):
-    """What is asked for does not exist, or exists already, or is too much."""
+    """The request names something that does not exist or exists already, or exceeds a limit."""

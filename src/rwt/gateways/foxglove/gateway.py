@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 import html
-import logging
 from collections.abc import Awaitable, Callable, Mapping
-from functools import partial
 from importlib.metadata import version
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 from uuid import uuid4
 
 from rwt.access.graph_view import GraphView
-from rwt.delivery.shared_graph import SharedGraph
-from rwt.delivery.turns import client_turns
+from rwt.access.settings import CALL_SECONDS, LINGER_SECONDS
+from rwt.gateways.base import ConnectionGateway
 from rwt.gateways.foxglove.catalogue import Catalogue, Listing
 from rwt.gateways.foxglove.client import FoxgloveClient
 from rwt.gateways.foxglove.parameter_feed import ParameterFeed
 from rwt.gateways.foxglove.parameters import GET
 from rwt.gateways.foxglove.playback import state_frame, state_of
-from rwt.gateways.foxglove.settings import Bounds, FoxgloveSettings
+from rwt.gateways.foxglove.settings import FoxgloveSettings
 from rwt.gateways.foxglove.wire.payloads import encodings
 from rwt.gateways.foxglove.wire.server_messages import server_info, time
 from rwt_transports.errors import Refused
@@ -27,7 +25,6 @@ from rwt_transports.http.routes import HttpExtension, HttpRequest
 
 if TYPE_CHECKING:
     from rwt.access.access import Access
-    from rwt.access.gateway import AcceptPeer
     from rwt.access.roles import Role
     from rwt.gateways.foxglove.assets import Pages
     from rwt.gateways.foxglove.playback import PlaybackState
@@ -39,70 +36,64 @@ if TYPE_CHECKING:
     from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 
 NODE: Final = "/foxglove_bridge"
-"""The node as which all clients act."""
+"""Absolute name of the node as which all clients act."""
 
 SUBPROTOCOLS: Final = ("foxglove.sdk.v1", "foxglove.websocket.v1")
-"""What the protocol is called; both names stand for the same."""
+"""WebSocket subprotocols; both names stand for the same protocol."""
 
 _LOOK_SECONDS: Final = 0.1
-"""How often the gateway looks whether the graph has changed."""
+"""Interval at which the gateway checks the graph for changes, in seconds."""
 
 _SHARE: Final = 0.1
-"""Of all time, what may be spent on telling clients of the graph's changes; beyond it they hear of them
-later."""
+"""Maximum share of time for announcing changes of the graph; beyond it, announcements are delayed."""
 
 
-class FoxgloveGateway:
-    """Foxglove's WebSocket protocol in front of a graph.
+class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
+    """Foxglove's WebSocket protocol in front of a graph, as the node `/foxglove_bridge`.
 
-    Attributes:
-        name: of the protocol.
-        settings: what the operator has set.
-        bounds: what one client may send and is sent.
-        access: who may do what.
-        shared: the part in the graph that all clients share, as the node `/foxglove_bridge`.
-        turns: of clients that cause more work than they may.
-        pages: what has the files of packages, if anything.
-        playback: the recording that the graph plays, if it plays one.
-        websockets: takes in clients, by subprotocol.
-        http: a section of the index.
+    Attributes by purpose:
+
+    * Settings: ``settings``, ``call_timeout``, ``pages``, ``playback``.
+    * Announcements: ``_catalogue`` (ids of channels and services), ``_listings`` (what each role sees),
+      ``_seen`` (version of the graph that all clients know), ``_look_timer`` (runs while clients are
+      connected).
+    * Time and playback: ``_told_time``, ``_told_playback``, ``_time_timer`` (runs while clients are
+      connected, unless the clock is the wall clock).
+    * Parameters: ``_feed``.
 
     Args:
         graph: the robot.
-        access: see above.
-        settings: see above.
-        bounds: see above.
-        linger: seconds that a topic outlives its last publisher among the clients.
-        pages: see above.
+        access: access rules of the server.
+        settings: settings of the operator.
+        call_timeout: seconds that a service call may take; None: no timeout.
+        linger: seconds that a publisher outlives its last user among the clients.
+        pages: answers requests for files of packages; None without files.
     """
 
-    name: Final = "foxglove"
+    name = "foxglove"
+    log_prefix = "foxglove "
 
     def __init__(
         self,
         graph: Graph,
         access: Access,
         settings: FoxgloveSettings | None = None,
-        bounds: Bounds | None = None,
-        linger: float = 10.0,
+        call_timeout: float | None = CALL_SECONDS,
+        linger: float = LINGER_SECONDS,
         pages: Pages | None = None,
     ) -> None:
+        super().__init__(graph, access, NODE, linger)
         self.settings = settings or FoxgloveSettings()
-        self.bounds = bounds or Bounds()
-        self.access = access
-        self.shared = SharedGraph(graph, NODE, linger, partial(access.audit.write, logging.INFO, "%s"))
-        self.turns = client_turns(graph.clock)
+        self.call_timeout = call_timeout
         self.pages = pages
         self.playback: Playback | None = graph.clock.playback
-        self.websockets: Mapping[str, AcceptPeer] = MappingProxyType(dict.fromkeys(SUBPROTOCOLS, self.accept))
-        self.http: HttpExtension[GraphView] = HttpExtension(section=_section)
+        self.websockets = MappingProxyType(dict.fromkeys(SUBPROTOCOLS, self.accept))
+        self.http = HttpExtension(section=_section)
         self._graph = graph
         self._clock = graph.clock
         self._session_id = uuid4().hex
         self._catalogue = Catalogue(NODE)
         self._listings: dict[Role, Listing] = {}
-        self._clients: dict[int, FoxgloveClient] = {}
-        self._count = 0
         self._seen = -1
         self._feed = ParameterFeed(self.shared, self._tell_parameters)
         self._look_timer: Timer | None = None
@@ -110,33 +101,23 @@ class FoxgloveGateway:
         self._told_time = -1
         self._told_playback: PlaybackState | None = None
 
-    @property
-    def clients(self) -> tuple[FoxgloveClient, ...]:
-        """Those that are connected, in the order they came."""
-        return tuple(self._clients.values())
-
     def accept(self, sink: Sink, info: PeerInfo, *, loopback: bool) -> Endpoint:
-        """Take in a new client; see :class:`rwt.access.gateway.AcceptPeer`."""
+        """Accept a new client, see :class:`~rwt.gateways.base.AcceptPeer`."""
         role = self.access.admission.admit(info, loopback=loopback)
         if role is None:
             raise Refused(401, "Foxglove's protocol has no `auth` op: connect with a token (auth.tokens)")
         began = self._clock.monotonic()
-        self._count += 1
-        graph = self.access.client(self.shared, role, info.address, f"foxglove:{self._count}")
-        client = FoxgloveClient(self, self._count, sink, info, graph, self._listing(role))
+        listing = self._listing(role)
+        client = self.join(
+            role, info, lambda number, graph: FoxgloveClient(self, number, sink, info, graph, listing)
+        )
         sink.send(self._server_info(role))
-        for frame in client.listing.welcome:
+        for frame in listing.welcome:
             sink.send(frame)
         if self.playback is not None:
             sink.send(state_frame(self.playback, did_seek=False))
-        self._clients[client.number] = client
-        self.shared.counters.clients += 1
-        self.access.audit.write(
-            logging.INFO, "foxglove client %d joined from %s over %s",
-            client.number, info.address or "?", info.transport, client=client.number,
-        )  # fmt: skip
         self._start_looking()
-        graph.work.add(self._clock.monotonic() - began, "messages")
+        client.graph.work.add(self._clock.monotonic() - began, "messages")
         return client
 
     def _server_info(self, role: Role) -> Frame:
@@ -151,7 +132,7 @@ class FoxgloveGateway:
         )
 
     def _capabilities(self, role: Role) -> list[Capability]:
-        """What clients of a role can make use of."""
+        """Return the capabilities that clients of a role can use."""
         has: dict[Capability, bool] = {
             "clientPublish": bool(role.globs["publish"]),
             "parameters": bool(role.globs["get_param"]) and self._graph.service(GET) is not None,
@@ -167,7 +148,7 @@ class FoxgloveGateway:
     # -- what is shown -------------------------------------------------------------------------------------
 
     def listing_of(self, client: FoxgloveClient) -> Listing:
-        """What a client is shown, in its present role."""
+        """Return the listing of a client in its present role."""
         return self._listing(client.graph.role)
 
     def _listing(self, role: Role) -> Listing:
@@ -181,7 +162,7 @@ class FoxgloveGateway:
         return listing
 
     def _tell(self, listing: Listing) -> None:
-        """Look at what a role is shown, and tell its clients what has changed."""
+        """Refresh the listing of a role, and announce the changes to its clients."""
         change = listing.refresh()
         clients = [client for client in self._clients.values() if client.listing is listing]
         if change.frames:
@@ -193,7 +174,7 @@ class FoxgloveGateway:
                 client.tell_connections(connections)
 
     def _look(self) -> None:
-        """Tell clients what has changed in the graph since the last time."""
+        """Announce changes of the graph since the last call."""
         self._look_timer = None
         began = self._clock.monotonic()
         version = self._graph.version
@@ -215,7 +196,7 @@ class FoxgloveGateway:
             self._time_timer = self._clock.call_later(0.0, self._tell_time)
 
     def _tell_time(self) -> None:
-        """Tell all clients the time and what the recording does, where they are not what they were."""
+        """Send all clients the time and the playback state if they have changed."""
         self._time_timer = None
         now = self._clock.time_ns()
         if now != self._told_time and now >= 0:
@@ -236,7 +217,7 @@ class FoxgloveGateway:
     # -- parameters ----------------------------------------------------------------------------------------
 
     def watched(self) -> None:
-        """A client watches other parameters than before."""
+        """Called when a client has changed the parameters that it watches."""
         clients = [client.parameters for client in self._clients.values()]
         names = {name for each in clients for name in each.watched}
         self._feed.watch(names, everything=any(each.watches_all for each in clients))
@@ -251,15 +232,9 @@ class FoxgloveGateway:
         """Run a coroutine function as a task of the graph."""
         self._graph.spawn(task, name)
 
-    def reload_roles(self) -> None:
-        """Give each client the role that the settings give it now."""
-        for client in self.clients:
-            client.reload_role()
-
     def left(self, client: FoxgloveClient) -> None:
-        """Forget a client."""
-        del self._clients[client.number]
-        self.shared.counters.left(client.messages, client.sink.traffic)
+        """Remove a client whose connection has ended."""
+        super().left(client)
         self.watched()
 
     def close(self) -> None:
@@ -268,11 +243,11 @@ class FoxgloveGateway:
         for timer in (self._look_timer, self._time_timer):
             if timer is not None:
                 timer.cancel()
-        self.shared.close()
+        super().close()
 
 
 def _section(request: HttpRequest, reader: GraphView) -> str:
-    """How to connect, for the index page."""
+    """Return the section of the index page: how to connect."""
     scheme = "wss" if request.headers.get("x-forwarded-proto") in ("https", "wss") else "ws"
     host = request.headers.get("host", "localhost:9090")
     url = html.escape(f"{scheme}://{host}{request.prefix}")

@@ -25,7 +25,7 @@ from rwt_transports.turns import CLIENT_SECONDS, Turns
 
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
-    from rwt.gateways.foxglove.replies import Replies
+    from rwt.gateways.foxglove.replies import StatusLane
     from rwt.gateways.foxglove.wire.client_messages import GetParameters, Parameter, SetParameters
     from rwt_interfaces.distro import Distro
     from rwt_interfaces.structs import ServiceType
@@ -65,7 +65,7 @@ def described(name: str, value: object) -> dict[str, object]:
 
 
 def _kind(value: object) -> str:
-    """What a value's JSON alone does not say: a whole number may be a float."""
+    """Return the kind of a value, which its JSON does not show: a whole number may be a float."""
     if isinstance(value, float):
         return "float64"
     if isinstance(value, list | tuple) and any(isinstance(each, float) for each in value):
@@ -109,8 +109,8 @@ def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-class Parameters:
-    """What one client asks of parameters.
+class ParameterRequests:
+    """Parameters that one client reads, sets and watches.
 
     Args:
         graph: the graph as the client may see it.
@@ -119,7 +119,7 @@ class Parameters:
         turns: of the event loop, in which what it asks for is done.
     """
 
-    def __init__(self, graph: ClientGraph, replies: Replies, most_names: int, turns: Turns) -> None:
+    def __init__(self, graph: ClientGraph, replies: StatusLane, most_names: int, turns: Turns) -> None:
         self._graph = graph
         self._replies = replies
         self._most_names = most_names

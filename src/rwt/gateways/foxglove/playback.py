@@ -15,7 +15,7 @@ from rwt_participant.errors import CallFailed, RobotError
 
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
-    from rwt.gateways.foxglove.replies import Replies
+    from rwt.gateways.foxglove.replies import StatusLane
     from rwt.gateways.foxglove.wire.client_messages import PlaybackControlRequest
     from rwt_graph.clock import Playback
     from rwt_interfaces.structs import ServiceType
@@ -26,7 +26,7 @@ _SAME_SPEED: Final = 1e-6
 
 
 class PlaybackState(NamedTuple):
-    """What a recording does, but for where it is.
+    """State of a playback, without its position.
 
     Attributes:
         status: see :class:`~rwt.gateways.foxglove.wire.server_messages.PlaybackStatus`.
@@ -40,7 +40,7 @@ class PlaybackState(NamedTuple):
 
 
 def state_of(playback: Playback) -> PlaybackState:
-    """What a recording does now."""
+    """Return the present state of a playback."""
     status = PlaybackStatus.PLAYING
     if playback.paused:
         at_end = playback.position_ns >= playback.end_ns
@@ -49,7 +49,7 @@ def state_of(playback: Playback) -> PlaybackState:
 
 
 def state_frame(playback: Playback, *, did_seek: bool, request_id: bytes = b"") -> Frame:
-    """What tells clients what a recording does now."""
+    """Return the frame with the present state of a playback."""
     state = state_of(playback)
     return playback_state(
         state.status, playback.position_ns, state.speed, did_seek=did_seek, request_id=request_id
@@ -57,7 +57,7 @@ def state_frame(playback: Playback, *, did_seek: bool, request_id: bytes = b"") 
 
 
 class PlaybackControl:
-    """What one client asks of the recording.
+    """Playback control by one client.
 
     Args:
         graph: the graph as the client may see it.
@@ -65,7 +65,7 @@ class PlaybackControl:
         playback: the recording.
     """
 
-    def __init__(self, graph: ClientGraph, replies: Replies, playback: Playback) -> None:
+    def __init__(self, graph: ClientGraph, replies: StatusLane, playback: Playback) -> None:
         self._graph = graph
         self._replies = replies
         self._playback = playback

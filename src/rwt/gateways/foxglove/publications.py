@@ -1,4 +1,4 @@
-"""What one client publishes: its channels, and their messages."""
+"""Channels that one client advertises, and their messages."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rwt_participant.errors import RobotError
 
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph, ClientPublisher
-    from rwt.gateways.foxglove.replies import Replies
+    from rwt.gateways.foxglove.replies import StatusLane
     from rwt.gateways.foxglove.wire.client_messages import ClientChannel, MessageData
     from rwt_interfaces.payload import Payload
 
@@ -27,7 +27,7 @@ class _Announced(NamedTuple):
     publisher: ClientPublisher
 
 
-class Publications:
+class ClientChannels:
     """The channels that one client has announced, by its ids.
 
     Args:
@@ -36,7 +36,7 @@ class Publications:
         structure: maximum number of brackets in its JSON.
     """
 
-    def __init__(self, graph: ClientGraph, replies: Replies, structure: int) -> None:
+    def __init__(self, graph: ClientGraph, replies: StatusLane, structure: int) -> None:
         self._graph = graph
         self._replies = replies
         self._structure = structure

@@ -19,12 +19,12 @@ from rwt_participant.errors import CallFailed, RobotError
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
     from rwt.gateways.foxglove.catalogue import OfferedService
-    from rwt.gateways.foxglove.replies import Replies
+    from rwt.gateways.foxglove.replies import StatusLane
     from rwt.gateways.foxglove.wire.client_messages import ServiceCallRequest
     from rwt_interfaces.structs import ServiceType
 
 
-class Services:
+class ServiceCalls:
     """The calls of one client.
 
     Args:
@@ -34,7 +34,9 @@ class Services:
         timeout: seconds that a call may take; None for ever.
     """
 
-    def __init__(self, graph: ClientGraph, replies: Replies, structure: int, timeout: float | None) -> None:
+    def __init__(
+        self, graph: ClientGraph, replies: StatusLane, structure: int, timeout: float | None
+    ) -> None:
         self._graph = graph
         self._replies = replies
         self._structure = structure

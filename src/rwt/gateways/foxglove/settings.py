@@ -1,8 +1,7 @@
-"""What an operator can set about Foxglove's protocol, and the bounds that clients of all protocols have."""
+"""Settings of the Foxglove gateway."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated
 
 from pydantic import Field
@@ -28,22 +27,3 @@ class FoxgloveSettings(Table):
             gt=0, le=1000, description="times a second that clients are told a time that is not the wall's"
         ),
     ] = 20.0
-
-
-@dataclass(frozen=True, slots=True)
-class Bounds:
-    """What one client may send and is sent, as for clients of every protocol.
-
-    Attributes:
-        message_bytes: of the largest message to a client (`limits.outgoing_message_bytes`).
-        structure: brackets of one message in JSON that lacks a field (`limits.structure_bytes`).
-        messages_per_second: that a client may send in the long run; 0 for any number.
-        messages_burst: that it may send at once before the rate counts.
-        call_timeout: seconds that a service call may take; None for ever.
-    """
-
-    message_bytes: int = 256 * MIB
-    structure: int = 256 * 1024
-    messages_per_second: int = 0
-    messages_burst: int = 20_000
-    call_timeout: float | None = 5.0

@@ -1,4 +1,4 @@
-"""What one client has subscribed to: samples of topics as messages of its subscriptions."""
+"""Subscriptions of one client: samples of topics as messages of its subscriptions."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from rwt_transports.endpoint import DropReason
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
     from rwt.delivery.fanout import Fanout
-    from rwt.gateways.foxglove.catalogue import Channel
-    from rwt.gateways.foxglove.replies import Replies
+    from rwt.gateways.foxglove.catalogue import TopicChannel
+    from rwt.gateways.foxglove.replies import StatusLane
     from rwt.gateways.foxglove.wire.client_messages import Subscription
     from rwt_interfaces.payload import Form
     from rwt_protocol.frames import Burst, Frame
@@ -86,7 +86,7 @@ class _Delivery:
     """One subscription of a client."""
 
     def __init__(
-        self, graph: ClientGraph, replies: Replies, id: int, channel: Channel, fanout: Fanout
+        self, graph: ClientGraph, replies: StatusLane, id: int, channel: TopicChannel, fanout: Fanout
     ) -> None:
         clock, topic = graph.clock, channel.topic
         self.channel = channel
@@ -128,20 +128,20 @@ class _Delivery:
 
 
 class Subscriptions:
-    """What one client has subscribed to, by its ids.
+    """Subscriptions of one client, by its ids.
 
     Args:
         graph: the graph as the client may see it.
         replies: how the client is answered.
     """
 
-    def __init__(self, graph: ClientGraph, replies: Replies) -> None:
+    def __init__(self, graph: ClientGraph, replies: StatusLane) -> None:
         self._graph = graph
         self._replies = replies
         self._by_id: dict[int, _Delivery] = {}
         self._channels: set[int] = set()
 
-    def subscribe(self, asked: Subscription, channels: Mapping[int, Channel]) -> None:
+    def subscribe(self, asked: Subscription, channels: Mapping[int, TopicChannel]) -> None:
         """Let the messages of a channel flow.
 
         Raises:

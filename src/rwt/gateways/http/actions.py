@@ -42,7 +42,7 @@ _EVENTS: Final = 100
 _RESULT_ID: Final = "result"
 
 
-class Goal:
+class HttpGoal:
     """One goal, from when it was sent until it is forgotten.
 
     Attributes:
@@ -61,7 +61,7 @@ class Goal:
         self.id = ""
         self.ended = False
         self.failure: CallFailed | None = None
-        self.readers: set[GoalStream] = set()
+        self.readers: set[GoalEventStream] = set()
         self._sent: ClientGoal | None = None
         self._state = GoalStatus.UNKNOWN.name.lower()
         self._feedback: Payload | None = None
@@ -92,7 +92,7 @@ class Goal:
         self.id = self._sent.id
 
     def body(self) -> dict[str, object]:
-        """What is known of it now."""
+        """Return the present state of the goal."""
         state = self._state
         if not self.ended and self._sent is not None:
             state = self._sent.status.name.lower()
@@ -168,7 +168,7 @@ class Goal:
         self.client.release()
 
 
-class GoalStream:
+class GoalEventStream:
     """One reader's stream of a goal: ``state``, ``feedback`` and at last ``result``; satisfies
     :class:`rwt.gateways.http.clients.Stream`.
 
@@ -181,7 +181,7 @@ class GoalStream:
         most_bytes: bytes that may wait.
     """
 
-    def __init__(self, client: HttpClient, goal: Goal, most_bytes: int) -> None:
+    def __init__(self, client: HttpClient, goal: HttpGoal, most_bytes: int) -> None:
         self._client = client
         self._goal = goal
         self._dropped = 0
@@ -195,7 +195,7 @@ class GoalStream:
             self.queue.tell(event({name: body[name] for name in ("state", "feedback")}, "state"))
 
     def allowed(self, graph: ClientGraph) -> bool:
-        """Whether the role that the client has now may hear of the goal."""
+        """Return True if the client's present role may see the goal."""
         return graph.role.allows("goals", self._goal.action)
 
     def end(self) -> None:
@@ -227,13 +227,13 @@ class Goals:
         self._most = settings.goals
         self._several_processes = several_processes
         self.keep_seconds = settings.goal_seconds
-        self._known: dict[tuple[str, str], Goal] = {}
-        self._of_client: dict[HttpClient, dict[Goal, None]] = {}
+        self._known: dict[tuple[str, str], HttpGoal] = {}
+        self._of_client: dict[HttpClient, dict[HttpGoal, None]] = {}
 
     def __len__(self) -> int:
         return len(self._known)
 
-    def find(self, action: str, id: str) -> Goal:
+    def find(self, action: str, id: str) -> HttpGoal:
         """A goal by the action's name and its id.
 
         Raises:
@@ -270,12 +270,12 @@ class Goals:
             f"{len(own)} goals of this address run, and {self._most} is the limit (api.goals)"
         )
 
-    def add(self, goal: Goal) -> None:
+    def add(self, goal: HttpGoal) -> None:
         """Keep a goal that was sent."""
         self._known[goal.action, goal.id] = goal
         self._of_client.setdefault(goal.client, {})[goal] = None
 
-    def discard(self, goal: Goal) -> bool:
+    def discard(self, goal: HttpGoal) -> bool:
         """Keep a goal no longer; whether it was kept."""
         if self._known.pop((goal.action, goal.id), None) is None:
             return False
@@ -291,7 +291,7 @@ class Goals:
             goal.forget()
 
 
-class Actions:
+class ActionPages:
     """The pages of actions and goals.
 
     Args:
@@ -337,7 +337,7 @@ class Actions:
         if goal.ended and request.headers.get("last-event-id") == _RESULT_ID:
             return HttpResponse(status=204)  # A reader that has its end shall not come back.
         with self._clients.client_of(request, reader) as client:
-            stream = GoalStream(client, goal, self._settings.stream_bytes)
+            stream = GoalEventStream(client, goal, self._settings.stream_bytes)
             client.add_stream(stream, request)
         headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
         return HttpResponse(stream.queue, 200, EVENTS, headers)
@@ -361,7 +361,7 @@ class Actions:
                 raise ProviderNotFound(f"no action {action} is here")
             payload = await payload_of(found.type.goal, request, graph.clock.time_ns)
             self.goals.make_room(client)
-            goal = Goal(self.goals, client, action)
+            goal = HttpGoal(self.goals, client, action)
             goal.send(found.type, payload)
             self.goals.add(goal)
         if goal.failure is not None:

@@ -168,7 +168,7 @@ class EventQueue:
         return self._take()
 
     def _take(self) -> bytes:
-        """What one write may join."""
+        """Return the bytes that one write may join."""
         taken = list(self._own)
         self._own.clear()
         room = _CHUNK_BYTES

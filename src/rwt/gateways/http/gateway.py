@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import logging
 from collections.abc import Awaitable, Iterable, Mapping
 from functools import partial
 from importlib.metadata import version
@@ -12,7 +11,8 @@ from typing import TYPE_CHECKING, Final
 
 import msgspec
 
-from rwt.delivery.shared_graph import SharedGraph
+from rwt.access.settings import LINGER_SECONDS
+from rwt.gateways.base import Gateway
 from rwt.gateways.http import actions, openapi, parameters, services, topics
 from rwt.gateways.http.clients import Clients, page
 from rwt.gateways.http.page import try_page
@@ -24,7 +24,6 @@ from rwt_transports.http.routes import Audience, HttpExtension, MetricFamily, Ro
 
 if TYPE_CHECKING:
     from rwt.access.access import Access
-    from rwt.access.gateway import AcceptPeer
     from rwt.access.graph_view import GraphView
     from rwt.gateways.http.clients import Handler
     from rwt.gateways.http.settings import HttpSettings
@@ -43,63 +42,57 @@ OPENAPI_JSON: Final = "application/vnd.oai.openapi+json;version=3.1"
 _TYPES: Final = "/api/types/"
 
 
-class HttpGateway:
-    """The robot over plain HTTP; satisfies :class:`rwt.access.gateway.Gateway`.
-
-    Attributes:
-        name: of the protocol.
-        shared: the part in the graph that all clients share, as the node `/http_bridge`.
-        clients: nobody has a connection of its own.
+class HttpGateway(Gateway):
+    """The robot over plain HTTP, as the node `/http_bridge`.
 
     Args:
         graph: the robot.
-        access: who may do what.
-        settings: of the gateway.
-        linger: seconds that a client is there after its last request, and a publisher after its client.
-        capabilities: what else is offered on the port, for ``/version``.
-        several_processes: whether other processes serve the same port, each with the goals sent to it.
+        access: access rules of the server.
+        settings: settings of the operator.
+        linger: seconds that a client stays after its last request, and a publisher after its last client.
+        capabilities: what else the port offers, for ``/version``.
+        several_processes: True if other processes serve the same port, each with the goals sent to it.
     """
 
-    name: Final = "http"
-    clients: tuple[()] = ()
+    name = "http"
 
     def __init__(
         self,
         graph: Graph,
         access: Access,
         settings: HttpSettings,
-        linger: float = 10.0,
+        linger: float = LINGER_SECONDS,
         capabilities: Mapping[str, object] = MappingProxyType({}),
         *,
         several_processes: bool = False,
     ) -> None:
+        super().__init__(graph, access, GATEWAY_NODE, linger)
         self._settings = settings
         self._capabilities = capabilities
         self._requests: dict[tuple[str, str], int] = {}
         self._documents: dict[tuple[str, str], tuple[object, bytes]] = {}
-        log = partial(access.audit.write, logging.INFO, "%s")
-        self.shared = SharedGraph(graph, GATEWAY_NODE, linger, log)
-        self._clients = Clients(access, self.shared, linger)
-        self._actions = actions.Actions(self._clients, settings, several_processes=several_processes)
-        self.websockets: Mapping[str, AcceptPeer] = {}
-        self.http: HttpExtension[GraphView] = HttpExtension(
-            tuple(self._routes(topics.Topics(self._clients, settings, access))), self._section, self._metrics
+        self._visitors = Clients(self, linger)
+        self._actions = actions.ActionPages(self._visitors, settings, several_processes=several_processes)
+        self.http = HttpExtension(
+            tuple(self._routes(topics.TopicPages(self._visitors, settings, access))),
+            self._section,
+            self._metrics,
         )
 
     def reload_roles(self) -> None:
-        """Let each client act as the settings say now."""
+        """See :meth:`rwt.gateways.base.Gateway.reload_roles`."""
         self._documents.clear()
-        self._clients.reload_roles()
+        self._visitors.reload_roles()
 
     def close(self) -> None:
         """Leave the graph."""
         self._actions.goals.close()
-        self._clients.close()
-        self.shared.close()
+        self._visitors.close()
+        super().close()
 
-    def _routes(self, of_topics: topics.Topics) -> Iterable[Route[GraphView]]:
-        of_services = services.Services(self._clients, self._settings)
-        of_parameters = parameters.Parameters(self._clients)
+    def _routes(self, of_topics: topics.TopicPages) -> Iterable[Route[GraphView]]:
+        of_services = services.ServicePages(self._visitors, self._settings)
+        of_parameters = parameters.ParameterPages(self._visitors)
         of_actions = self._actions
         rows: tuple[tuple[str, str, str, Handler], ...] = (
             ("GET", "/version", "server", self._version),
@@ -133,7 +126,7 @@ class HttpGateway:
         return handler(request, reader)
 
     def _version(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        """What runs here and what it can do, for programs that must know before they connect."""
+        """Version and capabilities of the server, for programs that need them before they connect."""
         Query(request)
         body = {
             "name": "robot-web-tools",
@@ -173,7 +166,7 @@ class HttpGateway:
         return tagged_bytes(request, known[1], JSON if media == JSON else OPENAPI_JSON)
 
     def _section(self, request: HttpRequest, reader: GraphView) -> str:
-        """What the index says of it."""
+        """Return the section of the index page."""
         prefix = html.escape(request.prefix)
         host = html.escape(request.headers.get("host", "localhost:9090"))
         scheme = "https" if request.headers.get("x-forwarded-proto") in ("https", "wss") else "http"
@@ -193,7 +186,7 @@ class HttpGateway:
             [({"resource": kind, "method": method}, n) for (kind, method), n in self._requests.items()],
         )
         yield MetricFamily(
-            "rwt_http_streams", "gauge", "Streams of events that are open.", [({}, self._clients.streams)]
+            "rwt_http_streams", "gauge", "Streams of events that are open.", [({}, self._visitors.streams)]
         )
         yield MetricFamily(
             "rwt_http_goals", "gauge", "Goals that can be asked for.", [({}, len(self._actions.goals))]

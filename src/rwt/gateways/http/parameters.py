@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 PATH: Final = "/api/parameters/"
 
 ANSWER_SECONDS: Final = 10.0
-"""How long a node may take to answer for its parameters."""
+"""Timeout of a node's parameter services, in seconds."""
 
 
-class Parameters:
+class ParameterPages:
     """The pages of parameters: ``/node:name`` on ROS 2, ``/name`` on ROS 1.
 
     Args:

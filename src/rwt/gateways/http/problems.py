@@ -1,4 +1,4 @@
-"""What goes wrong, as clients read it: problem details (RFC 9457), with what, where and what instead."""
+"""Errors as problem details (RFC 9457): what failed, where, and what to do instead."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 CONTENT_TYPE: Final = "application/problem+json"
 
 
-class Kind(NamedTuple):
+class ProblemKind(NamedTuple):
     """One kind of problem: its status, its title, and what can be done, for the page that explains it."""
 
     status: int
@@ -42,35 +42,43 @@ class Kind(NamedTuple):
     instead: str
 
 
-KINDS: Final[Mapping[str, Kind]] = MappingProxyType(
+KINDS: Final[Mapping[str, ProblemKind]] = MappingProxyType(
     {
-        "invalid-request": Kind(400, "The request cannot be read", "correct what the detail names"),
-        "invalid-name": Kind(400, "Not a name that ROS allows", "names are like `odom` or `arm/state`"),
-        "not-authenticated": Kind(401, "Credentials are needed", "send `Authorization: Bearer TOKEN`"),
-        "not-allowed": Kind(403, "The role does not allow this", "ask for a role that does"),
-        "gate-refused": Kind(
+        "invalid-request": ProblemKind(400, "The request cannot be read", "correct what the detail names"),
+        "invalid-name": ProblemKind(
+            400, "Not a name that ROS allows", "names are like `odom` or `arm/state`"
+        ),
+        "not-authenticated": ProblemKind(401, "Credentials are needed", "send `Authorization: Bearer TOKEN`"),
+        "not-allowed": ProblemKind(403, "The role does not allow this", "ask for a role that does"),
+        "gate-refused": ProblemKind(
             403, "A rule of the gate does not let this through", "do what the rule asks for"
         ),
-        "not-found": Kind(404, "Nothing of that name is here", "the lists above it name what there is"),
-        "no-message": Kind(404, "No message is kept", "wait for the next one with `?wait=SECONDS`"),
-        "method-not-allowed": Kind(405, "Not possible here", "use one of the methods that `Allow` names"),
-        "not-acceptable": Kind(406, "Not in a form that was asked for", "accept application/json"),
-        "conflict": Kind(409, "In contradiction to what is here", "use the type and policies that are here"),
-        "goal-rejected": Kind(409, "The goal was rejected", "send another, or send it later"),
-        "misdirected": Kind(421, "Perhaps at another process", "ask again over another connection"),
-        "too-large": Kind(413, "More than may be sent", "send every field of the type, or less"),
-        "unsupported-media-type": Kind(
+        "not-found": ProblemKind(
+            404, "Nothing of that name is here", "the lists above it name what there is"
+        ),
+        "no-message": ProblemKind(404, "No message is kept", "wait for the next one with `?wait=SECONDS`"),
+        "method-not-allowed": ProblemKind(
+            405, "Not possible here", "use one of the methods that `Allow` names"
+        ),
+        "not-acceptable": ProblemKind(406, "Not in a form that was asked for", "accept application/json"),
+        "conflict": ProblemKind(
+            409, "In contradiction to what is here", "use the type and policies that are here"
+        ),
+        "goal-rejected": ProblemKind(409, "The goal was rejected", "send another, or send it later"),
+        "misdirected": ProblemKind(421, "Perhaps at another process", "ask again over another connection"),
+        "too-large": ProblemKind(413, "More than may be sent", "send every field of the type, or less"),
+        "unsupported-media-type": ProblemKind(
             415, "Not a form that is read here", "send application/json or application/cbor"
         ),
-        "invalid-message": Kind(
+        "invalid-message": ProblemKind(
             422, "The body does not fit its type", "the document names the type's fields"
         ),
-        "unknown-type": Kind(422, "No such type is known", "name one as `std_msgs/String`"),
-        "parameter-rejected": Kind(422, "The parameter cannot have that value", "send another value"),
-        "too-much": Kind(429, "As much as may be", "wait, or end something"),
-        "service-failed": Kind(502, "The service said that it failed", "its reason is in the detail"),
-        "provider-gone": Kind(503, "Whoever offers it has gone away", "try again"),
-        "timeout": Kind(504, "Nothing came in time", "wait longer, with `?wait=` or `?timeout=`"),
+        "unknown-type": ProblemKind(422, "No such type is known", "name one as `std_msgs/String`"),
+        "parameter-rejected": ProblemKind(422, "The parameter cannot have that value", "send another value"),
+        "too-much": ProblemKind(429, "As much as may be", "wait, or end something"),
+        "service-failed": ProblemKind(502, "The service said that it failed", "its reason is in the detail"),
+        "provider-gone": ProblemKind(503, "Whoever offers it has gone away", "try again"),
+        "timeout": ProblemKind(504, "Nothing came in time", "wait longer, with `?wait=` or `?timeout=`"),
     }
 )
 """Every kind of problem, by the last part of its `type`."""
@@ -129,7 +137,7 @@ class HttpProblem(Exception):
 
 
 REFUSALS: Final = (HttpProblem, RobotError, AccessError)
-"""What a page may raise that is its client's to know."""
+"""Exceptions of a page whose texts are sent to the client."""
 
 
 def problem_of(error: Exception) -> HttpProblem:
@@ -164,6 +172,6 @@ def answer(request: HttpRequest, problem: HttpProblem) -> HttpResponse:
 
 
 def refusal(request: HttpRequest, refused: Refused) -> HttpResponse:
-    """What a request hears that was refused before it came to its page."""
+    """Return the response to a request that was refused before it reached its page."""
     kind = _OF_STATUS.get(refused.status, "invalid-request")
     return answer(request, HttpProblem(kind, refused.reason, headers=refused.headers))

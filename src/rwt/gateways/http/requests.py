@@ -17,7 +17,8 @@ from rwt_interfaces.payload import LARGE_BYTES, Payload
 from rwt_interfaces.serialise.json import require_quick_numbers
 from rwt_interfaces.steps import finished
 from rwt_protocol.codecs import CBOR as CBOR_CODEC
-from rwt_protocol.codecs.base import DecodeFailure, SplitLimits
+from rwt_protocol.codecs.base import DecodeFailure
+from rwt_protocol.limits import WireLimits
 from rwt_protocol.payloads import Decoded
 from rwt_transports.turns import in_turns
 
@@ -32,7 +33,7 @@ _MOST_BRACKETS: Final = 32 * 1024
 """Objects and arrays of a larger body, unless it has every field of its type as ROS writes it: each becomes
 an object in memory many times its size."""
 
-_CBOR_LIMITS: Final = SplitLimits(max_depth=100, max_structure=64 * 1024)
+_CBOR_LIMITS: Final = WireLimits(max_depth=100, structure_bytes=64 * 1024)
 
 _MOST_PARAMETERS: Final = 20
 

@@ -15,7 +15,7 @@ Schema = dict[str, object]
 _SEXTET: Final = "[A-Za-z0-9+/]"
 
 INCOMING: Final = ".Input"
-"""What the name of a type's schema ends in where fields may be left out: then they take their defaults."""
+"""Suffix of the name of a type's schema in which fields may be left out and take their defaults."""
 
 
 class Schemas:
@@ -114,7 +114,7 @@ class Schemas:
 
 
 def _base64(length: int | None) -> str:
-    """What text of so many octets looks like in padded base64 (RFC 4648 section 4); None: of any number."""
+    """Return the pattern of so many octets in padded base64 (RFC 4648 section 4); None: any number."""
     if length is None:
         return f"^({_SEXTET}{{4}})*({_SEXTET}{{2}}==|{_SEXTET}{{3}}=)?$"
     rest = ("", "{2}==", "{3}=")[length % 3]

@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 PATH: Final = "/api/services/"
 
 CALL_SECONDS: Final = 10.0
-"""How long a call may take whose client says nothing."""
+"""Default timeout of a call, in seconds."""
 
 
-class Services:
+class ServicePages:
     """The pages of services.
 
     Args:

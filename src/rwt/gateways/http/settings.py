@@ -1,4 +1,4 @@
-"""What an operator can set about the HTTP gateway: the model alone."""
+"""Settings of the HTTP gateway: the model alone."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 PATH: Final = "/api/topics/"
 
 WAIT_SECONDS: Final = 5.0
-"""How long the next message is waited for where none is kept and the request does not say."""
+"""Default time to wait for the next message if none is retained, in seconds."""
 
 _MARK: Final = object()
 """Under which a client of the gateway advertises what it publishes on."""
@@ -52,7 +52,7 @@ _EVENTS: Final = 100
 _INSTEAD: Final = "read faster, ask for fewer with ?throttle=SECONDS, or let more wait with ?queue=COUNT"
 
 
-class Topics:
+class TopicPages:
     """The pages of topics.
 
     Args:
@@ -153,7 +153,7 @@ class Topics:
 
 
 def _publisher(graph: ClientGraph, name: str, type: str | None, is_latched: bool) -> ClientPublisher:
-    """What publishes on a topic as long as the client is there.
+    """Return a publisher for a topic, which lasts as long as the client is present.
 
     Raises:
         RobotError, AccessError: as :meth:`rwt.access.client_graph.ClientGraph.publisher`.
@@ -241,7 +241,7 @@ class TopicEvents:
                 self._stream.replay(sample, self._throttle)
 
     def allowed(self, graph: ClientGraph) -> bool:
-        """Whether the role that the client has now may see the topic."""
+        """Return True if the client's present role may see the topic."""
         return graph.may_subscribe(self._name)
 
     def end(self) -> None:

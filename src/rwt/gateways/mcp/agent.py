@@ -1,4 +1,4 @@
-"""Who asks: one agent during one request, with the robot as it may see it and the bounds that it keeps to."""
+"""One agent during one request: the robot as it may see it, and its limits."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rwt_participant.messages import Message
 
 Act = Literal["publish", "call", "goals", "set_param"]
-"""What changes something at the robot: the names of the rights in the settings of roles."""
+"""Acts that change something at the robot, by the names of the rights in the settings of roles."""
 
 
 class ReportProgress(Protocol):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping, MutableMapping
 from http import HTTPStatus
 from types import MappingProxyType
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import anyio
 
-from rwt.gateways.mcp.metered import Metered
+from rwt.gateways.visitors import Metered
 from rwt_transports.http.routes import TEXT, HttpResponse
 
 if TYPE_CHECKING:
@@ -134,7 +135,7 @@ class Exchange:
     async def _run(self) -> None:
         try:
             with self._cancel:
-                await Metered(self._answer(), self._charge)
+                await Metered(self._answer(), self._charge, time.monotonic)
         finally:
             self._started.set()
             self._written.close()
@@ -193,7 +194,7 @@ class Exchange:
 
 
 class _Body(AsyncIterator[bytes]):
-    """What an application writes. Closed before its end, or before its beginning, it ends the exchange."""
+    """Body that an application writes. Closing it before its end ends the exchange."""
 
     def __init__(self, chunks: MemoryObjectReceiveStream[bytes], leave: Callable[[], None]) -> None:
         self._chunks = chunks

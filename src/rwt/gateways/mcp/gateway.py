@@ -6,12 +6,11 @@ import html
 import json
 import logging
 import time
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import version
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
 import anyio
@@ -23,8 +22,8 @@ from mcp_types.version import HANDSHAKE_PROTOCOL_VERSIONS
 
 from rwt.access.audit import LineRate, one_line
 from rwt.access.roles import glob_pattern
-from rwt.delivery.http_traffic import Visitors
-from rwt.delivery.shared_graph import SharedGraph
+from rwt.access.settings import LINGER_SECONDS
+from rwt.gateways.base import Gateway
 from rwt.gateways.mcp.agent import Agent
 from rwt.gateways.mcp.approvals import Questions
 from rwt.gateways.mcp.asgi import Exchange
@@ -33,8 +32,9 @@ from rwt.gateways.mcp.goals import GoalTable
 from rwt.gateways.mcp.graph_robot import GraphRobot
 from rwt.gateways.mcp.server import make_server
 from rwt.gateways.mcp.tools import TOOLS
-from rwt_transports.endpoint import PeerInfo
+from rwt.gateways.visitors import Visitor, Visitors, peer_of
 from rwt_transports.errors import Refused
+from rwt_transports.http.addresses import network_of
 from rwt_transports.http.routes import (
     Audience,
     HttpExtension,
@@ -45,7 +45,6 @@ from rwt_transports.http.routes import (
     any_of,
     is_local,
 )
-from rwt_transports.limits import network_of
 
 if TYPE_CHECKING:
     from anyio.abc import TaskGroup
@@ -55,7 +54,6 @@ if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
     from rwt.access.gate.approvals import Approval
     from rwt.access.gate.gate import Gate
-    from rwt.access.gateway import AcceptPeer
     from rwt.access.graph_view import GraphView
     from rwt.access.roles import Role
     from rwt.gateways.mcp.agent import Act
@@ -64,17 +62,15 @@ if TYPE_CHECKING:
     from rwt.gateways.mcp.server import Allow
     from rwt.gateways.mcp.settings import McpSettings
     from rwt_graph.api import Graph
+    from rwt_transports.endpoint import PeerInfo
 
 logger = logging.getLogger(__name__)
 
 PATH: Final = "/mcp"
-"""Where agents are served."""
+"""Path at which agents are served."""
 
 NODE: Final = "/mcp"
-"""The node as which all agents act."""
-
-#: Seconds that a publisher of an agent outlives it, as those of rosbridge's clients do.
-_LINGER_SECONDS: Final = 10.0
+"""Absolute name of the node as which all agents act."""
 
 #: Seconds by which a yes holds for longer than what it is for, so that the robot can be stopped at the end.
 _STOP_SECONDS: Final = 2.0
@@ -90,14 +86,14 @@ _CALLER: Final = "rwt.caller"
 
 @dataclass(eq=False, slots=True)
 class _Caller:
-    """Who has sent one request.
+    """Sender of one request, until the response is complete or nobody reads it any more.
 
     Attributes:
-        info: what is known of it.
-        role: by its token, or that of agents without one.
-        is_stream: whether it only listens.
-        at_end: called when nobody hears the answer any more.
-        clients: those that act for it now.
+        info: the request as admission knows connections.
+        role: role by its token, or that of agents without a token. May change while the request is served.
+        is_stream: True if the request only opens a stream of events.
+        at_end: callbacks of what runs for the request, called when nobody reads the response any more.
+        clients: views of the graph in use for the request.
     """
 
     info: PeerInfo
@@ -108,23 +104,26 @@ class _Caller:
 
     @property
     def owner(self) -> str:
-        """Agents of one role at one address are one."""
+        """Identity of the agent: agents of one role at one address count as one."""
         return f"{self.role.name}@{network_of(self.info.address)}"
 
     def leave(self) -> None:
-        """End what is done for it."""
+        """Cancel what runs for the request."""
         for end in self.at_end:
             end()
 
 
 @dataclass(slots=True)
 class _Session:
-    """A session of the protocol's older versions.
+    """Session of an older protocol version.
+
+    It is **in use** while requests of it are in flight, and then **idle** until the next one; the SDK ends it
+    after `mcp.session_idle_seconds`, which :meth:`McpGateway._forget_ended_sessions` follows.
 
     Attributes:
-        network: of whoever opened it.
-        used_at: when a request of it was last under way.
-        under_way: how many are.
+        network: network of the address that opened it.
+        used_at: monotonic time at which a request of it last ended.
+        under_way: number of requests in flight.
     """
 
     network: str
@@ -132,26 +131,27 @@ class _Session:
     under_way: int = 0
 
 
-class McpGateway:
-    """Agents in front of a graph. One is made for a server; needs the extra `mcp`.
+class McpGateway(Gateway):
+    """Agents over the Model Context Protocol, as the node `/mcp`. Needs the extra `mcp`.
 
-    Attributes:
-        name: of the protocol.
-        shared: the part in the graph that all agents share, as the node `/mcp`.
-        clients: nobody has a connection of its own.
+    Attributes by purpose:
+
+    * Requests that are being answered: ``_callers``; ``_visitors`` counts the agents behind them as clients.
+    * Sessions of older protocol versions: ``_sessions``, and the SDK's own in ``_manager``.
+    * Running: ``_tasks`` and ``_is_up`` (set once the SDK's manager runs), ``_threads``.
+    * Counters and log: ``_tool_calls``, ``_refused``, ``_log_rate``.
+    * What agents have: ``_goals``, ``questions`` (to the person at the agent's program), ``_recordings``.
 
     Args:
         graph: the robot.
-        access: who may do what.
-        settings: see there.
-        recordings: what agents may look at.
-        several_processes: whether other processes serve the same port: then no session is kept, since the
-            next request may come to another one.
+        access: access rules of the server.
+        settings: settings of the operator.
+        recordings: recordings that agents may read; None for none.
+        several_processes: True if other processes serve the same port. Then no session is kept, because the
+            next request may reach another process.
     """
 
-    name: Final = "mcp"
-    clients: tuple[()] = ()
-    websockets: Mapping[str, AcceptPeer] = MappingProxyType({})
+    name = "mcp"
 
     def __init__(
         self,
@@ -162,14 +162,10 @@ class McpGateway:
         *,
         several_processes: bool = False,
     ) -> None:
-        self._graph = graph
-        self._access = access
+        super().__init__(graph, access, NODE, LINGER_SECONDS)
         self._settings = settings
         self._recordings = recordings
-        self.shared = SharedGraph(
-            graph, NODE, _LINGER_SECONDS, partial(access.audit.write, logging.INFO, "%s")
-        )
-        self._visitors = Visitors(self.shared.counters, graph.clock, _LINGER_SECONDS)
+        self._visitors: Visitors[Visitor] = Visitors(self.shared.counters, graph.clock, LINGER_SECONDS)
         self._goals = GoalTable(settings.goals, several_processes=several_processes)
         self._asks_about = any_of(settings.confirm)
         self._callers: set[_Caller] = set()
@@ -188,7 +184,7 @@ class McpGateway:
             session_idle_timeout=settings.session_idle_seconds,
             max_sessions=settings.sessions,
         )
-        self.http: HttpExtension[GraphView] = HttpExtension(
+        self.http = HttpExtension(
             tuple(Route(PATH, self._page, Audience.ADMITTED, method) for method in ("POST", "GET", "DELETE")),
             self._section,
             self._metrics,
@@ -221,12 +217,12 @@ class McpGateway:
         if self._tasks is not None:
             self._tasks.cancel_scope.cancel()
         self._visitors.close()
-        self.shared.close()
+        super().close()
 
     # -- requests --------------------------------------------------------------------------------------------
 
     async def _page(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        info = PeerInfo("http", request.address, 0, f"{request.path}?{request.query}", request.headers)
+        info = peer_of(request)
         try:
             role = self._role(info)
             self._check_room(request)
@@ -238,9 +234,8 @@ class McpGateway:
             return _refusal(Refused(503, "this server is closing"))
         caller = _Caller(info, role, request.method == "GET")
         self._callers.add(caller)
-        # Its role may be another one when it goes.
-        visitor = caller.owner
-        self._visitors.begin(visitor)
+        visitor = self._visitors.find(caller.owner, Visitor)
+        visitor.hold()
         session = self._sessions.get(request.headers.get("mcp-session-id", ""))
         if session is not None:
             session.under_way += 1
@@ -265,7 +260,7 @@ class McpGateway:
         Raises:
             Refused: its token is not known, or the settings name a role that is not there any more.
         """
-        admission = self._access.admission
+        admission = self.access.admission
         role = admission.role_of_token(info)
         if role is None and admission.default_role is not None:
             role = admission.roles.get(self._settings.default_role)
@@ -274,10 +269,10 @@ class McpGateway:
         return role
 
     def _check_room(self, request: HttpRequest) -> None:
-        """Refuse what would be too much at a time.
+        """Check the limits of requests and sessions.
 
         Raises:
-            Refused: it would.
+            Refused: a limit is reached.
         """
         settings, network = self._settings, network_of(request.address)
         most = settings.request_bytes // 16 if _opens_session(request) else settings.request_bytes
@@ -304,7 +299,7 @@ class McpGateway:
                 raise Refused(429, text, {"Retry-After": "10"})
 
     def _forget_ended_sessions(self) -> None:
-        """Forget those that the SDK has ended for their silence."""
+        """Remove sessions that the SDK has ended because they were idle."""
         over = time.monotonic() - self._settings.session_idle_seconds
         self._sessions = {
             id: each for id, each in self._sessions.items() if each.under_way or each.used_at > over
@@ -320,9 +315,9 @@ class McpGateway:
             self._forget_ended_sessions()
             self._sessions[opened] = _Session(network_of(caller.info.address), time.monotonic())
 
-    def _left(self, caller: _Caller, visitor: str, session: _Session | None) -> None:
+    def _left(self, caller: _Caller, visitor: Visitor, session: _Session | None) -> None:
         self._callers.discard(caller)
-        self._visitors.end(visitor)
+        visitor.release()
         if session is not None:
             session.under_way -= 1
             session.used_at = time.monotonic()
@@ -339,8 +334,8 @@ class McpGateway:
         if running >= self._settings.requests:
             raise ToolError(f"{running} agents are being served now (mcp.requests): try again in a moment")
         name = f"mcp:{_name_of(context)}"
-        client = self._access.client(self.shared, caller.role, caller.info.address, name)
-        gate, leave = self._access.gate, None
+        client = self.access.client(self.shared, caller.role, caller.info.address, name)
+        gate, leave = self.access.gate, None
         if gate is not None and allow is not None:
             leave = partial(self._ask_for_leave, gate, client, caller, allow)
         robot = GraphRobot(client, leave)
@@ -399,7 +394,7 @@ class McpGateway:
         return answer
 
     def asks_about(self, name: str) -> bool:
-        """Whether a person is asked before something is done to what has that name (mcp.confirm)."""
+        """Return True if acts on this name require a person's approval (`mcp.confirm`)."""
         return self._asks_about.fullmatch(name.lower()) is not None
 
     def note(self, context: ServerRequestContext[Any, Any], text: str, *, acts: bool) -> None:
@@ -408,7 +403,7 @@ class McpGateway:
         said = f"the agent {_name_of(context)} ({caller.role.name}, {caller.info.address}): {text}"
         line = self._log_rate.admit(one_line(said), time.monotonic())
         if line is not None:
-            self._access.audit.write(logging.INFO if acts else logging.DEBUG, "%s", line)
+            self.access.audit.write(logging.INFO if acts else logging.DEBUG, "%s", line)
 
     def count(self, tool: str, outcome: str) -> None:
         """Count a call of a tool."""
@@ -454,7 +449,7 @@ def _caller_of(context: ServerRequestContext[Any, Any]) -> _Caller:
 
 
 def _name_of(context: ServerRequestContext[Any, Any]) -> str:
-    """What an agent's program calls itself, cut; it may be anything."""
+    """Return the name that an agent's program gives itself, shortened; it may be anything."""
     params = context.session.client_params
     return "unnamed" if params is None else one_line(params.client_info.name[:60]) or "unnamed"
 
@@ -465,13 +460,13 @@ def _asked_by(gate: Gate, client: ClientGraph) -> Approval | None:
 
 
 def _acts(role: Role) -> frozenset[Act]:
-    """What tools a role can make any use of; the services of rosapi, open to all, are behind others."""
+    """Return the acts that a role allows at all; the services of rosapi, open to all, do not count."""
     acts: tuple[Act, ...] = ("publish", "call", "goals", "set_param")
     return frozenset(act for act in acts if any(not glob.startswith("/rosapi/") for glob in role.globs[act]))
 
 
 def _opens_session(request: HttpRequest) -> bool:
-    """Whether a request would begin a session of the protocol's older versions."""
+    """Return True if a request would open a session of an older protocol version."""
     spoken = request.headers.get("mcp-protocol-version")
     older = spoken is None or spoken in HANDSHAKE_PROTOCOL_VERSIONS
     return request.method == "POST" and older and "mcp-session-id" not in request.headers

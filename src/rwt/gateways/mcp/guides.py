@@ -20,7 +20,7 @@ Lengths are metres, angles radians, times seconds, unless a field says otherwise
 left, z is up. Things take time: wait for what you have asked for (`wait_for`, `send_goal`) instead of asking
 again and again. Look before you act, and act in small steps. A refusal names the setting that would allow it;
 tell the person instead of trying another way round it."""
-"""What every agent is told when it connects."""
+"""Instructions that every agent gets when it connects."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class Resource:
 
     @property
     def is_template(self) -> bool:
-        """Whether its URI has a name in it."""
+        """True if the URI contains a name."""
         return self.uri.endswith("}")
 
     @property
@@ -87,7 +87,7 @@ RESOURCES: Final = (
 
 
 async def read_resource(agent: Agent, uri: str) -> Answer:
-    """What a URI leads to.
+    """Resource behind a URI.
 
     Raises:
         ToolError: it leads nowhere, or it cannot be read now.

@@ -93,7 +93,7 @@ class Person:
             raise AnswerNeeded(text, word)
 
     def _read_answer(self, owner: str) -> frozenset[str]:
-        """What the person has allowed, by what came with the call."""
+        """Return what the person has allowed, by the response that came with the call."""
         word = self._params.request_state
         answer = (self._params.input_responses or {}).get(KEY)
         if word is None or not isinstance(answer, types.ElicitResult):

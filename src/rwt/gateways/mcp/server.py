@@ -18,9 +18,9 @@ from rwt.access.errors import AccessError
 from rwt.gateways.mcp.content.answer import Part, Picture, as_text
 from rwt.gateways.mcp.errors import AnswerNeeded, ToolError
 from rwt.gateways.mcp.guides import INSTRUCTIONS, PROMPTS, RESOURCES, read_resource
-from rwt.gateways.mcp.metered import Metered
 from rwt.gateways.mcp.person import Person, asked
 from rwt.gateways.mcp.tools import TOOLS
+from rwt.gateways.visitors import Metered
 from rwt_participant.errors import RobotError
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ Allow = Callable[[str, str], Awaitable[None]]
 
 
 class Host(Protocol):
-    """What the server is in: who an agent is, and which acts a person is asked about."""
+    """Surroundings of the server: identifies agents, and names the acts that require approval."""
 
     questions: Questions
 
@@ -48,7 +48,7 @@ class Host(Protocol):
         Raises :exc:`ToolError` to refuse it."""
 
     def asks_about(self, name: str) -> bool:
-        """Whether a person is asked before something is done to what has that name."""
+        """Return True if acts on this name require a person's approval."""
 
     def note(self, context: Context, text: str, *, acts: bool) -> None:
         """Write into the audit what an agent does."""
@@ -80,7 +80,7 @@ def make_server(host: Host, version: str) -> Server[Any]:
 
 
 class _Handlers:
-    """What answers each request of the protocol."""
+    """Handlers of the protocol's requests."""
 
     def __init__(self, host: Host) -> None:
         self._host = host
@@ -112,7 +112,7 @@ class _Handlers:
                     confirm=partial(self._confirm, context, person, agent.owner),
                     report_progress=context.session.report_progress,
                 )
-                answer = await Metered(tool(heard, given), agent.charge)
+                answer = await Metered(tool(heard, given), agent.charge, self._host.monotonic)
         except AnswerNeeded as needed:
             self._host.count(tool.name, "asked")
             return asked(needed)
@@ -169,7 +169,7 @@ class _Handlers:
         self._host.note(context, f"read {uri}", acts=False)
         try:
             async with self._host.agent(context) as agent:
-                answer = await Metered(read_resource(agent, uri), agent.charge)
+                answer = await Metered(read_resource(agent, uri), agent.charge, self._host.monotonic)
         except (ToolError, RobotError, AccessError) as error:
             raise MCPError(types.INVALID_PARAMS, str(error)) from None
         return types.ReadResourceResult(contents=[_resource_content(uri, part) for part in answer])

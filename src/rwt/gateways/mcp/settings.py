@@ -1,4 +1,4 @@
-"""What an operator can set about agents."""
+"""Settings of the gateway for agents."""
 
 from __future__ import annotations
 

@@ -1,18 +1,16 @@
-"""The rosbridge gateway: the clients of one graph, and what they share."""
+"""The rosbridge gateway: its clients, and what they share."""
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Mapping
-from functools import partial
-from typing import TYPE_CHECKING, Final, Never
+from operator import attrgetter
+from typing import TYPE_CHECKING, Final, Never, TypeVar
 
 from rwt.access.access import Access
 from rwt.access.errors import AccessError
 from rwt.access.settings import SettingsError
-from rwt.delivery.shared_graph import SharedGraph
-from rwt.delivery.turns import client_turns
-from rwt.gateways.rosbridge.ops import actions, auth, services, topics
+from rwt.gateways.base import ConnectionGateway
+from rwt.gateways.rosbridge.ops import actions, services, topics
 from rwt.gateways.rosbridge.ops.offers import Offers
 from rwt.gateways.rosbridge.peer import Peer
 from rwt.gateways.rosbridge.pending_auth import PendingAuth
@@ -21,12 +19,11 @@ from rwt_participant.errors import RobotError
 from rwt_participant.qos import LATCHED
 from rwt_protocol import ops
 from rwt_protocol.codecs import CODECS, Codec, Encoding, bson_codec, encoding_of
-from rwt_protocol.codecs.base import SplitLimits
 from rwt_protocol.dispatcher import Dispatcher
 from rwt_protocol.errors import EncodingUnavailable
-from rwt_protocol.fragments import FragmentLimits
+from rwt_protocol.limits import WireLimits
 from rwt_protocol.profiles import PROFILES
-from rwt_protocol.session import Session, WireLimits
+from rwt_protocol.session import Session
 
 if TYPE_CHECKING:
     from rwt.access.roles import Role
@@ -39,43 +36,55 @@ if TYPE_CHECKING:
     from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 
 
-HANDLERS: Final[Mapping[type[ops.Op], Callable[[Peer, Never], Steps | None]]] = {
-    **topics.HANDLERS,
-    **services.HANDLERS,
-    **actions.HANDLERS,
-    **auth.HANDLERS,
+P = TypeVar("P")
+_Handlers = Mapping[type[ops.Op], Callable[[Peer, Never], "Steps | None"]]
+
+
+def _handlers_of(
+    handlers: Mapping[type[ops.Op], Callable[[P, Never], Steps | None]], part: Callable[[Peer], P]
+) -> _Handlers:
+    """Bind handlers of one part of a client, such as its topics, to the client."""
+
+    def bind(handler: Callable[[P, Never], Steps | None]) -> Callable[[Peer, Never], Steps | None]:
+        return lambda peer, op: handler(part(peer), op)
+
+    return {model: bind(handler) for model, handler in handlers.items()}
+
+
+HANDLERS: Final[_Handlers] = {
+    **_handlers_of(topics.HANDLERS, attrgetter("topics")),
+    **_handlers_of(services.HANDLERS, attrgetter("services")),
+    **_handlers_of(actions.HANDLERS, attrgetter("actions")),
+    ops.Auth: Peer.authenticate,
 }
 
 
 GATEWAY_NODE: Final = "/rosbridge_websocket"
-"""The node as which all clients act."""
+"""Absolute name of the node as which all clients act."""
 
 
-class Bridge:
-    """Connects rosbridge clients to a graph.
+class Bridge(ConnectionGateway[Peer]):
+    """The rosbridge gateway: connects rosbridge clients to a graph, as the node `/rosbridge_websocket`.
 
     Attributes:
-        name: of the protocol.
-        settings: what the operator has set.
-        access: who may do what.
-        shared: the part in the graph that all clients share, as the node `/rosbridge_websocket`.
-        dispatcher: which handler does which op.
-        orphans: running goals of clients that have gone.
-        service_offers: the services that clients offer.
-        action_offers: the actions that clients offer.
-        turns: of clients that cause more work than they may.
+        settings: settings of the operator.
+        dispatcher: handlers by op.
+        orphans: running goals of clients that have left.
+        service_offers: services that clients offer.
+        action_offers: actions that clients offer.
+        loading: loads numpy beside the event loop; None loads it on first use.
 
     Args:
         graph: the robot.
-        settings: see above.
-        access: see above; None for one of the bridge's own, which knows of no service what it reveals.
-        loading: what loads numpy beside the event loop; None to load it where it is needed.
+        settings: settings of the operator.
+        access: access rules of the server; by default the bridge makes its own, which know no disclosures.
+        loading: see above.
 
     Raises:
         SettingsError: a file that the settings name cannot be used, or a package is missing.
     """
 
-    name: Final = "rosbridge"
+    name = "rosbridge"
 
     def __init__(
         self,
@@ -84,122 +93,75 @@ class Bridge:
         access: Access | None = None,
         loading: NumpyLoading | None = None,
     ) -> None:
+        super().__init__(graph, access or Access(graph, settings), GATEWAY_NODE, settings.unregister_timeout)
+        self._owns_access = access is None
         self.settings = settings
         self.loading = loading
-        self.access = access or Access(graph, settings)
-        self._owns_access = access is None
-        self.shared = SharedGraph(
-            graph,
-            GATEWAY_NODE,
-            settings.unregister_timeout,
-            partial(self.access.audit.write, logging.INFO, "%s"),
-        )
         self.orphans = actions.OrphanedGoals()
         self.service_offers: Offers[services.Asked] = Offers()
         self.action_offers: Offers[actions.Accepted] = Offers()
-        self.turns = client_turns(graph.clock)
         self._connected = ConnectedClients(self.shared.participant, graph.registry, graph.clock)
         self._codec = _exclusive_codec(settings)
-        self._peers: dict[int, Peer] = {}
-        self._count = 0
         self.dispatcher: Dispatcher[Peer] = Dispatcher(
-            HANDLERS, on_error=self._log_error, refusals=(RobotError, AccessError), later=Peer.work
+            HANDLERS, on_error=_log_error, refusals=(RobotError, AccessError), later=Peer.work
         )
 
-    @property
-    def peers(self) -> tuple[Peer, ...]:
-        """The clients that are connected, in the order they came."""
-        return tuple(self._peers.values())
-
-    @property
-    def clients(self) -> tuple[Peer, ...]:
-        """The same, as every gateway has them."""
-        return self.peers
-
-    @property
-    def client_count(self) -> int:
-        """How many clients are connected."""
-        return len(self._peers)
-
     def accept(self, sink: Sink, info: PeerInfo, *, loopback: bool = True) -> Endpoint:
-        """Take in a new client.
+        """Accept a new client, see :class:`~rwt.gateways.base.AcceptPeer`.
 
-        Args:
-            sink: where to write to it.
-            info: what the transport knows of it.
-            loopback: whether it came over a listener that is only reached from this machine.
-
-        Raises:
-            Refused: it may not come in.
+        A client without credentials may have to send an `auth` op before anything else.
         """
         admission = self.access.admission
         role = admission.admit(info, loopback=loopback)
         limits = _wire_limits(self.settings)
         session = Session(PROFILES[self.settings.profile], limits=limits, codec=self._codec)
-        join = partial(self._join, sink, info, session)
         if role is not None:
-            return join(role)
-        join = partial(join, by_auth=True)
+            return self._join(sink, info, session, role)
+
+        def join(role: Role) -> Peer:
+            peer = self._join(sink, info, session, role)
+            peer.is_role_by_auth = True
+            return peer
+
         clock = self.shared.graph.clock
         return PendingAuth(join, sink, info, session, admission, clock, self.settings.auth.seconds)
 
-    def reload_roles(self) -> None:
-        """Give each client the role that the settings give it now, after
-        :meth:`rwt.access.admission.Admission.reload`.
-
-        A client keeps its connection unless it is not let in any more; what its role does not allow any more
-        ends.
-        """
-        for peer in self.peers:
-            peer.reload_role()
-
-    def _join(
-        self, sink: Sink, info: PeerInfo, session: Session, role: Role, *, by_auth: bool = False
-    ) -> Peer:
-        """Make a client of a connection whose role is known, perhaps from an `auth` op."""
-        self._count += 1
-        graph = self.access.client(self.shared, role, info.address, f"rosbridge:{self._count}")
-        peer = Peer(self, self._count, sink, info, session, graph, by_auth=by_auth)
-        self._peers[peer.number] = peer
-        where = info.address or "?"
-        self.access.audit.write(
-            logging.INFO, "client %d joined from %s over %s", peer.number, where, info.transport,
-            client=peer.number,
-        )  # fmt: skip
-        self.shared.counters.clients += 1
+    def _join(self, sink: Sink, info: PeerInfo, session: Session, role: Role) -> Peer:
+        peer = self.join(role, info, lambda number, graph: Peer(self, number, sink, info, session, graph))
         self._connected.joined(peer.number, info.address)
         return peer
 
     def encoding_of(self, compression: str) -> Encoding:
-        """How a client that asks for `compression` gets its samples."""
+        """Return the encoding of samples for a client that asks for `compression`."""
         return encoding_of(compression) if self._codec is None else CODECS["bson"]
 
-    def left(self, peer: Peer) -> None:
-        """Forget a client."""
-        del self._peers[peer.number]
-        self.shared.counters.left(peer.messages, peer.sink.traffic)
-        self._connected.left(peer.number)
+    def left(self, client: Peer) -> None:
+        """Remove a client whose connection has ended."""
+        super().left(client)
+        self._connected.left(client.number)
 
     def close(self) -> None:
         """Leave the graph."""
-        self.shared.close()
+        super().close()
         if self._owns_access:
             self.access.close()
 
-    def _log_error(self, peer: Peer, op: ops.Op, error: Exception) -> None:
-        self.access.audit.write(
-            logging.ERROR, "internal error in %s", op.op, client=peer.number, op_id=op.id, error=error
-        )
+
+def _log_error(peer: Peer, op: ops.Op, error: Exception) -> None:
+    peer.replies.log_internal_error(op.op, error, op.id)
 
 
 def _wire_limits(settings: BridgeSettings) -> WireLimits:
-    """The bounds that a session keeps."""
+    """Return the limits of one client's session."""
     limits = settings.limits
-    fragments = FragmentLimits(
-        limits.fragmented_messages, limits.fragment_characters, limits.fragment_seconds
+    return WireLimits(
+        settings.max_message_size,
+        limits.max_depth,
+        limits.structure_bytes,
+        limits.fragmented_messages,
+        limits.fragment_characters,
+        limits.fragment_seconds,
     )
-    split = SplitLimits(limits.max_depth, limits.structure_bytes)
-    return WireLimits(settings.max_message_size, split, fragments)
 
 
 def _exclusive_codec(settings: BridgeSettings) -> Codec | None:

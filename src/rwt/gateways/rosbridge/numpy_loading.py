@@ -9,7 +9,7 @@ import threading
 from importlib import import_module
 from typing import TYPE_CHECKING, Final
 
-from rwt_protocol.brackets import has_more_brackets
+from rwt_protocol.limits import has_more_brackets
 
 if TYPE_CHECKING:
     from rwt_protocol.frames import Buffer
@@ -35,7 +35,7 @@ class NumpyLoading:
         self.is_over = False
 
     def holds_up(self, data: Buffer, binary: bool) -> bool:
-        """Whether a message waits until numpy is there."""
+        """Return True if a message has to wait until numpy is loaded."""
         if self.is_over or len(data) <= LARGE:
             return False
         if self._thread is None:

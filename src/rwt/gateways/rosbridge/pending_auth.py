@@ -1,4 +1,4 @@
-"""A connection that must authenticate first: nothing of it reaches the graph before (AUT-01, AUT-08)."""
+"""Connections that must authenticate first: nothing of them reaches the graph before (AUT-01, AUT-08)."""
 
 from __future__ import annotations
 
@@ -13,33 +13,46 @@ if TYPE_CHECKING:
 
     from rwt.access.admission import Admission
     from rwt.access.roles import Role
-    from rwt.gateways.rosbridge.peer import Peer
     from rwt_graph.clock import Clock
     from rwt_participant.timers import Timer
     from rwt_protocol.session import Session
-    from rwt_transports.endpoint import PeerInfo, Sink
+    from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 
 
-#: Bytes that an `auth` op may take; strangers are not worth more memory.
-_LONGEST_AUTH: Final = 16 * 1024
+#: Size limit of an `auth` op, in bytes. It bounds the memory of connections without credentials.
+_MAX_AUTH_BYTES: Final = 16 * 1024
 
 
 class PendingAuth:
-    """The endpoint of a connection until its first valid `auth`, which hands over to a peer.
+    """Endpoint of a connection until its first message, which must be a valid `auth` op.
 
-    Anything but `auth` closes the connection: another op, an op that the session itself would do, a piece of
-    a fragmented message, bytes that are no message, silence for `auth.seconds`.
+    Life cycle::
+
+        waiting ── valid `auth` ──────────────────> handed over to a peer
+           │
+           └── anything else, or `auth.seconds` ──> closed
+
+    Anything else is: another op, an op that the session itself would handle, a fragment, an invalid message.
+
+    Args:
+        join: makes the connection a client of that role.
+        sink: the connection.
+        info: what the transport knows of it.
+        session: wire state of the client.
+        admission: verifies the `auth` op, and logs refusals.
+        clock: clock of the timeout.
+        timeout: seconds until the connection is closed.
     """
 
     def __init__(
         self,
-        join: Callable[[Role], Peer],
+        join: Callable[[Role], Endpoint],
         sink: Sink,
         info: PeerInfo,
         session: Session,
         admission: Admission,
         clock: Clock,
-        patience: float,
+        timeout: float,
     ) -> None:
         self._join = join
         self._sink = sink
@@ -47,25 +60,25 @@ class PendingAuth:
         self._session = session
         self._admission = admission
         self._monotonic = clock.monotonic
-        self._shut = False
-        self._timer: Timer | None = clock.call_later(patience, self._too_late)
+        self._is_decided = False  # True once handed over or closed.
+        self._timer: Timer | None = clock.call_later(timeout, self._too_late)
 
     def receive(self, data: bytes, binary: bool) -> None:
-        """Take the first message, which decides; one frame holds the `auth` and nothing else."""
-        if not self._shut:
+        """Read the first message: one frame with the `auth` op and nothing else."""
+        if not self._is_decided:
             self._first(data, binary)
 
     def oversized(self, size: int, limit: int, head: bytes) -> None:
-        """A message was too large to be taken from the wire."""
+        """Called for a message over the size limit."""
         self._turn_away("this server wants `auth` as the first message")
 
     def closed(self, code: int, reason: str) -> None:
-        """The connection has ended."""
+        """Called when the connection has ended."""
         self._stop_timer()
-        self._shut = True
+        self._is_decided = True
 
     def _first(self, data: bytes, binary: bool) -> None:
-        if len(data) > _LONGEST_AUTH:
+        if len(data) > _MAX_AUTH_BYTES:
             self._turn_away("this server wants `auth` as the first message")
             return
         items = self._session.decode(data, binary, self._monotonic())
@@ -79,11 +92,11 @@ class PendingAuth:
             self._turn_away(str(refused))
             return
         self._stop_timer()
-        self._shut = True
+        self._is_decided = True
         self._sink.hand_over(self._join(role))
 
     def _turn_away(self, reason: str) -> None:
-        self._shut = True
+        self._is_decided = True
         self._stop_timer()
         self._admission.log_refusal(self._info, reason)
         self._sink.close(POLICY, reason)

@@ -1,17 +1,15 @@
-"""How one client is answered: every op that goes to it, and no sample of a topic."""
+"""Replies to one client: every op that is sent to it, besides samples."""
 
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from rwt.access.audit import LineRate, is_written, one_line
+from rwt.gateways.base import ControlLane
 from rwt_protocol.ops import ActionResult, ServiceResponse, Status
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from rwt.access.audit import Audit
+    from rwt.gateways.base import ConnectionGateway
     from rwt_interfaces.payload import Payload
     from rwt_protocol.frames import Frame
     from rwt_protocol.ops import Op
@@ -26,48 +24,37 @@ _LOG_LEVELS = {
 }
 
 
-class Replies:
-    """The control lane to one client, with the bound on what it is sent, and the log about it.
+class Replies(ControlLane):
+    """Control lane to one rosbridge client: every op that is sent to it, besides samples.
+
+    Attributes:
+        session: wire state of the client.
 
     Args:
-        number: the client's.
-        sink: its connection.
-        info: what the transport knows of it.
-        session: its wire state.
-        most: bytes of the largest message that it is sent (`limits.outgoing_message_bytes`).
-        audit: the log.
-        monotonic: seconds on a clock that never goes back.
+        bridge: gateway of the client.
+        number: number of the client.
+        sink: connection to the client.
+        info: what the transport knows of the client.
+        session: wire state of the client.
     """
 
-    __slots__ = ("_audit", "_info", "_line_rate", "_monotonic", "_most", "_number", "session", "sink")
+    __slots__ = ("_info", "session")
 
     def __init__(
-        self,
-        number: int,
-        sink: Sink,
-        info: PeerInfo,
-        session: Session,
-        most: int,
-        audit: Audit,
-        monotonic: Callable[[], float],
+        self, bridge: ConnectionGateway[Any], number: int, sink: Sink, info: PeerInfo, session: Session
     ) -> None:
-        self.sink = sink
+        super().__init__(bridge, number, sink)
         self.session = session
-        self._number = number
         self._info = info
-        self._most = most
-        self._audit = audit
-        self._line_rate = LineRate(per_second=1, burst=50)
-        self._monotonic = monotonic
 
     def send(self, op: Op, fragment_size: int | None = None) -> bool:
         """Send one op, in pieces of `fragment_size` characters if that is given (FRG-20).
 
-        A `status` goes only to clients that want to hear it (STA-02). In place of a result that is too large
-        the client gets why, and of anything else that is too large a `status`.
+        A `status` is only sent to clients that ask for its level (STA-02). If the op is too large, the client
+        gets the reason instead: as a failed result, or as a `status`.
 
         Returns:
-            Whether it was sent as it is.
+            True if the op itself was sent.
         """
         frame = self.session.answer(op)
         if frame is None:
@@ -82,18 +69,12 @@ class Replies:
             self.send(Status(level="error", msg=f"{op.op}: {reason}", id=op.id))
         return False
 
-    def respond(self, service: str, values: Payload, id: str | int | None, fragment_size: int | None) -> None:
-        """Send the response of a call that succeeded; as :meth:`send`, without an op in between."""
-        reason = self.send_frame(self.session.response(service, values, id), id, fragment_size)
-        if reason is not None:
-            self.send(ServiceResponse(service=service, values=reason, result=False, id=id))
-
     def request(self, service: str, args: Payload, id: str) -> str | None:
-        """Ask the client, which offers a service, to run it; returns why it cannot be asked, or None."""
+        """Send a service request to the client, its provider. Returns why it was not sent, or None."""
         return self.send_frame(self.session.call(service, args, id), id)
 
     def send_frame(self, frame: Frame, id: str | int | None, fragment_size: int | None = None) -> str | None:
-        """Send a frame, in pieces if `fragment_size` is given; returns why it may not be sent, or None."""
+        """Send a frame, in pieces if `fragment_size` is given. Returns why it was not sent, or None."""
         size = frame.size
         carries = self._info.max_message_size
         if carries and size > carries and fragment_size is None:
@@ -101,8 +82,8 @@ class Replies:
                 f"a message of {size} bytes, and {self._info.transport} carries {carries}: ask for "
                 "`fragment_size`, or connect by tcp"
             )
-        if size > self._most:
-            return f"a message of {size} bytes, and {self._most} is the limit (limits.outgoing_message_bytes)"
+        if size > self.max_bytes:
+            return self.too_large(size)
         if fragment_size:
             for piece in self.session.cut(frame, fragment_size, id):
                 self.sink.send(piece)
@@ -111,23 +92,9 @@ class Replies:
         return None
 
     def refuse(self, answer: Op) -> None:
-        """Send what answers a refused op, and note it: what a client is not told must be found in the log."""
+        """Send the reply to a rejected op, and log it: the client may not have asked for its `status`."""
         if isinstance(answer, Status):
             self.log(_LOG_LEVELS[answer.level], answer.msg, answer.id)
         elif isinstance(answer, ServiceResponse | ActionResult):
             self.log(logging.INFO, str(answer.values), answer.id)
         self.send(answer)
-
-    def log(self, level: int, text: str, id_: object = None) -> None:
-        """One line in the log, with the client's number and the op's id."""
-        if not is_written(level):
-            return
-        note = "" if id_ is None else f"[id: {one_line(str(id_))}] "
-        line = self._line_rate.admit(note + one_line(text), self._monotonic())
-        if line is not None:
-            self._audit.write(level, "[client %d] %s", self._number, line, client=self._number, op_id=id_)
-
-    @property
-    def log_lines_left_out(self) -> int:
-        """Lines about this client that its rate did not allow since the last one."""
-        return self._line_rate.left_out

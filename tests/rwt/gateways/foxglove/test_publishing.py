@@ -12,7 +12,6 @@ import pytest
 from rwt import Settings
 from rwt.access.access import Access
 from rwt.gateways.foxglove.gateway import FoxgloveGateway
-from rwt.gateways.foxglove.settings import Bounds
 from rwt.gateways.rosbridge.bridge import Bridge
 from rwt_graph import MemoryGraph, Node
 from rwt_graph.api import Sample
@@ -148,9 +147,8 @@ def test_rights_and_bounds_hold_for_what_is_published(make: MakeGateway, graph: 
     assert viewer.statuses() == ["unadvertise: this client advertises no channel 2"]
 
 
-def test_who_sends_too_many_messages_has_to_go(graph: MemoryGraph) -> None:
-    bounds = Bounds(messages_per_second=1, messages_burst=3)
-    viewer = Viewer(FoxgloveGateway(graph, Access(graph, Settings()), bounds=bounds))
+def test_who_sends_too_many_messages_has_to_go(make: MakeGateway) -> None:
+    viewer = Viewer(make(limits={"messages_per_second": 1, "messages_burst": 3}))
     for _ in range(5):
         viewer.say("unsubscribeConnectionGraph")
     assert (viewer.close_code, "limits.messages_per_second" in viewer.close_reason) == (1008, True)

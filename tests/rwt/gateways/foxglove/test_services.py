@@ -148,6 +148,6 @@ def test_an_answer_that_is_too_large_fails_the_call(graph: MemoryGraph, gateway:
         "/s", "std_srvs/Trigger", lambda _: {"success": True, "message": "x" * 1000}
     )
     viewer = Viewer(gateway)
-    viewer.client.replies._most = 500
+    viewer.client.replies.max_bytes = 500
     viewer.call("/s", b"{}")
     assert "limits.outgoing_message_bytes" in failure(viewer)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt.gateways.foxglove.errors import MalformedMessage
+from rwt.gateways.foxglove.errors import InvalidFrame
 from rwt.gateways.foxglove.wire import client_messages as said
 from rwt.gateways.foxglove.wire import server_messages as server
 from rwt.gateways.foxglove.wire.server_messages import Level, PlaybackStatus
@@ -178,7 +178,7 @@ def test_what_clients_say_in_texts(text: str, message: said.Text) -> None:
     ],
 )
 def test_a_binary_frame_that_is_no_message(data: bytes, words: str) -> None:
-    with pytest.raises(MalformedMessage, match=words):
+    with pytest.raises(InvalidFrame, match=words):
         said.parse_binary(data)
 
 
@@ -198,7 +198,7 @@ def test_a_binary_frame_that_is_no_message(data: bytes, words: str) -> None:
     ],
 )
 def test_a_text_that_is_no_message(data: bytes, words: str) -> None:
-    with pytest.raises(MalformedMessage, match=words) as refused:
+    with pytest.raises(InvalidFrame, match=words) as refused:
         said.parse_text(data)
     assert len(str(refused.value)) <= 500
 
@@ -208,12 +208,12 @@ def test_any_bytes_are_a_message_or_malformed(data: bytes) -> None:
     for parse in (said.parse_binary, said.parse_text):
         try:
             parse(data)
-        except MalformedMessage as error:
+        except InvalidFrame as error:
             assert str(error)
 
 
 def test_a_text_of_many_numbers_that_take_long_is_not_decoded() -> None:
     numbers = ",".join(["1e308"] * 2000)
     text = f'{{"op":"setParameters","parameters":[{{"name":"a","value":[{numbers}]}}]}}'
-    with pytest.raises(MalformedMessage, match="exponents of three digits"):
+    with pytest.raises(InvalidFrame, match="exponents of three digits"):
         said.parse_text(text.encode())

@@ -84,7 +84,7 @@ def test_a_stopped_client_costs_bounded_memory_and_the_others_nothing(
     reader.stop()
     for _ in range(5):
         _fill(client, "/t", 100)
-        assert max(peer.sink.backlog for peer in bridge.peers) < READY_BYTES + 100_000 + 2 * 10_100
+        assert max(peer.sink.backlog for peer in bridge.clients) < READY_BYTES + 100_000 + 2 * 10_100
         assert _of(other.heard(), "/t") == list(range(100))
     assert _of(reader.read(), "/t")[-1] == 99
 

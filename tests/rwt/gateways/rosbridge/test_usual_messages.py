@@ -16,7 +16,6 @@ from rwt_graph.clock import SimulatedClock
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_graph.nodes.node import Node
 from rwt_interfaces.registry import Registry
-from rwt_protocol.codecs.quick_publish import never
 from rwt_protocol.frames import Frame
 from rwt_protocol.session import Session
 from tests.rwt.gateways.rosbridge.recording_client import Client
@@ -49,6 +48,19 @@ def test_the_messages_of_a_topic_are_read_in_full_once(client: Client, decoded: 
     for number in range(100):
         client.say_raw(GOOD.replace('"1"', f'"publish:/t:{number}"'))
     assert len(decoded) == 1
+
+
+def test_a_subscriber_in_the_process_changes_nothing_about_that(
+    client: Client, graph: MemoryGraph, decoded: list[bytes]
+) -> None:
+    received: list[object] = []
+    Node(graph, "robot").subscribe("/t", lambda message: received.append(message.data), "std_msgs/Int32")
+    client.say("advertise", topic="/t", type="std_msgs/Int32")
+    decoded.clear()
+    for number in range(100):
+        client.say_raw(_publish(msg={"data": number}))
+    assert len(decoded) == 1
+    assert received == list(range(100))
 
 
 def test_a_topic_whose_messages_are_completed_is_always_read_in_full(
@@ -101,7 +113,7 @@ def _outcome(frames: list[str], distro_latch: bool, *, in_full: bool, binary: bo
     session = client.peer._session
     for frame in frames:
         if in_full:
-            session.split_publish = never
+            session.is_quick = False
         client.say_raw(frame, binary=binary)
     counted = {
         name: (counts.received, counts.received_bytes)
@@ -220,7 +232,7 @@ def _answered(calls: list[str], response: str, *, in_full: bool, binary: bool = 
         each.say("set_level", level="error")
         each.heard()
         if in_full:
-            each.peer._session.split_call = never
+            each.peer._session.is_quick = False
     heard: list[object] = []
     for call in calls:
         client.say_raw(call, binary=binary)

@@ -11,8 +11,9 @@ from aiortc import RTCConfiguration, RTCDataChannel, RTCPeerConnection, RTCSessi
 
 from rwt_transports.api import FlowControl
 from rwt_transports.endpoint import Accept, PeerInfo, Sink
+from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.routes import HttpRequest, HttpResponse
-from rwt_transports.limits import AddressCount, Limits
+from rwt_transports.limits import Limits
 from rwt_transports.webrtc.ice import IceServer
 from rwt_transports.webrtc.peer import PeerTerms
 from rwt_transports.webrtc.signalling import PeerBounds, Peers, data_routes, open_peers

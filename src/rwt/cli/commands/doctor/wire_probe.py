@@ -14,12 +14,13 @@ from typing import Any, Final
 import anyio
 
 from rwt_protocol.codecs import CODECS, SELECTABLE, Codec
-from rwt_protocol.codecs.base import DecodeFailure, SplitLimits
+from rwt_protocol.codecs.base import DecodeFailure
 from rwt_protocol.frames import Frame
+from rwt_protocol.limits import WireLimits
 from rwt_protocol.payloads import Decoded
 from rwt_transports.endpoint import PeerInfo, Sink
 
-_LIMITS: Final = SplitLimits(max_depth=64)
+_LIMITS: Final = WireLimits(max_depth=64)
 """Maximum nesting depth of a message of the server."""
 
 

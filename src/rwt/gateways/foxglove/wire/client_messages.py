@@ -16,7 +16,7 @@ from typing import Annotated, Final, Literal
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-from rwt.gateways.foxglove.errors import MalformedMessage
+from rwt.gateways.foxglove.errors import InvalidFrame
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.serialise.json import require_quick_numbers
 from rwt_interfaces.steps import finished
@@ -209,34 +209,34 @@ def parse_text(data: bytes | memoryview) -> Text:
     """The message in a text frame.
 
     Raises:
-        MalformedMessage: it is none; no other exception, whatever the bytes.
+        InvalidFrame: it is none; no other exception, whatever the bytes.
     """
     if len(data) > MOST_TEXT:
-        raise MalformedMessage(
+        raise InvalidFrame(
             f"a text of {len(data)} bytes, and {MOST_TEXT} are taken: publish in binary frames, and ask for"
             " less at once"
         )
     try:
         finished(require_quick_numbers(data))
     except InvalidMessage as error:
-        raise MalformedMessage(str(error)) from None
+        raise InvalidFrame(str(error)) from None
     try:
         return _decode(data)
     except msgspec.ValidationError as error:
-        raise MalformedMessage(f"no message of the protocol: {error}"[:500]) from None
+        raise InvalidFrame(f"no message of the protocol: {error}"[:500]) from None
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise MalformedMessage(f"not JSON that can be read: {error}"[:500]) from None
+        raise InvalidFrame(f"not JSON that can be read: {error}"[:500]) from None
 
 
 def parse_binary(data: bytes | memoryview) -> Binary:
     """The message in a binary frame; its payload is a view of the frame.
 
     Raises:
-        MalformedMessage: it is none; no other exception, whatever the bytes.
+        InvalidFrame: it is none; no other exception, whatever the bytes.
     """
     view = memoryview(data)
     if not view:
-        raise MalformedMessage("an empty binary frame: the first byte says what follows")
+        raise InvalidFrame("an empty binary frame: the first byte says what follows")
     try:
         if view[0] == MESSAGE_DATA:
             _, channel_id = _CHANNEL.unpack_from(view)
@@ -246,10 +246,10 @@ def parse_binary(data: bytes | memoryview) -> Binary:
         if view[0] == PLAYBACK_CONTROL_REQUEST:
             return _playback(view)
     except LayoutError:
-        raise MalformedMessage(
+        raise InvalidFrame(
             f"a binary frame of opcode {view[0]} and {len(view)} bytes: its head is longer"
         ) from None
-    raise MalformedMessage(
+    raise InvalidFrame(
         f"a binary frame of opcode {view[0]}: clients send {MESSAGE_DATA} (message data),"
         f" {SERVICE_CALL_REQUEST} (service call) and {PLAYBACK_CONTROL_REQUEST} (playback control)"
     )
@@ -264,7 +264,7 @@ def _call(view: memoryview) -> ServiceCallRequest:
 def _playback(view: memoryview) -> PlaybackControlRequest:
     _, command, speed, has_seek, seek_ns, length = _PLAYBACK.unpack_from(view)
     if command > 1:
-        raise MalformedMessage(f"playback command {command}: expected 0 (play) or 1 (pause)")
+        raise InvalidFrame(f"playback command {command}: expected 0 (play) or 1 (pause)")
     request_id = _text(view[_PLAYBACK.size :], length, "the id of a playback request", _LONGEST_ID)
     return PlaybackControlRequest(command == 0, speed, seek_ns if has_seek else None, request_id)
 
@@ -272,10 +272,10 @@ def _playback(view: memoryview) -> PlaybackControlRequest:
 def _text(rest: memoryview, length: int, what: str, most: int) -> bytes:
     """The text of `length` bytes that `rest` begins with, in UTF-8."""
     if length > min(len(rest), most):
-        raise MalformedMessage(f"{what} has {length} bytes: {len(rest)} follow, and {most} is the most")
+        raise InvalidFrame(f"{what} has {length} bytes: {len(rest)} follow, and {most} is the most")
     text = bytes(rest[:length])
     try:
         text.decode()
     except UnicodeDecodeError:
-        raise MalformedMessage(f"{what} is not UTF-8") from None
+        raise InvalidFrame(f"{what} is not UTF-8") from None
     return text

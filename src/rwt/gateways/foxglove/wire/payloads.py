@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 from rwt.gateways.foxglove.errors import NotPossible
 from rwt_interfaces.errors import NotExact
 from rwt_interfaces.payload import LARGE_BYTES, Payload
-from rwt_protocol.brackets import has_more_brackets
+from rwt_protocol.limits import has_more_brackets
 
 if TYPE_CHECKING:
     from rwt_interfaces.distro import Distro

@@ -1,1 +1,1 @@
-"""What a model is shown of messages: bounded text, pictures, and words for scans, maps and clouds."""
+"""Messages as a model sees them: bounded text, images, and words for scans, maps and clouds."""

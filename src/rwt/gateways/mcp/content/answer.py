@@ -24,7 +24,7 @@ class Picture:
 
 Part = str | Picture
 Answer = tuple[Part, ...]
-"""What a tool answers, in the order in which the model sees it."""
+"""Result of a tool, in the order in which the model sees it."""
 
 
 def as_text(value: object) -> str:

@@ -1,4 +1,4 @@
-"""How a message of each type is shown: the table of those that are more than their fields."""
+"""Table of the message types that are shown in another way than by their fields."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an agent can do with a robot: the tools, a row each in one table."""
+"""Tools of agents: one row each in one table."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Final, Never, Protocol
+from typing import TYPE_CHECKING, Final, Never
 
 from rwt.gateways.rosbridge.ops.offers import Offer, Offers
 from rwt.gateways.rosbridge.ops.payloads import (
@@ -56,27 +56,27 @@ class OrphanedGoals:
     """Running goals whose sender has disconnected, for a cancel that comes over its next connection."""
 
     def __init__(self) -> None:
-        self._senders: dict[SentGoal, str] = {}
+        self._senders: dict[PeerGoal, str] = {}
 
-    def add(self, goal: SentGoal, address: str) -> None:
+    def add(self, goal: PeerGoal, address: str) -> None:
         """Remember a goal of a client at `address`; beyond a bound the oldest is forgotten."""
         self._senders[goal] = address
         while len(self._senders) > _MOST_ORPHANS:
             del self._senders[next(iter(self._senders))]
 
-    def find(self, address: str, action: str, id_: str | int | None) -> SentGoal | None:
+    def find(self, address: str, action: str, id_: str | int | None) -> PeerGoal | None:
         """The newest running goal of that id whose sender, at that address, has disconnected."""
         for goal, sender in reversed(self._senders.items()):
             if sender == address and goal.action == action and goal.id == id_:
                 return goal
         return None
 
-    def discard(self, goal: SentGoal) -> None:
+    def discard(self, goal: PeerGoal) -> None:
         """Forget a goal that has ended."""
         self._senders.pop(goal, None)
 
 
-class SentGoal:
+class PeerGoal:
     """One goal of a client, until its result.
 
     Attributes:
@@ -86,7 +86,7 @@ class SentGoal:
 
     __slots__ = ("_client", "_ended", "_fragment_size", "_goal", "_listening", "_name", "action", "id")
 
-    def __init__(self, client: Actions, op: SendActionGoal, args: Payload | None) -> None:
+    def __init__(self, client: PeerActions, op: SendActionGoal, args: Payload | None) -> None:
         name, suffix = split_suffix(op.action)
         self._client = client
         # Not the op, whose arguments would be kept as long as the goal runs.
@@ -113,7 +113,7 @@ class SentGoal:
 
     @property
     def ended(self) -> bool:
-        """Whether it has its result."""
+        """True once the goal has its result."""
         return self._ended
 
     def cancel(self) -> None:
@@ -152,7 +152,7 @@ class SentGoal:
 Accepted = tuple["ActionType", "ServerGoal"]
 
 
-class _Provided(Offer[Accepted]):
+class _ProvidedAction(Offer[Accepted]):
     """One action that a client offers, and the goals it works on."""
 
     __slots__ = ("_count", "_name", "_replies", "_type")
@@ -196,7 +196,7 @@ def abort(type: ActionType, goal: ServerGoal, reason: str) -> None:
     goal.finish(GoalStatus.ABORTED, Payload.from_json(type.result, b"{}"), reason)
 
 
-class Actions:
+class PeerActions:
     """The goals that one client sends, and the actions that it offers.
 
     Attributes:
@@ -228,8 +228,8 @@ class Actions:
         self._address = address
         self._offers = offers
         self._orphans = orphans
-        self._sent: set[SentGoal] = set()
-        self._provided: dict[str, _Provided] = {}
+        self._sent: set[PeerGoal] = set()
+        self._provided: dict[str, _ProvidedAction] = {}
 
     @property
     def goals_running(self) -> int:
@@ -256,13 +256,13 @@ class Actions:
 
     def _send_goal(self, op: SendActionGoal, args: Payload | None = None) -> None:
         try:
-            goal = SentGoal(self, op, args)
+            goal = PeerGoal(self, op, args)
         except ProviderNotFound as missing:
             raise Refused(str(missing)) from None
         if not goal.ended:
             self._sent.add(goal)
 
-    def ended(self, goal: SentGoal) -> None:
+    def ended(self, goal: PeerGoal) -> None:
         """A goal has its result."""
         self._sent.discard(goal)
         self._orphans.discard(goal)
@@ -287,7 +287,7 @@ class Actions:
 
     def advertise(self, op: AdvertiseAction) -> None:
         """Offer an action on the client's behalf, in place of any other of that name (ACT-12, ACT-18)."""
-        provided = _Provided(op, self.graph, self._address, self.replies)
+        provided = _ProvidedAction(op, self.graph, self._address, self.replies)
         name = self.graph.advertise_action(op.action, op.type, provided.take)
         self._forget(name)
         self._provided[name] = provided
@@ -389,16 +389,11 @@ class Actions:
             yield
 
 
-class _HasActions(Protocol):
-    @property
-    def actions(self) -> Actions: ...
-
-
-HANDLERS: Final[Mapping[type[Op], Callable[[_HasActions, Never], Steps | None]]] = {
-    SendActionGoal: lambda client, op: client.actions.send_goal(op),
-    CancelActionGoal: lambda client, op: client.actions.cancel(op),
-    ActionFeedback: lambda client, op: client.actions.feedback(op),
-    ActionResult: lambda client, op: client.actions.result(op),
-    AdvertiseAction: lambda client, op: client.actions.advertise(op),
-    UnadvertiseAction: lambda client, op: client.actions.unadvertise(op),
+HANDLERS: Final[Mapping[type[Op], Callable[[PeerActions, Never], Steps | None]]] = {
+    SendActionGoal: PeerActions.send_goal,
+    CancelActionGoal: PeerActions.cancel,
+    ActionFeedback: PeerActions.feedback,
+    ActionResult: PeerActions.result,
+    AdvertiseAction: PeerActions.advertise,
+    UnadvertiseAction: PeerActions.unadvertise,
 }

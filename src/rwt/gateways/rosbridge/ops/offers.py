@@ -1,7 +1,7 @@
-"""What the clients of one bridge offer, and what they were asked and have not answered.
+"""Services and actions that the clients of one bridge offer, and their pending requests.
 
-Some clients open a connection of its own for each answer: rosbridgecpp does. So an answer may come over
-another connection than the question, from the same address and in the same role.
+Some clients, such as rosbridgecpp, open a new connection for each response. So a response may arrive over
+another connection than its request, from the same address and under the same role.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ class Offers(Generic[T]):
         self._offers: dict[str, list[Offer[T]]] = {}
 
     def add(self, offer: Offer[T]) -> None:
-        """Note what a client offers."""
+        """Add an offer."""
         self._offers.setdefault(offer.name, []).append(offer)
 
     def remove(self, offer: Offer[T]) -> None:
-        """Forget what a client does not offer any more."""
+        """Remove an offer that was withdrawn."""
         offers = self._offers[offer.name]
         offers.remove(offer)
         if not offers:

@@ -20,7 +20,7 @@ _DEFAULT = QoS()
 
 
 def publisher_qos(op: ops.Advertise | ops.Publish) -> QoS | None:
-    """What a new publisher gets: `qos` over `latch` over the graph's default (ADV-07, ADV-11)."""
+    """Return the QoS of a new publisher: `qos` over `latch` over the graph's default (ADV-07, ADV-11)."""
     if op.qos is None:
         return LATCHED if op.latch else None
     request = op.qos
@@ -57,7 +57,7 @@ def incompatible_policies(request: Qos, offered: QoS) -> str:
 
 @dataclass(frozen=True, slots=True)
 class QosRequest:
-    """What all subscriptions of one client on one topic ask for together.
+    """QoS request of all subscriptions of one client on one topic.
 
     Attributes:
         rules: how samples wait while the connection is slow.
@@ -91,7 +91,7 @@ def qos_request(subscriptions: Sequence[ops.Subscribe], publishers: Iterable[End
 
 
 def history_depth(op: ops.Subscribe) -> int | None:
-    """How many kept samples a new subscription gets: None for all of them, 0 for none."""
+    """Return how many retained samples a new subscription gets: None for all of them, 0 for none."""
     if op.qos is None:
         return None
     if op.qos.durability == "volatile":
@@ -100,7 +100,7 @@ def history_depth(op: ops.Subscribe) -> int | None:
 
 
 def _rules(op: ops.Subscribe) -> FlowRules | None:
-    """How the samples of one subscription wait; None if it does not say: `qos` over `queue_length`."""
+    """Return the queue rules of one subscription: `qos` over `queue_length`; None if it asks for neither."""
     request = op.qos
     if request is not None:
         if request.history == "keep_all":

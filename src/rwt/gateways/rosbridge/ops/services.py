@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Final, Never, Protocol
+from typing import TYPE_CHECKING, Final, Never
 
 from rwt.gateways.rosbridge.ops.offers import Offer, Offers
 from rwt.gateways.rosbridge.ops.payloads import (
@@ -44,14 +44,15 @@ def split_suffix(name: str) -> tuple[str, str | None]:
     return (base, suffix) if hash_ else (name, None)
 
 
-#: Where an answer stands in its op.
+#: Where arguments and responses are in their ops, for errors.
+_ARGUMENTS: Final = "call_service.args"
 _ANSWER: Final = "service_response.values"
 
 Asked = tuple["ServiceType", "ServiceCall"]
 
 
-class _Provided(Offer[Asked]):
-    """One service that a client offers, and the calls that wait for its answers."""
+class _ProvidedService(Offer[Asked]):
+    """Service that a client offers, with its pending calls."""
 
     __slots__ = ("_count", "_name", "_replies")
 
@@ -62,7 +63,7 @@ class _Provided(Offer[Asked]):
         self._count = 0
 
     def ask(self, type: ServiceType, call: ServiceCall) -> None:
-        """Send one request to the client, under an id of its own (SVP-01, SVP-02)."""
+        """Send a request to the client, under a new id (SVP-01, SVP-02)."""
         self._count += 1
         id_ = f"service_request:{self._name}:{self._count}"
         self.pending[id_] = (type, call)
@@ -75,8 +76,8 @@ class _Provided(Offer[Asked]):
         self.pending.pop(id_, None)
 
 
-class Services:
-    """What one client calls and offers.
+class PeerServices:
+    """Services that one client calls and offers.
 
     Args:
         graph: the graph as the client may see it.
@@ -97,7 +98,7 @@ class Services:
         self._offers = offers
         self._timeout = timeout
         self._now = graph.clock.time_ns
-        self._provided: dict[str, _Provided] = {}
+        self._provided: dict[str, _ProvidedService] = {}
 
     def call(self, op: CallService) -> Steps | None:
         """Call a service of the graph and answer with the caller's own id (SRV-01 … SRV-14); large arguments
@@ -105,62 +106,72 @@ class Services:
         seconds = self._timeout if op.timeout is None else op.timeout
         if op.args.size >= IN_STEPS:
             return self._call_in_steps(op, seconds)
-        self._call(op.service, op.id, op.args, seconds, op.fragment_size)
+        args = op.args
+        self._call(
+            op.service,
+            op.id,
+            lambda type: arguments_of(type.request, args, _ARGUMENTS, self._now),
+            seconds,
+            op.fragment_size,
+        )
         return None
 
     def call_usual(self, asked: UsualCall) -> None:
-        """As :meth:`call`."""
-        self._call(asked.service, asked.id, RawJson(bytes(asked.args)), self._timeout, None)
+        """Like :meth:`call`, for a usual small call, whose arguments are an object."""
+        args = RawJson(bytes(asked.args))
+        self._call(
+            asked.service,
+            asked.id,
+            lambda type: payload_of(type.request, args, _ARGUMENTS, self._now),
+            self._timeout,
+            None,
+        )
 
     def _call_in_steps(self, op: CallService, seconds: float) -> Steps:
         service = self._graph.service(split_suffix(op.service)[0])
         request: Payload | None = None
         if service is not None:
-            request = yield from arguments_in_steps(
-                service.type.request, op.args, "call_service.args", self._now
-            )
-        self._call(op.service, op.id, op.args, seconds, op.fragment_size, request)
+            request = yield from arguments_in_steps(service.type.request, op.args, _ARGUMENTS, self._now)
+
+        def request_of(type: ServiceType) -> Payload:
+            # Meanwhile another provider may have offered the service with another type.
+            if request is not None and request.type is type.request:
+                return request
+            return arguments_of(type.request, op.args, _ARGUMENTS, self._now)
+
+        self._call(op.service, op.id, request_of, seconds, op.fragment_size)
 
     def _call(
         self,
         name: str,
         id: str | int | None,
-        args: Encodable,
+        request_of: Callable[[ServiceType], Payload],
         seconds: float,
         fragment_size: int | None,
-        request: Payload | None = None,
     ) -> None:
-        """Call a service; `request` is its arguments, where they have been checked already against the type
-        of the service."""
-        service, suffix = split_suffix(name)
+        service, suffix = split_suffix(name) if "#" in name else (name, None)
         mark = suffix if id is None else id
         replies = self._replies
 
         def on_reply(outcome: Payload | CallFailed) -> None:
             """Answer the client: exactly one reply per call (SRV-14)."""
+            reason: str | None
             if isinstance(outcome, CallFailed):
-                replies.send(ServiceResponse(service=name, values=str(outcome), result=False, id=mark))
+                reason = str(outcome)
             else:
-                replies.respond(name, outcome, mark, fragment_size)
-
-        def request_of(type: ServiceType) -> Payload:
-            if request is not None and request.type is type.request:
-                return request
-            return arguments_of(type.request, args, "call_service.args", self._now)
+                frame = replies.session.response(name, outcome, mark)
+                reason = replies.send_frame(frame, mark, fragment_size)
+            if reason is not None:
+                replies.send(ServiceResponse(service=name, values=reason, result=False, id=mark))
 
         try:
-            self._graph.call_service(
-                service,
-                request_of,
-                on_reply,
-                seconds if seconds > 0 else None,
-            )
+            self._graph.call_service(service, request_of, on_reply, seconds if seconds > 0 else None)
         except ProviderNotFound as missing:
             raise Refused(str(missing)) from None
 
     def advertise(self, op: AdvertiseService) -> None:
         """Offer a service on the client's behalf, in place of any other of that name (SVP-01, SVP-07)."""
-        provided = _Provided(op.service, self._graph, self._address, self._replies)
+        provided = _ProvidedService(op.service, self._graph, self._address, self._replies)
         name = self._graph.advertise_service(op.service, op.type, provided.ask)
         self._forget(name)
         self._provided[name] = provided
@@ -235,20 +246,20 @@ class Services:
         call.fail(f"the provider's answer is malformed: {reason}")
 
     def _asked(self, service: str, id: str | int | None) -> Asked:
-        """What waits for an answer under an id, and does not any more.
+        """Remove and return the pending call with this id.
 
         Raises:
-            Refused: nothing does.
+            Refused: no such call is pending.
         """
         asked, pending = self._waiting(service, id)
         del pending[str(id)]
         return asked
 
     def _waiting(self, service: str, id: str | int | None) -> tuple[Asked, dict[str, Asked]]:
-        """What waits for an answer under an id, and what it is among.
+        """Return the pending call with this id, and the calls that it is among.
 
         Raises:
-            Refused: nothing does.
+            Refused: no such call is pending.
         """
         name = resolve(service)
         provided: Offer[Asked] | None = self._provided.get(name)
@@ -262,14 +273,9 @@ class Services:
         raise Refused(f"service_response: no call of {service} waits under id {id!r}", level="warning")
 
 
-class _HasServices(Protocol):
-    @property
-    def services(self) -> Services: ...
-
-
-HANDLERS: Final[Mapping[type[Op], Callable[[_HasServices, Never], Steps | None]]] = {
-    CallService: lambda client, op: client.services.call(op),
-    ServiceResponse: lambda client, op: client.services.answer(op),
-    AdvertiseService: lambda client, op: client.services.advertise(op),
-    UnadvertiseService: lambda client, op: client.services.unadvertise(op),
+HANDLERS: Final[Mapping[type[Op], Callable[[PeerServices, Never], Steps | None]]] = {
+    CallService: PeerServices.call,
+    ServiceResponse: PeerServices.answer,
+    AdvertiseService: PeerServices.advertise,
+    UnadvertiseService: PeerServices.unadvertise,
 }

@@ -82,11 +82,11 @@ class ClientSubscription:
 
     @property
     def is_empty(self) -> bool:
-        """Whether no subscription is left."""
+        """True if no subscription is left."""
         return not self._requests
 
     def has(self, id_: str | int | None) -> bool:
-        """Whether there is a subscription of that id."""
+        """Return True if there is a subscription with this id."""
         return id_ in self._requests
 
     def put(self, op: ops.Subscribe, encoding: Encoding) -> None:

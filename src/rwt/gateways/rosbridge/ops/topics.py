@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Final, Never, Protocol
+from typing import TYPE_CHECKING, Final, Never
 
 from rwt.access.client_graph import UnknownTopicType
 from rwt.delivery.throttle import Room
@@ -36,8 +36,8 @@ _MOST_SPELLINGS: Final = 4
 _MOST_NAMES: Final = 4096
 
 
-class Topics:
-    """What one client publishes and subscribes to.
+class PeerTopics:
+    """Topics that one client publishes and subscribes to.
 
     Args:
         graph: the graph as the client may see it.
@@ -84,20 +84,22 @@ class Topics:
         if raw.size >= IN_STEPS:
             return self._publish_in_steps(op, raw, publisher.type)
         payload = payload_of(publisher.type, raw, "publish.msg", self._now)
-        self._publish(op, publisher, payload)
         if payload.is_passthrough:
+            # Checked before publishing: a subscriber in the process decodes the payload, after which it no
+            # longer counts as passed through.
             self._exact[op.topic.encode()] = publisher
+        self._publish(op, publisher, payload)
         return None
 
     def publish_exact(self, topic: bytes, raw: bytes) -> bool:
-        """Hand on a small message that may be passed on as it came, on a topic where the one before could be.
+        """Publish a small message unchanged, on a topic whose last message could be passed through.
 
         Args:
             topic: in UTF-8, as it is spelt.
             raw: what may be the message in JSON.
 
         Returns:
-            Whether that was done; if not, nothing was.
+            False if nothing was done, because the message needs a closer look.
         """
         publisher = self._exact.get(topic)
         if publisher is None:
@@ -224,15 +226,10 @@ def _lacks(op: Advertise | Publish) -> Lacks | None:
     return partial(incompatible_policies, op.qos) if op.qos else None
 
 
-class _HasTopics(Protocol):
-    @property
-    def topics(self) -> Topics: ...
-
-
-HANDLERS: Final[Mapping[type[Op], Callable[[_HasTopics, Never], Steps | None]]] = {
-    Advertise: lambda client, op: client.topics.advertise(op),
-    Unadvertise: lambda client, op: client.topics.unadvertise(op),
-    Publish: lambda client, op: client.topics.publish(op),
-    Subscribe: lambda client, op: client.topics.subscribe(op),
-    Unsubscribe: lambda client, op: client.topics.unsubscribe(op),
+HANDLERS: Final[Mapping[type[Op], Callable[[PeerTopics, Never], Steps | None]]] = {
+    Advertise: PeerTopics.advertise,
+    Unadvertise: PeerTopics.unadvertise,
+    Publish: PeerTopics.publish,
+    Subscribe: PeerTopics.subscribe,
+    Unsubscribe: PeerTopics.unsubscribe,
 }

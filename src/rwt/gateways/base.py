@@ -1,0 +1,369 @@
+"""Base of every gateway: admission, the client's view of the graph, turns, counters and log lines.
+
+A gateway translates one protocol into verbs of the graph; what is the same in all protocols is here.
+
+* :class:`Gateway`: what the server starts, asks for pages and metrics, and closes.
+* :class:`ConnectionGateway` and :class:`ConnectedClient`: for protocols whose clients keep a connection
+  (rosbridge, Foxglove). Over HTTP, clients are present from request to request: :mod:`rwt.gateways.visitors`.
+
+A gateway has no access rules. It gets the graph *as one client may see it*
+(:class:`rwt.access.client_graph.ClientGraph`), and only tells that graph when the client's role changes.
+"""
+
+from __future__ import annotations
+
+import logging
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
+
+from rwt.access.audit import LineRate, is_written, one_line
+from rwt.access.quotas import RateLimit
+from rwt.delivery.shared_graph import SharedGraph
+from rwt.delivery.turns import TakesTurns, client_turns
+from rwt_transports.errors import Refused
+from rwt_transports.http.routes import HttpExtension
+from rwt_transports.turns import CLIENT_SECONDS
+from rwt_transports.websocket.close_codes import POLICY
+
+if TYPE_CHECKING:
+    from rwt.access.access import Access
+    from rwt.access.audit import Audit
+    from rwt.access.client_graph import ClientGraph
+    from rwt.access.graph_view import GraphView
+    from rwt.access.roles import Role
+    from rwt_graph.api import Graph
+    from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
+
+T = TypeVar("T")
+C = TypeVar("C", bound="ConnectedClient[Any]")  # Whatever its messages wait as.
+
+
+class AcceptPeer(Protocol):
+    """Accept function of a gateway, for one WebSocket subprotocol."""
+
+    def __call__(self, sink: Sink, info: PeerInfo, *, loopback: bool) -> Endpoint:
+        """Accept a new client.
+
+        Args:
+            sink: connection to the client.
+            info: what the transport knows of the client.
+            loopback: True if the listener can only be reached from this machine.
+
+        Raises:
+            Refused: the client is not admitted.
+        """
+
+
+class Gateway(ABC):
+    """A protocol in front of the graph, from its construction until it is closed.
+
+    Attributes:
+        name: name of the protocol, in metrics and for the gate (`rosbridge:3`).
+        access: access rules of the server.
+        shared: the gateway's part in the graph, which all of its clients share, and their counters.
+        websockets: accept functions by WebSocket subprotocol.
+        http: pages, section of the index page, and metrics of the gateway.
+
+    Args:
+        graph: the robot.
+        access: access rules of the server.
+        node: absolute name of the node as which all clients act.
+        linger: seconds that a publisher outlives its last user among the clients.
+    """
+
+    name: ClassVar[str]
+
+    def __init__(self, graph: Graph, access: Access, node: str, linger: float) -> None:
+        self.access = access
+        self.shared = SharedGraph(graph, node, linger, partial(access.audit.write, logging.INFO, "%s"))
+        self.websockets: Mapping[str, AcceptPeer] = {}
+        self.http: HttpExtension[GraphView] = HttpExtension()
+
+    @property
+    def clients(self) -> Sequence[ConnectedClient[Any]]:
+        """Clients with a connection, in the order they came. Requests over HTTP are only counted."""
+        return ()
+
+    @abstractmethod
+    def reload_roles(self) -> None:
+        """Give each client the role that the settings give it now, after
+        :meth:`rwt.access.admission.Admission.reload`, and withdraw what that role does not allow."""
+
+    def close(self) -> None:
+        """Leave the graph. The clients have been disconnected before."""
+        self.shared.close()
+
+
+MakeGateway = Callable[["Graph", "Access"], Gateway]
+"""Factory of a gateway for a running graph."""
+
+
+class ConnectionGateway(Gateway, Generic[C]):
+    """A gateway whose clients keep a connection.
+
+    Attributes:
+        turns: turns of the event loop, which all clients of the gateway share.
+        log_prefix: first word of log lines about clients, with a space behind it.
+    """
+
+    log_prefix: ClassVar[str] = ""
+
+    def __init__(self, graph: Graph, access: Access, node: str, linger: float) -> None:
+        super().__init__(graph, access, node, linger)
+        self.turns = client_turns(graph.clock)
+        self._clients: dict[int, C] = {}
+        self._count = 0
+
+    @property
+    def clients(self) -> tuple[C, ...]:
+        """Connected clients, in the order they came."""
+        return tuple(self._clients.values())
+
+    @property
+    def client_count(self) -> int:
+        """Number of connected clients."""
+        return len(self._clients)
+
+    @abstractmethod
+    def accept(self, sink: Sink, info: PeerInfo, *, loopback: bool) -> Endpoint:
+        """Accept a new client, see :class:`AcceptPeer`."""
+
+    def join(self, role: Role, info: PeerInfo, make: Callable[[int, ClientGraph], C]) -> C:
+        """Make an admitted connection a client, and count and log it.
+
+        Args:
+            role: role of the client.
+            info: what the transport knows of the client.
+            make: makes the client from its number and the graph as it may see it.
+        """
+        self._count += 1
+        number = self._count
+        graph = self.access.client(self.shared, role, info.address, f"{self.name}:{number}")
+        client = self._clients[number] = make(number, graph)
+        self.shared.counters.clients += 1
+        self.access.audit.write(
+            logging.INFO, f"{self.log_prefix}client %d joined from %s over %s",
+            number, info.address or "?", info.transport, client=number,
+        )  # fmt: skip
+        return client
+
+    def left(self, client: C) -> None:
+        """Remove a client whose connection has ended, and keep its counts."""
+        del self._clients[client.number]
+        self.shared.counters.left(client.messages, client.sink.traffic)
+
+    def reload_roles(self) -> None:
+        """See :meth:`Gateway.reload_roles`. A client that is no longer admitted is disconnected."""
+        for client in self.clients:
+            client.reload_role()
+
+
+class ControlLane:
+    """Control lane to one client: messages besides samples, their size limit, and log lines about the client.
+
+    Attributes:
+        sink: connection to the client.
+        max_bytes: size of the largest message (`limits.outgoing_message_bytes`).
+        log_rate: rate of log lines about the client.
+
+    Args:
+        gateway: gateway of the client.
+        number: number of the client.
+        sink: connection to the client.
+    """
+
+    __slots__ = ("_audit", "_number", "_prefix", "log_rate", "max_bytes", "monotonic", "sink")
+
+    def __init__(self, gateway: ConnectionGateway[Any], number: int, sink: Sink) -> None:
+        self.sink = sink
+        self.log_rate = LineRate(per_second=1, burst=50)
+        self.monotonic = gateway.shared.graph.clock.monotonic
+        self._audit: Audit = gateway.access.audit
+        self.max_bytes = gateway.access.limits.outgoing_message_bytes
+        self._number = number
+        self._prefix = gateway.log_prefix
+
+    def too_large(self, size: int) -> str | None:
+        """Return why a message of `size` bytes is not sent; None if it is within the limit."""
+        if size <= self.max_bytes:
+            return None
+        return f"a message of {size} bytes, and {self.max_bytes} is the limit (limits.outgoing_message_bytes)"
+
+    def log(self, level: int, text: str, id_: object = None) -> None:
+        """Log a line with the client's number and the id of the op, within the client's rate of lines."""
+        if not is_written(level):
+            return
+        note = "" if id_ is None else f"[id: {one_line(str(id_))}] "
+        line = self.log_rate.admit(note + one_line(text), self.monotonic())
+        if line is not None:
+            self._audit.write(
+                level, f"[{self._prefix}client %d] %s", self._number, line, client=self._number, op_id=id_
+            )
+
+    def log_internal_error(self, op: str, error: Exception, id_: object = None) -> None:
+        """Log a mistake of the server with its traceback. The client only hears of an internal error."""
+        self._audit.write(
+            logging.ERROR, "internal error in %s", op, client=self._number, op_id=id_, error=error
+        )
+
+
+class UnreadFrame(NamedTuple):
+    """A frame that waits for a later turn before it is read."""
+
+    data: bytes
+    binary: bool
+
+
+class ConnectedClient(TakesTurns[T | UnreadFrame]):
+    """A client with a connection. A new connection is a new, empty client (DIS-06).
+
+    Life cycle::
+
+        join() ──> connected ──── closed() ────> releasing ──> gone
+                    │     ▲                      one thing per step, a share of each turn
+                    └─────┘
+                reload_role()
+
+    * **connected**: messages are read in turns (:class:`rwt.delivery.turns.TakesTurns`). The role may change;
+      what it no longer allows is withdrawn. A client that is no longer admitted, or exceeds its rate of
+      messages, is disconnected.
+    * **releasing**: the gateway no longer lists the client; what it held is released in steps.
+
+    Attributes by purpose:
+
+    * Connection: ``number``, ``info``, ``sink``, ``replies``.
+    * View of the graph: ``graph``, and ``is_role_by_auth`` (True once an `auth` op gave the role).
+    * Accounting: ``messages`` (received so far), ``_rate`` (limit on them, None without one).
+
+    Args:
+        gateway: gateway of the client.
+        number: number of the client, unique in the gateway.
+        info: what the transport knows of the client.
+        graph: the graph as the client may see it.
+        replies: control lane to the client.
+    """
+
+    def __init__(
+        self,
+        gateway: ConnectionGateway[Any],
+        number: int,
+        info: PeerInfo,
+        graph: ClientGraph,
+        replies: ControlLane,
+    ) -> None:
+        super().__init__(gateway.turns, graph.work, graph.clock.monotonic)
+        limits = gateway.access.limits
+        rate = limits.messages_per_second
+        self._gateway = gateway
+        self.number = number
+        self.info = info
+        self.sink = replies.sink
+        self.replies = replies
+        self.graph = graph
+        self.is_role_by_auth = False
+        self.messages = 0
+        self._rate = RateLimit(rate, limits.messages_burst) if rate else None
+
+    def receive(self, data: bytes, binary: bool) -> None:
+        """Read one frame and do what it asks, or let it wait if the client has used its share of the turn."""
+        if self._must_defer(self.sink.received, len(data)):
+            self._wait_unread(data, binary)
+            return
+        now = self._began = self._monotonic()
+        self._read(data, binary, now)
+        self._worked += self._monotonic() - now
+        if self._worked - self._counted > CLIENT_SECONDS:
+            self._count_work()
+
+    def _wait_unread(self, data: bytes, binary: bool) -> None:
+        # The wire reuses its buffers.
+        self._wait(UnreadFrame(data if type(data) is bytes else bytes(data), binary))
+
+    def _take_up(self, what: T | UnreadFrame, now: float) -> None:
+        if isinstance(what, UnreadFrame):
+            self._read(what.data, what.binary, now)
+        else:
+            self._resume(what, now)
+
+    @abstractmethod
+    def _resume(self, what: T, now: float) -> None:
+        """Run a message that waited for this turn, or the rest of one."""
+
+    def _read(self, data: bytes, binary: bool, now: float) -> None:
+        """Count a frame and decode it, unless the client exceeds its rate."""
+        self.messages += 1
+        if self._may_send(now):
+            self._decode(data, binary, now)
+
+    @abstractmethod
+    def _decode(self, data: bytes, binary: bool, now: float) -> None:
+        """Decode a frame and do what it asks."""
+
+    def _may_send(self, now: float) -> bool:
+        """Return True if one more message is within the rate, and disconnect the client otherwise.
+
+        Reading on would serve the client before all others.
+        """
+        if self._rate is None or self._rate.take(now):
+            return True
+        rate = self._gateway.access.limits.messages_per_second
+        reason = f"more than {rate} messages a second (limits.messages_per_second)"
+        self.replies.log(logging.WARNING, reason)
+        self.sink.close(POLICY, reason)
+        return False
+
+    def take_role(self, role: Role) -> None:
+        """Switch to another role. What is open stays open until :meth:`withdraw_refused`."""
+        self.graph.take_role(role)
+
+    def withdraw_refused(self) -> None:
+        """Withdraw what the client's role does not allow."""
+        self.graph.withdraw_refused()
+
+    def reload_role(self) -> None:
+        """Take the role that the settings give the client now; disconnect it if it is no longer admitted."""
+        try:
+            role = self._gateway.access.admission.role_now(
+                self.info, self.graph.role.name if self.is_role_by_auth else None
+            )
+        except Refused as refused:
+            self.sink.close(POLICY, refused.reason)
+            return
+        self.take_role(role)
+        self.withdraw_refused()
+
+    def closed(self, code: int, reason: str) -> None:
+        """Called when the connection has ended: release everything (DIS-01 … DIS-07)."""
+        self._end_turns()
+        self.graph.leave()
+        self._gateway.left(self)
+        self._release_in_turns(self._all_releases())
+        if left_out := self.replies.log_rate.left_out:
+            reason += f" ({left_out} lines about it were left out)"
+        self._gateway.access.audit.write(
+            logging.INFO, f"{self._gateway.log_prefix}client %d left: %d %s", self.number, code, reason,
+            client=self.number,
+        )  # fmt: skip
+
+    @abstractmethod
+    def _releases(self) -> Iterator[None]:
+        """Release what the client holds besides its graph, one thing per step."""
+
+    def _all_releases(self) -> Iterator[None]:
+        yield from self._releases()
+        yield from self.graph.close_in_steps()
+
+    def _release_in_turns(self, steps: Iterator[None]) -> None:
+        """Take steps for this turn's share, and the rest in later turns: a client may hold much."""
+        self._began = self._monotonic()
+        self._turn_began = self._worked
+        try:
+            for _ in steps:
+                if self._turns.is_full or not self._has_time():
+                    self._turns.wait(partial(self._release_in_turns, steps))
+                    return
+        finally:
+            self._worked += self._monotonic() - self._began
+            self._count_work()

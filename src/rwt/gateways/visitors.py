@@ -1,0 +1,218 @@
+"""Clients over HTTP: when they are present, the work that they cause, and the traffic of their requests.
+
+HTTP clients do not disconnect. Requests of one role and one address count as one client, which is present
+until some seconds after the last request (:class:`Visitor`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Awaitable, Callable, Generator, Hashable
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from rwt_transports.endpoint import PeerInfo
+from rwt_transports.http.connection import close_iterator
+from rwt_transports.http.routes import HttpResponse
+
+if TYPE_CHECKING:
+    from rwt.delivery.counters import Counters
+    from rwt_graph.clock import Clock
+    from rwt_participant.timers import Timer
+    from rwt_transports.http.routes import AnyReader, HttpExtension, HttpRequest
+
+T = TypeVar("T")
+V = TypeVar("V", bound="Visitor")
+
+
+def peer_of(request: HttpRequest) -> PeerInfo:
+    """Return a request in the form in which admission knows connections."""
+    target = f"{request.path}?{request.query}" if request.query else request.path
+    return PeerInfo("http", request.address, 0, target, request.headers)
+
+
+class Visitor:
+    """Clients over HTTP that count as one.
+
+    Life cycle::
+
+        find() ──> held ──── last release() ────> lingering ──── `linger` s ────> gone
+                    ▲                                 │
+                    └───────────── hold() ────────────┘
+
+    A request holds the visitor while it is answered, and so does everything that outlives its request.
+
+    Attributes:
+        key: identifies the visitor among those of its gateway.
+    """
+
+    __slots__ = ("_holds", "_timer", "_visitors", "key")
+
+    def __init__(self, visitors: Visitors[Any], key: Hashable) -> None:
+        self._visitors = visitors
+        self._holds = 0
+        self._timer: Timer | None = None  # Runs while the visitor lingers.
+        self.key = key
+
+    def hold(self) -> None:
+        """Keep the visitor present until :meth:`release`."""
+        self._holds += 1
+        self._stop_timer()
+
+    def release(self) -> None:
+        """Undo one :meth:`hold`. Without holds, the visitor leaves after `linger` seconds."""
+        self._holds -= 1
+        if not self._holds:
+            self._timer = self._visitors.clock.call_later(self._visitors.linger, self.leave)
+
+    def leave(self) -> None:
+        """Remove the visitor from its gateway; a subclass also releases what the visitor has."""
+        self._stop_timer()
+        self._visitors.forget(self)
+
+    def _stop_timer(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+
+class Visitors(Generic[V]):
+    """All visitors of one gateway.
+
+    Attributes:
+        clock: clock of the graph.
+        linger: seconds that a visitor stays after its last request.
+
+    Args:
+        counters: counters of the gateway.
+        clock: see above.
+        linger: see above.
+    """
+
+    def __init__(self, counters: Counters, clock: Clock, linger: float) -> None:
+        self._counters = counters
+        self._present: dict[Hashable, V] = {}
+        self.clock = clock
+        self.linger = linger
+
+    @property
+    def present(self) -> tuple[V, ...]:
+        """Visitors that are present, in the order they came."""
+        return tuple(self._present.values())
+
+    def find(self, key: Hashable, make: Callable[[Visitors[V], Hashable], V]) -> V:
+        """Return the visitor with this key, made by `make` if it is not present."""
+        visitor = self._present.get(key)
+        if visitor is None:
+            self._counters.clients += 1
+            self._counters.present += 1
+            visitor = self._present[key] = make(self, key)
+        return visitor
+
+    def forget(self, visitor: V) -> None:
+        """Remove a visitor that leaves."""
+        if self._present.pop(visitor.key, None) is not None:
+            self._counters.present -= 1
+
+    def close(self) -> None:
+        """Let every visitor leave."""
+        for visitor in self.present:
+            visitor.leave()
+
+
+class Metered(Awaitable[T]):
+    """An awaitable whose work is charged, each time that it waits and at its end.
+
+    Args:
+        awaitable: the work.
+        charge: called with seconds of work.
+        monotonic: seconds on a clock that never goes back.
+    """
+
+    __slots__ = ("_awaitable", "_charge", "_monotonic")
+
+    def __init__(
+        self, awaitable: Awaitable[T], charge: Callable[[float], object], monotonic: Callable[[], float]
+    ) -> None:
+        self._awaitable = awaitable
+        self._charge = charge
+        self._monotonic = monotonic
+
+    def __await__(self) -> Generator[Any, Any, T]:
+        steps = self._awaitable.__await__()
+        step: Callable[[], Any] = partial(next, steps)
+        while True:
+            began = self._monotonic()
+            try:
+                waited_for = step()
+            except StopIteration as end:
+                result: T = end.value
+                return result
+            finally:
+                self._charge(self._monotonic() - began)
+            try:
+                sent = yield waited_for
+            except BaseException as error:
+                step = _thrown(steps, error)
+            else:
+                step = _sent(steps, sent)
+
+
+def _thrown(steps: Any, error: BaseException) -> Callable[[], Any]:
+    return lambda: steps.throw(error)
+
+
+def _sent(steps: Any, value: object) -> Callable[[], Any]:
+    return lambda: next(steps) if value is None else steps.send(value)
+
+
+def counted(extension: HttpExtension[AnyReader], counters: Counters) -> HttpExtension[AnyReader]:
+    """Count the requests for the pages of a gateway, and their responses.
+
+    Bytes are those of bodies. Each piece of a streamed response counts as a message.
+    """
+    routes = tuple(replace(route, page=partial(_answer, route.page, counters)) for route in extension.routes)
+    return replace(extension, routes=routes)
+
+
+def _answer(
+    page: Callable[[HttpRequest, AnyReader], HttpResponse | Awaitable[HttpResponse]],
+    counters: Counters,
+    request: HttpRequest,
+    reader: AnyReader,
+) -> HttpResponse | Awaitable[HttpResponse]:
+    counters.requested(len(request.body))
+    answer = page(request, reader)
+    if isinstance(answer, HttpResponse):
+        return _count(answer, counters, request)
+    return _count_later(answer, counters, request)
+
+
+async def _count_later(
+    answer: Awaitable[HttpResponse], counters: Counters, request: HttpRequest
+) -> HttpResponse:
+    return _count(await answer, counters, request)
+
+
+def _count(answer: HttpResponse, counters: Counters, request: HttpRequest) -> HttpResponse:
+    if isinstance(answer.body, bytes):
+        counters.answered(0 if request.method == "HEAD" else len(answer.body))
+        return answer
+    return replace(answer, body=_CountedStream(answer.body, counters))
+
+
+class _CountedStream(AsyncIterator[bytes]):
+    """Pieces of a streamed response, counted when they are sent."""
+
+    def __init__(self, pieces: AsyncIterator[bytes], counters: Counters) -> None:
+        self._pieces = pieces
+        self._counters = counters
+
+    async def __anext__(self) -> bytes:
+        piece = await anext(self._pieces)
+        self._counters.answered(len(piece))
+        return piece
+
+    async def aclose(self) -> None:
+        """Close the stream."""
+        await close_iterator(self._pieces)
