@@ -29,6 +29,24 @@ Message: TypeAlias = Any
 #: Takes the typed message. A coroutine function runs in a task of its own, one message at a time.
 MessageCallback: TypeAlias = Callable[[Message], object]
 
+
+class RawMessage(msgspec.Struct, frozen=True, gc=False):
+    """One message, serialised.
+
+    Attributes:
+        data: CDR with its encapsulation header, or the ROS 1 serialisation if the robot speaks ROS 1.
+        stamp_ns: time of publishing, nanoseconds since the epoch; None if the robot's server sends none.
+        type: message type.
+    """
+
+    data: bytes | memoryview
+    stamp_ns: int | None
+    type: MessageType
+
+
+#: Takes the serialised message; a plain function.
+RawCallback: TypeAlias = Callable[[RawMessage], object]
+
 #: A parameter's value: bool, int, float, str, bytes, lists, and on ROS 1 dictionaries and None; which of them
 #: it is, is known when the program runs and not before.
 ParameterValue: TypeAlias = Any

@@ -6,6 +6,7 @@ import logging
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable
+from contextlib import AbstractContextManager
 from typing import Final, Protocol
 
 from rwt_participant.messages import is_coroutine_function
@@ -38,6 +39,16 @@ class TimerClock(Protocol):
 
     def call_later(self, delay: float, call: Callable[[], None]) -> Timer:
         """Run `call` once, `delay` seconds from now."""
+
+
+class RobotClock(TimerClock, Protocol):
+    """Clock of a robot program: timers, and waiting."""
+
+    async def sleep(self, seconds: float) -> None:
+        """Wait for so many seconds of this clock."""
+
+    def within(self, seconds: float | None) -> AbstractContextManager[object]:
+        """Leave the block after so many seconds of this clock; None sets no limit. In tasks only."""
 
 
 class TimerLoop(Protocol):

@@ -31,14 +31,14 @@ When = Any
 _MESSAGE: Final = "tf2_msgs/TFMessage"
 
 
-class Subscribe(Protocol):
+class SubscribeVerb(Protocol):
     """Subscribes to a topic: the verb of :class:`~rwt_participant.api.RobotApi`."""
 
     def __call__(self, topic: str, callback: Callable[[Any], None], type: str, /) -> Handle:
         """Call `callback` with each message."""
 
 
-class Advertise(Protocol):
+class AdvertiseVerb(Protocol):
     """Becomes a publisher of a topic: the verb of :class:`~rwt_participant.api.RobotApi`."""
 
     def __call__(self, topic: str, type: str, /, *, latch: bool = False) -> Publisher:
@@ -63,8 +63,8 @@ class Transforms:
 
     def __init__(
         self,
-        subscribe: Subscribe,
-        advertise: Advertise,
+        subscribe: SubscribeVerb,
+        advertise: AdvertiseVerb,
         time_ns: Callable[[], int],
         timeout: float | None,
         within: Within = anyio.move_on_after,

@@ -50,17 +50,17 @@ class ActionServer(RemoteServer[ActionType]):
         self._goals: dict[str | int | None, ReceivedGoal] = {}
         self._tasks = tasks
 
-    def close(self) -> None:
-        """Withdraw the action; goals that run are asked to end. A second call does nothing."""
+    def release(self) -> None:
+        """Ask the running goals to end, and offer the action no more."""
         self._cancel_all()
-        super().close()
+        super().release()
 
     def advertise(self, wire_type: str) -> AdvertiseAction:
-        """The op that offers it."""
+        """Return the op that offers it."""
         return AdvertiseAction(type=wire_type, action=self.name, id=self.id)
 
-    def unadvertise(self) -> UnadvertiseAction:
-        """The op that withdraws it."""
+    def withdrawal(self) -> UnadvertiseAction:
+        """Return the op that withdraws it."""
         return UnadvertiseAction(action=self.name, id=self.id)
 
     def lost(self, error: ConnectionLost, final: bool) -> None:

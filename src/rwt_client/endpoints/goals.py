@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger("rwt_client")
 
 
-class SentGoal:
+class WireGoal:
     """A goal of ROS 2's kind on its way; satisfies :class:`rwt_participant.goals.GoalChannel`."""
 
     def __init__(self, goals: SentGoals, goal: Goal, feedback: MessageReader, result: MessageReader) -> None:
@@ -86,7 +86,7 @@ class SentGoals:
         self.session = session
         self._tasks = tasks
         self._meant = meant
-        self._sent: dict[str, SentGoal] = {}
+        self._sent: dict[str, WireGoal] = {}
 
     def send(
         self,
@@ -103,13 +103,25 @@ class SentGoals:
         Raises:
             NotConnected: there is no connection now.
         """
-        sent = SentGoal(self, goal, *readers)
+        sent = WireGoal(self, goal, *readers)
         goal.channel = sent
         op = SendActionGoal(action=goal.action, action_type=action_type, args=args, feedback=True, id=goal.id)
         self.session.send(op)
         self.session.add(goal.id, sent)
         self._sent[goal.id] = sent
         return goal
+
+    def cancel(self, action: str, id: str) -> None:
+        """Request the cancellation of a goal by its id, whether this client sent it or another (ACT-07).
+
+        Raises:
+            NotConnected: there is no connection now.
+        """
+        sent = self._sent.get(id)
+        if sent is None:
+            self.session.send(CancelActionGoal(id=id, action=action))
+        else:
+            sent.goal.cancel()
 
     def forget(self, id: str) -> None:  # as on the wire
         """A goal has ended."""

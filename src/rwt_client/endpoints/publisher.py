@@ -136,18 +136,13 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
         """Wait until the network has taken everything that was published, to publish no faster than it."""
         await self._drained()
 
-    def close(self) -> None:
-        """Withdraw the advertisement; a second call does nothing."""
-        if not self.closed:
-            self._error = HandleClosed(f"the publisher on {self.name} was closed")
-            self._session.remove(self.id)
-            if self._type is not None:
-                self._session.send_if_connected(Unadvertise(topic=self.name, id=self.id))
+    def release(self) -> None:
+        """Reject further messages."""
+        self._error = HandleClosed(f"the publisher on {self.name} was closed")
 
-    @property
-    def closed(self) -> bool:
-        """Whether this program has closed it."""
-        return isinstance(self._error, HandleClosed)
+    def withdrawal(self) -> Unadvertise:
+        """Return the op that withdraws the advertisement."""
+        return Unadvertise(topic=self.name, id=self.id)
 
     def __repr__(self) -> str:
         return f"<Publisher {self.name}>"

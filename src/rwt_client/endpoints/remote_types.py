@@ -9,13 +9,13 @@ from typing import Any, Final, Literal, TypeVar
 import anyio
 import msgspec
 
-from rwt_client.rosapi import ADVICE_SECONDS, UNANSWERED, Ask
 from rwt_client.wire.arrays import ArrayKind
 from rwt_client.wire.decoding import MessageReader
 from rwt_interfaces import JAZZY, Distro, InterfaceError, InvalidName, Registry
 from rwt_interfaces.names import parse_type_name
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 from rwt_participant.errors import NotFound, ProviderNotFound, UnknownType
+from rwt_participant.rosapi_parameters import ADVICE_SECONDS, UNANSWERED, Ask
 from rwt_participant.spelling import did_you_mean
 
 logger = logging.getLogger("rwt_client")

@@ -37,7 +37,7 @@ _TIMEOUT = "Timeout exceeded while waiting for service response"
 HANDLER_FAILED = "the service's handler failed; its program's log says why"
 
 
-class PendingCall:
+class WireCall:
     """One call on its way.
 
     Attributes:
@@ -72,7 +72,7 @@ class Calls:
 
     def __init__(self, session: ReconnectingSession) -> None:
         self.session = session
-        self._pending: dict[str, PendingCall] = {}
+        self._pending: dict[str, WireCall] = {}
 
     async def call(
         self,
@@ -93,7 +93,7 @@ class Calls:
             CallTimeout: none came in time.
             ConnectionLost: the connection was lost first.
         """
-        call = PendingCall(self, service, args, repeat)
+        call = WireCall(self, service, args, repeat)
         self.session.add(call.id, call)
         self._pending[call.id] = call
         try:
@@ -152,11 +152,11 @@ class ServiceServer(RemoteServer[ServiceType]):
         self._tasks = tasks
 
     def advertise(self, wire_type: str) -> AdvertiseService:
-        """The op that offers it."""
+        """Return the op that offers it."""
         return AdvertiseService(type=wire_type, service=self.name, id=self.id)
 
-    def unadvertise(self) -> UnadvertiseService:
-        """The op that withdraws it."""
+    def withdrawal(self) -> UnadvertiseService:
+        """Return the op that withdraws it."""
         return UnadvertiseService(service=self.name, id=self.id)
 
     # -- calls -----------------------------------------------------------------------------------------------

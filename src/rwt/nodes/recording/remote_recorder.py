@@ -9,12 +9,14 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Final
 
 from rwt.nodes.recording.channels import KEPT, KEPT_TRANSFORMS, channel_form
-from rwt.nodes.recording.selection import ACTION_PARTS, SERVICE_EVENTS, TopicSelection
+from rwt.nodes.recording.selection import TopicSelection
 from rwt_client import ConnectionLost
-from rwt_client.endpoints.raw_subscription import RawMessage
-from rwt_client.rosapi import UNANSWERED
+
 from rwt_interfaces import InterfaceError, InvalidMessage, Payload
+from rwt_participant.api import ACTION_PARTS, SERVICE_EVENTS
 from rwt_participant.errors import RobotError, UnknownType
+from rwt_participant.messages import RawMessage
+from rwt_participant.rosapi_parameters import UNANSWERED
 
 if TYPE_CHECKING:
     from rwt.nodes.recording.channels import Encoding
@@ -39,7 +41,6 @@ HIDDEN_POLLS: Final = 5
 """Hidden topics are asked for with every so many polls."""
 
 _REMEMBERED: Final = 100
-
 
 class RemoteRecorder:
     """Writes the topics of a connected robot.
@@ -148,7 +149,6 @@ class RemoteRecorder:
         """End all subscriptions."""
         for topic in self._topics.values():
             topic.close()
-
 
 class _RemoteTopic:
     """One topic of one type."""

@@ -5,10 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
-#: Where ROS 2's service introspection tells of the calls of a service.
-SERVICE_EVENTS = "/_service_event"
-#: What stands between an action's name and the topics and services that carry it on ROS 2.
-ACTION_PARTS = "/_action/"
+from rwt_participant.api import ACTION_PARTS, SERVICE_EVENTS
 
 
 @dataclass(frozen=True, slots=True)
