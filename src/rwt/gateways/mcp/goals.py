@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(slots=True)
-class SentGoal:
+class AgentGoal:
     """One goal.
 
     Attributes:
@@ -55,12 +55,12 @@ class GoalTable:
     def __init__(self, most: int, *, several_processes: bool = False) -> None:
         self._most = most
         self._several_processes = several_processes
-        self._goals: dict[str, SentGoal] = {}
+        self._goals: dict[str, AgentGoal] = {}
 
     def __len__(self) -> int:
         return len(self._goals)
 
-    def of(self, owner: str) -> dict[str, SentGoal]:
+    def of(self, owner: str) -> dict[str, AgentGoal]:
         """The goals of one owner, by id, oldest first."""
         return {id: sent for id, sent in self._goals.items() if sent.owner == owner}
 
@@ -83,11 +83,11 @@ class GoalTable:
             " wait for one with `check_goal`, or end one with `cancel_goal`"
         )
 
-    def add(self, id: str, sent: SentGoal) -> None:
+    def add(self, id: str, sent: AgentGoal) -> None:
         """Remember a goal."""
         self._goals[id] = sent
 
-    def find(self, owner: str, id: str) -> SentGoal:
+    def find(self, owner: str, id: str) -> AgentGoal:
         """The goal of that id.
 
         Raises:
