@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 import anyio.to_thread
 
 from rwt.nodes.recording.errors import RecordingError, RecordingNotWritten, require
-from rwt.nodes.recording.recorder import Recorder, RecordingOptions
+from rwt.nodes.recording.recorder import Recorder, RecordingOptions, record_graph
 from rwt.nodes.recording.selection import TopicSelection
 from rwt_graph.nodes.node import Node
 
@@ -127,7 +127,7 @@ class RecorderNode:
             )
         selection = TopicSelection(topics) if topics else TopicSelection()
         path = self._free_path(name or "recording")
-        self._recorder = Recorder(self._graph, path, selection, RecordingOptions(largest_bytes=room))
+        self._recorder = record_graph(self._graph, path, selection, RecordingOptions(largest_bytes=room))
         self._state = {
             "recording": True,
             "file": path.name,
