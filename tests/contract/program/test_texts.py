@@ -12,7 +12,11 @@ from typing import Any
 import anyio
 import pytest
 
-from rwt import Server
+from rwt import Server, Settings
+from rwt.access.access import Access
+from rwt.delivery.shared_graph import SharedGraph
+from rwt.gateways.mcp.client_robot import ClientRobot
+from rwt.nodes import Rosapi
 from rwt_client.blocking import BlockingRobot, connect
 from rwt_client.robot import Robot
 from rwt_graph import MemoryGraph, Node
@@ -72,8 +76,25 @@ async def as_client(transport: str) -> AsyncIterator[RobotApi]:
         yield it.robot
 
 
+@asynccontextmanager
+async def as_view() -> AsyncIterator[RobotApi]:
+    """The graph as one client may see it, which is the robot of an agent's tools."""
+    async with MemoryGraph() as graph:
+        make_world(Node(graph, "world"))
+        with Rosapi(graph):
+            access = Access(graph, Settings())
+            shared = SharedGraph(graph, "/agents", 0.0, print)
+            robot = ClientRobot(
+                graph, access.client(shared, access.admission.roles["admin"], "127.0.0.1"), "/agents"
+            )
+            yield robot
+            robot.close()
+            shared.close()
+
+
 FACES: dict[str, Any] = {
     "node": as_node,
+    "view": as_view,
     "client-memory": partial(as_client, "memory"),
     "client-ws": partial(as_client, "ws"),
 }
@@ -162,7 +183,7 @@ def test_blocking(program: str, face: str, request: pytest.FixtureRequest) -> No
     assert text in str(caught.value)
 
 
-SIDES: tuple[type[RobotApi], ...] = (Node, Robot)
+SIDES: tuple[type[RobotApi], ...] = (Node, Robot, ClientRobot)
 VERBS = dict(inspect.getmembers(RobotApi, inspect.isfunction))
 
 
