@@ -28,7 +28,7 @@ from rwt_participant.errors import (
 )
 from rwt_participant.goals import GoalResult, GoalStatus, ReceivedGoal
 from rwt_participant.qos import LATCHED, SENSOR_DATA
-from rwt_participant.watchdog import Watchdog
+from rwt_participant.timers import Watchdog
 from rwt_tf2 import Transform
 
 ADD = "example_interfaces/AddTwoInts"
