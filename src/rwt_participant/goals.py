@@ -10,6 +10,7 @@ from typing import NamedTuple, Protocol, TypeAlias
 
 import anyio
 
+from rwt_participant.errors import GoalAborted, GoalCanceled
 from rwt_participant.future import Future, Within
 from rwt_participant.messages import Message, MessageLike
 
@@ -228,3 +229,17 @@ class ReceivedGoal:
 #: Works on a goal as a task of its own; what it returns is the result of a goal that succeeded, None one of
 #: defaults. Raises GoalCanceled or GoalAborted to end it otherwise.
 Execute: TypeAlias = Callable[[ReceivedGoal], Awaitable["MessageLike | None"]]
+
+
+async def run_goal(execute: Execute, goal: ReceivedGoal) -> tuple[GoalStatus, object, str]:
+    """Run an action's function on a goal; return the final status, the result and the reason for people.
+
+    Raises:
+        Exception: exception of the function, other than GoalCanceled and GoalAborted.
+    """
+    try:
+        return GoalStatus.SUCCEEDED, await execute(goal), ""
+    except GoalCanceled as end:
+        return GoalStatus.CANCELED, end.result, end.reason
+    except GoalAborted as end:
+        return GoalStatus.ABORTED, end.result, end.reason

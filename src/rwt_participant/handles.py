@@ -232,14 +232,14 @@ class Subscription(Handle):
                 continue
             except RobotError as error:
                 if not isinstance(error, self._ends):
-                    logger.warning("the callback for %s is called no more: %s", self.name, error)
+                    logger.warning("the subscriber of %s receives nothing more: %s", self.name, error)
                 return
             try:
                 returned = callback(message)
                 if inspect.isawaitable(returned):
                     await returned
             except Exception:
-                logger.exception("the callback for %s failed", self.name)
+                logger.exception("a subscriber of %s failed", self.name)
 
     def _end(self, error: RobotError) -> None:
         """End the messages because of `error`; those that are queued are dropped if that is HandleClosed."""

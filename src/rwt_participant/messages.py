@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import time
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -98,6 +98,43 @@ def check_handler(service: str, handler: object) -> None:
     """
     if not callable(handler):
         raise TypeError(f"{service}: expected a function that takes the request, got {handler!r}")
+
+
+def call_handler(
+    handler: ServiceHandler,
+    request: Message,
+    response: MessageType,
+    reply: Callable[[Payload], object],
+    fail: Callable[[Exception], object],
+    spawn: Callable[[Callable[[], Coroutine[object, object, None]]], object],
+    now: Callable[[], int] = time.time_ns,
+) -> None:
+    """Answer one call of a service, at once or from a task.
+
+    Args:
+        response: type of the response.
+        reply: takes the response; an exception that it raises is passed to `fail`.
+        fail: takes the exception of the handler.
+        spawn: starts a task, for a handler that must be awaited.
+        now: time for headers without a stamp, nanoseconds since the epoch.
+    """
+    try:
+        answer = handler(request)
+        if not inspect.isawaitable(answer):
+            reply(to_payload(response, {} if answer is None else answer, now))
+            return
+    except Exception as error:
+        fail(error)
+        return
+
+    async def finish() -> None:
+        try:
+            value = await answer
+            reply(to_payload(response, {} if value is None else value, now))
+        except Exception as error:
+            fail(error)
+
+    spawn(finish)
 
 
 def is_coroutine_function(function: Callable[..., object]) -> bool:

@@ -78,7 +78,7 @@ class RawSubscription(RemoteHandle[MessageType]):
             self.misfits += 1
             logger.warning("a message on %s is left out: not %s: %s", self.name, self.type.name, error)
         except Exception:
-            logger.exception("the callback for %s failed", self.name)
+            logger.exception("a subscriber of %s failed", self.name)
 
     def _raw(self, arrived: UnparsedMessage) -> RawMessage:
         if isinstance(arrived, dict) and arrived.keys() == _MEMBERS:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import inspect
 import logging
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -22,12 +22,13 @@ from rwt_participant.errors import (
     ServiceFailed,
 )
 from rwt_participant.future import Future
-from rwt_participant.messages import ServiceHandler, to_payload
+from rwt_participant.messages import ServiceHandler, call_handler
 from rwt_protocol.ops import AdvertiseService, CallService, ServiceResponse, UnadvertiseService
 from rwt_protocol.payloads import Decoded, Encodable, RawJson
 
 if TYPE_CHECKING:
     from rwt_client.wire.session import ReconnectingSession
+    from rwt_interfaces.payload import Payload
     from rwt_transports.background import TaskStarter
 
 logger = logging.getLogger("rwt_client")
@@ -162,34 +163,18 @@ class ServiceServer(RemoteServer[ServiceType]):
     # -- calls -----------------------------------------------------------------------------------------------
 
     def on_call(self, op: CallService) -> None:
-        """Somebody calls: run the handler, in a task of its own where it waits."""
+        """Answer one call, now or from a task."""
         try:
             request = request_of(self.type.request, op.args)
-            answer = self._handler(request)
         except Exception as error:
             self._fail(op, error)
             return
-        if inspect.isawaitable(answer):
-            self._tasks.start_soon(self._await, op, answer)
-        else:
-            self._reply(op, answer)
+        reply, fail = partial(self._reply, op), partial(self._fail, op)
+        call_handler(self._handler, request, self.type.response, reply, fail, self._tasks.start_soon)
 
-    async def _await(self, op: CallService, answer: Any) -> None:
-        try:
-            value = await answer
-        except Exception as error:
-            self._fail(op, error)
-        else:
-            self._reply(op, value)
-
-    def _reply(self, op: CallService, answer: object) -> None:
-        try:
-            values = RawJson(to_payload(self.type.response, {} if answer is None else answer).json())
-        except InvalidMessage as error:
-            self._fail(op, error)
-            return
+    def _reply(self, op: CallService, response: Payload) -> None:
         self._session.send_if_connected(
-            ServiceResponse(service=op.service, values=values, result=True, id=op.id)
+            ServiceResponse(service=op.service, values=RawJson(response.json()), result=True, id=op.id)
         )
 
     def _fail(self, op: CallService, error: Exception) -> None:

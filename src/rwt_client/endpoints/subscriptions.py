@@ -199,7 +199,7 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
         try:
             self._callback(message)
         except Exception:
-            logger.exception("the callback for %s failed", self.name)
+            logger.exception("a subscriber of %s failed", self.name)
 
     def _read(self, queued: UnparsedMessage) -> Message | None:
         try:

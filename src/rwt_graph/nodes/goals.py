@@ -13,9 +13,9 @@ from rwt_graph.api import ClientGoal, GoalEvents, Graph, ServerGoal
 from rwt_graph.clock import Clock
 from rwt_graph.nodes.service_handlers import failure_text
 from rwt_interfaces.payload import Payload
-from rwt_participant.errors import CallFailed, GoalAborted, GoalCanceled, GoalEnded, InvalidMessage
+from rwt_participant.errors import CallFailed, InvalidMessage
 from rwt_participant.future import Future
-from rwt_participant.goals import Execute, Goal, GoalResult, GoalStatus, ReceivedGoal
+from rwt_participant.goals import Execute, Goal, GoalResult, GoalStatus, ReceivedGoal, run_goal
 from rwt_participant.messages import Message, MessageLike, is_coroutine_function, to_payload
 
 if TYPE_CHECKING:
@@ -81,14 +81,10 @@ class ActionFunction:
             if goal.cancel_requested:
                 running.cancel_event.set()
             try:
-                result = await self._execute(running)
-            except GoalEnded as end:
-                self._finish(goal, _END_STATUS[type(end)], end.result, end.reason)
+                self._finish(goal, *await run_goal(self._execute, running))
             except Exception as error:
                 logger.exception("action %s failed", self._action)
                 self._finish(goal, GoalStatus.ABORTED, None, failure_text(error))
-            else:
-                self._finish(goal, GoalStatus.SUCCEEDED, result, "")
 
     def _publish_feedback(self, goal: ServerGoal, feedback: MessageLike) -> None:
         goal.feedback(to_payload(self._interface.feedback, feedback, self._graph.clock.time_ns))
@@ -109,12 +105,6 @@ class ActionFunction:
         if isinstance(result, Payload):
             return to_payload(kind, result, now)
         return Payload.from_value(kind, {} if result is None else result, now)
-
-
-_END_STATUS: dict[type[GoalEnded], GoalStatus] = {
-    GoalCanceled: GoalStatus.CANCELED,
-    GoalAborted: GoalStatus.ABORTED,
-}
 
 
 class GraphGoal(Goal):
