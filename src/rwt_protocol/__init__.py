@@ -40,7 +40,6 @@ if TYPE_CHECKING:
         CancelActionGoal,
         Direction,
         Fragment,
-        GoalStatus,
         Op,
         OpToClient,
         OpToServer,
@@ -74,7 +73,7 @@ _HOMES: Final = {
         "rwt_protocol.ops": (
             "AnyOp OpToServer OpToClient Op OPS inbound Direction ReplyTo Advertise Unadvertise Publish "
             "Subscribe Unsubscribe Qos CallService ServiceResponse AdvertiseService UnadvertiseService "
-            "SendActionGoal CancelActionGoal ActionFeedback ActionResult GoalStatus AdvertiseAction "
+            "SendActionGoal CancelActionGoal ActionFeedback ActionResult AdvertiseAction "
             "UnadvertiseAction Status SetLevel Auth Fragment Png"
         ),
         "rwt_protocol.payloads": "Encodable RawJson Decoded",
@@ -119,7 +118,6 @@ __all__ = [
     "CancelActionGoal",
     "ActionFeedback",
     "ActionResult",
-    "GoalStatus",
     "AdvertiseAction",
     "UnadvertiseAction",
     "Status",

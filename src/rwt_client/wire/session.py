@@ -65,15 +65,15 @@ class Destination(Protocol):
         """One message, and the bytes that it holds."""
 
 
-class _Envelope(msgspec.Struct, gc=False):
-    """What nearly every small frame is: one published message."""
+class _PublishEnvelope(msgspec.Struct, gc=False):
+    """Op of nearly every small frame: one published message."""
 
     op: str = ""
     topic: str = ""
     msg: msgspec.Raw = msgspec.Raw(b"")
 
 
-_read_envelope = msgspec.json.Decoder(_Envelope).decode
+_read_envelope = msgspec.json.Decoder(_PublishEnvelope).decode
 _NOT_AN_ENVELOPE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 
 _match_head: Final = re.compile(rb'\{"op": ?"publish", ?"topic": ?"([^"\\]*)", ?"msg": ?').match

@@ -123,9 +123,9 @@ class Node(GraphRobot):
         return self.run(serve)
 
     @property
-    def blocking(self) -> BlockingNode:
+    def blocking(self) -> BlockingGraphNode:
         """The same node for other threads: its verbs block until they are answered."""
-        return BlockingNode(self)
+        return BlockingGraphNode(self)
 
     def run_blocking(self, function: Callable[[], Awaitable[T]]) -> T:
         """Run a coroutine function on the graph's event loop, and return its result.
@@ -189,7 +189,7 @@ class _GraphThread:
         return self._graph.on_graph_thread()
 
 
-class BlockingNode(BlockingVerbs[Node]):
+class BlockingGraphNode(BlockingVerbs[Node]):
     """Node for other threads than its graph's: its verbs block; see :class:`Node` for them.
 
     Attributes:

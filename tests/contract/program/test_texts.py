@@ -20,7 +20,7 @@ from rwt.nodes import Rosapi
 from rwt_client.blocking import BlockingRobot, connect
 from rwt_client.robot import Robot
 from rwt_graph import MemoryGraph, Node
-from rwt_graph.nodes.node import BlockingNode
+from rwt_graph.nodes.node import BlockingGraphNode
 from rwt_participant.api import RobotApi
 from rwt_participant.errors import ParameterRejected, ServiceFailed
 from rwt_participant.goals import ReceivedGoal
@@ -200,7 +200,7 @@ def test_the_arguments_of_a_verb_come_in_one_order(name: str, side: type[RobotAp
     assert inspect.iscoroutinefunction(verb) == inspect.iscoroutinefunction(VERBS[name])
 
 
-@pytest.mark.parametrize("side", [*SIDES, BlockingNode, BlockingRobot])
+@pytest.mark.parametrize("side", [*SIDES, BlockingGraphNode, BlockingRobot])
 @pytest.mark.parametrize("name", [name for name in VERBS if name[0] != "_"])
 def test_the_help_of_a_verb_is_that_of_every_robot_or_names_it(name: str, side: type) -> None:
     text = inspect.getdoc(getattr(side, name)) or ""

@@ -99,7 +99,7 @@ class Exchange:
         except anyio.get_cancelled_exc_class():
             self._leave()
             raise
-        body = _Body(self._chunks, self._leave)
+        body = _ResponseBody(self._chunks, self._leave)
         if not self._started.is_set():
             late = _LateBody(body, self._started, lambda: self._kind == _EVENTS)
             return HttpResponse(late, 200, _EVENTS, _EVENT_HEADERS)
@@ -192,7 +192,7 @@ class Exchange:
         self._cancel.cancel()
 
 
-class _Body(AsyncIterator[bytes]):
+class _ResponseBody(AsyncIterator[bytes]):
     """What an application writes. Closed before its end, or before its beginning, it ends the exchange."""
 
     def __init__(self, chunks: MemoryObjectReceiveStream[bytes], leave: Callable[[], None]) -> None:
@@ -224,7 +224,7 @@ class _LateBody(AsyncIterator[bytes]):
         is_events: whether that is events.
     """
 
-    def __init__(self, body: _Body, started: anyio.Event, is_events: Callable[[], bool]) -> None:
+    def __init__(self, body: _ResponseBody, started: anyio.Event, is_events: Callable[[], bool]) -> None:
         self._body = body
         self._started = started
         self._is_events = is_events
