@@ -1,4 +1,4 @@
-"""A robot as its programs see it: topics, services, actions, parameters, types, time."""
+"""Robot at the other end of a connection."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger("rwt_client")
 
 IDENTIFY_SECONDS = 3.0
-"""How long an answer of rosapi is waited for while connecting."""
+"""Timeout of questions to rosapi while connecting, in seconds."""
 
 _ROSAPI: Final = "/rosapi"
 
@@ -109,13 +109,13 @@ class AdvertiseKeywords(TypedDict, total=False):
 
 
 class Robot(RobotApi):
-    """A connection to a robot; made by :func:`rwt_client.connect`.
+    """Connection to a robot; made by :func:`rwt_client.connect`.
 
     Attributes:
-        url: where it was connected to.
-        types: its types.
-        api: what rosapi answers.
-        params: its parameters.
+        url: URL of the connection.
+        types: types of the robot.
+        api: queries of rosapi.
+        params: parameters of all nodes.
     """
 
     def __init__(
@@ -169,15 +169,15 @@ class Robot(RobotApi):
 
     @property
     def connected(self) -> bool:
-        """Whether there is a connection now."""
+        """True if there is a connection now."""
         return self._session.connected
 
     async def wait_connected(self, *, timeout: Timeout = USUAL) -> None:
         """Wait until there is a connection, with everything subscribed, advertised and offered on it again.
 
         Raises:
-            TimedOut: there was none in time.
-            ConnectionClosed: there will be none any more.
+            TimedOut: there was no connection in time.
+            ConnectionClosed: there will be no connection any more.
         """
         if self.connected:
             return
@@ -196,11 +196,11 @@ class Robot(RobotApi):
             end()
 
     def events(self) -> EventStream:
-        """What happens to the connection from now on, as an async iterator."""
+        """Return the events of the connection from now on, as an async iterator."""
         return self._session.events.stream()
 
     def on_event(self, callback: Callable[[ConnectionEvent], object]) -> Callable[[], None]:
-        """Call `callback` with what happens to the connection; returns a function that ends this."""
+        """Call `callback` with each event of the connection; returns a function that ends this."""
         return self._session.events.listen(callback)
 
     async def drain(self) -> None:
@@ -268,7 +268,7 @@ class Robot(RobotApi):
     def topic(
         self, topic: str, type: str | None = None, **options: Unpack[SubscribeKeywords]
     ) -> RemoteSubscription:
-        """The messages of a topic from now on, as an asynchronous iterator; as :meth:`subscribe`."""
+        """Return the messages of a topic from now on, as an asynchronous iterator; as :meth:`subscribe`."""
         subscription = RemoteSubscription(self._table, topic, self._options(options), None)
         return subscription.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
 
@@ -308,13 +308,13 @@ class Robot(RobotApi):
         timeout: Timeout = USUAL,
         **options: Unpack[SubscribeKeywords],
     ) -> Message:
-        """The next message of a topic, or the one that it keeps for late joiners; see :meth:`RobotApi.once`.
+        """Return the next message of a topic, or the one that it retains; see :meth:`RobotApi.once`.
 
         Args:
             options: as for :meth:`subscribe`.
 
         Raises:
-            ServerRefused: the server does not serve the topic so; its text.
+            ServerRefused: the server rejects the subscription; with its text.
         """
         try:
             async with self.topic(topic, type, **options) as messages:
@@ -347,7 +347,7 @@ class Robot(RobotApi):
         return publisher
 
     def _message_type(self, topic: str, type: str | None) -> Callable[[], Awaitable[MessageType]]:
-        """Asks the robot for a type, and first for its name if none is given."""
+        """Return a function that asks the robot for a type, and for its name if none is given."""
 
         async def ask() -> MessageType:
             return await self.types.message(type or await self.types.of_topic(topic))
@@ -373,8 +373,8 @@ class Robot(RobotApi):
         """Call a service and wait for its response; see :meth:`RobotApi.call`.
 
         Args:
-            repeat: wait for a connection where there is none, and call once more when it is lost before the
-                answer. Only for services that may run twice.
+            repeat: wait for a connection if there is none, and call again if it is lost before the answer.
+                Only for idempotent services.
         """
         service_type = await self.types.service(type or await self.types.of_service(service))
         args = RawJson(to_payload(service_type.request, {} if request is None else request).json())
@@ -442,7 +442,7 @@ class Robot(RobotApi):
     # -- beginning -------------------------------------------------------------------------------------------
 
     async def identify(self, ros_version: int | None, fetch_types: bool) -> None:
-        """Find out which ROS the robot speaks, and take its types. Does not fail: rosapi may not be there."""
+        """Ask for the robot's distribution and types. Does not fail, because there may be no rosapi."""
         distro = await self._ask_distro() if ros_version is None else closest_distro("", ros_version)
         self.types.set_distro(distro)
         if fetch_types and distro is not None:
@@ -452,7 +452,7 @@ class Robot(RobotApi):
                 logger.info("the robot does not tell its types: %s", error)
 
     async def _ask_distro(self) -> Distro | None:
-        """None where there is no rosapi; ROS 1 often has rosapi without this question."""
+        """Return None without rosapi; rosapi of ROS 1 often lacks this question."""
         try:
             found = await self._identifying.ros_version()
         except CallTimeout:
@@ -494,7 +494,7 @@ class Robot(RobotApi):
         return await self._question(question, args, self._timeout)
 
     async def _ask_briefly(self, question: str, args: Mapping[str, object]) -> Any:
-        """Ask rosapi while somebody waits for the connection: perhaps nobody answers."""
+        """Ask rosapi while connecting, with a short timeout: there may be none."""
         patience = IDENTIFY_SECONDS if self._timeout is None else min(self._timeout, IDENTIFY_SECONDS)
         return await self._question(question, args, patience)
 
@@ -519,7 +519,7 @@ class Robot(RobotApi):
         return self._timeout if timeout is USUAL else timeout
 
     def _interface_name(self, interface: Any) -> str:
-        """What the server calls a service or action type."""
+        """Return the server's name of a service or action type."""
         return interface.name if self.types.distro is None else self.types.registry.type_name(interface)
 
 
@@ -565,7 +565,7 @@ class _ClientClock:
 
 
 class _TimerTask(Timer):
-    """A call that waits in a task of its own."""
+    """Delayed call, in a task of its own."""
 
     def __init__(self, tasks: TaskStarter, delay: float, call: Callable[[], None]) -> None:
         self._delay = delay
@@ -588,7 +588,7 @@ class _TimerTask(Timer):
 
 
 def _nothing(_: None, op: Op) -> None:
-    """Published messages and complaints are taken by the session itself."""
+    """No-op: the session itself handles published messages and status messages."""
 
 
 def _log_failure(_: None, op: Op, error: Exception) -> None:

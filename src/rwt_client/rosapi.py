@@ -95,7 +95,7 @@ class RosApi:
         return await self._names("nodes", "nodes")
 
     async def node(self, name: str) -> NodeDetails:
-        """What a node takes part in."""
+        """Return the topics and services of a node."""
         answer = await self._answer("node_details", {"node": name}, dict[str, Any])
         parts = (_strings(answer.get(key)) for key in ("subscribing", "publishing", "services"))
         return NodeDetails(name, *parts)

@@ -1,4 +1,4 @@
-"""Where frames of the robot are, as its transforms tell, and telling them."""
+"""Transforms of a robot: lookup and broadcasting."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class AdvertiseVerb(Protocol):
 
 
 class Transforms:
-    """The robot's tree of frames, kept up to date from the first question on; and this program's part in it.
+    """Tree of frames of a robot, kept up to date from the first lookup, and broadcaster of transforms.
 
     Args:
         subscribe: how to hear `/tf` and `/tf_static`.

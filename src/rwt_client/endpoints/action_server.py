@@ -64,7 +64,7 @@ class ActionServer(RemoteServer[ActionType]):
         return UnadvertiseAction(action=self.name, id=self.id)
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
-        """Nobody hears of the goals any more, so they are asked to end (ACT-19)."""
+        """Request that all goals end: their senders no longer hear of them (ACT-19)."""
         self._cancel_all()
 
     def _cancel_all(self) -> None:

@@ -66,7 +66,7 @@ class _ActionlibGoal:
             self.cancel.publish({"id": self._goal.id})
 
     def forget(self) -> None:
-        """Nothing more is wanted of this goal."""
+        """Receive nothing more of this goal."""
         for topic in self.topics:
             topic.close()
         for publisher in (self.cancel, self.goals):

@@ -32,12 +32,12 @@ _EARLY_KEPT: Final = 100
 
 @dataclass(frozen=True, slots=True)
 class AdvertiseOptions:
-    """How a topic is advertised.
+    """Options of an advertisement.
 
     Attributes:
-        latch: whether late subscribers get the last message.
-        queue_size: messages kept for slow subscribers, where the server speaks ROS 1.
-        qos: quality of service, where the server speaks ROS 2.
+        latch: retain the last message for late subscribers.
+        queue_size: messages queued for slow subscribers, on ROS 1 servers.
+        qos: quality of service, on ROS 2 servers.
     """
 
     latch: bool = False
@@ -187,7 +187,7 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
         self.fail(ServerRefused(text))
 
     def fail(self, error: RobotError) -> None:
-        """Nothing can be published any more, because of `error`."""
+        """Reject further messages with `error`."""
         self._error = error
 
     def _on_drop(self, reason: DropReason) -> None:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger("rwt_client")
 
 _EVERYTHING = Qos(history="keep_all", reliability="best_available")
-"""Who keeps or passes on messages wants them all; without this a slow reader gets the newest alone."""
+"""QoS for programs that keep or pass on all messages; by default a slow reader gets only the newest."""
 
 _MEMBERS = frozenset(("secs", "nsecs", "bytes"))
 

@@ -59,7 +59,7 @@ class WireCall:
             self._calls.session.send(CallService(service=self._service, args=self._args, id=self.id))
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
-        """It fails, unless it may be sent once more."""
+        """Fail the call, unless it may be sent again."""
         if final or not self._repeat:
             self.outcome.set(type(error)(f"{error}, before {self._service} answered"))
 

@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 logger = logging.getLogger("rwt_client")
 
 COMPRESSIONS: Final = ("auto", *(encoding.name for encoding in SELECTABLE if not encoding.raw))
-"""What a subscription can ask for."""
+"""Supported values of `compression`."""
 
 
 @dataclass(frozen=True, slots=True)
 class SubscribeOptions:
-    """How a topic is subscribed to.
+    """Options of a subscription.
 
     Attributes:
         arrays: what numeric arrays become: ``list``, or ``numpy``.
@@ -84,7 +84,7 @@ class TopicSubscriptions:
 
 
 class SubscriptionTable:
-    """What all subscriptions of a client share.
+    """Shared state of all subscriptions of a client.
 
     Args:
         binary: whether the transport can carry CBOR (TCP-05).
@@ -116,7 +116,7 @@ class SubscriptionTable:
             self.session.listen(subscription.name, None)
 
     def compression(self, wanted: str, message_type: MessageType) -> str:
-        """What to ask for."""
+        """Return the compression to request."""
         if wanted != "auto":
             return wanted
         if not self.cbor_offered or not has_big_arrays(message_type):

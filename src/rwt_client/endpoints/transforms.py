@@ -22,7 +22,7 @@ _ARRAY: Final = "tf2_web_republisher/TFArray"
 
 @dataclass(frozen=True, slots=True)
 class _Thresholds:
-    """What is asked of the republisher; see :meth:`RemoteTransforms.start_compact`."""
+    """Request to the republisher; see :meth:`RemoteTransforms.start_compact`."""
 
     rate: float
     linear: float

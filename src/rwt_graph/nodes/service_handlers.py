@@ -29,16 +29,16 @@ Answer: TypeAlias = "MessageLike | Awaitable[MessageLike | None] | None"
 
 
 def failure_text(error: Exception) -> str:
-    """The reason that a caller receives for an exception."""
+    """Return the reason that a caller receives for an exception."""
     return str(error) or type(error).__name__
 
 
 class ServiceFunction:
-    """Calls a handler for each request; what it raises is the caller's :exc:`ServiceFailed`.
+    """Handler of a service as a callback of the graph; its exceptions are the caller's :exc:`ServiceFailed`.
 
-    A plain handler runs on the graph's thread and holds everything up while it does: slow work belongs in an
-    `async def` handler, with `anyio.to_thread.run_sync` for what blocks. Each call of a coroutine handler
-    is a task; calls may overlap.
+    A plain handler runs on the graph's thread and blocks it: slow work belongs in an `async def` handler,
+    with `anyio.to_thread.run_sync` for code that blocks. Each call of a coroutine handler is a task; calls
+    may overlap.
     """
 
     def __init__(self, graph: Graph, service: str, response: MessageType, handler: ServiceHandler) -> None:

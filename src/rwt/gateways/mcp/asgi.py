@@ -193,7 +193,7 @@ class Exchange:
 
 
 class _ResponseBody(AsyncIterator[bytes]):
-    """What an application writes. Closed before its end, or before its beginning, it ends the exchange."""
+    """Body that an application writes; closing it early ends the exchange."""
 
     def __init__(self, chunks: MemoryObjectReceiveStream[bytes], leave: Callable[[], None]) -> None:
         self._chunks = chunks

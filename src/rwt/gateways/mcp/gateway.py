@@ -90,7 +90,7 @@ _CALLER: Final = "rwt.caller"
 
 @dataclass(eq=False, slots=True)
 class _Caller:
-    """Who has sent one request.
+    """Sender of one request.
 
     Attributes:
         info: what is known of it.
@@ -402,7 +402,7 @@ class McpGateway:
         return answer
 
     def asks_about(self, name: str) -> bool:
-        """Whether a person is asked before something is done to what has that name (mcp.confirm)."""
+        """Return True if a person must confirm acts on that name (mcp.confirm)."""
         return self._asks_about.fullmatch(name.lower()) is not None
 
     def note(self, context: ServerRequestContext[Any, Any], text: str, *, acts: bool) -> None:
@@ -457,7 +457,7 @@ def _caller_of(context: ServerRequestContext[Any, Any]) -> _Caller:
 
 
 def _name_of(context: ServerRequestContext[Any, Any]) -> str:
-    """What an agent's program calls itself, cut; it may be anything."""
+    """Return the name that an agent's program gives itself, truncated; it may be anything."""
     params = context.session.client_params
     return "unnamed" if params is None else one_line(params.client_info.name[:60]) or "unnamed"
 
@@ -468,13 +468,13 @@ def _asked_by(gate: Gate, client: ClientGraph) -> Approval | None:
 
 
 def _acts(role: Role) -> frozenset[Act]:
-    """What tools a role can make any use of; the services of rosapi, open to all, are behind others."""
+    """Return the rights of a role that let it use a tool; services of rosapi do not count."""
     acts: tuple[Act, ...] = ("publish", "call", "goals", "set_param")
     return frozenset(act for act in acts if any(not glob.startswith("/rosapi/") for glob in role.globs[act]))
 
 
 def _opens_session(request: HttpRequest) -> bool:
-    """Whether a request would begin a session of the protocol's older versions."""
+    """Return True if a request would begin a session of the protocol's older versions."""
     spoken = request.headers.get("mcp-protocol-version")
     older = spoken is None or spoken in HANDSHAKE_PROTOCOL_VERSIONS
     return request.method == "POST" and older and "mcp-session-id" not in request.headers

@@ -1,4 +1,4 @@
-"""Goals that agents have sent: remembered until their results are asked for, by whoever sent them."""
+"""Goals that agents have sent, kept until their owners have asked for the results."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class AgentGoal:
-    """One goal.
+    """Goal of an agent.
 
     Attributes:
-        owner: who sent it.
+        owner: sender of the goal.
         goal: None while it is being sent.
-        result_type: of the action's result.
-        feedback_type: of the action's feedback.
-        feedback: the last that came.
-        reports: how much feedback has come.
+        result_type: type name of the action's result.
+        feedback_type: type name of the action's feedback.
+        feedback: last feedback.
+        reports: number of feedback messages.
     """
 
     owner: str
@@ -33,7 +33,7 @@ class AgentGoal:
     reports: int = 0
 
     def take_feedback(self, message: Message) -> None:
-        """Keep the last."""
+        """Note the last feedback."""
         self.feedback = message
         self.reports += 1
 
@@ -45,11 +45,11 @@ _OF_ANOTHER: Final = (
 
 
 class GoalTable:
-    """The goals of all agents of one gateway.
+    """Goals of all agents of one gateway.
 
     Args:
-        most: how many are remembered; one owner has a quarter of them at most.
-        several_processes: whether an agent's next request may come to another process.
+        most: maximum number of goals; one owner has at most a quarter of them.
+        several_processes: True if the next request of an agent may reach another process.
     """
 
     def __init__(self, most: int, *, several_processes: bool = False) -> None:
@@ -61,14 +61,14 @@ class GoalTable:
         return len(self._goals)
 
     def of(self, owner: str) -> dict[str, AgentGoal]:
-        """The goals of one owner, by id, oldest first."""
+        """Return the goals of one owner, by id, oldest first."""
         return {id: sent for id, sent in self._goals.items() if sent.owner == owner}
 
     def check_room(self, owner: str) -> None:
-        """Make room for one more goal of `owner`, by forgetting the oldest that has ended.
+        """Make room for one more goal of `owner`, by removing the oldest that has ended.
 
         Raises:
-            ToolError: there is none: as many run as may.
+            ToolError: `mcp.goals` is reached, and none has ended.
         """
         mine = self.of(owner)
         if len(mine) < max(1, self._most // 4) and len(self._goals) < self._most:
@@ -84,14 +84,14 @@ class GoalTable:
         )
 
     def add(self, id: str, sent: AgentGoal) -> None:
-        """Remember a goal."""
+        """Add a goal."""
         self._goals[id] = sent
 
     def find(self, owner: str, id: str) -> AgentGoal:
-        """The goal of that id.
+        """Return the goal of that id.
 
         Raises:
-            ToolError: `owner` has sent none of that id, or its result was asked for already.
+            ToolError: `owner` has not sent it, or has its result.
         """
         sent = self._goals.get(id)
         if sent is None or sent.owner != owner:
@@ -101,5 +101,5 @@ class GoalTable:
         return sent
 
     def forget(self, id: str) -> None:
-        """Forget a goal whose result was told."""
+        """Remove a goal whose result was reported."""
         self._goals.pop(id, None)

@@ -1,4 +1,4 @@
-"""How much work a coroutine is, without what it waits for."""
+"""Metering of the work of a coroutine, without its waiting."""
 
 from __future__ import annotations
 

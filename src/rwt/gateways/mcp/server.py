@@ -48,7 +48,7 @@ class Host(Protocol):
         Raises :exc:`ToolError` to refuse it."""
 
     def asks_about(self, name: str) -> bool:
-        """Whether a person is asked before something is done to what has that name."""
+        """Return True if a person must confirm acts on that name."""
 
     def note(self, context: Context, text: str, *, acts: bool) -> None:
         """Write into the audit what an agent does."""

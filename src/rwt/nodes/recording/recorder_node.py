@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 STATE_SECONDS: Final = 1.0
-"""How often the state is told while something is recorded."""
+"""Interval between state messages while recording, in seconds."""
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _MOST_TOPICS: Final = 200
 _MOST_NAME: Final = 256
@@ -38,7 +38,7 @@ class RecorderFolderError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class RecorderLimits:
-    """What recordings that are asked for may take, in bytes.
+    """Limits of recordings that clients start, in bytes.
 
     Attributes:
         recording: content of one, before compression.

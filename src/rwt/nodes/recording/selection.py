@@ -1,4 +1,4 @@
-"""Which topics are recorded or played."""
+"""Selection of topics to record or play."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class TopicSelection:
     actions: bool = False
 
     def takes(self, topic: str) -> bool:
-        """Whether a topic is chosen. One that `topics` names in full is, whatever kind it is."""
+        """Return True if a topic is selected. One that `topics` names in full is, whatever its kind."""
         if any(_fits(topic, pattern) for pattern in self.exclude):
             return False
         if topic in self.topics:

@@ -1,1 +1,1 @@
-"""What a model is shown of messages: bounded text, pictures, and words for scans, maps and clouds."""
+"""Content for models: bounded text, images, and descriptions of scans, maps and clouds."""

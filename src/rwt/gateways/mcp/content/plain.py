@@ -76,7 +76,7 @@ def _numbers(items: Sequence[object]) -> dict[str, object]:
 
 
 def field(message: Message, path: str) -> object:
-    """What stands in one field of a message.
+    """Return the value of one field of a message.
 
     Args:
         path: as `pose.position.x` or `ranges[0]`.

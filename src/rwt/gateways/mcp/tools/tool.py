@@ -56,7 +56,7 @@ class Tool(Generic[A]):
         return _plain_schema(self.arguments.model_json_schema())
 
     def is_offered_to(self, agent: Agent) -> bool:
-        """Whether an agent can make use of it at all."""
+        """Return True if the agent has the right to use it."""
         if self.reads_recordings and agent.recordings is None:
             return False
         return self.act is None or self.act in agent.acts
@@ -75,7 +75,7 @@ class Tool(Generic[A]):
         return await self.run(agent, checked)
 
     def complaint(self, error: ValidationError) -> str:
-        """What is wrong with arguments, for the agent."""
+        """Return the errors of arguments, for the agent."""
         said = []
         for each in error.errors(include_url=False, include_context=False)[:5]:
             where = ".".join(map(str, each["loc"]))[:100] or "arguments"
