@@ -21,13 +21,14 @@ from mcap.writer import CompressionType, Writer
 
 from bench.traffic import messages
 from rwt.nodes.recording import ChannelForm, RecordingWriter, channel_form
-from rwt_client.endpoints.raw_subscription import RawMessage, RawSubscription
+from rwt_client.endpoints.raw_subscription import RawSubscription
 from rwt_client.endpoints.remote_types import RemoteTypes
 from rwt_client.endpoints.subscriptions import SubscriptionTable
 from rwt_client.wire.session import ReconnectingSession
 from rwt_graph.api import Sample
 from rwt_interfaces import JAZZY, Payload
 from rwt_interfaces.structs import MessageType
+from rwt_participant.messages import RawMessage
 from rwt_protocol.codecs import CODECS
 from rwt_protocol.limits import WireLimits
 from rwt_transports.background import TaskStarter

@@ -59,7 +59,7 @@ if TYPE_CHECKING:
         QoS,
         Reliability,
     )
-    from rwt_participant.watchdog import Watchdog
+    from rwt_participant.timers import Watchdog
     from rwt_tf2 import (
         StampedTransform,
         Transform,
@@ -80,7 +80,7 @@ _HOMES: Final = {
         "rwt_client": "connect",
         "rwt_graph": "Node MemoryGraph SimulatedClock",
         "rwt_participant.api": "RobotApi",
-        "rwt_participant.watchdog": "Watchdog",
+        "rwt_participant.timers": "Watchdog",
         "rwt_participant.diagnostics": "DiagnosticUpdater DiagnosticStatus DiagnosticLevel",
         "rwt_participant.images": (
             "image_to_numpy image_from_numpy image_to_pillow image_from_pillow compressed_image"

@@ -134,7 +134,7 @@ class ServerThread:
         self._ended.set()
 
 
-class BlockingNode(node.BlockingNode):
+class BlockingNode(node.BlockingGraphNode):
     """A node whose verbs wait, in the graph of a server of its own; see :class:`rwt_graph.Node`.
 
     Attributes:

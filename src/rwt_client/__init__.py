@@ -10,7 +10,7 @@
 from rwt_client.connection import connect
 from rwt_client.endpoints.action_server import ActionServer
 from rwt_client.endpoints.publisher import RemotePublisher
-from rwt_client.endpoints.raw_subscription import RawMessage, RawSubscription
+from rwt_client.endpoints.raw_subscription import RawSubscription
 from rwt_client.endpoints.remote_types import RemoteTypes
 from rwt_client.endpoints.services import ServiceServer
 from rwt_client.endpoints.subscriptions import RemoteSubscription
@@ -26,7 +26,8 @@ from rwt_client.errors import (
 )
 from rwt_client.events import ConnectionEvent, EventStream
 from rwt_client.robot import Robot
-from rwt_client.rosapi import FieldInfo, NodeInfo, Parameters, RosApi, RosVersion, TopicInfo, TypeInfo
+from rwt_client.rosapi import FieldInfo, NodeDetails, RosApi, RosVersion, TypeInfo
+from rwt_participant.messages import RawMessage
 from rwt_transports.backoff import Backoff
 
 __all__ = [
@@ -38,12 +39,10 @@ __all__ = [
     "RemotePublisher",
     "ServiceServer",
     "ActionServer",
-    "Parameters",
     "RemoteTransforms",
     "RemoteTypes",
     "RosApi",
-    "TopicInfo",
-    "NodeInfo",
+    "NodeDetails",
     "RosVersion",
     "TypeInfo",
     "FieldInfo",

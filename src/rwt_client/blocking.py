@@ -57,11 +57,11 @@ class _PortalThread:
 
     @property
     def here(self) -> bool:
-        """Whether this is its thread."""
+        """True on its thread."""
         return threading.get_ident() == self._thread
 
     def run(self, function: Callable[[], T]) -> T:
-        """What a plain function returns that is run there; raises ConnectionClosed after the end."""
+        """Run a plain function there and return its result; raises ConnectionClosed after the end."""
         if self.here:
             return function()
 
@@ -71,7 +71,7 @@ class _PortalThread:
         return self.wait(run)
 
     def wait(self, function: Callable[[], Awaitable[T]]) -> T:
-        """What a coroutine function returns that is run there.
+        """Run a coroutine function there and return its result.
 
         Raises:
             WrongThread: this is its thread, which would wait for itself.
@@ -89,7 +89,7 @@ class _PortalThread:
 
 
 class BlockingApi(Blocking[RosApi]):
-    """What rosapi answers; see :class:`rwt_client.rosapi.RosApi`."""
+    """Queries of rosapi; see :class:`rwt_client.rosapi.RosApi`."""
 
     topics = waits(RosApi.topics)
     topics_for_type = waits(RosApi.topics_for_type)
@@ -173,7 +173,7 @@ class BlockingRobot(BlockingVerbs[Robot]):
 
     @property
     def connected(self) -> bool:
-        """Whether there is a connection now."""
+        """True if there is a connection now."""
         return self._inner.connected
 
     @property
@@ -196,7 +196,7 @@ class BlockingRobot(BlockingVerbs[Robot]):
         close()
 
     def when_closed(self, close: Callable[[], None]) -> None:
-        """What :meth:`close` does."""
+        """Set the function that :meth:`close` calls."""
         self._close = close
 
     def __enter__(self) -> Self:
@@ -207,7 +207,7 @@ class BlockingRobot(BlockingVerbs[Robot]):
 
 
 def _nothing() -> None:
-    """It is closed already."""
+    """No-op: the connection is closed."""
 
 
 def connect(target: str | Accept, **options: Unpack[ConnectKeywords]) -> BlockingRobot:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from anyio.abc import TaskGroup, TaskStatus
 
 RECONNECT = Backoff()
-"""What :func:`connect` does by default: never gives up."""
+"""Default of :func:`connect`: retries without limit."""
 
 _FAREWELL_SECONDS: Final = 2.0
 _FOREVER: Final = float("inf")
@@ -140,7 +140,7 @@ def _dial(
     tls: ssl.SSLContext | None,
     ice_servers: Sequence[Mapping[str, str]] | None,
 ) -> Dial:
-    """How to open a connection to `target`."""
+    """Return a function that opens a connection to `target`."""
     if not isinstance(target, str):
         return partial(_dial_memory, target)
     patience = _FOREVER if timeout is None else timeout
@@ -223,4 +223,4 @@ class _Reconnector:
 
 
 def _nothing() -> None:
-    """Nobody waits for a connection that comes back."""
+    """No-op: no task waits for a restored connection."""

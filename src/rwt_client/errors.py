@@ -1,4 +1,4 @@
-"""What `rwt_client` raises of its own, beside what every program may meet (:mod:`rwt_participant.errors`).
+"""Errors of a connection, in addition to those of every robot program (:mod:`rwt_participant.errors`).
 
 * :exc:`ClientError`
 
@@ -31,11 +31,11 @@ class BadAddress(ClientError, ValueError):
 
 
 class CannotConnect(ConnectionLost):
-    """Nobody answers there, or who answers does not let this program in."""
+    """The connection was refused, or the server rejected it."""
 
 
 class NotConnected(ConnectionLost):
-    """There is no connection now."""
+    """The client is not connected now."""
 
 
 class ConnectionClosed(ConnectionLost):

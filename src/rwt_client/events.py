@@ -1,4 +1,4 @@
-"""What happens to a connection, as events."""
+"""Events of a connection."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class ConnectionEvent:
 
 
 class Events:
-    """Tells everybody who listens."""
+    """Listeners of the events of a connection."""
 
     __slots__ = ("_callbacks", "_streams")
 

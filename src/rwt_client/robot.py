@@ -1,12 +1,13 @@
-"""A robot as its programs see it: topics, services, actions, parameters, types, time."""
+"""Robot at the other end of a connection."""
 
 from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping
+from contextlib import AbstractContextManager, suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack
 
 import anyio
 import msgspec
@@ -15,33 +16,43 @@ from rwt_client.endpoints.action_server import ActionServer, ActionServers
 from rwt_client.endpoints.actionlib import send_over_topics
 from rwt_client.endpoints.goals import SentGoals
 from rwt_client.endpoints.publisher import AdvertiseOptions, RemotePublisher, wire_qos
-from rwt_client.endpoints.raw_subscription import RawCallback, RawSubscription
+from rwt_client.endpoints.raw_subscription import RawSubscription
 from rwt_client.endpoints.remote_types import RemoteTypes
 from rwt_client.endpoints.services import Calls, ServiceServer, ServiceServers
 from rwt_client.endpoints.subscriptions import RemoteSubscription, SubscribeOptions, SubscriptionTable
 from rwt_client.endpoints.transforms import RemoteTransforms
 from rwt_client.errors import ConnectionClosed
 from rwt_client.events import ConnectionEvent, EventStream
-from rwt_client.rosapi import UNANSWERED, Parameters, RosApi
+from rwt_client.rosapi import RosApi
 from rwt_client.wire.arrays import ArrayKind
 from rwt_client.wire.session import ReconnectingSession
 from rwt_interfaces import NOETIC, Distro
 from rwt_interfaces.distro import closest_distro
-from rwt_participant.api import RobotApi
-from rwt_participant.errors import CallTimeout, InvalidMessage, ProviderNotFound, ServiceFailed, TimedOut
+from rwt_participant.api import ACTION_PARTS, SERVICE_EVENTS, Listed, RobotApi
+from rwt_participant.errors import (
+    CallTimeout,
+    InvalidMessage,
+    ProviderNotFound,
+    RobotError,
+    ServiceFailed,
+    TimedOut,
+    UnknownType,
+)
 from rwt_participant.future import USUAL, Future, Timeout
 from rwt_participant.goals import Execute, Goal
 from rwt_participant.messages import (
     Message,
     MessageCallback,
     MessageLike,
+    RawCallback,
     ServiceHandler,
     check_handler,
     to_payload,
     type_of,
 )
 from rwt_participant.qos import QoS
-from rwt_participant.timers import PeriodicTimer, Timer
+from rwt_participant.rosapi_parameters import UNANSWERED, RosapiParameters
+from rwt_participant.timers import PeriodicTimer, RobotClock, Timer
 from rwt_protocol.dispatcher import Dispatcher
 from rwt_protocol.ops import (
     ActionFeedback,
@@ -59,15 +70,22 @@ from rwt_protocol.ops import (
 from rwt_protocol.payloads import RawJson
 
 if TYPE_CHECKING:
-    from rwt_interfaces.structs import MessageType
+    from rwt_interfaces.structs import ActionType, MessageType, ServiceType
     from rwt_transports.background import TaskStarter
 
 logger = logging.getLogger("rwt_client")
 
 IDENTIFY_SECONDS = 3.0
-"""How long an answer of rosapi is waited for while connecting."""
+"""Timeout of questions to rosapi while connecting, in seconds."""
 
-_ROSAPI = "/rosapi"
+_ROSAPI: Final = "/rosapi"
+
+_QUESTIONS: Final = 16
+"""Maximum number of concurrent questions for the types of a listing."""
+
+_ACTION_TOPICS: Final = (
+    "feedback", "status", f"send_goal{SERVICE_EVENTS}", f"get_result{SERVICE_EVENTS}",
+)  # fmt: skip
 
 
 class SubscribeKeywords(TypedDict, total=False):
@@ -91,13 +109,13 @@ class AdvertiseKeywords(TypedDict, total=False):
 
 
 class Robot(RobotApi):
-    """A connection to a robot; made by :func:`rwt_client.connect`.
+    """Connection to a robot; made by :func:`rwt_client.connect`.
 
     Attributes:
-        url: where it was connected to.
-        types: its types.
-        api: what rosapi answers.
-        params: its parameters.
+        url: URL of the connection.
+        types: types of the robot.
+        api: queries of rosapi.
+        params: parameters of all nodes.
     """
 
     def __init__(
@@ -114,7 +132,7 @@ class Robot(RobotApi):
         self.url = url
         self.types = RemoteTypes(self._ask)
         self.api = RosApi(self._ask)
-        self.params = Parameters(self._ask)
+        self.params = RosapiParameters(self._ask)
         self._session = session
         self._tasks = tasks
         self._drained = drained
@@ -136,26 +154,30 @@ class Robot(RobotApi):
         self._services = ServiceServers()
         self._actions = ActionServers()
         self._publishers: dict[str, RemotePublisher] = {}
-        self._timing = _Timing(tasks)
+        self._clock = _ClientClock(tasks)
         session.dispatcher = self._dispatcher()
 
     @property
     def tf(self) -> RemoteTransforms:  # noqa: D102 - inherited
         return self._tf
 
+    @property
+    def clock(self) -> RobotClock:  # noqa: D102 - inherited
+        return self._clock
+
     # -- the connection --------------------------------------------------------------------------------------
 
     @property
     def connected(self) -> bool:
-        """Whether there is a connection now."""
+        """True if there is a connection now."""
         return self._session.connected
 
     async def wait_connected(self, *, timeout: Timeout = USUAL) -> None:
         """Wait until there is a connection, with everything subscribed, advertised and offered on it again.
 
         Raises:
-            TimedOut: there was none in time.
-            ConnectionClosed: there will be none any more.
+            TimedOut: there was no connection in time.
+            ConnectionClosed: there will be no connection any more.
         """
         if self.connected:
             return
@@ -174,23 +196,79 @@ class Robot(RobotApi):
             end()
 
     def events(self) -> EventStream:
-        """What happens to the connection from now on, as an async iterator."""
+        """Return the events of the connection from now on, as an async iterator."""
         return self._session.events.stream()
 
     def on_event(self, callback: Callable[[ConnectionEvent], object]) -> Callable[[], None]:
-        """Call `callback` with what happens to the connection; returns a function that ends this."""
+        """Call `callback` with each event of the connection; returns a function that ends this."""
         return self._session.events.listen(callback)
 
     async def drain(self) -> None:
         """Wait until the network has taken everything that was sent."""
         await self._drained()
 
+    # -- listings --------------------------------------------------------------------------------------------
+
+    async def topics(self, *, hidden: bool = False) -> tuple[Listed, ...]:  # noqa: D102 - inherited
+        found = {each.name: each for each in await self.api.topics()}
+        if hidden:
+            names = [name for name in await self._hidden_names() if name not in found]
+            found |= {each.name: each for each in await self._typed(names, self.api.topic_type) if each.type}
+        return tuple(found[name] for name in sorted(found))
+
+    async def _hidden_names(self) -> list[str]:
+        """Return the names that topics of service introspection and of actions would have (API-02)."""
+        names = [f"{name}{SERVICE_EVENTS}" for name in await self.api.services()]
+        if self.types.registry.distro.action_transport == "services":
+            with suppress(*UNANSWERED):  # Some servers have no actions.
+                actions = await self.api.action_servers()
+                names += [f"{name}{ACTION_PARTS}{part}" for name in actions for part in _ACTION_TOPICS]
+        return [name for name in names if not name.startswith(f"{_ROSAPI}/")]
+
+    async def services(self) -> tuple[Listed, ...]:  # noqa: D102 - inherited
+        return await self._typed(await self.api.services(), self.types.of_service)
+
+    async def actions(self) -> tuple[Listed, ...]:  # noqa: D102 - inherited
+        return await self._typed(await self.api.action_servers(), self.types.of_action)
+
+    async def _typed(
+        self, names: Iterable[str], type_of: Callable[[str], Awaitable[str]]
+    ) -> tuple[Listed, ...]:
+        """Ask for the types of some names, several at a time; a type is empty if the robot does not tell."""
+        types = dict.fromkeys(sorted(names), "")
+        few = anyio.Semaphore(_QUESTIONS)
+
+        async def ask(name: str) -> None:
+            async with few:
+                with suppress(RobotError):
+                    types[name] = await type_of(name)
+
+        async with anyio.create_task_group() as tasks:
+            for name in types:
+                tasks.start_soon(ask, name)
+        return tuple(Listed(name, type) for name, type in types.items())
+
+    async def type_of(self, topic: str) -> MessageType:  # noqa: D102 - inherited
+        return await self.types.message(await self.types.of_topic(topic))
+
+    async def interface(self, name: str) -> MessageType | ServiceType | ActionType:  # noqa: D102 - inherited
+        types = self.types
+        known = types.known_message(name) or types.known_service(name) or types.known_action(name)
+        if known is not None:
+            return known
+        for fetch in (types.message, types.service, types.action):
+            try:
+                return await fetch(name)
+            except UnknownType:
+                continue
+        raise UnknownType(f"no message, service or action of the name {name} is known")
+
     # -- topics ----------------------------------------------------------------------------------------------
 
     def topic(
         self, topic: str, type: str | None = None, **options: Unpack[SubscribeKeywords]
     ) -> RemoteSubscription:
-        """The messages of a topic from now on, as an asynchronous iterator; as :meth:`subscribe`."""
+        """Return the messages of a topic from now on, as an asynchronous iterator; as :meth:`subscribe`."""
         subscription = RemoteSubscription(self._table, topic, self._options(options), None)
         return subscription.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
 
@@ -209,17 +287,18 @@ class Robot(RobotApi):
         subscription = RemoteSubscription(self._table, topic, self._options(options), callback)
         return subscription.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
 
-    def subscribe_raw(self, topic: str, callback: RawCallback, type: str | None = None) -> RawSubscription:
-        """Call `callback` with each message of a topic as the robot serialises it, and with its stamp.
+    def subscribe_raw(  # noqa: D102 - inherited
+        self, topic: str, callback: RawCallback, type: str | None = None
+    ) -> RawSubscription:
+        async def ask() -> MessageType:
+            name = type or await self.types.of_topic(topic)
+            if self.types.known_message(name) is None:
+                with suppress(RobotError):  # The definition with its comments and constants, if there is one.
+                    await self.types.refresh()
+            return await self.types.message(name)
 
-        For programs that keep or pass on messages: nothing is decoded. See
-        :class:`~rwt_client.endpoints.raw_subscription.RawSubscription`.
-
-        Raises:
-            UnknownType: the type is not known; when awaited.
-        """
         subscription = RawSubscription(self._table, topic, callback)
-        return subscription.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
+        return subscription.open(self.types.known_message(type), ask, self._tasks)
 
     async def once(
         self,
@@ -229,13 +308,13 @@ class Robot(RobotApi):
         timeout: Timeout = USUAL,
         **options: Unpack[SubscribeKeywords],
     ) -> Message:
-        """The next message of a topic, or the one that it keeps for late joiners; see :meth:`RobotApi.once`.
+        """Return the next message of a topic, or the one that it retains; see :meth:`RobotApi.once`.
 
         Args:
             options: as for :meth:`subscribe`.
 
         Raises:
-            ServerRefused: the server does not serve the topic so; its text.
+            ServerRefused: the server rejects the subscription; with its text.
         """
         try:
             async with self.topic(topic, type, **options) as messages:
@@ -268,7 +347,7 @@ class Robot(RobotApi):
         return publisher
 
     def _message_type(self, topic: str, type: str | None) -> Callable[[], Awaitable[MessageType]]:
-        """Asks the robot for a type, and first for its name if none is given."""
+        """Return a function that asks the robot for a type, and for its name if none is given."""
 
         async def ask() -> MessageType:
             return await self.types.message(type or await self.types.of_topic(topic))
@@ -294,8 +373,8 @@ class Robot(RobotApi):
         """Call a service and wait for its response; see :meth:`RobotApi.call`.
 
         Args:
-            repeat: wait for a connection where there is none, and call once more when it is lost before the
-                answer. Only for services that may run twice.
+            repeat: wait for a connection if there is none, and call again if it is lost before the answer.
+                Only for idempotent services.
         """
         service_type = await self.types.service(type or await self.types.of_service(service))
         args = RawJson(to_payload(service_type.request, {} if request is None else request).json())
@@ -333,6 +412,12 @@ class Robot(RobotApi):
         )
         return self._goals.send(sent, self._interface_name(action_type), RawJson(payload.json()), readers)
 
+    def cancel_goal(self, action: str, goal_id: str) -> None:  # noqa: D102 - inherited
+        if self.types.registry.distro.action_transport == "topics":
+            self.publish(f"{action}/cancel", {"id": goal_id}, "actionlib_msgs/GoalID")
+        else:
+            self._goals.cancel(action, goal_id)
+
     def advertise_action(self, action: str, type: str, execute: Execute) -> ActionServer:  # noqa: D102 - inherited
         server = ActionServer(
             self._session, action, self._interface_name, self._actions.offered, execute, self._tasks
@@ -344,7 +429,7 @@ class Robot(RobotApi):
     def create_timer(  # noqa: D102 - inherited
         self, period: float, callback: Callable[[], Awaitable[None] | None]
     ) -> PeriodicTimer:
-        timer = PeriodicTimer(self._timing, self._timing, period, callback)
+        timer = PeriodicTimer(self._clock, self._clock, period, callback)
         timer.start()
         return timer
 
@@ -357,7 +442,7 @@ class Robot(RobotApi):
     # -- beginning -------------------------------------------------------------------------------------------
 
     async def identify(self, ros_version: int | None, fetch_types: bool) -> None:
-        """Find out which ROS the robot speaks, and take its types. Does not fail: rosapi may not be there."""
+        """Ask for the robot's distribution and types. Does not fail, because there may be no rosapi."""
         distro = await self._ask_distro() if ros_version is None else closest_distro("", ros_version)
         self.types.set_distro(distro)
         if fetch_types and distro is not None:
@@ -367,7 +452,7 @@ class Robot(RobotApi):
                 logger.info("the robot does not tell its types: %s", error)
 
     async def _ask_distro(self) -> Distro | None:
-        """None where there is no rosapi; ROS 1 often has rosapi without this question."""
+        """Return None without rosapi; rosapi of ROS 1 often lacks this question."""
         try:
             found = await self._identifying.ros_version()
         except CallTimeout:
@@ -409,7 +494,7 @@ class Robot(RobotApi):
         return await self._question(question, args, self._timeout)
 
     async def _ask_briefly(self, question: str, args: Mapping[str, object]) -> Any:
-        """Ask rosapi while somebody waits for the connection: perhaps nobody answers."""
+        """Ask rosapi while connecting, with a short timeout: there may be none."""
         patience = IDENTIFY_SECONDS if self._timeout is None else min(self._timeout, IDENTIFY_SECONDS)
         return await self._question(question, args, patience)
 
@@ -434,19 +519,30 @@ class Robot(RobotApi):
         return self._timeout if timeout is USUAL else timeout
 
     def _interface_name(self, interface: Any) -> str:
-        """What the server calls a service or action type."""
+        """Return the server's name of a service or action type."""
         return interface.name if self.types.distro is None else self.types.registry.type_name(interface)
 
 
-class _Timing:
-    """The time of this computer, and timers on the connection's event loop."""
+class _ClientClock:
+    """Clock of this computer, with timers on the connection's event loop.
+
+    Satisfies :class:`rwt_participant.timers.RobotClock` and :class:`rwt_participant.timers.TimerLoop`.
+    """
 
     def __init__(self, tasks: TaskStarter) -> None:
         self._tasks = tasks
 
     def monotonic(self) -> float:
-        """`time.monotonic`, which callbacks of sockets can ask for, too."""
+        """Return `time.monotonic`, which works in callbacks of sockets, too."""
         return time.monotonic()
+
+    async def sleep(self, seconds: float) -> None:
+        """Wait for so many seconds."""
+        await anyio.sleep(seconds)
+
+    def within(self, seconds: float | None) -> AbstractContextManager[object]:
+        """Leave the block after so many seconds; None sets no limit."""
+        return anyio.move_on_after(seconds)
 
     def call_later(self, delay: float, call: Callable[[], None]) -> Timer:
         """Run `call` once, `delay` seconds from now, unless the connection is closed before."""
@@ -469,7 +565,7 @@ class _Timing:
 
 
 class _TimerTask(Timer):
-    """A call that waits in a task of its own."""
+    """Delayed call, in a task of its own."""
 
     def __init__(self, tasks: TaskStarter, delay: float, call: Callable[[], None]) -> None:
         self._delay = delay
@@ -492,7 +588,7 @@ class _TimerTask(Timer):
 
 
 def _nothing(_: None, op: Op) -> None:
-    """Published messages and complaints are taken by the session itself."""
+    """No-op: the session itself handles published messages and status messages."""
 
 
 def _log_failure(_: None, op: Op, error: Exception) -> None:

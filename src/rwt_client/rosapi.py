@@ -1,50 +1,23 @@
-"""What rosapi answers, as methods and frozen dataclasses."""
+"""Answers of rosapi, as methods and frozen dataclasses."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final, TypeVar
+from typing import Any, TypeVar
 
-import anyio
 import msgspec
 
 from rwt_interfaces.times import NANOSECONDS
-from rwt_participant import api
-from rwt_participant.errors import (
-    CallTimeout,
-    NotFound,
-    ParameterRejected,
-    ProviderNotFound,
-    RobotError,
-    ServiceFailed,
-)
-from rwt_participant.messages import ParameterValue
-from rwt_participant.spelling import did_you_mean
+from rwt_participant.api import Listed
+from rwt_participant.errors import ServiceFailed
+from rwt_participant.rosapi_parameters import Ask
 
 T = TypeVar("T")
 
-Ask = Callable[[str, Mapping[str, object]], Awaitable[Any]]
-"""Calls a service of rosapi with plain arguments; gives its plain answer. Raises CallFailed."""
-
-UNANSWERED: Final = (ServiceFailed, ProviderNotFound, CallTimeout)
-"""What a question raises that the robot does not answer although there is a connection to it."""
-
-ADVICE_SECONDS: Final = 1.0
-"""How long an error waits for the names of which one may have been meant; silence holds none up."""
-
 
 @dataclass(frozen=True, slots=True)
-class TopicInfo:
-    """A topic and the name of its type, which is empty where nobody has established it."""
-
-    name: str
-    type: str
-
-
-@dataclass(frozen=True, slots=True)
-class NodeInfo:
+class NodeDetails:
     """A node: the topics that it subscribes to and publishes, and its services."""
 
     name: str
@@ -95,11 +68,11 @@ class RosApi:
     def __init__(self, ask: Ask) -> None:
         self._ask = ask
 
-    async def topics(self) -> tuple[TopicInfo, ...]:
+    async def topics(self) -> tuple[Listed, ...]:
         """Every topic and its type."""
         answer = await self._answer("topics", {}, dict[str, list[str]])
         pairs = zip(answer.get("topics", ()), answer.get("types", ()), strict=False)
-        return tuple(TopicInfo(name, kind) for name, kind in pairs)
+        return tuple(Listed(name, kind) for name, kind in pairs)
 
     async def topics_for_type(self, type_name: str) -> tuple[str, ...]:
         """The topics of one type."""
@@ -121,11 +94,11 @@ class RosApi:
         """Every node."""
         return await self._names("nodes", "nodes")
 
-    async def node(self, name: str) -> NodeInfo:
-        """What a node takes part in."""
+    async def node(self, name: str) -> NodeDetails:
+        """Return the topics and services of a node."""
         answer = await self._answer("node_details", {"node": name}, dict[str, Any])
         parts = (_strings(answer.get(key)) for key in ("subscribing", "publishing", "services"))
-        return NodeInfo(name, *parts)
+        return NodeDetails(name, *parts)
 
     async def services(self) -> tuple[str, ...]:
         """Every service."""
@@ -242,70 +215,3 @@ class _TypeDef(msgspec.Struct):
 
 def _strings(value: object) -> tuple[str, ...]:
     return tuple(map(str, value)) if isinstance(value, list) else ()
-
-
-class Parameters(api.Parameters):
-    """The parameters of a robot: ``/demo_robot:max_speed`` on ROS 2, ``/max_speed`` on ROS 1."""
-
-    def __init__(self, ask: Ask) -> None:
-        self._ask = ask
-
-    async def get(self, name: str, default: ParameterValue = None) -> ParameterValue:  # noqa: D102 - inherited
-        try:
-            answer = await self._asked("get_param", NotFound, name=name)
-        except NotFound as error:
-            if default is not None:
-                return default
-            if isinstance(error, ProviderNotFound):
-                raise  # There is no rosapi to ask.
-            raise await self._not_found(name, str(error)) from None
-        value: ParameterValue = json.loads(answer.get("value") or "null")
-        if value is None and default is None:
-            raise await self._not_found(name, f"there is no parameter {name}")
-        return default if value is None else value
-
-    async def set(self, name: str, value: ParameterValue) -> None:  # noqa: D102 - inherited
-        try:
-            await self._asked("set_param", ParameterRejected, name=name, value=json.dumps(value))
-        except ParameterRejected as error:
-            raise ParameterRejected(f"{error}{await self._meant(name)}") from None
-
-    async def has(self, name: str) -> bool:  # noqa: D102 - inherited
-        return bool((await self._asked("has_param", name=name)).get("exists"))
-
-    async def delete(self, name: str) -> None:  # noqa: D102 - inherited
-        try:
-            await self._asked("delete_param", ParameterRejected, name=name)
-        except ParameterRejected as error:
-            if await self.has(name):
-                raise
-            raise await self._not_found(name, str(error)) from None
-
-    async def _not_found(self, name: str, text: str) -> NotFound:
-        return NotFound(f"{text}{await self._meant(name)}")
-
-    async def _meant(self, name: str) -> str:
-        """`; did you mean X?` with a parameter of a name like it; empty where the robot does not tell."""
-        with anyio.move_on_after(ADVICE_SECONDS):
-            try:
-                return did_you_mean(name, await self.names())
-            except UNANSWERED:
-                pass  # It does not tell.
-        return ""
-
-    async def names(self) -> tuple[str, ...]:  # noqa: D102 - inherited
-        return tuple(map(str, (await self._asked("get_param_names")).get("names", ())))
-
-    async def _asked(
-        self, question: str, refused: type[RobotError] = ServiceFailed, **args: object
-    ) -> dict[str, Any]:
-        """The answer, or `refused` with the robot's words."""
-        try:
-            answer = await self._ask(question, args)
-        except ServiceFailed as error:
-            raise refused(str(error)) from None
-        found: dict[str, Any] = answer if isinstance(answer, dict) else {}
-        if found.get("successful") is False:
-            name = args.get("name", "")
-            raise refused(str(found.get("reason") or f"{question} of {name} was refused"))
-        return found

@@ -15,14 +15,15 @@ from rwt_graph.errors import (
 )
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_graph.nodes.endpoints import TopicPublisher, TopicSubscription
-from rwt_graph.nodes.node import ActionServer, Node, ServiceServer
+from rwt_graph.nodes.graph_robot import GraphRobot, GraphServer
+from rwt_graph.nodes.node import Node
 from rwt_participant.timers import Timer
 
 __all__ = [
     "MemoryGraph",
     "Node",
-    "ServiceServer",
-    "ActionServer",
+    "GraphRobot",
+    "GraphServer",
     "TopicPublisher",
     "TopicSubscription",
     "Sample",

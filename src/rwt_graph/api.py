@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING, Final, Self
 
 from msgspec import Struct
 
+from rwt_participant.api import EndpointInfo as EndpointInfo
 from rwt_participant.goals import GoalStatus
 from rwt_participant.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
 
@@ -382,15 +383,6 @@ class Participant(ABC):
 
 
 @dataclass(frozen=True, slots=True)
-class EndpointInfo:
-    """One publisher or subscriber of a topic."""
-
-    node: str
-    type: str
-    qos: QoS
-
-
-@dataclass(frozen=True, slots=True)
 class TopicInfo:
     """One topic with at least one endpoint."""
 
@@ -429,29 +421,8 @@ class NodeInfo:
     actions: tuple[str, ...]
 
 
-class Graph(ABC):
-    """Topics, services, actions, parameters and nodes, wherever they are.
-
-    Attributes:
-        distro: the ROS distribution whose names and messages this graph speaks.
-        registry: the interfaces it knows.
-        clock: ROS time, steady time and timers.
-        parameters: the global tree of parameters: all of them on ROS 1; on ROS 2 those set without a node.
-    """
-
-    distro: Distro
-    registry: Registry
-    clock: Clock
-    parameters: ParameterTree
-
-    @abstractmethod
-    def participant(self, name: str) -> Participant:
-        """Join as a node of that absolute name. A second node of one name is allowed, as in ROS 2."""
-
-    @property
-    @abstractmethod
-    def version(self) -> int:
-        """A number that grows with every change of what is listed below, so that listings can be kept."""
+class GraphListings(ABC):
+    """Topics, services and actions that are seen: those of a graph, or of a client's view of it."""
 
     @abstractmethod
     def topics(self) -> tuple[TopicInfo, ...]:
@@ -476,6 +447,31 @@ class Graph(ABC):
     @abstractmethod
     def action(self, name: str) -> ActionInfo | None:
         """One action, or None."""
+
+
+class Graph(GraphListings):
+    """Topics, services, actions, parameters and nodes, wherever they are.
+
+    Attributes:
+        distro: the ROS distribution whose names and messages this graph speaks.
+        registry: the interfaces it knows.
+        clock: ROS time, steady time and timers.
+        parameters: the global tree of parameters: all of them on ROS 1; on ROS 2 those set without a node.
+    """
+
+    distro: Distro
+    registry: Registry
+    clock: Clock
+    parameters: ParameterTree
+
+    @abstractmethod
+    def participant(self, name: str) -> Participant:
+        """Join as a node of that absolute name. A second node of one name is allowed, as in ROS 2."""
+
+    @property
+    @abstractmethod
+    def version(self) -> int:
+        """A number that grows with every change of what is listed below, so that listings can be kept."""
 
     @abstractmethod
     def nodes(self) -> tuple[NodeInfo, ...]:

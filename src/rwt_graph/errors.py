@@ -1,4 +1,4 @@
-"""What `rwt_graph` raises of its own, beside what every program may meet (:mod:`rwt_participant.errors`).
+"""Errors of the graph, in addition to those of every robot program (:mod:`rwt_participant.errors`).
 
 * :exc:`GraphError`
 

@@ -1,82 +1,166 @@
-"""The verbs that a program has for a robot, whether it is a node of the graph or a client of a server.
+"""Contract of a robot program, which is the same for a node of the graph and for a client of a server.
 
-What tells the robot something is a plain function: `advertise`, `publish`, `subscribe`, `topic`,
-`advertise_service`, `advertise_action`, and so is `create_timer`. What asks it something is a coroutine:
-`call`, `once`, `send_goal`, parameters, transforms. So no `await` can be forgotten without its answer being
-missed.
+Verbs that return at once are plain functions: `advertise`, `publish`, `subscribe`, `topic`,
+`advertise_service`, `advertise_action`, `cancel_goal`, `create_timer`. Verbs that wait for an answer are
+coroutines: `call`, `once`, `send_goal`, listings, parameters, transforms. A forgotten `await` is therefore
+noticed: its answer is missing.
 """
 
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from typing import Protocol
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, Protocol
 
 from rwt_participant.future import USUAL, Timeout
 from rwt_participant.goals import Execute, Goal
 from rwt_participant.handles import Handle, Publisher, Subscription
-from rwt_participant.messages import Message, MessageCallback, MessageLike, ParameterValue, ServiceHandler
+from rwt_participant.messages import (
+    Message,
+    MessageCallback,
+    MessageLike,
+    ParameterValue,
+    RawCallback,
+    ServiceHandler,
+)
 from rwt_participant.qos import QoS
-from rwt_participant.timers import PeriodicTimer
+from rwt_participant.timers import PeriodicTimer, RobotClock
 from rwt_participant.transforms import Transforms
+
+if TYPE_CHECKING:
+    from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+
+
+SERVICE_EVENTS: Final = "/_service_event"
+"""Suffix of the topic on which ROS 2's service introspection publishes the calls of a service."""
+
+ACTION_PARTS: Final = "/_action/"
+"""Separator between an action's name and those of the topics and services that carry it on ROS 2."""
+
+
+@dataclass(frozen=True, slots=True)
+class EndpointInfo:
+    """One publisher or subscriber of a topic."""
+
+    node: str
+    type: str
+    qos: QoS
+
+
+@dataclass(frozen=True, slots=True)
+class Listed:
+    """Topic, service or action in a listing of a robot.
+
+    Attributes:
+        name: absolute name.
+        type: type name, as the robot's distribution spells it; empty while unknown.
+        publishers: publishers of a topic; None if the robot does not list them.
+        subscribers: subscribers of a topic; None if the robot does not list them.
+    """
+
+    name: str
+    type: str = ""
+    publishers: tuple[EndpointInfo, ...] | None = None
+    subscribers: tuple[EndpointInfo, ...] | None = None
 
 
 class Parameters(Protocol):
-    """The parameters of all nodes: `/node:name` on ROS 2, `/name` on ROS 1 (API-08).
+    """Parameters of all nodes: `/node:name` on ROS 2, `/name` on ROS 1 (API-08).
 
-    A name without a node is one of the global tree, which ROS 2 has besides for programs of ROS 1.
+    A name without a node is one of the global tree, which also exists on ROS 2, for ROS 1 programs.
     """
 
     async def get(self, name: str, default: ParameterValue = None) -> ParameterValue:
-        """The value of a parameter.
+        """Return the value of a parameter.
 
         Args:
-            default: what to return when there is no such parameter; None raises instead.
+            default: value to return if the parameter does not exist; None raises instead.
 
         Raises:
-            NotFound: there is none, or no such node, and there is no default.
-            CallFailed: its node, or the robot, did not answer.
+            NotFound: the parameter or its node does not exist, and no default is given.
+            CallFailed: the node, or the robot, did not answer.
         """
 
     async def set(self, name: str, value: ParameterValue) -> None:
-        """Give a parameter a value; returns once its node has taken it.
+        """Set a parameter; returns once its node has accepted the value.
 
         Raises:
-            ParameterRejected: the node does not take it, or there is none of that name; says why.
-            CallFailed: its node did not answer.
+            ParameterRejected: the node rejects the value, or has no such parameter; with the reason.
+            CallFailed: the node did not answer.
         """
 
     async def has(self, name: str) -> bool:
-        """Whether there is such a parameter, with a value. Raises :exc:`CallFailed`."""
+        """Return True if the parameter exists and has a value. Raises :exc:`CallFailed`."""
 
     async def delete(self, name: str) -> None:
         """Remove a parameter.
 
         Raises:
-            NotFound: there is none of that name, or no such node.
-            ParameterRejected: its node does not allow it.
-            CallFailed: its node did not answer.
+            NotFound: the parameter or its node does not exist.
+            ParameterRejected: the node does not allow it.
+            CallFailed: the node did not answer.
         """
 
     async def names(self) -> tuple[str, ...]:
-        """The full names of all parameters, sorted. Raises :exc:`CallFailed`."""
+        """Return the full names of all parameters, sorted. Raises :exc:`CallFailed`."""
 
 
 class RobotApi(Protocol):
-    """A robot as a program sees it: :class:`rwt_graph.Node` and :class:`rwt_client.Robot` are such.
+    """Robot as a program uses it; implemented by :class:`rwt_graph.Node` and :class:`rwt_client.Robot`.
 
-    Beyond what each verb names, a node raises :exc:`~rwt_graph.InvalidGraphName` for a name that ROS does not
-    allow, and :exc:`~rwt_graph.TypeConflict` for a topic that is established with another type; a client
-    raises :exc:`~rwt_client.NotConnected` where a message or a goal finds no connection.
+    In addition to the errors of each verb, a node raises :exc:`~rwt_graph.InvalidGraphName` for a name that
+    ROS does not allow, and :exc:`~rwt_graph.TypeConflict` for a topic that is established with another type.
+    A client raises :exc:`~rwt_client.NotConnected` if a message or a goal cannot be sent.
 
     Attributes:
-        params: the parameters of all nodes.
+        params: parameters of all nodes.
     """
 
     params: Parameters
 
     @property
     def tf(self) -> Transforms:
-        """Where the frames are; listens to `/tf` and `/tf_static` from the first question on."""
+        """Transforms between frames; subscribes to `/tf` and `/tf_static` with the first query."""
+
+    @property
+    def clock(self) -> RobotClock:
+        """Clock of timers and timeouts: that of a node's graph, or of a client's computer."""
+
+    # -- listings --------------------------------------------------------------------------------------------
+
+    async def topics(self, *, hidden: bool = False) -> tuple[Listed, ...]:
+        """Return the topics, sorted by name.
+
+        Args:
+            hidden: include the topics of service introspection and of actions, which ROS 2's own listings
+                leave out; a client asks for each of them by name. A node always lists them.
+
+        Raises:
+            CallFailed: of a client: the robot does not answer.
+        """
+
+    async def services(self) -> tuple[Listed, ...]:
+        """Return the services, sorted by name. Raises :exc:`CallFailed`."""
+
+    async def actions(self) -> tuple[Listed, ...]:
+        """Return the actions, sorted by name. Raises :exc:`CallFailed`."""
+
+    async def type_of(self, topic: str) -> MessageType:
+        """Return the type of a topic.
+
+        Raises:
+            NotFound: the topic does not exist, or has no type yet.
+            UnknownType: its definition is not available.
+        """
+
+    async def interface(self, name: str) -> MessageType | ServiceType | ActionType:
+        """Return the message, service or action type of that name; a message wins over a service.
+
+        Raises:
+            UnknownType: there is no such type.
+        """
+
+    # -- topics ----------------------------------------------------------------------------------------------
 
     def advertise(self, topic: str, type: str, *, qos: QoS | None = None, latch: bool = False) -> Publisher:
         """Become a publisher of a topic.
@@ -84,27 +168,27 @@ class RobotApi(Protocol):
         Args:
             type: `std_msgs/String` or `std_msgs/msg/String`.
             qos: keep-last 10, reliable, volatile by default.
-            latch: keep the last message for late joiners; the same as `qos=LATCHED`.
+            latch: retain the last message for late joiners; the same as `qos=LATCHED`.
 
         Raises:
-            UnknownType: no such message is known; of a client, from the first `publish`, or when awaited.
+            UnknownType: there is no such message; of a client, from the first `publish`, or when awaited.
         """
 
     def publish(
         self, topic: str, message: MessageLike, type: str | None = None, *, latch: bool = False
     ) -> Publisher:
-        """Publish one message; the topic is advertised with the first, and stays so.
+        """Publish one message. The first one advertises the topic, which stays advertised.
 
         Args:
-            message: anything :data:`~rwt_participant.messages.MessageLike`.
-            type: None takes that of the message's class, or the topic's own.
-            latch: of the first message: keep the last message for late joiners.
+            message: a :data:`~rwt_participant.messages.MessageLike`.
+            type: None uses the type of the message's class, or the topic's own.
+            latch: retain the last message for late joiners; effective with the first message.
 
         Raises:
-            InvalidMessage: the message does not fit the type; of a client, when awaited, where it must ask
-                the robot for the type first.
-            UnknownType: no such message is known; of a client, when awaited.
-            NotFound: no type was given and the topic has none; of a client, when awaited.
+            InvalidMessage: the message does not fit the type; of a client, when awaited, if it must ask the
+                robot for the type first.
+            UnknownType: there is no such message; of a client, when awaited.
+            NotFound: no type is given and the topic has none; of a client, when awaited.
         """
 
     def subscribe(
@@ -121,16 +205,30 @@ class RobotApi(Protocol):
 
         Args:
             callback: a plain function is called at once, on the thread of the graph or the connection, and
-                should be quick. A coroutine function is called in one task with one message after the other;
-                while it is busy the newest `queue_size` messages wait, or fewer that are `queue_bytes`
-                together; the newest waits however big it is.
-            type: None takes the topic's own: of a node, as soon as it has one; a client asks the robot, which
-                must know the topic.
+                should be fast. A coroutine function is called in one task, with one message after the other;
+                meanwhile the newest `queue_size` messages are queued, up to `queue_bytes` together. The
+                newest is queued whatever its size.
+            type: None uses the topic's own: a node takes it as soon as the topic has one; a client asks the
+                robot, which must know the topic.
             qos: by default whatever the publishers offer.
 
         Raises:
-            UnknownType: no such message is known; of a client, when awaited.
-            NotFound: of a client, when awaited: no type was given, and there is no such topic.
+            UnknownType: there is no such message; of a client, when awaited.
+            NotFound: of a client, when awaited: no type is given, and the topic does not exist.
+        """
+
+    def subscribe_raw(self, topic: str, callback: RawCallback, type: str | None = None) -> Handle:
+        """Call `callback` with each message of a topic as the robot serialises it, without decoding it.
+
+        For programs that keep messages or pass them on.
+
+        Args:
+            callback: plain function, called at once.
+            type: as for :meth:`subscribe`. Without one, a node's subscription follows the topic if its type
+                changes.
+
+        Raises:
+            UnknownType, NotFound: as for :meth:`subscribe`.
         """
 
     def topic(
@@ -142,16 +240,18 @@ class RobotApi(Protocol):
         queue_size: int = ...,
         queue_bytes: int = ...,
     ) -> Subscription:
-        """The messages of a topic from now on, as an asynchronous iterator; arguments as for `subscribe`."""
+        """Return the messages of a topic from now on, as an asynchronous iterator; as :meth:`subscribe`."""
 
     async def once(self, topic: str, type: str | None = None, *, timeout: Timeout = USUAL) -> Message:
-        """The next message of a topic, or the one that it keeps for late joiners.
+        """Return the next message of a topic, or the one that it retains for late joiners.
 
         Raises:
-            TimedOut: none came in time.
-            UnknownType: no such message is known.
-            NotFound: of a client: no type was given, and there is no such topic.
+            TimedOut: none arrived in time.
+            UnknownType: there is no such message.
+            NotFound: of a client: no type is given, and the topic does not exist.
         """
+
+    # -- services --------------------------------------------------------------------------------------------
 
     async def call(
         self,
@@ -164,38 +264,40 @@ class RobotApi(Protocol):
         """Call a service and wait for its response.
 
         Args:
-            request: None for one of defaults.
-            type: the service's type. None asks the robot for it, once for each service; a node checks the
-                request by the service's own type in any case.
-            timeout: seconds; None waits as long as it takes. By default what the node or connection has.
+            request: None for a request of defaults.
+            type: service type. None asks the robot, once per service; a node checks the request against the
+                service's own type in any case.
+            timeout: seconds; None waits without limit. By default that of the node or the connection.
 
         Returns:
-            The response, an instance of its class.
+            Response, an instance of its class.
 
         Raises:
-            ProviderNotFound: nobody offers it (a :exc:`CallFailed` and a :exc:`NotFound`).
-            ServiceFailed: its provider says so; its text.
-            CallTimeout: no answer came in time.
-            CallFailed: base of these, and of whatever else ended it: ProviderGone, ConnectionLost.
-            InvalidMessage: the request does not fit the service's type, or the response does not.
-            UnknownType: no such service is known.
+            ProviderNotFound: the service does not exist (a :exc:`CallFailed` and a :exc:`NotFound`).
+            ServiceFailed: the provider reports failure; with its text.
+            CallTimeout: there was no answer in time.
+            CallFailed: base of these and of any other failure: ProviderGone, ConnectionLost.
+            InvalidMessage: the request or the response does not fit the service's type.
+            UnknownType: there is no such service type.
         """
 
     def advertise_service(self, service: str, type: str, handler: ServiceHandler) -> Handle:
-        """Offer a service; a provider of the same name in this program is replaced.
+        """Offer a service; replaces a provider of the same name in this program.
 
         Args:
-            handler: takes the request and gives the response, anything
-                :data:`~rwt_participant.messages.MessageLike`, or None for one of defaults. It raises
-                :exc:`~rwt_participant.errors.ServiceFailed` to tell the caller why there is none; any other
-                exception is logged and fails the call, too. A plain function runs on the thread of the graph
-                or the connection; use a coroutine function for what takes time, with
-                `anyio.to_thread.run_sync` for what blocks. Its calls may overlap.
+            handler: takes the request and returns the response: a
+                :data:`~rwt_participant.messages.MessageLike`, or None for a response of defaults. Raises
+                :exc:`~rwt_participant.errors.ServiceFailed` to tell the caller the reason of a failure; any
+                other exception is logged, and fails the call as well. A plain function runs on the thread of
+                the graph or the connection; use a coroutine function for slow work, with
+                `anyio.to_thread.run_sync` for code that blocks. Calls may overlap.
 
         Raises:
-            UnknownType: no such service is known; of a client, when awaited.
-            TypeError: `handler` is no function.
+            UnknownType: there is no such service type; of a client, when awaited.
+            TypeError: `handler` is not a function.
         """
+
+    # -- actions ---------------------------------------------------------------------------------------------
 
     async def send_goal(
         self,
@@ -208,51 +310,55 @@ class RobotApi(Protocol):
         """Send a goal to an action.
 
         Args:
-            goal: None for one of defaults.
-            type: the action's type; None asks the robot for it.
-            on_feedback: a plain function, called with each feedback; without it iterate over the goal.
+            goal: None for a goal of defaults.
+            type: action type; None asks the robot.
+            on_feedback: plain function, called with each feedback; without it, iterate over the goal.
 
         Raises:
-            ProviderNotFound: nobody offers the action; where the robot does not say so at once, from the
-                goal's `result`.
-            GoalRejected: its server refuses; from `result`, too, where the robot does not say so at once.
-            ProviderGone: of a node: its server went away meanwhile.
+            ProviderNotFound: the action does not exist; raised by the goal's `result` if the robot does not
+                report it at once.
+            GoalRejected: the action server rejects the goal; raised by `result` likewise.
+            ProviderGone: of a node: the action server has left meanwhile.
             InvalidMessage: the goal does not fit the action's type.
-            UnknownType: no such action is known.
+            UnknownType: there is no such action type.
         """
 
+    def cancel_goal(self, action: str, goal_id: str) -> None:
+        """Request the cancellation of a goal by its id, whoever sent it; an unknown one is ignored."""
+
     def advertise_action(self, action: str, type: str, execute: Execute) -> Handle:
-        """Offer an action; a server of the same name in this program is replaced.
+        """Offer an action; replaces a server of the same name in this program.
 
         Args:
-            execute: a coroutine function that works on one goal and returns its result; goals run side by
-                side, each in a task. It raises GoalCanceled or GoalAborted to end a goal otherwise than by
-                success; any other exception ends it as aborted. Cancelled when the action is withdrawn.
+            execute: coroutine function that works on one goal and returns its result. Goals run
+                concurrently, each in a task. It raises GoalCanceled or GoalAborted to end a goal other than
+                by success; any other exception aborts it. Cancelled when the action is withdrawn.
 
         Raises:
-            UnknownType: no such action is known; of a client, when awaited.
+            UnknownType: there is no such action type; of a client, when awaited.
             TypeError: of a node: `execute` is not a coroutine function.
         """
 
-    def create_timer(self, period: float, callback: Callable[[], Awaitable[None] | None]) -> PeriodicTimer:
-        """Call `callback` every `period` seconds, first after one period.
+    # -- time ------------------------------------------------------------------------------------------------
 
-        Seconds are of a node's graph's clock, of a client's computer. A coroutine function runs as a task; a
-        tick that comes while it still runs is skipped. Ticks that were missed are skipped too, so the rate
-        never catches up in a burst.
+    def create_timer(self, period: float, callback: Callable[[], Awaitable[None] | None]) -> PeriodicTimer:
+        """Call `callback` every `period` seconds of :attr:`clock`, first after one period.
+
+        A coroutine function runs as a task; a tick that is due while it still runs is skipped. Missed ticks
+        are skipped too, so the timer never catches up in a burst.
 
         Args:
             period: from a microsecond to some thirty years.
 
         Raises:
-            ValueError: `period` is out of its range.
+            ValueError: `period` is out of range.
         """
 
     async def time_ns(self) -> int:
-        """The robot's time, nanoseconds since the epoch; simulated where the robot is.
+        """Return the robot's time, nanoseconds since the epoch; simulated if the robot's is.
 
-        A node's `clock.time_ns()` gives the same without waiting.
+        A node's `clock.time_ns()` returns the same without waiting.
 
         Raises:
-            CallFailed: the robot does not tell.
+            CallFailed: of a client: the robot does not answer.
         """

@@ -1,7 +1,7 @@
-"""A robot for programs without an event loop: its verbs wait, and a loop runs in a thread behind them.
+"""Robots for programs without an event loop: the verbs block, and a loop runs in a thread behind them.
 
-Callbacks and handlers run in that thread. They may tell the robot something (publish, advertise), but what
-asks it and waits raises :exc:`~rwt_participant.errors.WrongThread` there, because the answer could not come.
+Callbacks and handlers run in that thread. They may publish and advertise. Verbs that wait for an answer raise
+:exc:`~rwt_participant.errors.WrongThread` there, because the thread would wait for itself.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ Robot = TypeVar("Robot", bound=RobotApi)
 
 
 class LoopThread(Protocol):
-    """An event loop that runs in another thread."""
+    """Event loop that runs in another thread."""
 
     @property
     def here(self) -> bool:
-        """Whether this is its thread."""
+        """True on its thread."""
 
     def run(self, function: Callable[[], T]) -> T:
-        """What a plain function returns that is run there; at once if this is its thread."""
+        """Run a plain function there and return its result; at once on its thread."""
 
     def wait(self, function: Callable[[], Awaitable[T]]) -> T:
-        """What a coroutine function returns that is run there.
+        """Run a coroutine function there and return its result.
 
         Raises:
             WrongThread: this is its thread, which would wait for itself.
@@ -45,7 +45,7 @@ class LoopThread(Protocol):
 
 
 class Blocking(Generic[Inner]):
-    """Something that lives on an event loop, for other threads."""
+    """Wrapper of an object of an event loop, for other threads."""
 
     def __init__(self, loop: LoopThread, inner: Inner) -> None:
         self._loop = loop
@@ -56,7 +56,7 @@ class Blocking(Generic[Inner]):
 
 
 def _named_as(method: Callable[..., object]) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Gives a function the name and the documentation of `method`, which that may inherit."""
+    """Give a function the name and the docstring of `method`, which may be inherited."""
 
     def name(function: Callable[P, T]) -> Callable[P, T]:
         functools.update_wrapper(function, method)
@@ -69,7 +69,7 @@ def _named_as(method: Callable[..., object]) -> Callable[[Callable[P, T]], Calla
 def waits(
     method: Callable[Concatenate[Any, P], Awaitable[T]],
 ) -> Callable[Concatenate[Blocking[Any], P], T]:
-    """The same coroutine method, waited for from another thread."""
+    """Return a method that blocks until the same coroutine method has finished."""
     name = method.__name__
 
     @_named_as(method)
@@ -82,7 +82,7 @@ def waits(
 
 
 def runs(method: Callable[Concatenate[Any, P], T]) -> Callable[Concatenate[Blocking[Any], P], T]:
-    """The same plain method, run in the loop's thread."""
+    """Return a method that runs the same plain method in the loop's thread."""
     name = method.__name__
 
     @_named_as(method)
@@ -97,7 +97,10 @@ def runs(method: Callable[Concatenate[Any, P], T]) -> Callable[Concatenate[Block
 def holds(
     method: Callable[Concatenate[Any, P], Held], face: Callable[[LoopThread, Held], Face]
 ) -> Callable[Concatenate[Blocking[Any], P], Face]:
-    """The same method with its handle put behind `face`, once it is ready; in callbacks without waiting."""
+    """Return a method that wraps the handle of the same method by `face`, once it is ready.
+
+    In callbacks it does not wait for that.
+    """
     name = method.__name__
 
     @_named_as(method)
@@ -117,7 +120,7 @@ def holds(
 def gives(
     method: Callable[Concatenate[Any, P], Awaitable[T]], face: Callable[[LoopThread, T], Face]
 ) -> Callable[Concatenate[Blocking[Any], P], Face]:
-    """The same coroutine method, waited for, with what it gives put behind `face`."""
+    """Return a method that blocks for the same coroutine method, and wraps its result by `face`."""
     wait = waits(method)
 
     @_named_as(method)
@@ -130,7 +133,7 @@ def gives(
 def makes(
     method: Callable[Concatenate[Any, P], T], face: Callable[[LoopThread, T], Face]
 ) -> Callable[Concatenate[Blocking[Any], P], Face]:
-    """The same plain method, run in the loop's thread, with what it makes put behind `face`."""
+    """Return a method that runs the same plain method in the loop's thread and wraps the result."""
     run = runs(method)
 
     @_named_as(method)
@@ -148,13 +151,13 @@ class BlockingTimer(Blocking[PeriodicTimer]):
 
 
 class BlockingHandle(Blocking[Handle]):
-    """A subscription with a callback, or something that this program serves; see :class:`Handle`."""
+    """Subscription with a callback, or a service or action of this program; see :class:`Handle`."""
 
     close = runs(Handle.close)
 
     @property
     def name(self) -> str:
-        """Of the topic, service or action."""
+        """Name of the topic, service or action."""
         return self._inner.name
 
     def __enter__(self) -> Self:
@@ -165,7 +168,7 @@ class BlockingHandle(Blocking[Handle]):
 
 
 class BlockingPublisher(BlockingHandle):
-    """Publishes on one topic; see :class:`~rwt_participant.handles.Publisher`."""
+    """Publisher of one topic; see :class:`~rwt_participant.handles.Publisher`."""
 
     publish = runs(Publisher.publish)
 
@@ -174,7 +177,7 @@ _END: Any = object()
 
 
 class BlockingSubscription(BlockingHandle):
-    """The messages of a topic, as an iterator; see :class:`~rwt_participant.handles.Subscription`."""
+    """Messages of a topic, as an iterator; see :class:`~rwt_participant.handles.Subscription`."""
 
     _inner: Subscription
 
@@ -199,7 +202,7 @@ class BlockingSubscription(BlockingHandle):
 
 
 class BlockingGoal(Blocking[Goal]):
-    """A goal that was sent, and an iterator over its feedback; see :class:`~rwt_participant.goals.Goal`."""
+    """Goal that was sent, and an iterator over its feedback; see :class:`~rwt_participant.goals.Goal`."""
 
     result = waits(Goal.result)
     cancel = runs(Goal.cancel)
@@ -207,17 +210,17 @@ class BlockingGoal(Blocking[Goal]):
 
     @property
     def id(self) -> str:
-        """The goal's id."""
+        """Id of the goal."""
         return self._inner.id
 
     @property
     def status(self) -> GoalStatus:
-        """The last state that was heard of."""
+        """Last known state."""
         return self._inner.status
 
     @property
     def done(self) -> bool:
-        """Whether it has ended."""
+        """True if it has ended."""
         return self._inner.done
 
     def __iter__(self) -> Iterator[Message]:
@@ -231,7 +234,7 @@ class BlockingGoal(Blocking[Goal]):
 
 
 class BlockingParameters(Blocking[Parameters]):
-    """The parameters of all nodes; see :class:`~rwt_participant.api.Parameters`."""
+    """Parameters of all nodes; see :class:`~rwt_participant.api.Parameters`."""
 
     get = waits(Parameters.get)
     set = waits(Parameters.set)
@@ -241,7 +244,7 @@ class BlockingParameters(Blocking[Parameters]):
 
 
 class BlockingTransforms(Blocking[Transforms]):
-    """Where the frames are; see :class:`~rwt_participant.transforms.Transforms`."""
+    """Transforms between frames; see :class:`~rwt_participant.transforms.Transforms`."""
 
     start = waits(Transforms.start)
     lookup = waits(Transforms.lookup)
@@ -252,25 +255,32 @@ class BlockingTransforms(Blocking[Transforms]):
     send_transforms = runs(Transforms.send_transforms)
 
     def tree(self) -> str:
-        """The frames heard of so far, as indented text."""
+        """Return the known frames as indented text."""
         return self._loop.run(self._inner.buffer.tree)
 
 
 class BlockingVerbs(Blocking[Robot], Generic[Robot]):
-    """The verbs that are the same for every robot; see :class:`~rwt_participant.api.RobotApi`.
+    """Verbs that are the same for every robot; see :class:`~rwt_participant.api.RobotApi`.
 
-    Those that a node or a client has further arguments for are not here: type checkers take a verb's
-    arguments from where it stands first.
+    Verbs with further arguments of a node or a client are defined there: type checkers take a verb's
+    arguments from its first definition.
 
     Attributes:
-        params: the parameters of all nodes.
+        params: parameters of all nodes.
     """
 
     def __init__(self, loop: LoopThread, inner: Robot) -> None:
         super().__init__(loop, inner)
         self.params = BlockingParameters(loop, inner.params)
 
+    topics = waits(RobotApi.topics)
+    services = waits(RobotApi.services)
+    actions = waits(RobotApi.actions)
+    type_of = waits(RobotApi.type_of)
+    interface = waits(RobotApi.interface)
+    subscribe_raw = holds(RobotApi.subscribe_raw, BlockingHandle)
     advertise_service = holds(RobotApi.advertise_service, BlockingHandle)
     send_goal = gives(RobotApi.send_goal, BlockingGoal)
+    cancel_goal = runs(RobotApi.cancel_goal)
     create_timer = makes(RobotApi.create_timer, BlockingTimer)
     time_ns = waits(RobotApi.time_ns)

@@ -25,12 +25,12 @@ class DiagnosticLevel(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class DiagnosticStatus:
-    """How one part of a robot is.
+    """State of one part of a robot.
 
     Attributes:
-        level: how bad it is.
-        message: for people, in a few words.
-        values: what was measured; shown as text.
+        level: severity.
+        message: short text for people.
+        values: measured values, shown as text.
     """
 
     level: DiagnosticLevel = DiagnosticLevel.OK

@@ -1,24 +1,24 @@
-"""What a program meets when the robot does not do what it was asked, in the graph or over a connection.
+"""Errors of robot programs, in the graph and over a connection.
 
-`rwt_graph` and `rwt_client` raise these same classes, and each has a few of its own besides.
+`rwt_graph` and `rwt_client` raise these classes, and each has a few of its own.
 
 * :exc:`RobotError`
 
   * :exc:`CallFailed`: a service call or goal that ended without an answer from its handler.
 
     * :exc:`ServiceFailed`: the provider answered that it failed; raised *by* a service's handler, too.
-    * :exc:`CallTimeout`: no answer in time; also a :exc:`TimedOut`.
-    * :exc:`ProviderGone`: the provider went away first.
-    * :exc:`ProviderNotFound`: nobody offers that service or action; also a :exc:`NotFound`.
+    * :exc:`CallTimeout`: there was no answer in time; also a :exc:`TimedOut`.
+    * :exc:`ProviderGone`: the provider left first.
+    * :exc:`ProviderNotFound`: the service or action does not exist; also a :exc:`NotFound`.
     * :exc:`GoalRejected`: the action server did not accept the goal.
 
   * :exc:`NotFound`: no such topic, service, action, node or parameter; also a :exc:`LookupError`.
   * :exc:`InvalidQoS`: a policy with a number out of its range; also a :exc:`ValueError`.
   * :exc:`ParameterRejected`: a parameter cannot have that value; also a :exc:`ValueError`.
-  * :exc:`TimedOut`: what was waited for did not come in time; also a :exc:`TimeoutError`.
+  * :exc:`TimedOut`: the timeout expired; also a :exc:`TimeoutError`.
   * :exc:`WrongThread`: a blocking call on the event loop's own thread, which would wait for itself.
   * :exc:`HandleClosed`: this program has closed the publisher or subscription that it uses.
-  * :exc:`TransformUnavailable`: where a frame is was not to be learned; also a :exc:`LookupError`.
+  * :exc:`TransformUnavailable`: a transform is not available; also a :exc:`LookupError`.
   * :exc:`ImageFormat`: an image that cannot be converted; also a :exc:`ValueError`.
   * :exc:`GoalEnded`: raised *by* an action's `execute`, to end its goal otherwise than by success.
 
@@ -40,7 +40,7 @@ from rwt_interfaces.errors import UnknownType as UnknownType
 
 
 class CallFailed(RobotError):
-    """A service call or a goal that ended without an answer from its handler."""
+    """The service call or goal ended without an answer from its handler."""
 
 
 class ServiceFailed(CallFailed):
@@ -48,23 +48,23 @@ class ServiceFailed(CallFailed):
 
 
 class TimedOut(RobotError, TimeoutError):
-    """What was waited for did not come in time."""
+    """The timeout expired."""
 
 
 class CallTimeout(CallFailed, TimedOut):
-    """No answer came in time."""
+    """There was no answer in time."""
 
 
 class ProviderGone(CallFailed):
-    """The provider was unadvertised, replaced or disconnected before it answered."""
+    """The provider was withdrawn, replaced or disconnected before it answered."""
 
 
 class NotFound(RobotError, LookupError):
-    """Nothing of that name is there."""
+    """There is no topic, service, action, node or parameter of that name."""
 
 
 class ProviderNotFound(CallFailed, NotFound):
-    """Nobody offers the service or action."""
+    """The service or action does not exist."""
 
 
 class GoalRejected(CallFailed):
@@ -72,15 +72,15 @@ class GoalRejected(CallFailed):
 
 
 class InvalidQoS(RobotError, ValueError):
-    """A policy with a number out of its range; the text names both."""
+    """A policy has a number out of its range; the text names both."""
 
 
 class ParameterRejected(RobotError, ValueError):
-    """The node refused the parameter's value, or does not have that parameter."""
+    """The node rejects the parameter's value, or has no such parameter."""
 
 
 class WrongThread(RobotError, RuntimeError):
-    """A call that blocks was made on the event loop's own thread; await the coroutine there."""
+    """A blocking call was made on the event loop's own thread; await the coroutine there."""
 
 
 class HandleClosed(RobotError):
@@ -88,19 +88,19 @@ class HandleClosed(RobotError):
 
 
 class TransformUnavailable(RobotError, LookupError):
-    """Where a frame is was not to be learned in time; says which transform is missing."""
+    """A transform was not available in time; the text names it."""
 
 
 class ImageFormat(RobotError, ValueError):
-    """An image in a format that has no counterpart, or with too few bytes."""
+    """The image has an unsupported format, or too few bytes."""
 
 
 class GoalEnded(RobotError):
-    """Base of what an action's `execute` raises to end its goal otherwise than by success.
+    """Base of the errors that an action's `execute` raises to end its goal other than by success.
 
     Attributes:
-        result: the goal's result, None for one with default values.
-        reason: for people: goes to the log, and to clients where the way to them has room for it.
+        result: result of the goal; None for a result of defaults.
+        reason: text for people, for the log and for clients if the protocol can carry it.
     """
 
     def __init__(self, result: object = None, reason: str = "") -> None:
@@ -110,8 +110,8 @@ class GoalEnded(RobotError):
 
 
 class GoalCanceled(GoalEnded):
-    """Ends a goal as canceled, as was asked for."""
+    """End the goal as canceled, as requested."""
 
 
 class GoalAborted(GoalEnded):
-    """Ends a goal as aborted: it cannot be reached."""
+    """End the goal as aborted: it cannot be reached."""

@@ -1,4 +1,4 @@
-"""A value that comes once, from a callback to whatever awaits it."""
+"""Future: a value that a callback sets once, and tasks await."""
 
 from __future__ import annotations
 
@@ -20,45 +20,45 @@ class _Usual(Enum):
     TIMEOUT = "the usual"
 
 
-#: The timeout of what is given none: that of the node or the connection.
+#: Default timeout: that of the node or the connection.
 USUAL: Final = _Usual.TIMEOUT
 
-#: Seconds; None waits as long as it takes.
+#: Seconds; None waits without limit.
 Timeout: TypeAlias = float | _Usual | None
 
-#: Bounds what is awaited in a block to so many seconds of some clock; None does not. The block is left early.
+#: Leaves a block after so many seconds of some clock; None sets no limit.
 Within: TypeAlias = Callable[[float | None], AbstractContextManager[object]]
 
 
 class Future(Generic[T]):
-    """Set on the event loop's thread, awaited by any number of tasks. The first value or error stays."""
+    """Value or error that is set on the event loop's thread, and awaited by any number of tasks."""
 
     __slots__ = ("_event", "_values")
 
     def __init__(self) -> None:
         self._values: list[T | Exception] = []
-        # Made by whatever waits: events can be made in tasks only, and mostly nothing needs to wait.
+        # Created by the first task that waits: events can be created in tasks only, and often nothing waits.
         self._event: anyio.Event | None = None
 
     @property
     def done(self) -> bool:
-        """Whether the value or the error has come."""
+        """True if the value or the error is set."""
         return bool(self._values)
 
     @property
     def awaited(self) -> bool:
-        """Whether something waits for it, or has."""
+        """True if a task waits for it, or has waited."""
         return self._event is not None
 
     def set(self, value: T | Exception) -> None:
-        """Give the value, or the error to raise; later ones are ignored."""
+        """Set the value, or the error to raise; later ones are ignored."""
         if not self._values:
             self._values.append(value)
             if self._event is not None:
                 self._event.set()
 
     async def wait(self) -> T:
-        """The value, at once if it is there already; raises the error that was set."""
+        """Return the value, or raise the error, once it is set."""
         if not self._values:
             if _HAS_NO_TASK.get():
                 await _for_a_task()
@@ -74,12 +74,12 @@ class Future(Generic[T]):
         """Wait for the value.
 
         Args:
-            timeout: seconds; None waits as long as it takes.
-            late: what to say when it does not come in time.
-            within: the clock that bounds it.
+            timeout: seconds; None waits without limit.
+            late: beginning of the text of the timeout error.
+            within: clock of the timeout.
 
         Raises:
-            CallTimeout: it did not come in time.
+            CallTimeout: it was not set in time.
             Exception: the error that was set.
         """
         with within(timeout):
@@ -88,27 +88,27 @@ class Future(Generic[T]):
 
 
 _HAS_NO_TASK: Final[ContextVar[bool]] = ContextVar("has no task", default=False)
-"""Whether a coroutine runs without a task of its own, until it has to wait."""
+"""True while a coroutine runs without a task, until it has to wait."""
 
 
 @coroutine
 def _for_a_task() -> Generator[None]:
-    """Give up what runs without a task: it goes on in one."""
+    """Suspend a coroutine that runs without a task; it continues in one."""
     yield
 
 
 def run_until_it_waits(work: Coroutine[Any, Any, T]) -> T | Awaitable[T]:
-    """Run a coroutine at once, as far as it goes without waiting.
+    """Run a coroutine at once, until it has to wait.
 
-    So its work is part of what its caller does, and bounded and charged with that, which a task's is not. It
-    may wait for futures of this module, and for nothing else before the first of them: what else waits, and
-    cancel scopes, want a task from the start.
+    Its work is then part of the caller's, and is bounded and charged with it, unlike that of a task. It may
+    wait for futures of this module, and for nothing else before the first of them: everything else that
+    waits, and cancel scopes, need a task from the start.
 
     Returns:
-        What it returned, or, if it has to wait, the rest of it, to be awaited in a task.
+        Result of the coroutine, or the rest of it, to be awaited in a task.
 
     Raises:
-        Exception: what it raised.
+        Exception: exception of the coroutine.
     """
     before = _HAS_NO_TASK.set(True)
     try:
@@ -122,7 +122,7 @@ def run_until_it_waits(work: Coroutine[Any, Any, T]) -> T | Awaitable[T]:
 
 
 class _Rest(Awaitable[T]):
-    """What is left of a coroutine that was begun; `await` itself takes only new ones."""
+    """Rest of a coroutine that was begun; `await` itself accepts only new ones."""
 
     def __init__(self, work: Coroutine[Any, Any, T]) -> None:
         self._work = work

@@ -1,4 +1,4 @@
-"""Goals: their states and ends, as their sender and as the program that executes them sees them."""
+"""Goals, as their sender and as the program that executes them see them."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import NamedTuple, Protocol, TypeAlias
 
 import anyio
 
+from rwt_participant.errors import GoalAborted, GoalCanceled
 from rwt_participant.future import Future, Within
 from rwt_participant.messages import Message, MessageLike
 
@@ -19,7 +20,7 @@ _FEEDBACK_KEPT = 1000
 
 
 class GoalStatus(IntEnum):
-    """The states of a goal, with the numbers of `action_msgs/GoalStatus`."""
+    """States of a goal, with the numbers of `action_msgs/GoalStatus`."""
 
     UNKNOWN = 0
     ACCEPTED = 1
@@ -31,16 +32,16 @@ class GoalStatus(IntEnum):
 
     @property
     def is_terminal(self) -> bool:
-        """Whether nothing more can happen to the goal."""
+        """True if the state is final."""
         return self >= GoalStatus.SUCCEEDED
 
 
 class GoalResult(NamedTuple):
-    """How a goal ended: ``status, result = await goal.result()``.
+    """End of a goal: ``status, result = await goal.result()``.
 
     Attributes:
         status: `SUCCEEDED`, `CANCELED` or `ABORTED`.
-        result: the action's result message.
+        result: result message of the action.
     """
 
     status: GoalStatus
@@ -48,28 +49,28 @@ class GoalResult(NamedTuple):
 
     @property
     def succeeded(self) -> bool:
-        """Whether the goal was reached."""
+        """True if the goal was reached."""
         return self.status is GoalStatus.SUCCEEDED
 
 
 class GoalChannel(Protocol):
-    """How a goal that was sent reaches its action server."""
+    """Connection of a goal that was sent to its action server."""
 
     def send_cancel(self) -> None:
-        """Ask that the goal end early."""
+        """Request that the goal be canceled."""
 
     def forget(self) -> None:
-        """Hear nothing more of the goal."""
+        """Receive nothing more of the goal."""
 
 
 class Goal:
-    """A goal that was sent: its feedback, its result, and how to cancel it.
+    """Goal that was sent: feedback, result, cancellation.
 
     Iterate over it for the feedback, unless it was sent with `on_feedback`.
 
     Attributes:
-        action: the action's name.
-        id: the goal's id.
+        action: name of the action.
+        id: id of the goal.
     """
 
     def __init__(
@@ -92,36 +93,36 @@ class Goal:
 
     @property
     def status(self) -> GoalStatus:
-        """The last state that was heard of."""
+        """Last known state."""
         return self._status
 
     @property
     def done(self) -> bool:
-        """Whether it has ended."""
+        """True if it has ended."""
         return self._end.done
 
     @property
     def reason(self) -> str:
-        """Why the server ended the goal as it did; empty while it runs or when nothing was said."""
+        """Reason that the server gave for the end of the goal; empty while it runs or if there is none."""
         return self._reason
 
     async def result(self, timeout: float | None = None) -> GoalResult:
         """Wait for the end of the goal.
 
         Args:
-            timeout: seconds; None waits as long as it takes. The goal goes on when they are over.
+            timeout: seconds; None waits without limit. The goal goes on when they are over.
 
         Raises:
-            GoalRejected: the action server did not accept it.
-            ProviderNotFound: there is no such action.
-            ProviderGone: its server went away first.
+            GoalRejected: the action server rejected it.
+            ProviderNotFound: the action does not exist.
+            ProviderGone: the action server left first.
             CallTimeout: it has not ended in time.
-            ConnectionLost: the connection was lost first. The goal may go on, unheard.
+            ConnectionLost: the connection was lost first. The goal may go on.
         """
         return await self._end.get(timeout, f"the goal of {self.action} has not ended", self._within)
 
     async def feedback(self) -> AsyncIterator[Message]:
-        """The feedback, until the goal ends. Raises what :meth:`result` raises."""
+        """Yield the feedback until the goal ends. Raises what :meth:`result` raises."""
         while True:
             while self._feedback:
                 yield self._feedback.popleft()
@@ -135,7 +136,7 @@ class Goal:
         return self.feedback()
 
     def cancel(self) -> None:
-        """Ask that the goal end early; how it ends is its result (ACT-08).
+        """Request that the goal be canceled; the outcome is its result (ACT-08).
 
         Raises:
             NotConnected: there is no connection now.
@@ -145,17 +146,17 @@ class Goal:
             self._status = GoalStatus.CANCELING
 
     def abandon(self) -> None:
-        """Hear nothing more of the goal; it goes on running, and `result` waits in vain."""
+        """Receive nothing more of the goal; it goes on, and `result` never returns."""
         if self.channel is not None:
             self.channel.forget()
 
     def __repr__(self) -> str:
         return f"<Goal {self.id} of {self.action}: {self.status.name}>"
 
-    # -- what the action server says -----------------------------------------------------------------------
+    # -- from the action server ------------------------------------------------------------------------------
 
     def take_feedback(self, message: Message) -> None:
-        """Pass on how far it has come."""
+        """Pass on a feedback message."""
         if self.done:
             return
         if self._status is GoalStatus.ACCEPTED:
@@ -170,7 +171,7 @@ class Goal:
             logger.exception("the feedback callback for %s failed", self.action)
 
     def end(self, outcome: GoalResult | Exception, reason: str = "") -> None:
-        """It has ended, or nothing more can be heard of it."""
+        """Set the result, or the error that ends the goal."""
         self._reason = reason
         if isinstance(outcome, GoalResult):
             self._status = outcome.status
@@ -185,12 +186,12 @@ class Goal:
 
 
 class ReceivedGoal:
-    """One goal as an action's `execute` sees it.
+    """Goal as an action's `execute` sees it.
 
     Attributes:
-        id: the goal's id.
-        request: the goal's message.
-        cancel_event: set when a client asks to cancel; the goal may still finish otherwise.
+        id: id of the goal.
+        request: message of the goal.
+        cancel_event: set when a client requests cancellation; the goal may still end otherwise.
     """
 
     def __init__(
@@ -208,23 +209,37 @@ class ReceivedGoal:
 
     @property
     def cancel_requested(self) -> bool:
-        """Whether a client asked to cancel. To do so, raise :exc:`~rwt_participant.errors.GoalCanceled`."""
+        """True if a client requests cancellation; raise :exc:`GoalCanceled` to comply."""
         return self.cancel_event.is_set()
 
     @property
     def feedback_wanted(self) -> bool:
-        """Whether anybody takes feedback now; False spares the work of making it."""
+        """False if no client takes feedback now, so that it need not be computed."""
         return self._feedback_wanted()
 
     def publish_feedback(self, feedback: MessageLike) -> None:
         """Send feedback to the client (ACT-14).
 
         Raises:
-            InvalidMessage: it does not fit the action's type.
+            InvalidMessage: the feedback does not fit the action's type.
         """
         self._publish_feedback(feedback)
 
 
-#: Works on a goal as a task of its own; what it returns is the result of a goal that succeeded, None one of
-#: defaults. Raises GoalCanceled or GoalAborted to end it otherwise.
+#: Executes a goal in a task of its own. Returns the result of a goal that succeeded, None for one of
+#: defaults; raises GoalCanceled or GoalAborted to end it otherwise.
 Execute: TypeAlias = Callable[[ReceivedGoal], Awaitable["MessageLike | None"]]
+
+
+async def run_goal(execute: Execute, goal: ReceivedGoal) -> tuple[GoalStatus, object, str]:
+    """Run an action's function on a goal; return the final status, the result and the reason for people.
+
+    Raises:
+        Exception: exception of the function, other than GoalCanceled and GoalAborted.
+    """
+    try:
+        return GoalStatus.SUCCEEDED, await execute(goal), ""
+    except GoalCanceled as end:
+        return GoalStatus.CANCELED, end.result, end.reason
+    except GoalAborted as end:
+        return GoalStatus.ABORTED, end.result, end.reason

@@ -1,10 +1,10 @@
-"""Messages as programs give and take them."""
+"""Messages as programs publish and receive them."""
 
 from __future__ import annotations
 
 import inspect
 import time
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -19,30 +19,47 @@ if TYPE_CHECKING:
     from rwt_interfaces.registry import Registry
     from rwt_interfaces.structs import MessageType
 
-#: What may be given where a message is wanted: values are checked and completed by its type.
+#: Accepted forms of a message; values are checked and completed according to its type.
 MessageLike: TypeAlias = "Payload | msgspec.Struct | Mapping[str, object] | DataclassInstance"
 
-#: A typed message: a Struct compiled from its definition, shared and read-only. Its fields are known when the
-#: program runs and not before, so type checkers know nothing of them.
+#: Typed message: a Struct compiled from its definition, shared and read-only. Type checkers do not know its
+#: fields, which are known at run time.
 Message: TypeAlias = Any
 
 #: Takes the typed message. A coroutine function runs in a task of its own, one message at a time.
 MessageCallback: TypeAlias = Callable[[Message], object]
 
-#: A parameter's value: bool, int, float, str, bytes, lists, and on ROS 1 dictionaries and None; which of them
-#: it is, is known when the program runs and not before.
+
+class RawMessage(msgspec.Struct, frozen=True, gc=False):
+    """One message, serialised.
+
+    Attributes:
+        data: CDR with its encapsulation header, or the ROS 1 serialisation if the robot speaks ROS 1.
+        stamp_ns: time of publishing, nanoseconds since the epoch; None if the robot's server sends none.
+        type: message type.
+    """
+
+    data: bytes | memoryview
+    stamp_ns: int | None
+    type: MessageType
+
+
+#: Takes the serialised message; a plain function.
+RawCallback: TypeAlias = Callable[[RawMessage], object]
+
+#: Value of a parameter: bool, int, float, str, bytes, lists, and on ROS 1 dictionaries and None.
 ParameterValue: TypeAlias = Any
 
-#: Takes the request and gives the response, or an awaitable of it; None stands for a response of defaults.
+#: Takes the request and returns the response, or an awaitable of it; None is a response of defaults.
 ServiceHandler: TypeAlias = Callable[[Message], "MessageLike | Awaitable[MessageLike | None] | None"]
 
 
 def to_payload(interface: MessageType, message: object, now: Callable[[], int] = time.time_ns) -> Payload:
-    """A payload of that type.
+    """Return a payload of that type.
 
     Args:
-        message: an instance of the type's class, a mapping, a dataclass instance, or a payload.
-        now: the time for headers without a stamp, nanoseconds since the epoch.
+        message: instance of the type's class, mapping, dataclass instance, or payload.
+        now: time for headers without a stamp, nanoseconds since the epoch.
 
     Raises:
         InvalidMessage: the message does not fit the type, or is a payload of another one.
@@ -55,7 +72,7 @@ def to_payload(interface: MessageType, message: object, now: Callable[[], int] =
 
 
 def type_of(message: object, registry: Registry) -> str | None:
-    """The name of the type of `message`, a payload or an instance of a message's class; None for others.
+    """Return the type name of a payload or an instance of a message's class; None for others.
 
     The class may be of another registry, such as those of :mod:`rwt_interfaces.jazzy`, if it has the fields
     that `registry` knows of that type.
@@ -73,17 +90,54 @@ def type_of(message: object, registry: Registry) -> str | None:
 
 
 def check_handler(service: str, handler: object) -> None:
-    """Refuse what cannot answer the calls of a service.
+    """Check that a service handler is a function.
 
     Raises:
-        TypeError: it is no function.
+        TypeError: it is not.
     """
     if not callable(handler):
         raise TypeError(f"{service}: expected a function that takes the request, got {handler!r}")
 
 
+def call_handler(
+    handler: ServiceHandler,
+    request: Message,
+    response: MessageType,
+    reply: Callable[[Payload], object],
+    fail: Callable[[Exception], object],
+    spawn: Callable[[Callable[[], Coroutine[object, object, None]]], object],
+    now: Callable[[], int] = time.time_ns,
+) -> None:
+    """Answer one call of a service, at once or from a task.
+
+    Args:
+        response: type of the response.
+        reply: takes the response; an exception that it raises is passed to `fail`.
+        fail: takes the exception of the handler.
+        spawn: starts a task, for a handler that must be awaited.
+        now: time for headers without a stamp, nanoseconds since the epoch.
+    """
+    try:
+        answer = handler(request)
+        if not inspect.isawaitable(answer):
+            reply(to_payload(response, {} if answer is None else answer, now))
+            return
+    except Exception as error:
+        fail(error)
+        return
+
+    async def finish() -> None:
+        try:
+            value = await answer
+            reply(to_payload(response, {} if value is None else value, now))
+        except Exception as error:
+            fail(error)
+
+    spawn(finish)
+
+
 def is_coroutine_function(function: Callable[..., object]) -> bool:
-    """Whether calling it makes a coroutine; looks into partials and objects with `__call__`."""
+    """Return True if a call makes a coroutine; looks into partials and objects with `__call__`."""
     while isinstance(function, partial):
         function = function.func
     return inspect.iscoroutinefunction(function) or inspect.iscoroutinefunction(

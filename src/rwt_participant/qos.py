@@ -17,14 +17,14 @@ LONGEST_SECONDS: Final = 9_223_372_036
 
 
 class History(Enum):
-    """Which samples are kept."""
+    """Samples that are kept."""
 
     KEEP_LAST = "keep_last"
     KEEP_ALL = "keep_all"
 
 
 class Reliability(Enum):
-    """Whether a sample may be lost on the way."""
+    """Guarantee of delivery."""
 
     RELIABLE = "reliable"
     BEST_EFFORT = "best_effort"
@@ -32,7 +32,7 @@ class Reliability(Enum):
 
 
 class Durability(Enum):
-    """Whether a late joiner receives what was published before."""
+    """Retention of samples for late joiners."""
 
     VOLATILE = "volatile"
     TRANSIENT_LOCAL = "transient_local"
@@ -41,7 +41,7 @@ class Durability(Enum):
 
 @dataclass(frozen=True, slots=True)
 class QoS:
-    """The policies of ROS 2.
+    """Policies of ROS 2.
 
     Attributes:
         depth: samples kept with `History.KEEP_LAST`, at most :data:`MOST_DEPTH`; 0 counts as 1.
@@ -67,7 +67,7 @@ class QoS:
 
 
 def _require(policy: str, value: float, most: int, unit: str) -> None:
-    # Written so that what is no number is refused too.
+    # Written so that NaN is rejected, too.
     if not 0 <= value <= most:
         # A whole number may be too large for every way to write it.
         shown = "a very large number" if 2**63 < abs(value) < math.inf else f"{value:g}"
@@ -77,10 +77,10 @@ def _require(policy: str, value: float, most: int, unit: str) -> None:
 #: ROS 2's default profile.
 DEFAULT_QOS = QoS()
 
-#: ROS 1's `latch=True`: the last sample is kept for late joiners.
+#: ROS 1's `latch=True`: the last sample is retained for late joiners.
 LATCHED = QoS(depth=1, durability=Durability.TRANSIENT_LOCAL)
 
-#: What a subscriber asks that wants whatever the publishers offer.
+#: Request of a subscriber that accepts whatever the publishers offer.
 BEST_AVAILABLE = QoS(reliability=Reliability.BEST_AVAILABLE, durability=Durability.BEST_AVAILABLE)
 
 #: ROS 2's profile for sensor streams.

@@ -1,14 +1,20 @@
-"""The known name that may have been meant. It imports nothing, since the command line needs it early."""
+"""Suggestions for misspelt names. Imports nothing, because the command line needs it early."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """`; did you mean X?` with the nearest of the known words; empty if none is near, or `word` is known."""
-    import difflib  # few mistakes are made, and it is not small
+def nearest(word: str, known: Iterable[str]) -> str | None:
+    """Return the known word that is most similar to `word`; None if none is similar."""
+    import difflib  # Rarely needed, and slow to import.
 
+    found = difflib.get_close_matches(word, list(known), n=1)
+    return found[0] if found else None
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return `; did you mean X?` with the nearest known word; empty if there is none, or `word` is known."""
     words = list(known)
-    found = [] if word in words else difflib.get_close_matches(word, words, n=1)
-    return f"; did you mean {found[0]}?" if found else ""
+    found = None if word in words else nearest(word, words)
+    return f"; did you mean {found}?" if found else ""

@@ -1,4 +1,4 @@
-"""Timers of robot programs: they repeat, keep their grid, and may be set back."""
+"""Timers of robot programs, and the watchdog for commands that is built on them."""
 
 from __future__ import annotations
 
@@ -6,42 +6,53 @@ import logging
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable
-from typing import Final, Protocol
+from contextlib import AbstractContextManager
+from typing import Final, Protocol, Self
 
 from rwt_participant.messages import is_coroutine_function
 
 logger = logging.getLogger(__name__)
 
-#: Seconds; a clock has whole nanoseconds, and a shorter period would leave it no time for anything else.
+#: Minimum period in seconds; clocks count nanoseconds, and a shorter one would starve all other work.
 SHORTEST_PERIOD: Final = 1e-6
 
-#: Seconds, some thirty years: a timer that is due later is due then, so that no sum of times overflows.
+#: Maximum delay in seconds, some thirty years; a later timer is due then, so that no sum of times overflows.
 LONGEST_DELAY: Final = 1e9
 
-#: Seconds: a timer that fires exactly on its tick must not take the rounding for a missed one.
+#: Tolerance in seconds, so that rounding is not taken for a missed tick.
 _ROUNDING: Final = 1e-9
 
 
 class Timer(ABC):
-    """A callback that is due at some time."""
+    """Callback that is due at some time."""
 
     @abstractmethod
     def cancel(self) -> None:
-        """Drop the callback; may be called twice, and after the timer has run."""
+        """Drop the callback. No-op if it was called or dropped."""
 
 
 class TimerClock(Protocol):
-    """Steady time, and callbacks when some of it has gone by."""
+    """Monotonic clock with delayed callbacks."""
 
     def monotonic(self) -> float:
-        """Seconds since some moment; never goes back."""
+        """Return seconds since some moment."""
 
     def call_later(self, delay: float, call: Callable[[], None]) -> Timer:
         """Run `call` once, `delay` seconds from now."""
 
 
+class RobotClock(TimerClock, Protocol):
+    """Clock of a robot program: timers, and waiting."""
+
+    async def sleep(self, seconds: float) -> None:
+        """Wait for so many seconds of this clock."""
+
+    def within(self, seconds: float | None) -> AbstractContextManager[object]:
+        """Leave the block after so many seconds of this clock; None sets no limit. In tasks only."""
+
+
 class TimerLoop(Protocol):
-    """Where callbacks of timers run."""
+    """Event loop that runs the callbacks of timers."""
 
     def soon(self, call: Callable[[], None]) -> None:
         """Run a plain function on the loop's thread: at once there, soon from elsewhere."""
@@ -51,16 +62,16 @@ class TimerLoop(Protocol):
 
 
 class PeriodicTimer(Timer):
-    """Calls back every `period` seconds of a clock, on a grid that does not drift.
+    """Timer that calls back every `period` seconds of a clock, on a grid that does not drift.
 
     Args:
-        loop: where `callback` runs.
+        loop: loop that runs `callback`.
         period: seconds, from :data:`SHORTEST_PERIOD` to :data:`LONGEST_DELAY`.
-        callback: a plain or a coroutine function.
-        on_cancel: told when the timer is cancelled.
+        callback: plain or coroutine function.
+        on_cancel: called when the timer is cancelled.
 
     Raises:
-        ValueError: `period` is out of its range.
+        ValueError: `period` is out of range.
     """
 
     def __init__(
@@ -71,7 +82,7 @@ class PeriodicTimer(Timer):
         callback: Callable[[], Awaitable[None] | None],
         on_cancel: Callable[[PeriodicTimer], None] = lambda timer: None,
     ) -> None:
-        # Written so that what is no number is refused too.
+        # Written so that NaN is rejected, too.
         if not SHORTEST_PERIOD <= period <= LONGEST_DELAY:
             raise ValueError(
                 f"a timer's period is from {SHORTEST_PERIOD:g} to {LONGEST_DELAY:g} s, which this is not"
@@ -94,7 +105,7 @@ class PeriodicTimer(Timer):
         self._arm()
 
     def reset(self) -> None:
-        """Let the next call be one whole period from now, from any thread; of a cancelled timer nothing."""
+        """Postpone the next call to one whole period from now, from any thread. No-op if it is cancelled."""
         now = self._clock.monotonic()
         self._loop.soon(lambda: self._restart(now))
 
@@ -104,7 +115,7 @@ class PeriodicTimer(Timer):
         self._loop.soon(self._stop)
 
     def _restart(self, now: float) -> None:
-        # What the clock has been told stays: when it comes up, it finds that it is not due.
+        # The clock keeps its callback, which finds that the timer is not due yet.
         self._started_at = now
         self._tick = 1
 
@@ -152,3 +163,84 @@ class PeriodicTimer(Timer):
         if timer is not None:
             timer.cancel()
         self._on_cancel(self)
+
+
+class ResettableTimer(Protocol):
+    """Timer of a robot program: :class:`PeriodicTimer`, or the blocking form of it."""
+
+    def reset(self) -> None:
+        """Postpone the next call by one whole period."""
+
+    def cancel(self) -> None:
+        """Stop the timer."""
+
+
+class HasTimers(Protocol):
+    """Robot with timers: :class:`~rwt_participant.api.RobotApi`, or its blocking form."""
+
+    def create_timer(self, period: float, callback: Callable[[], None], /) -> ResettableTimer:
+        """Call `callback` every `period` seconds."""
+
+
+class Watchdog:
+    """Watchdog for commands: calls `stop` once if none has arrived for `timeout` seconds.
+
+    >>> def drive(twist):
+    ...     watchdog.feed()
+    ...     motors.publish({"data": twist.linear.x})
+    >>> with Watchdog(robot, 0.5, stop) as watchdog:
+    ...     robot.subscribe("/cmd_vel", drive, "geometry_msgs/Twist")
+    ...     await anyio.sleep_forever()
+
+    The next command arms it again. `stop` is also called at the end of the `with` block, and therefore if a
+    signal or an error ends the program. It is not called in a process that was killed, or while a callback
+    blocks the event loop; a motor controller needs its own watchdog for these cases.
+
+    Args:
+        robot: node or client, awaited or blocking; its timers count the seconds, simulated ones if the node's
+            graph is.
+        timeout: seconds from the last command, or the last :meth:`feed`, to the stop.
+        stop: plain function without arguments, called on the thread of the graph or the connection, and at
+            the end of the block on the thread that leaves it. It should be fast. If it raises, that is
+            logged, and it is called again `timeout` seconds later.
+
+    Raises:
+        TypeError: `stop` is not a function, or is a coroutine function, which might never finish.
+        ValueError: `timeout` is shorter than a microsecond, or longer than some thirty years.
+    """
+
+    def __init__(self, robot: HasTimers, timeout: float, stop: Callable[[], None]) -> None:
+        if not callable(stop) or is_coroutine_function(stop):
+            raise TypeError(f"a watchdog's stop is a plain function, got {stop!r}")
+        self._stop = stop
+        self._running = False
+        self._timer = robot.create_timer(timeout, self._expire)
+
+    @property
+    def running(self) -> bool:
+        """True while commands arrive; False before the first, and from the stop to the next."""
+        return self._running
+
+    def feed(self) -> None:
+        """Note a command. Call it at the beginning of the callback."""
+        self._timer.reset()
+        self._running = True
+
+    def close(self) -> None:
+        """Stop the watchdog without calling `stop`. No-op if it is closed."""
+        self._timer.cancel()
+        self._running = False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        try:
+            self.close()
+        finally:
+            self._stop()
+
+    def _expire(self) -> None:
+        if self._running:
+            self._stop()
+            self._running = False

@@ -1,4 +1,4 @@
-"""Where frames of the robot are, as its transforms tell, and telling them."""
+"""Transforms of a robot: lookup and broadcasting."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ When = Any
 _MESSAGE: Final = "tf2_msgs/TFMessage"
 
 
-class Subscribe(Protocol):
+class SubscribeVerb(Protocol):
     """Subscribes to a topic: the verb of :class:`~rwt_participant.api.RobotApi`."""
 
     def __call__(self, topic: str, callback: Callable[[Any], None], type: str, /) -> Handle:
         """Call `callback` with each message."""
 
 
-class Advertise(Protocol):
+class AdvertiseVerb(Protocol):
     """Becomes a publisher of a topic: the verb of :class:`~rwt_participant.api.RobotApi`."""
 
     def __call__(self, topic: str, type: str, /, *, latch: bool = False) -> Publisher:
@@ -46,7 +46,7 @@ class Advertise(Protocol):
 
 
 class Transforms:
-    """The robot's tree of frames, kept up to date from the first question on; and this program's part in it.
+    """Tree of frames of a robot, kept up to date from the first lookup, and broadcaster of transforms.
 
     Args:
         subscribe: how to hear `/tf` and `/tf_static`.
@@ -63,8 +63,8 @@ class Transforms:
 
     def __init__(
         self,
-        subscribe: Subscribe,
-        advertise: Advertise,
+        subscribe: SubscribeVerb,
+        advertise: AdvertiseVerb,
         time_ns: Callable[[], int],
         timeout: float | None,
         within: Within = anyio.move_on_after,

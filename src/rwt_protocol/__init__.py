@@ -41,7 +41,6 @@ if TYPE_CHECKING:
         CancelActionGoal,
         Direction,
         Fragment,
-        GoalStatus,
         Op,
         OpToClient,
         OpToServer,
@@ -75,7 +74,7 @@ _HOMES: Final = {
         "rwt_protocol.ops": (
             "AnyOp OpToServer OpToClient Op OPS inbound Direction ReplyTo Advertise Unadvertise Publish "
             "Subscribe Unsubscribe Qos CallService ServiceResponse AdvertiseService UnadvertiseService "
-            "SendActionGoal CancelActionGoal ActionFeedback ActionResult GoalStatus AdvertiseAction "
+            "SendActionGoal CancelActionGoal ActionFeedback ActionResult AdvertiseAction "
             "UnadvertiseAction Status SetLevel Auth Fragment Png"
         ),
         "rwt_protocol.payloads": "Encodable RawJson Decoded",
@@ -121,7 +120,6 @@ __all__ = [
     "CancelActionGoal",
     "ActionFeedback",
     "ActionResult",
-    "GoalStatus",
     "AdvertiseAction",
     "UnadvertiseAction",
     "Status",

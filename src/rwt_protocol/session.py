@@ -23,7 +23,6 @@ from rwt_protocol.ops.base import MOST_MARK
 from rwt_protocol.payloads import Encodable
 from rwt_protocol.profiles import COMPAT, Profile, StatusRule
 from rwt_protocol.readers import readers
-from rwt_protocol.spelling import nearest
 
 _MOST_INSIDE: Final = 4
 
@@ -284,8 +283,10 @@ class Session:
             return f"op: expected a string, got {describe(name)}"
         if name in OPS and name in self._profile.ops:
             return f'operation "{name}" only goes {OPS[name].direction.value}'
-        meant = nearest(name, map(str, self._readers))
-        instead = f' (did you mean "{meant}"?)' if meant else ""
+        import difflib  # Rarely needed, and slow to import.
+
+        meant = difflib.get_close_matches(name, [str(op) for op in self._readers], n=1)
+        instead = f' (did you mean "{meant[0]}"?)' if meant else ""
         return f"unknown operation {describe(name)}{instead}: {allowed}"
 
     def _refusal(self, members: Members, reason: str) -> Refusal:

@@ -9,9 +9,10 @@ import anyio
 import pytest
 
 from rwt.nodes.rosapi.typedefs import typedefs
-from rwt_client import FieldInfo, NodeInfo, RosVersion, TopicInfo
+from rwt_client import FieldInfo, NodeDetails, RosVersion
 from rwt_client.endpoints.remote_types import _texts
 from rwt_interfaces import JAZZY, NOETIC, Registry
+from rwt_participant.api import Listed
 from rwt_participant.errors import CallFailed, NotFound, ParameterRejected, ProviderNotFound, UnknownType
 from tests.client.worlds import World, scripted, world
 
@@ -35,7 +36,7 @@ async def test_questions_about_topics() -> None:
     async with world() as it:
         furnish(it)
         api = it.robot.api
-        assert TopicInfo("/odom", "nav_msgs/msg/Odometry") in await api.topics()
+        assert Listed("/odom", "nav_msgs/msg/Odometry") in await api.topics()
         assert await api.topics_for_type("geometry_msgs/Twist") == ("/cmd_vel",)
         assert await api.topic_type("/odom") == "nav_msgs/msg/Odometry"
         assert await api.topic_type("/nothing") == ""
@@ -62,7 +63,7 @@ async def test_questions_about_nodes() -> None:
         furnish(it)
         assert {"/test_robot", "/rosapi"} <= set(await it.robot.api.nodes())
         info = await it.robot.api.node("/test_robot")
-        assert isinstance(info, NodeInfo)
+        assert isinstance(info, NodeDetails)
         assert ("/odom" in info.publishing, info.subscribing) == (True, ("/cmd_vel",))
         with pytest.raises(CallFailed, match="node /nobody does not exist"):
             await it.robot.api.node("/nobody")

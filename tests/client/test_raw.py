@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_client import RawMessage
 from rwt_client.wire.cbor import read_cbor, read_raw
+from rwt_participant.messages import RawMessage
 from rwt_protocol.codecs.cbor import publish_prefix, raw_publish_frame
 from tests.client.worlds import world
 from tests.waiting import until

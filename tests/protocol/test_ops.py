@@ -18,7 +18,6 @@ from rwt_protocol.ops import (
     CancelActionGoal,
     Direction,
     Fragment,
-    GoalStatus,
     Op,
     Publish,
     ReplyTo,
@@ -200,13 +199,13 @@ def test_the_text_of_a_failure_is_decoded() -> None:
 @pytest.mark.parametrize(
     ("members", "status"),
     [
-        ({"result": True}, GoalStatus.SUCCEEDED),
-        ({"result": False}, GoalStatus.ABORTED),
-        ({"result": True, "status": 5}, GoalStatus.CANCELED),
-        ({}, GoalStatus.SUCCEEDED),
+        ({"result": True}, 4),
+        ({"result": False}, 6),
+        ({"result": True, "status": 5}, 5),
+        ({}, 4),
     ],
 )
-def test_a_result_without_status_has_the_usual_one(members: dict[str, Any], status: GoalStatus) -> None:
+def test_a_result_without_status_has_the_usual_one(members: dict[str, Any], status: int) -> None:
     op = one({"op": "action_result", "action": "/a", "id": "g"} | members)
     assert isinstance(op, ActionResult)
     assert op.status == status

@@ -9,7 +9,7 @@ import pytest
 
 from rwt import MemoryGraph, Node, PlaybackServer, Settings, SettingsError, SimulatedClock, connect
 from rwt.nodes.playback import PlayOptions
-from rwt.nodes.recording import Recorder, open_recording
+from rwt.nodes.recording import open_recording, record_graph
 from rwt_graph import NotRunning
 
 URL = "ws://127.0.0.1:0"
@@ -24,7 +24,7 @@ def file(tmp_path: Path) -> Path:
     clock = SimulatedClock(start_ns=1_700_000_000_000_000_000)
     graph = MemoryGraph(clock=clock)
     topic = Node(graph, "robot").advertise("/n", "std_msgs/Int32")
-    with Recorder(graph, path):
+    with record_graph(graph, path):
         for number in range(6):
             topic.publish({"data": number})
             clock.advance(1.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from rwt_graph.api import GraphListings
 from rwt_graph.errors import InvalidGraphName
 from rwt_graph.names import resolve
 from rwt_transports.errors import Refused
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from rwt_interfaces.registry import Registry
 
 
-class GraphView:
+class GraphView(GraphListings):
     """View of the graph for one role: the queries of :class:`rwt_graph.api.Graph`, filtered.
 
     Hidden names are treated as if they did not exist.

@@ -177,7 +177,7 @@ def start_recording(graph: Graph, file: Path | None, stack: ExitStack, *, intros
         ServerError: the file cannot be written.
     """
     from rwt.nodes.introspection import Introspection
-    from rwt.nodes.recording import Recorder, RecordingError
+    from rwt.nodes.recording import RecordingError, record_graph
     from rwt.nodes.recording.selection import EVERYTHING, TopicSelection
 
     if introspection and not graph.distro.introspects_calls:
@@ -186,12 +186,12 @@ def start_recording(graph: Graph, file: Path | None, stack: ExitStack, *, intros
         stack.enter_context(closing(Introspection(graph)))
         return
     try:
-        recorder = Recorder(graph, file, EVERYTHING if introspection else TopicSelection())
+        recorder = record_graph(graph, file, EVERYTHING if introspection else TopicSelection())
     except RecordingError as error:
         raise ServerError(f"record: {error}") from error
     stack.callback(_finish, recorder)
     if introspection:
-        stack.enter_context(closing(Introspection(graph, on_topic=recorder.look)))
+        stack.enter_context(closing(Introspection(graph, on_topic=recorder.look_now)))
 
 
 def _finish(recorder: Recorder) -> None:

@@ -10,6 +10,7 @@ from pydantic import BaseModel, SecretStr, ValidationError
 from pydantic.fields import FieldInfo
 
 from rwt.settings.models import Settings
+from rwt_participant.spelling import nearest
 from rwt_protocol.error_text import (
     annotation_at,
     but_got,
@@ -19,7 +20,6 @@ from rwt_protocol.error_text import (
     model_in,
     plain_type,
 )
-from rwt_protocol.spelling import nearest
 
 Key = tuple[str, ...]
 """The way to a setting from the top: tables, then its own name."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from rwt_protocol.spelling import nearest
+from rwt_participant.spelling import nearest
 
 
 class ScriptError(Exception):

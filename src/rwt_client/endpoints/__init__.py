@@ -1,1 +1,1 @@
-"""What a program reaches on a robot: topics, services, actions, parameters, transforms and types."""
+"""Endpoints of a client: topics, services, actions, transforms and types."""

@@ -11,8 +11,8 @@ from rwt_client.endpoints.remote_handle import RemoteServer
 from rwt_client.errors import ConnectionLost
 from rwt_client.wire.decoding import request_of
 from rwt_interfaces.structs import ActionType
-from rwt_participant.errors import GoalAborted, GoalCanceled, InvalidMessage, RobotError, ServiceFailed
-from rwt_participant.goals import Execute, GoalStatus, ReceivedGoal
+from rwt_participant.errors import InvalidMessage, RobotError, ServiceFailed
+from rwt_participant.goals import Execute, GoalStatus, ReceivedGoal, run_goal
 from rwt_participant.messages import MessageLike, to_payload
 from rwt_protocol.ops import (
     ActionFeedback,
@@ -50,21 +50,21 @@ class ActionServer(RemoteServer[ActionType]):
         self._goals: dict[str | int | None, ReceivedGoal] = {}
         self._tasks = tasks
 
-    def close(self) -> None:
-        """Withdraw the action; goals that run are asked to end. A second call does nothing."""
+    def release(self) -> None:
+        """Ask the running goals to end, and offer the action no more."""
         self._cancel_all()
-        super().close()
+        super().release()
 
     def advertise(self, wire_type: str) -> AdvertiseAction:
-        """The op that offers it."""
+        """Return the op that offers it."""
         return AdvertiseAction(type=wire_type, action=self.name, id=self.id)
 
-    def unadvertise(self) -> UnadvertiseAction:
-        """The op that withdraws it."""
+    def withdrawal(self) -> UnadvertiseAction:
+        """Return the op that withdraws it."""
         return UnadvertiseAction(action=self.name, id=self.id)
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
-        """Nobody hears of the goals any more, so they are asked to end (ACT-19)."""
+        """Request that all goals end: their senders no longer hear of them (ACT-19)."""
         self._cancel_all()
 
     def _cancel_all(self) -> None:
@@ -96,35 +96,16 @@ class ActionServer(RemoteServer[ActionType]):
             self._session.send_if_connected(ActionFeedback(action=self.name, values=values, id=id))
 
     async def _run(self, goal: ReceivedGoal) -> None:
-        result: object
         try:
-            result, status = await self._execute(goal), GoalStatus.SUCCEEDED
-        except GoalCanceled as ended:
-            result, status = ended.result, GoalStatus.CANCELED
-        except GoalAborted as ended:
-            result, status = ended.result, GoalStatus.ABORTED
+            status, result, _ = await run_goal(self._execute, goal)
+            values = RawJson(to_payload(self.type.result, {} if result is None else result).json())
+            op = ActionResult(action=self.name, values=values, status=int(status), result=True, id=goal.id)
         except Exception as error:
             logger.exception("the action %s failed", self.name)
-            self._fail(goal, str(error) if isinstance(error, RobotError) else EXECUTE_FAILED)
-            return
-        try:
-            values = RawJson(to_payload(self.type.result, {} if result is None else result).json())
-        except InvalidMessage as error:
-            logger.exception("the action %s failed", self.name)
-            self._fail(goal, str(error))
-            return
-        self._end(
-            goal, ActionResult(action=self.name, values=values, status=int(status), result=True, id=goal.id)
-        )
-
-    def _fail(self, goal: ReceivedGoal, reason: str) -> None:
-        status = GoalStatus.ABORTED.value
-        self._end(
-            goal, ActionResult(action=self.name, values=reason, status=status, result=False, id=goal.id)
-        )
-
-    def _end(self, goal: ReceivedGoal, op: ActionResult) -> None:
-        """Tell of the end, unless the connection on which the goal came is gone."""
+            reason = str(error) if isinstance(error, RobotError) else EXECUTE_FAILED
+            status = GoalStatus.ABORTED
+            op = ActionResult(action=self.name, values=reason, status=int(status), result=False, id=goal.id)
+        # The connection on which the goal was received may be gone.
         if self._goals.get(goal.id) is goal:
             del self._goals[goal.id]
             self._session.send_if_connected(op)

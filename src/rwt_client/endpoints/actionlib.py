@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rwt_interfaces import Payload
     from rwt_interfaces.structs import ActionType
     from rwt_participant.handles import Handle, Publisher
-    from rwt_participant.transforms import Subscribe
+    from rwt_participant.transforms import SubscribeVerb
 
 PREEMPTED, SUCCEEDED, ABORTED, REJECTED = 2, 3, 4, 5
 """States of ``actionlib_msgs/GoalStatus``, whose numbers are not those of ROS 2 (ALB-08)."""
@@ -31,7 +31,7 @@ _ACTIVE: Final = 1
 
 
 async def send_over_topics(
-    subscribe: Subscribe,
+    subscribe: SubscribeVerb,
     advertise: Callable[[str, str], Publisher],
     goal: Goal,
     action_type: ActionType,
@@ -66,7 +66,7 @@ class _ActionlibGoal:
             self.cancel.publish({"id": self._goal.id})
 
     def forget(self) -> None:
-        """Nothing more is wanted of this goal."""
+        """Receive nothing more of this goal."""
         for topic in self.topics:
             topic.close()
         for publisher in (self.cancel, self.goals):

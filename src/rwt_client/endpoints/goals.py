@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 logger = logging.getLogger("rwt_client")
 
 
-class SentGoal:
-    """A goal of ROS 2's kind on its way; satisfies :class:`rwt_participant.goals.GoalChannel`."""
+class WireGoal:
+    """Goal of ROS 2's kind in flight; satisfies :class:`rwt_participant.goals.GoalChannel`."""
 
     def __init__(self, goals: SentGoals, goal: Goal, feedback: MessageReader, result: MessageReader) -> None:
         self.goal = goal
@@ -32,31 +32,31 @@ class SentGoal:
         self._result = result
 
     def send_cancel(self) -> None:
-        """Ask that it end early (ACT-07)."""
+        """Request that the goal be canceled (ACT-07)."""
         self._goals.session.send(CancelActionGoal(id=self.goal.id, action=self.goal.action))
 
     def forget(self) -> None:
-        """It has ended."""
+        """Receive nothing more of the goal."""
         self._goals.forget(self.goal.id)
 
     def restore(self) -> None:
-        """Nothing: a goal is not sent twice."""
+        """No-op: a goal is not sent twice."""
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
-        """What becomes of it will not be heard (ACT-19)."""
+        """End the goal with an error: its outcome stays unknown (ACT-19)."""
         self.goal.end(type(error)(f"{error}, before the goal of {self.goal.action} ended"))
 
     def refused(self, text: str) -> None:
-        """The server complains instead of answering."""
+        """End the goal with the server's error."""
         self.goal.end(call_error(text, self.goal.action, GoalRejected))
 
     def on_feedback(self, op: ActionFeedback) -> None:
-        """Feedback has come (ACT-02)."""
+        """Pass on feedback (ACT-02)."""
         if not isinstance(op.values, str):
             self.goal.take_feedback(self._feedback.read(op.values))
 
     def on_result(self, op: ActionResult) -> None:
-        """The result has come (ACT-03, ACT-04)."""
+        """End the goal with its result (ACT-03, ACT-04)."""
         if not op.result or isinstance(op.values, str):
             text = failure_text(op.values, f"{self.goal.action} failed and gave no reason")
             otherwise = CallFailed if op.status else GoalRejected
@@ -71,10 +71,10 @@ class SentGoal:
 
 
 class SentGoals:
-    """The goals that have not ended, by their id.
+    """Goals in flight, by id.
 
     Args:
-        meant: what is added to the error about an action that is not there; asks the robot.
+        meant: asks the robot for a suggestion, for the error about an action that does not exist.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class SentGoals:
         self.session = session
         self._tasks = tasks
         self._meant = meant
-        self._sent: dict[str, SentGoal] = {}
+        self._sent: dict[str, WireGoal] = {}
 
     def send(
         self,
@@ -98,12 +98,12 @@ class SentGoals:
         """Send a goal (ACT-01).
 
         Args:
-            readers: of its feedback, and of its result.
+            readers: readers of the feedback and of the result.
 
         Raises:
             NotConnected: there is no connection now.
         """
-        sent = SentGoal(self, goal, *readers)
+        sent = WireGoal(self, goal, *readers)
         goal.channel = sent
         op = SendActionGoal(action=goal.action, action_type=action_type, args=args, feedback=True, id=goal.id)
         self.session.send(op)
@@ -111,13 +111,25 @@ class SentGoals:
         self._sent[goal.id] = sent
         return goal
 
+    def cancel(self, action: str, id: str) -> None:
+        """Request the cancellation of a goal by its id, whether this client sent it or another (ACT-07).
+
+        Raises:
+            NotConnected: there is no connection now.
+        """
+        sent = self._sent.get(id)
+        if sent is None:
+            self.session.send(CancelActionGoal(id=id, action=action))
+        else:
+            sent.goal.cancel()
+
     def forget(self, id: str) -> None:  # as on the wire
-        """A goal has ended."""
+        """Remove a goal that has ended."""
         self._sent.pop(id, None)
         self.session.remove(id)
 
     def end(self, goal: Goal, error: CallFailed) -> None:
-        """A goal has ended in an error, of which more may be said where its action is not there."""
+        """End a goal with an error, with a suggestion if its action does not exist."""
         if isinstance(error, ProviderNotFound):
             self._tasks.start_soon(self._end_with_advice, goal, error)
         else:
@@ -127,13 +139,13 @@ class SentGoals:
         goal.end(ProviderNotFound(f"{error}{await self._meant('action', goal.action)}"))
 
     def on_feedback(self, _: None, op: ActionFeedback) -> None:
-        """Feedback of some goal."""
+        """Pass feedback to its goal."""
         sent = self._sent.get(op.id) if isinstance(op.id, str) else None
         if sent is not None:
             sent.on_feedback(op)
 
     def on_result(self, _: None, op: ActionResult) -> None:
-        """The result of some goal."""
+        """Pass a result to its goal."""
         sent = self._sent.get(op.id) if isinstance(op.id, str) else None
         if sent is not None:
             sent.on_result(op)

@@ -32,12 +32,12 @@ _EARLY_KEPT: Final = 100
 
 @dataclass(frozen=True, slots=True)
 class AdvertiseOptions:
-    """How a topic is advertised.
+    """Options of an advertisement.
 
     Attributes:
-        latch: whether late subscribers get the last message.
-        queue_size: messages kept for slow subscribers, where the server speaks ROS 1.
-        qos: quality of service, where the server speaks ROS 2.
+        latch: retain the last message for late subscribers.
+        queue_size: messages queued for slow subscribers, on ROS 1 servers.
+        qos: quality of service, on ROS 2 servers.
     """
 
     latch: bool = False
@@ -136,18 +136,13 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
         """Wait until the network has taken everything that was published, to publish no faster than it."""
         await self._drained()
 
-    def close(self) -> None:
-        """Withdraw the advertisement; a second call does nothing."""
-        if not self.closed:
-            self._error = HandleClosed(f"the publisher on {self.name} was closed")
-            self._session.remove(self.id)
-            if self._type is not None:
-                self._session.send_if_connected(Unadvertise(topic=self.name, id=self.id))
+    def release(self) -> None:
+        """Reject further messages."""
+        self._error = HandleClosed(f"the publisher on {self.name} was closed")
 
-    @property
-    def closed(self) -> bool:
-        """Whether this program has closed it."""
-        return isinstance(self._error, HandleClosed)
+    def withdrawal(self) -> Unadvertise:
+        """Return the op that withdraws the advertisement."""
+        return Unadvertise(topic=self.name, id=self.id)
 
     def __repr__(self) -> str:
         return f"<Publisher {self.name}>"
@@ -192,7 +187,7 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
         self.fail(ServerRefused(text))
 
     def fail(self, error: RobotError) -> None:
-        """Nothing can be published any more, because of `error`."""
+        """Reject further messages with `error`."""
         self._error = error
 
     def _on_drop(self, reason: DropReason) -> None:

@@ -6,13 +6,12 @@ import logging
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal
 
-from msgspec import Struct
-
 from rwt_client.endpoints.remote_handle import RemoteHandle
 from rwt_client.errors import ConnectionLost, ServerRefused
 from rwt_interfaces.structs import MessageType
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.errors import InvalidMessage, RobotError
+from rwt_participant.messages import RawCallback, RawMessage
 from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
 
 if TYPE_CHECKING:
@@ -23,24 +22,9 @@ if TYPE_CHECKING:
 logger = logging.getLogger("rwt_client")
 
 _EVERYTHING = Qos(history="keep_all", reliability="best_available")
-"""Who keeps or passes on messages wants them all; without this a slow reader gets the newest alone."""
+"""QoS for programs that keep or pass on all messages; by default a slow reader gets only the newest."""
 
 _MEMBERS = frozenset(("secs", "nsecs", "bytes"))
-
-
-class RawMessage(Struct, frozen=True, gc=False):
-    """One message, serialised.
-
-    Attributes:
-        data: CDR with its encapsulation header, or ROS 1's own form where the robot speaks ROS 1.
-        stamp_ns: the server's time of publishing, nanoseconds since the epoch; None where it does not tell.
-    """
-
-    data: bytes | memoryview
-    stamp_ns: int | None
-
-
-RawCallback = Callable[[RawMessage], object]
 
 
 class RawSubscription(RemoteHandle[MessageType]):
@@ -64,15 +48,9 @@ class RawSubscription(RemoteHandle[MessageType]):
         self.received = 0
         self.misfits = 0
         self.error: RobotError | None = None
-        self._closed = False
         self._callback = callback
         self._types = table.types
         self._compression: Literal["cbor-raw", "none"] = "cbor-raw" if table.cbor_offered else "none"
-
-    @property
-    def closed(self) -> bool:
-        """Whether this program has closed it."""
-        return self._closed
 
     def take_type(self, type: MessageType) -> None:
         """Get ready to hear messages of that type."""
@@ -81,16 +59,15 @@ class RawSubscription(RemoteHandle[MessageType]):
         self._session.listen(self.name, self)
         self._session.raw_topics += 1
 
-    def close(self) -> None:
-        """Unsubscribe. May be called twice."""
-        if self._closed:
-            return
-        self._closed = True
+    def release(self) -> None:
+        """Receive nothing more."""
         if self._type is not None:
             self._session.raw_topics -= 1
-            self._session.remove(self.id)
             self._session.listen(self.name, None)
-            self._session.send_if_connected(Unsubscribe(topic=self.name, id=self.id))
+
+    def withdrawal(self) -> Unsubscribe:
+        """Return the op that unsubscribes."""
+        return Unsubscribe(topic=self.name, id=self.id)
 
     def deliver(self, arrived: UnparsedMessage, size: int) -> None:
         """One message has arrived; satisfies :class:`rwt_client.wire.session.Destination`."""
@@ -101,15 +78,15 @@ class RawSubscription(RemoteHandle[MessageType]):
             self.misfits += 1
             logger.warning("a message on %s is left out: not %s: %s", self.name, self.type.name, error)
         except Exception:
-            logger.exception("the callback for %s failed", self.name)
+            logger.exception("a subscriber of %s failed", self.name)
 
     def _raw(self, arrived: UnparsedMessage) -> RawMessage:
         if isinstance(arrived, dict) and arrived.keys() == _MEMBERS:
             seconds, nanoseconds, data = arrived["secs"], arrived["nsecs"], arrived["bytes"]
             is_stamp = isinstance(seconds, int) and isinstance(nanoseconds, int)
             if is_stamp and isinstance(data, memoryview | bytes):
-                return RawMessage(data, seconds * NANOSECONDS + nanoseconds)  # type: ignore[operator]  # ints
-        return RawMessage(self._serialise(self._reader.read(arrived)), None)
+                return RawMessage(data, seconds * NANOSECONDS + nanoseconds, self.type)  # type: ignore[operator]  # ints
+        return RawMessage(self._serialise(self._reader.read(arrived)), None, self.type)
 
     # -- what the session says -------------------------------------------------------------------------------
 

@@ -1,4 +1,4 @@
-"""What a client holds at the server: put to use once its type is known, and again on each new connection."""
+"""Handles of a client: in use once their type is known, and again on each new connection."""
 
 from __future__ import annotations
 
@@ -35,17 +35,18 @@ class RemoteHandle(Handle, Generic[T]):
         self.id = session.next_id(kind, name)
         self._session = session
         self._type: T | None = None
+        self._closed = False
         self._opened: Future[None] = Future()
 
     @property
     def type(self) -> T:
-        """Its type. Raises UnknownType while the robot is still asked for it: await the handle first."""
+        """Type of it. Raises UnknownType while the robot is asked for it: await the handle first."""
         if self._type is None:
             raise UnknownType(f"the type of {self.name} is not known yet: await what is held of it first")
         return self._type
 
     def open(self, known: T | None, ask: Callable[[], Awaitable[T]], tasks: TaskStarter) -> Self:
-        """Put it to use with the type that is known, or else once the robot has said what it is.
+        """Use it with the known type, or once the robot has answered what its type is.
 
         Raises:
             ConnectionLost: there will be no connection any more.
@@ -82,40 +83,57 @@ class RemoteHandle(Handle, Generic[T]):
         self._opened.set(None)
 
     @property
-    @abstractmethod
     def closed(self) -> bool:
-        """Whether this program has closed it."""
+        """True if this program has closed it."""
+        return self._closed
+
+    def close(self) -> None:
+        """Withdraw it. No-op if it is closed."""
+        if self._closed:
+            return
+        self._closed = True
+        self.release()
+        self._session.remove(self.id)
+        if self._type is not None:
+            self._session.send_if_connected(self.withdrawal())
+
+    def release(self) -> None:
+        """Release what this program holds for it; called once, when it is closed."""
+
+    @abstractmethod
+    def withdrawal(self) -> Op:
+        """Return the op that withdraws it from the server."""
 
     @abstractmethod
     def take_type(self, type: T) -> None:
         """Prepare what depends on the type."""
 
     def opened(self) -> None:
-        """It is in use for the first time."""
+        """Called once, on first use."""
 
     @abstractmethod
     def restore(self) -> None:
-        """Say on a new connection what is wanted."""
+        """Request it on a new connection."""
 
     @abstractmethod
     def lost(self, error: ConnectionLost, final: bool) -> None:
-        """The connection is gone; `final`: there will not be another."""
+        """Called when the connection is lost; `final`: there will not be another."""
 
     @abstractmethod
     def refused(self, text: str) -> None:
-        """The server complains of what was said under the id."""
+        """Called when the server rejects what was sent under the id."""
 
     @abstractmethod
     def fail(self, error: RobotError) -> None:
-        """It will not be in use any more, because of `error`."""
+        """End it because of `error`."""
 
 
 class RemoteServer(RemoteHandle[T]):
-    """Something that this program offers until it closes it, or offers another by the same name.
+    """Service or action of this program, until it is closed or replaced by another of the same name.
 
     Args:
-        wire_name: what the server calls a type.
-        offered: everything of this kind that this program offers, by name.
+        wire_name: returns the server's name of a type.
+        offered: services or actions that this program offers, by name.
     """
 
     def __init__(
@@ -129,50 +147,34 @@ class RemoteServer(RemoteHandle[T]):
         super().__init__(session, kind, name)
         self._wire_name = wire_name
         self._offered = offered
-        self._closed = False
         previous = offered.get(name)
         if previous is not None:
             previous.close()
         offered[name] = self
 
-    @property
-    def closed(self) -> bool:
-        """Whether this program has closed it."""
-        return self._closed
-
-    def close(self) -> None:
-        """Withdraw it; a second call does nothing."""
-        if self._closed:
-            return
-        self._closed = True
+    def release(self) -> None:
+        """Offer the service or action no more."""
         if self._offered.get(self.name) is self:
             del self._offered[self.name]
-        self._session.remove(self.id)
-        if self._type is not None:
-            self._session.send_if_connected(self.unadvertise())
 
     def take_type(self, type: T) -> None:
-        """Nothing more depends on the type."""
+        """No-op: nothing else depends on the type."""
 
     def restore(self) -> None:
         """Advertise on a new connection."""
         self._session.send(self.advertise(self._wire_name(self.type)))
 
     def fail(self, error: RobotError) -> None:
-        """It is not offered, because of `error`."""
+        """Withdraw it because of `error`."""
         self.close()
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
-        """The connection is gone: the server has said so to all that call."""
+        """No-op: the server has told all callers."""
 
     def refused(self, text: str) -> None:
-        """The server does not take it."""
+        """Log that the server rejects it."""
         logger.error("%s is not offered: %s", self.name, text)
 
     @abstractmethod
     def advertise(self, wire_type: str) -> Op:
-        """The op that offers it."""
-
-    @abstractmethod
-    def unadvertise(self) -> Op:
-        """The op that withdraws it."""
+        """Return the op that offers it."""

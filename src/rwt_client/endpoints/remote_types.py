@@ -9,13 +9,13 @@ from typing import Any, Final, Literal, TypeVar
 import anyio
 import msgspec
 
-from rwt_client.rosapi import ADVICE_SECONDS, UNANSWERED, Ask
 from rwt_client.wire.arrays import ArrayKind
 from rwt_client.wire.decoding import MessageReader
 from rwt_interfaces import JAZZY, Distro, InterfaceError, InvalidName, Registry
 from rwt_interfaces.names import parse_type_name
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 from rwt_participant.errors import NotFound, ProviderNotFound, UnknownType
+from rwt_participant.rosapi_parameters import ADVICE_SECONDS, UNANSWERED, Ask
 from rwt_participant.spelling import did_you_mean
 
 logger = logging.getLogger("rwt_client")
@@ -29,7 +29,7 @@ _SEPARATOR: Final = "=" * 80
 _OWN_NAMES: Final = {
     "boolean": "bool", "float": "float32", "double": "float64", "octet": "byte",
 }  # fmt: skip
-"""What rosapi of ROS 2 calls scalars, and what definitions call them (API-04)."""
+"""Scalar types by the names of ROS 2's rosapi (API-04)."""
 
 _LISTS: Final = {
     "topic": ("topics", "topics"),
@@ -94,7 +94,7 @@ class RemoteTypes:
 
     @property
     def distro(self) -> Distro | None:
-        """What the robot speaks; None while that is not known."""
+        """ROS distribution of the robot; None while unknown."""
         return self._distro
 
     # -- for the other parts of the client -------------------------------------------------------------------
@@ -111,7 +111,7 @@ class RemoteTypes:
         return MessageReader(message_type, arrays, trusted=self._distro is not None)
 
     def wire_name(self, name: str) -> str:
-        """What the server calls a message type."""
+        """Return the server's name of a message type."""
         return name if self._distro is None else self._registry.type_name(self._registry.message(name))
 
     def full_text(self, name: str) -> str:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import inspect
 import logging
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -22,12 +22,13 @@ from rwt_participant.errors import (
     ServiceFailed,
 )
 from rwt_participant.future import Future
-from rwt_participant.messages import ServiceHandler, to_payload
+from rwt_participant.messages import ServiceHandler, call_handler
 from rwt_protocol.ops import AdvertiseService, CallService, ServiceResponse, UnadvertiseService
 from rwt_protocol.payloads import Decoded, Encodable, RawJson
 
 if TYPE_CHECKING:
     from rwt_client.wire.session import ReconnectingSession
+    from rwt_interfaces.payload import Payload
     from rwt_transports.background import TaskStarter
 
 logger = logging.getLogger("rwt_client")
@@ -37,7 +38,7 @@ _TIMEOUT = "Timeout exceeded while waiting for service response"
 HANDLER_FAILED = "the service's handler failed; its program's log says why"
 
 
-class PendingCall:
+class WireCall:
     """One call on its way.
 
     Attributes:
@@ -58,7 +59,7 @@ class PendingCall:
             self._calls.session.send(CallService(service=self._service, args=self._args, id=self.id))
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
-        """It fails, unless it may be sent once more."""
+        """Fail the call, unless it may be sent again."""
         if final or not self._repeat:
             self.outcome.set(type(error)(f"{error}, before {self._service} answered"))
 
@@ -72,7 +73,7 @@ class Calls:
 
     def __init__(self, session: ReconnectingSession) -> None:
         self.session = session
-        self._pending: dict[str, PendingCall] = {}
+        self._pending: dict[str, WireCall] = {}
 
     async def call(
         self,
@@ -93,7 +94,7 @@ class Calls:
             CallTimeout: none came in time.
             ConnectionLost: the connection was lost first.
         """
-        call = PendingCall(self, service, args, repeat)
+        call = WireCall(self, service, args, repeat)
         self.session.add(call.id, call)
         self._pending[call.id] = call
         try:
@@ -152,44 +153,28 @@ class ServiceServer(RemoteServer[ServiceType]):
         self._tasks = tasks
 
     def advertise(self, wire_type: str) -> AdvertiseService:
-        """The op that offers it."""
+        """Return the op that offers it."""
         return AdvertiseService(type=wire_type, service=self.name, id=self.id)
 
-    def unadvertise(self) -> UnadvertiseService:
-        """The op that withdraws it."""
+    def withdrawal(self) -> UnadvertiseService:
+        """Return the op that withdraws it."""
         return UnadvertiseService(service=self.name, id=self.id)
 
     # -- calls -----------------------------------------------------------------------------------------------
 
     def on_call(self, op: CallService) -> None:
-        """Somebody calls: run the handler, in a task of its own where it waits."""
+        """Answer one call, now or from a task."""
         try:
             request = request_of(self.type.request, op.args)
-            answer = self._handler(request)
         except Exception as error:
             self._fail(op, error)
             return
-        if inspect.isawaitable(answer):
-            self._tasks.start_soon(self._await, op, answer)
-        else:
-            self._reply(op, answer)
+        reply, fail = partial(self._reply, op), partial(self._fail, op)
+        call_handler(self._handler, request, self.type.response, reply, fail, self._tasks.start_soon)
 
-    async def _await(self, op: CallService, answer: Any) -> None:
-        try:
-            value = await answer
-        except Exception as error:
-            self._fail(op, error)
-        else:
-            self._reply(op, value)
-
-    def _reply(self, op: CallService, answer: object) -> None:
-        try:
-            values = RawJson(to_payload(self.type.response, {} if answer is None else answer).json())
-        except InvalidMessage as error:
-            self._fail(op, error)
-            return
+    def _reply(self, op: CallService, response: Payload) -> None:
         self._session.send_if_connected(
-            ServiceResponse(service=op.service, values=values, result=True, id=op.id)
+            ServiceResponse(service=op.service, values=RawJson(response.json()), result=True, id=op.id)
         )
 
     def _fail(self, op: CallService, error: Exception) -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections import deque
-from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -15,8 +13,8 @@ from rwt_client.errors import ConnectionClosed, ConnectionLost, ServerRefused
 from rwt_client.wire.arrays import ArrayKind, check_kind, has_big_arrays, is_encoded_everywhere
 from rwt_client.wire.decoding import MessageReader, UnparsedMessage
 from rwt_interfaces.structs import MessageType
-from rwt_participant.errors import HandleClosed, InvalidMessage, RobotError, TimedOut
-from rwt_participant.handles import QUEUE_BYTES, Subscription
+from rwt_participant.errors import HandleClosed, InvalidMessage, RobotError
+from rwt_participant.handles import QUEUE_BYTES, MessageQueue, Subscription
 from rwt_participant.messages import Message, MessageCallback, is_coroutine_function
 from rwt_protocol.codecs import SELECTABLE, load_encoding
 from rwt_protocol.extensions import ExtensionError, extension_names
@@ -30,12 +28,12 @@ if TYPE_CHECKING:
 logger = logging.getLogger("rwt_client")
 
 COMPRESSIONS: Final = ("auto", *(encoding.name for encoding in SELECTABLE if not encoding.raw))
-"""What a subscription can ask for."""
+"""Supported values of `compression`."""
 
 
 @dataclass(frozen=True, slots=True)
 class SubscribeOptions:
-    """How a topic is subscribed to.
+    """Options of a subscription.
 
     Attributes:
         arrays: what numeric arrays become: ``list``, or ``numpy``.
@@ -86,7 +84,7 @@ class TopicSubscriptions:
 
 
 class SubscriptionTable:
-    """What all subscriptions of a client share.
+    """Shared state of all subscriptions of a client.
 
     Args:
         binary: whether the transport can carry CBOR (TCP-05).
@@ -118,7 +116,7 @@ class SubscriptionTable:
             self.session.listen(subscription.name, None)
 
     def compression(self, wanted: str, message_type: MessageType) -> str:
-        """What to ask for."""
+        """Return the compression to request."""
         if wanted != "auto":
             return wanted
         if not self.cbor_offered or not has_big_arrays(message_type):
@@ -141,78 +139,44 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
     """
 
     _reader: MessageReader
+    _ends = (HandleClosed, ConnectionClosed)
 
     def __init__(
         self, table: SubscriptionTable, name: str, options: SubscribeOptions, callback: MessageCallback | None
     ) -> None:
-        super().__init__(table.session, "subscribe", name)
+        is_direct = callback is not None and not is_coroutine_function(callback)
+        queue = (
+            None
+            if is_direct
+            else MessageQueue[UnparsedMessage](name, options.queue_size, options.queue_bytes)
+        )
+        RemoteHandle.__init__(self, table.session, "subscribe", name)
+        Subscription.__init__(self, queue, has_callback=callback is not None, within=anyio.move_on_after)
         self.received = 0
         self.received_bytes = 0
         self.misfits = 0
-        self._dropped = 0
         self._table = table
         self._options = options
         self._compression = "none"
         self._callback = callback
-        self._direct = callback is not None and not is_coroutine_function(callback)
-        self._queue: deque[tuple[UnparsedMessage, int]] = deque()
-        self._queued = 0
-        self._awake = anyio.Event()
-        self._error: RobotError | None = None
-        self._closed = False
-
-    @property
-    def dropped(self) -> int:
-        """Messages that were dropped because nothing took them in time."""
-        return self._dropped
-
-    @property
-    def closed(self) -> bool:
-        """Whether this program has closed it."""
-        return self._closed
 
     def take_type(self, type: MessageType) -> None:
         """Get ready to read messages of that type."""
         self._compression = self._table.compression(self._options.compression, type)
         self._reader = self._table.types.reader(type, self._options.arrays)
         self._table.add(self)
-        if self._callback is not None and not self._direct:
-            self._table.tasks.start_soon(self._call_back)
+        if self._queue is not None and self._callback is not None:
+            self._table.tasks.start_soon(self._call_in_turn, self._queue, self._callback)
 
-    def close(self) -> None:
-        """Unsubscribe; an iteration ends, and what was not taken is dropped."""
-        if self._closed:
-            return
-        self._closed = True
-        self._queue.clear()
-        self._awake.set()
+    def release(self) -> None:
+        """End an iteration, and drop the queued messages."""
+        self._end(HandleClosed(f"the subscription to {self.name} was closed"))
         if self._type is not None:
-            self._session.remove(self.id)
             self._table.remove(self)
-            self._session.send_if_connected(Unsubscribe(topic=self.name, id=self.id))
 
-    async def get(self, timeout: float | None = None) -> Message:
-        """The next message.
-
-        Args:
-            timeout: seconds; None waits as long as it takes.
-
-        Raises:
-            TimedOut: none came in time.
-            HandleClosed: the subscription was closed.
-            UnknownType: the topic's type is not known; NotFound: there is no such topic.
-            ServerRefused: the server does not serve this topic so; its text.
-            ConnectionLost: there will be no connection any more.
-        """
-        with anyio.move_on_after(timeout):
-            return await self._next()
-        raise TimedOut(f"no message came on {self.name} within {timeout:g} s")
-
-    async def __anext__(self) -> Message:
-        try:
-            return await self._next()
-        except (HandleClosed, ConnectionClosed):
-            raise StopAsyncIteration from None
+    def withdrawal(self) -> Unsubscribe:
+        """Return the op that unsubscribes."""
+        return Unsubscribe(topic=self.name, id=self.id)
 
     def __repr__(self) -> str:
         return f"<Subscription {self.name}>"
@@ -223,65 +187,27 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
         """One message has arrived."""
         self.received += 1
         self.received_bytes += size
-        if self._direct:
-            message = self._read(arrived)
-            if message is not None:
-                self._call_at_once(message)
+        if self._queue is not None:
+            self._queue.put(arrived, size)
             return
-        queue = self._queue
-        queue.append((arrived, size))
-        self._queued += size
-        options = self._options
-        while len(queue) > options.queue_size or (self._queued > options.queue_bytes and len(queue) > 1):
-            self._queued -= queue.popleft()[1]
-            self._dropped += 1
-        self._awake.set()
+        message = self._read(arrived)
+        if message is not None:
+            self._call_at_once(message)
 
     def _call_at_once(self, message: Message) -> None:
         assert self._callback is not None  # Only those with a callback are direct.
         try:
             self._callback(message)
         except Exception:
-            logger.exception("the callback for %s failed", self.name)
+            logger.exception("a subscriber of %s failed", self.name)
 
-    def _read(self, arrived: UnparsedMessage) -> Message | None:
+    def _read(self, queued: UnparsedMessage) -> Message | None:
         try:
-            return self._reader.read(arrived)
+            return self._reader.read(queued)
         except InvalidMessage as error:
             self.misfits += 1
             logger.warning("a message on %s is left out: not %s: %s", self.name, self.type.name, error)
             return None
-
-    async def _next(self) -> Message:
-        while True:
-            while self._queue:
-                arrived, size = self._queue.popleft()
-                self._queued -= size
-                message = self._read(arrived)
-                if message is not None:
-                    return message
-            if self._error is not None:
-                raise self._error
-            if self._closed:
-                raise HandleClosed(f"the subscription to {self.name} was closed")
-            self._awake = anyio.Event()
-            await self._awake.wait()
-
-    async def _call_back(self) -> None:
-        """Call an asynchronous callback with one message after the other."""
-        callback: Callable[[Any], Awaitable[object]] | None = self._callback  # type: ignore[assignment]  # as asked
-        assert callback is not None
-        while True:
-            try:
-                message = await self._next()
-            except RobotError as error:
-                if not isinstance(error, HandleClosed | ConnectionClosed):
-                    logger.warning("the callback for %s is called no more: %s", self.name, error)
-                return
-            try:
-                await callback(message)
-            except Exception:
-                logger.exception("the callback for %s failed", self.name)
 
     # -- what the session says -------------------------------------------------------------------------------
 
@@ -318,5 +244,4 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
         """No message comes any more, because of `error`."""
         if self._callback is not None and not isinstance(error, ConnectionLost):
             logger.warning("the subscription to %s was refused: %s", self.name, error)
-        self._error = error
-        self._awake.set()
+        self._end(error)

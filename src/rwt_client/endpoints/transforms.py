@@ -11,7 +11,7 @@ from typing import Any, Final
 from rwt_client.errors import ConnectionLost
 from rwt_client.events import ConnectionEvent
 from rwt_participant.errors import RobotError
-from rwt_participant.transforms import Advertise, Subscribe, Transforms
+from rwt_participant.transforms import AdvertiseVerb, SubscribeVerb, Transforms
 
 logger = logging.getLogger("rwt_client")
 
@@ -22,7 +22,7 @@ _ARRAY: Final = "tf2_web_republisher/TFArray"
 
 @dataclass(frozen=True, slots=True)
 class _Thresholds:
-    """What is asked of the republisher; see :meth:`RemoteTransforms.start_compact`."""
+    """Request to the republisher; see :meth:`RemoteTransforms.start_compact`."""
 
     rate: float
     linear: float
@@ -47,9 +47,9 @@ class RemoteTransforms(Transforms):
 
     def __init__(
         self,
-        subscribe: Subscribe,
-        subscribe_compact: Subscribe,
-        advertise: Advertise,
+        subscribe: SubscribeVerb,
+        subscribe_compact: SubscribeVerb,
+        advertise: AdvertiseVerb,
         call: Callable[[str, dict[str, object], str], Awaitable[Any]],
         background: Callable[[Callable[[], Any]], object],
         timeout: float | None,

@@ -114,7 +114,7 @@ def request_of(message_type: MessageType, args: Encodable) -> Message:
 
 
 class _Envelope(msgspec.Struct, gc=False):
-    """The one member that is looked for."""
+    """Op of a published message, of which only the message is decoded."""
 
     msg: msgspec.Raw = msgspec.Raw(b"{}")
 

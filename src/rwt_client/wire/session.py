@@ -50,7 +50,7 @@ class Restorable(Protocol):
     """Something that lasts longer than one connection."""
 
     def restore(self) -> None:
-        """There is a new connection: say again what is wanted."""
+        """Request it again on a new connection."""
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
         """The connection is gone; `final`: there will not be another. Never raises."""
@@ -60,21 +60,21 @@ class Restorable(Protocol):
 
 
 class Destination(Protocol):
-    """Where the messages of one topic go."""
+    """Receiver of the messages of one topic."""
 
     def deliver(self, arrived: UnparsedMessage, size: int) -> None:
-        """One message, and the bytes that it holds."""
+        """Receive one message of so many bytes."""
 
 
-class _Envelope(msgspec.Struct, gc=False):
-    """What nearly every small frame is: one published message."""
+class _PublishEnvelope(msgspec.Struct, gc=False):
+    """Op of nearly every small frame: one published message."""
 
     op: str = ""
     topic: str = ""
     msg: msgspec.Raw = msgspec.Raw(b"")
 
 
-_read_envelope = msgspec.json.Decoder(_Envelope).decode
+_read_envelope = msgspec.json.Decoder(_PublishEnvelope).decode
 _NOT_AN_ENVELOPE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 
 _match_head: Final = re.compile(rb'\{"op": ?"publish", ?"topic": ?"([^"\\]*)", ?"msg": ?').match
@@ -131,7 +131,7 @@ class ReconnectingSession:
 
     @property
     def connected(self) -> bool:
-        """Whether messages can be sent now."""
+        """True if messages can be sent now."""
         return self._sink is not None
 
     @property
@@ -228,7 +228,7 @@ class ReconnectingSession:
         self._ended.set()
 
     def close(self, error: ConnectionLost) -> None:
-        """There will be no more connections, because of `error`."""
+        """Accept no more connections, because of `error`."""
         if self._closed is None:
             self._closed = error
             self._tell_all(error, True)
@@ -238,7 +238,7 @@ class ReconnectingSession:
 
     @property
     def closed(self) -> bool:
-        """Whether there will be no more connections."""
+        """True if there will be no more connections."""
         return self._closed is not None
 
     def _tell_all(self, error: ConnectionLost, final: bool) -> None:

@@ -1,1 +1,1 @@
-"""What robot programs are written with: nodes, their endpoints, goals and timers."""
+"""Nodes of robot programs, with their endpoints, services and goals."""

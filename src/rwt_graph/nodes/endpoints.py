@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-import inspect
-import logging
-from collections import deque
 from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
-import anyio
-
 from rwt_graph import api
-from rwt_graph.api import Graph, Participant, Sample
-from rwt_participant.errors import HandleClosed, TimedOut
-from rwt_participant.handles import Publisher, Subscription
+from rwt_graph.api import Graph, Sample
+from rwt_participant.errors import HandleClosed
+from rwt_participant.handles import MessageQueue, Publisher, Subscription
 from rwt_participant.messages import Message, MessageCallback, MessageLike, is_coroutine_function, to_payload
-from rwt_participant.qos import QoS
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
-logger = logging.getLogger(__name__)
-
 
 class TopicPublisher(Publisher):
-    """Publishes on one topic. `publish` may be called from any thread while the graph runs."""
+    """Publisher of a program in the graph. `publish` may be called from any thread while the graph runs."""
 
     def __init__(self, graph: Graph, publisher: api.Publisher) -> None:
         self.name = publisher.topic
@@ -51,96 +43,19 @@ class TopicPublisher(Publisher):
 
     @property
     def subscriber_count(self) -> int:
-        """How many subscribers are known now."""
+        """Number of known subscribers."""
         return self._publisher.subscriber_count
 
     def close(self) -> None:
-        """Leave the topic; messages kept for late joiners go with the publisher."""
+        """Leave the topic, with the messages that are retained for late joiners."""
         if self._graph.on_graph_thread():
             self._publisher.close()
         else:
             self._graph.run_on_graph(self._publisher.close)
 
 
-class SampleQueue:
-    """Samples for a coroutine: bounded in number and bytes, the newest are kept.
-
-    Args:
-        topic: whose samples these are, for the log.
-        size: samples that may wait.
-        most_bytes: what those may take that came while others waited; the newest stays however big it is.
-        time_ns: the graph's clock.
-
-    Attributes:
-        dropped: how many samples gave way to newer ones.
-    """
-
-    def __init__(self, topic: str, size: int, most_bytes: int, time_ns: Callable[[], int]) -> None:
-        self._topic = topic
-        self._time_ns = time_ns
-        self._samples: deque[tuple[Sample, int]] = deque()
-        self._most = max(1, size)
-        self._most_bytes = most_bytes
-        self._bytes = 0
-        self._arrived: anyio.Event | None = None
-        self._closed = False
-        self._has_warned = False
-        self.dropped = 0
-
-    def put(self, sample: Sample) -> None:
-        """Add a sample; the oldest make room."""
-        # Where the reader keeps up nothing waits, and nothing has to be measured.
-        size = self._room_for(sample) if self._samples else 0
-        self._samples.append((sample.detach(), size))
-        self._wake()
-
-    def _room_for(self, sample: Sample) -> int:
-        """What a sample takes, once there is room for it."""
-        samples, size = self._samples, sample.payload.kept_size
-        self._bytes += size
-        while samples and (len(samples) >= self._most or self._bytes > self._most_bytes):
-            if len(samples) < self._most and not self._has_warned:
-                self._has_warned = True
-                logger.warning(
-                    "messages of %s are dropped: more than %d bytes wait for their subscriber;"
-                    " `queue_bytes` of what subscribes allows more",
-                    self._topic,
-                    self._most_bytes,
-                )
-            self._bytes -= samples.popleft()[1]
-            self.dropped += 1
-        return size
-
-    def _wake(self) -> None:
-        arrived, self._arrived = self._arrived, None
-        if arrived is not None:
-            arrived.set()
-
-    async def get(self) -> Sample | None:
-        """The oldest sample that has not expired, waiting for one; None after `close`."""
-        while True:
-            if self._samples:
-                sample, size = self._samples.popleft()
-                self._bytes -= size
-                if not sample.expires_ns or sample.expires_ns >= self._time_ns():
-                    return sample
-                continue
-            if self._closed:
-                return None
-            if self._arrived is None:
-                self._arrived = anyio.Event()
-            await self._arrived.wait()
-
-    def close(self) -> None:
-        """Let readers end; what was not read is dropped."""
-        self._closed = True
-        self._samples.clear()
-        self._bytes = 0
-        self._wake()
-
-
 class TopicSubscription(Subscription):
-    """Receives one topic, through a callback or as an asynchronous iterator.
+    """Subscription of a program in the graph.
 
     Attributes:
         name: absolute name of the topic.
@@ -149,86 +64,49 @@ class TopicSubscription(Subscription):
     def __init__(
         self,
         graph: Graph,
-        participant: Participant,
         topic: str,
+        listen: Callable[[Callable[[Sample], None]], api.Subscription],
         callback: MessageCallback | None,
         on_sample: Callable[[Sample], None] | None,
-        interface: MessageType | None,
-        qos: QoS,
         queue_size: int,
         queue_bytes: int,
     ) -> None:
         self.name = topic
         self._graph = graph
-        self._has_callback = callback is not None
-        self._queue: SampleQueue | None
         receive = on_sample or _at_once(callback)
-        if receive is None:
-            self._queue = SampleQueue(topic, queue_size, queue_bytes, graph.clock.time_ns)
-            receive = self._queue.put
-        else:
-            self._queue = None
-        self._subscription: api.Subscription = participant.subscribe(topic, receive, interface, qos)
-        if self._queue is not None and callback is not None:
-            graph.spawn(partial(self._call_in_turn, self._queue, callback), f"subscriber of {topic}")
+        queue = None if receive else MessageQueue[Sample](topic, queue_size, queue_bytes)
+        super().__init__(queue, has_callback=callback is not None, within=graph.clock.within)
+        self._subscription = listen(receive or self._put)
+        if queue is not None and callback is not None:
+            graph.spawn(partial(self._call_in_turn, queue, callback), f"subscriber of {topic}")
 
-    async def _call_in_turn(self, queue: SampleQueue, callback: MessageCallback) -> None:
-        while (sample := await queue.get()) is not None:
-            try:
-                returned = callback(sample.payload.value())
-                if inspect.isawaitable(returned):
-                    await returned
-            except Exception:
-                logger.exception("a subscriber of %s failed", self.name)
+    def _put(self, sample: Sample) -> None:
+        queue = self._queue
+        assert queue is not None  # Only subscriptions with a queue put samples into it.
+        # A sample that nothing waits before is taken at once, so its size is not computed.
+        queue.put(sample.detach(), sample.payload.kept_size if queue else 0)
+
+    def _read(self, queued: Sample) -> Message | None:
+        if queued.expires_ns and queued.expires_ns < self._graph.clock.time_ns():
+            return None
+        return queued.payload.value()
 
     @property
     def type(self) -> MessageType | None:
-        """The topic's type; None while there is none."""
+        """Type of the topic; None while it has none."""
         return self._subscription.type
 
-    @property
-    def dropped(self) -> int:
-        """How many messages the queue of a coroutine callback or iterator had no room for."""
-        return 0 if self._queue is None else self._queue.dropped
-
-    async def get(self, timeout: float | None = None) -> Message:
-        """The next message.
-
-        Args:
-            timeout: seconds of the graph's clock; None waits as long as it takes.
-
-        Raises:
-            TimedOut: none came in time.
-            HandleClosed: the subscription was closed.
-            RuntimeError: the subscription has a callback, which receives the messages already.
-        """
-        with self._graph.clock.within(timeout):
-            try:
-                return await anext(self)
-            except StopAsyncIteration:
-                raise HandleClosed(f"the subscription to {self.name} was closed") from None
-        raise TimedOut(f"no message came on {self.name} within {timeout:g} s")
-
-    async def __anext__(self) -> Message:
-        if self._queue is None or self._has_callback:
-            raise RuntimeError(f"the subscription to {self.name} has a callback: use `topic` to iterate")
-        sample = await self._queue.get()
-        if sample is None:
-            raise StopAsyncIteration
-        return sample.payload.value()
-
     def close(self) -> None:
-        """Leave the topic; no callback is begun after this, iterators end."""
+        """Leave the topic. No callback is called after this, and iterators end."""
         if not self._graph.on_graph_thread():
             self._graph.run_on_graph(self.close)
             return
         self._subscription.close()
-        if self._queue is not None:
-            self._queue.close()
+        self._end(HandleClosed(f"the subscription to {self.name} was closed"))
 
 
 def _at_once(callback: MessageCallback | None) -> Callable[[Sample], None] | None:
-    """The sample callback of a plain function; None for a callback that needs a queue."""
+    """Return the sample callback of a plain function; None for a callback that needs a queue."""
     if callback is None or is_coroutine_function(callback):
         return None
 

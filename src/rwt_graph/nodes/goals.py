@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import anyio
 
-from rwt_graph.api import ClientGoal, GoalEvents, Graph, Participant, ServerGoal
+from rwt_graph.api import ClientGoal, GoalEvents, Graph, ServerGoal
 from rwt_graph.clock import Clock
 from rwt_graph.nodes.service_handlers import failure_text
 from rwt_interfaces.payload import Payload
-from rwt_participant.errors import CallFailed, GoalAborted, GoalCanceled, GoalEnded
+from rwt_participant.errors import CallFailed, InvalidMessage
 from rwt_participant.future import Future
-from rwt_participant.goals import Execute, Goal, GoalResult, GoalStatus, ReceivedGoal
+from rwt_participant.goals import Execute, Goal, GoalResult, GoalStatus, ReceivedGoal, run_goal
 from rwt_participant.messages import Message, MessageLike, is_coroutine_function, to_payload
 
 if TYPE_CHECKING:
@@ -81,14 +81,10 @@ class ActionFunction:
             if goal.cancel_requested:
                 running.cancel_event.set()
             try:
-                result = await self._execute(running)
-            except GoalEnded as end:
-                self._finish(goal, _END_STATUS[type(end)], end.result, end.reason)
+                self._finish(goal, *await run_goal(self._execute, running))
             except Exception as error:
                 logger.exception("action %s failed", self._action)
                 self._finish(goal, GoalStatus.ABORTED, None, failure_text(error))
-            else:
-                self._finish(goal, GoalStatus.SUCCEEDED, result, "")
 
     def _publish_feedback(self, goal: ServerGoal, feedback: MessageLike) -> None:
         goal.feedback(to_payload(self._interface.feedback, feedback, self._graph.clock.time_ns))
@@ -111,58 +107,59 @@ class ActionFunction:
         return Payload.from_value(kind, {} if result is None else result, now)
 
 
-_END_STATUS: dict[type[GoalEnded], GoalStatus] = {
-    GoalCanceled: GoalStatus.CANCELED,
-    GoalAborted: GoalStatus.ABORTED,
-}
+class GraphGoal(Goal):
+    """Goal that was sent in this process, by a program or for a client.
 
-
-class SentGoal(Goal):
-    """A goal that a node has sent."""
+    Attributes:
+        accepted: set when the action server accepts the goal; an error if it does not.
+    """
 
     def __init__(self, clock: Clock, action: str, on_feedback: Callable[[Message], object] | None) -> None:
         super().__init__(action, "", on_feedback, clock.within)
         self._goal: ClientGoal | None = None
-        self._accepted: Future[None] = Future()
+        self.accepted: Future[None] = Future()
 
-    async def send(self, participant: Participant, goal: Payload, goal_id: str | None) -> None:
-        """Send the goal, and wait until the server has taken it.
-
-        Raises:
-            CallFailed: it did not: GoalRejected, ProviderNotFound, ProviderGone.
-        """
-        events = GoalEvents(self._on_result, self._on_feedback_payload, lambda: self._accepted.set(None))
-        self._goal = participant.send_goal(self.action, goal, events, goal_id)
+    def send(self, send: Callable[[GoalEvents], ClientGoal]) -> None:
+        """Send the goal; raises what `send` raises."""
+        events = GoalEvents(self._on_result, self._on_feedback_payload, lambda: self.accepted.set(None))
+        self._goal = send(events)
         self.id = self._goal.id
-        await self._accepted.wait()
 
     def _on_feedback_payload(self, feedback: Payload) -> None:
-        self.take_feedback(feedback.value())
+        try:
+            message = feedback.value()
+        except InvalidMessage as error:
+            logger.info("feedback of %s is dropped: %s", self.action, error)
+        else:
+            self.take_feedback(message)
 
     def _on_result(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
         if isinstance(outcome, CallFailed):
-            self.end(outcome)
-            self._accepted.set(outcome)
-        else:
-            self.end(GoalResult(status, outcome.value()))
-            self._accepted.set(None)
+            self.end(outcome, self.reason)
+            self.accepted.set(outcome)
+            return
+        try:
+            self.end(GoalResult(status, outcome.value()), self.reason)
+        except InvalidMessage as error:
+            self.end(error, self.reason)
+        self.accepted.set(None)
 
     @property
     def status(self) -> GoalStatus:
-        """The last state that the server reported."""
+        """Last state that the server reported."""
         return GoalStatus.UNKNOWN if self._goal is None else self._goal.status
 
     @property
     def reason(self) -> str:
-        """Why the server ended the goal as it did; empty while it runs or when nothing was said."""
+        """Reason that the server gave for the end of the goal; empty while it runs or if there is none."""
         return "" if self._goal is None else self._goal.reason
 
     def cancel(self) -> None:
-        """Ask the server to cancel; the outcome comes as the result."""
-        if self._goal is not None:
+        """Ask the server to cancel the goal; the outcome is its result. No-op for a goal that has ended."""
+        if self._goal is not None and not self.done:
             self._goal.cancel()
 
     def abandon(self) -> None:
-        """Hear nothing more of the goal; it goes on running, and `result` waits in vain."""
+        """Receive nothing more of the goal; it goes on, and `result` never returns."""
         if self._goal is not None:
             self._goal.abandon()

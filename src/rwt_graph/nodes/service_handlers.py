@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import inspect
 import logging
 from collections.abc import Awaitable, Callable
+from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
 from rwt_graph.accounts import hold_for_asker
@@ -15,9 +15,9 @@ from rwt_participant.future import Future
 from rwt_participant.messages import (
     MessageLike,
     ServiceHandler,
+    call_handler,
     check_handler,
     is_coroutine_function,
-    to_payload,
 )
 
 if TYPE_CHECKING:
@@ -29,16 +29,16 @@ Answer: TypeAlias = "MessageLike | Awaitable[MessageLike | None] | None"
 
 
 def failure_text(error: Exception) -> str:
-    """The reason that a caller receives for an exception."""
+    """Return the reason that a caller receives for an exception."""
     return str(error) or type(error).__name__
 
 
 class ServiceFunction:
-    """Calls a handler for each request; what it raises is the caller's :exc:`ServiceFailed`.
+    """Handler of a service as a callback of the graph; its exceptions are the caller's :exc:`ServiceFailed`.
 
-    A plain handler runs on the graph's thread and holds everything up while it does: slow work belongs in an
-    `async def` handler, with `anyio.to_thread.run_sync` for what blocks. Each call of a coroutine handler
-    is a task; calls may overlap.
+    A plain handler runs on the graph's thread and blocks it: slow work belongs in an `async def` handler,
+    with `anyio.to_thread.run_sync` for code that blocks. Each call of a coroutine handler is a task; calls
+    may overlap.
     """
 
     def __init__(self, graph: Graph, service: str, response: MessageType, handler: ServiceHandler) -> None:
@@ -53,39 +53,30 @@ class ServiceFunction:
         """Answer one call, now or from a task."""
         # Read now: the request may be a view of a receive buffer that is used again when this has returned.
         request = call.request.value()
-        if self._is_coroutine:
-            self._answer_later(call, lambda: self._handler(request))
-            return
-        try:
-            answer = self._handler(request)
-            if not inspect.isawaitable(answer):
-                call.reply(self._payload(answer))
-                return
-        except Exception as error:
-            self._fail(call, error)
-            return
-        self._answer_later(call, lambda: answer)
-
-    def _answer_later(self, call: ServiceCall, begin: Callable[[], Answer]) -> None:
-        if not self._graph.running:
+        if self._is_coroutine and not self._graph.running:
             call.fail(f"service {self._service} has a coroutine handler, and the graph is not running")
             return
-        # The task keeps the request, also when nobody waits for its answer any more.
+        call_handler(
+            self._handler,
+            request,
+            self._response,
+            call.reply,
+            partial(self._fail, call),
+            self._spawn,
+            self._graph.clock.time_ns,
+        )
+
+    def _spawn(self, finish: Callable[[], Awaitable[None]]) -> None:
+        # The task keeps the request, even if its caller no longer waits for the answer.
         release = hold_for_asker(0)
 
-        async def finish() -> None:
+        async def run() -> None:
             try:
-                answer = begin()
-                call.reply(self._payload(await answer if inspect.isawaitable(answer) else answer))
-            except Exception as error:
-                self._fail(call, error)
+                await finish()
             finally:
                 release()
 
-        self._graph.spawn(finish, f"service {self._service}")
-
-    def _payload(self, answer: MessageLike | None) -> Payload:
-        return to_payload(self._response, {} if answer is None else answer, self._graph.clock.time_ns)
+        self._graph.spawn(run, f"service {self._service}")
 
     def _fail(self, call: ServiceCall, error: Exception) -> None:
         if not isinstance(error, ServiceFailed):

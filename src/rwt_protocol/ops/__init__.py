@@ -14,7 +14,6 @@ from rwt_protocol.ops.actions import (
     ActionResult,
     AdvertiseAction,
     CancelActionGoal,
-    GoalStatus,
     SendActionGoal,
     UnadvertiseAction,
 )
@@ -85,7 +84,6 @@ __all__ = [
     "CancelActionGoal",
     "Direction",
     "Fragment",
-    "GoalStatus",
     "Op",
     "OpSpec",
     "OpToClient",

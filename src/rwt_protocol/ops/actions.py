@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from enum import IntEnum
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Final, Literal
 
 from pydantic import Field
 
@@ -24,23 +23,16 @@ from rwt_protocol.ops.control import refuse_with_status
 from rwt_protocol.ops.topics import CompressionOfReply, OptionalCount
 from rwt_protocol.payloads import EMPTY
 
-
-class GoalStatus(IntEnum):
-    """The state of a goal, with ROS 2's numbers (ACT-03)."""
-
-    UNKNOWN = 0
-    ACCEPTED = 1
-    EXECUTING = 2
-    CANCELING = 3
-    SUCCEEDED = 4
-    CANCELED = 5
-    ABORTED = 6
+# Numbers of `action_msgs/GoalStatus` (ACT-03); `rwt_participant.goals` has all, but this package
+# depends on no other.
+_UNKNOWN: Final = 0
+_SUCCEEDED: Final = 4
+_ABORTED: Final = 6
 
 
 def _usual_status(known: dict[str, object]) -> int:
-    """What a result without `status` means (ACT-16)."""
-    status = GoalStatus.SUCCEEDED if known.get("result") else GoalStatus.ABORTED
-    return status.value
+    """Return the status of a result that has none (ACT-16)."""
+    return _SUCCEEDED if known.get("result") else _ABORTED
 
 
 class AdvertiseAction(Op):
@@ -131,9 +123,7 @@ def refuse_goal(reply_to: ReplyTo, reason: str, level: Level = "error") -> Op:
     """Who sent a goal waits for its result, so it gets one (ACT-04, ACT-05)."""
     if not reply_to.name and reply_to.id is None:
         return refuse_with_status(reply_to, reason, level)
-    return ActionResult(
-        action=reply_to.name, values=reason, result=False, status=GoalStatus.UNKNOWN.value, id=reply_to.id
-    )
+    return ActionResult(action=reply_to.name, values=reason, result=False, status=_UNKNOWN, id=reply_to.id)
 
 
 SPECS = (

@@ -12,11 +12,15 @@ from typing import Any
 import anyio
 import pytest
 
-from rwt import Server
+from rwt import Server, Settings
+from rwt.access.access import Access
+from rwt.delivery.shared_graph import SharedGraph
+from rwt.gateways.mcp.client_robot import ClientRobot
+from rwt.nodes import Rosapi
 from rwt_client.blocking import BlockingRobot, connect
 from rwt_client.robot import Robot
 from rwt_graph import MemoryGraph, Node
-from rwt_graph.nodes.node import BlockingNode
+from rwt_graph.nodes.node import BlockingGraphNode
 from rwt_participant.api import RobotApi
 from rwt_participant.errors import ParameterRejected, ServiceFailed
 from rwt_participant.goals import ReceivedGoal
@@ -72,8 +76,25 @@ async def as_client(transport: str) -> AsyncIterator[RobotApi]:
         yield it.robot
 
 
+@asynccontextmanager
+async def as_view() -> AsyncIterator[RobotApi]:
+    """The graph as one client may see it, which is the robot of an agent's tools."""
+    async with MemoryGraph() as graph:
+        make_world(Node(graph, "world"))
+        with Rosapi(graph):
+            access = Access(graph, Settings())
+            shared = SharedGraph(graph, "/agents", 0.0, print)
+            robot = ClientRobot(
+                graph, access.client(shared, access.admission.roles["admin"], "127.0.0.1"), "/agents"
+            )
+            yield robot
+            robot.close()
+            shared.close()
+
+
 FACES: dict[str, Any] = {
     "node": as_node,
+    "view": as_view,
     "client-memory": partial(as_client, "memory"),
     "client-ws": partial(as_client, "ws"),
 }
@@ -162,7 +183,7 @@ def test_blocking(program: str, face: str, request: pytest.FixtureRequest) -> No
     assert text in str(caught.value)
 
 
-SIDES: tuple[type[RobotApi], ...] = (Node, Robot)
+SIDES: tuple[type[RobotApi], ...] = (Node, Robot, ClientRobot)
 VERBS = dict(inspect.getmembers(RobotApi, inspect.isfunction))
 
 
@@ -179,7 +200,7 @@ def test_the_arguments_of_a_verb_come_in_one_order(name: str, side: type[RobotAp
     assert inspect.iscoroutinefunction(verb) == inspect.iscoroutinefunction(VERBS[name])
 
 
-@pytest.mark.parametrize("side", [*SIDES, BlockingNode, BlockingRobot])
+@pytest.mark.parametrize("side", [*SIDES, BlockingGraphNode, BlockingRobot])
 @pytest.mark.parametrize("name", [name for name in VERBS if name[0] != "_"])
 def test_the_help_of_a_verb_is_that_of_every_robot_or_names_it(name: str, side: type) -> None:
     text = inspect.getdoc(getattr(side, name)) or ""

@@ -28,7 +28,7 @@ from rwt_participant.errors import (
 )
 from rwt_participant.goals import GoalResult, GoalStatus, ReceivedGoal
 from rwt_participant.qos import LATCHED, SENSOR_DATA
-from rwt_participant.watchdog import Watchdog
+from rwt_participant.timers import Watchdog
 from rwt_tf2 import Transform
 
 ADD = "example_interfaces/AddTwoInts"
@@ -418,3 +418,64 @@ async def catch_every_failed_call_by_one_name(robot: Any) -> Any:
         except CallFailed as failure:
             caught.append(type(failure).__name__)
     return caught
+
+
+# -- listings and raw messages -------------------------------------------------------------------------------
+
+
+@gives(
+    (
+        ("/world/level", "std_msgs/msg/Int32"),
+        ("/world/add", "example_interfaces/srv/AddTwoInts"),
+        ("/world/fibonacci", "example_interfaces/action/Fibonacci"),
+    )
+)
+async def list_what_there_is(robot: Any) -> Any:
+    topics, services, actions = await robot.topics(), await robot.services(), await robot.actions()
+    assert [each.name for each in topics] == sorted(each.name for each in topics)
+    names = "/world/level", "/world/add", "/world/fibonacci"
+    return tuple((each.name, each.type) for each in (*topics, *services, *actions) if each.name in names)
+
+
+@gives(("std_msgs/Int32", "std_msgs/String", "example_interfaces/AddTwoInts", "example_interfaces/Fibonacci"))
+async def look_types_up(robot: Any) -> Any:
+    interfaces = [await robot.interface(name) for name in (STRING, ADD, FIBONACCI)]
+    return ((await robot.type_of("/world/level")).name, *[each.name for each in interfaces])
+
+
+@raises(NotFound, "; did you mean /world/level?")
+async def look_the_type_of_a_topic_up_by_a_name_with_a_mistake(robot: Any) -> Any:
+    await robot.type_of("/world/levl")
+
+
+@raises(UnknownType)
+async def look_a_type_up_that_nobody_knows(robot: Any) -> Any:
+    await robot.interface("no_such_package/Type")
+
+
+@gives(("std_msgs/Int32", 12, True))
+async def hear_serialised_messages(robot: Any) -> Any:
+    heard: list[Any] = []
+
+    def take(message: Any) -> None:
+        heard.append(message)
+        robot.publish("/heard", {"data": "one"}, STRING)
+
+    async with robot.topic("/heard", STRING) as told:
+        with await robot.subscribe_raw("/world/level", take):
+            await told.get(timeout=PATIENCE)
+    (message,) = heard
+    return (message.type.name, message.type.deserialise(message.data).data, message.stamp_ns is not None)
+
+
+@gives((GoalStatus.CANCELED, True))
+async def cancel_a_goal_by_its_id(robot: Any) -> Any:
+    async def wait(goal: ReceivedGoal) -> None:
+        await goal.cancel_event.wait()
+        raise GoalCanceled
+
+    with await robot.advertise_action("/wait", FIBONACCI, wait):
+        goal = await robot.send_goal("/wait", {"order": 2}, FIBONACCI)
+        robot.cancel_goal("/wait", goal.id)
+        robot.cancel_goal("/wait", "0" * 32)
+        return ((await goal.result(timeout=PATIENCE)).status, goal.done)

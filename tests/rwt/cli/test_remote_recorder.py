@@ -13,9 +13,10 @@ import pytest
 from rwt import Settings
 from rwt.gateways.rosbridge import Bridge
 from rwt.nodes import Rosapi
-from rwt.nodes.recording import Encoding, RecordingWriter, TopicSelection, open_recording
-from rwt.nodes.recording.remote_recorder import EARLIER_NS, RemoteRecorder
-from rwt_client import connect
+from rwt.nodes.recording import Encoding, Recorder, RecordingOptions, TopicSelection, open_recording
+from rwt.nodes.recording.channels import KEPT
+from rwt.nodes.recording.recorder import EARLIER_NS
+from rwt_client import ConnectionLost, Robot, connect
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from tests.client.worlds import AT_ONCE
@@ -34,7 +35,8 @@ class Recorded:
 
     clock: SimulatedClock
     node: Node
-    recorder: RemoteRecorder
+    robot: Robot
+    recorder: Recorder
     sinks: list[Sink]
 
 
@@ -51,9 +53,15 @@ async def recorded(path: Path, encoding: Encoding = "ros") -> AsyncIterator[Reco
 
         with Rosapi(graph), Node(graph, "robot") as node:
             async with connect(accept, reconnect=AT_ONCE) as robot:
-                with RecordingWriter(path, graph.distro, encoding) as writer:
-                    recorder = RemoteRecorder(robot, writer, OWN, encoding, lambda name: name == "/named")
-                    yield Recorded(clock, node, recorder, sinks)
+                options = RecordingOptions(encoding)
+                with Recorder(
+                    robot,
+                    options.writer(path, graph.distro),
+                    OWN,
+                    options,
+                    offered_qos=lambda name: (KEPT,) if name == "/named" else None,
+                ) as recorder:
+                    yield Recorded(clock, node, robot, recorder, sinks)
 
 
 @pytest.mark.parametrize("encoding", ["ros", "json"])
@@ -65,11 +73,11 @@ async def test_what_was_kept_is_logged_first_and_not_again_after_a_gap(
         here.node.advertise("/map_name", "std_msgs/String", latch=True).publish({"data": "hall"})
         count = here.node.advertise("/count", "std_msgs/Int32")
         here.clock.advance(EARLIER_NS / 1e9 + 1)
-        await here.recorder.poll()
+        await here.recorder.look()
         writer = here.recorder.writer
         await until(lambda: writer.messages == 1)
         here.sinks[-1].close(1001, "going")
-        await until(lambda: len(here.sinks) == 2 and here.recorder.robot.connected)
+        await until(lambda: len(here.sinks) == 2 and here.robot.connected)
         here.clock.advance(1.0)
         await until(lambda: count.subscriber_count == 1)
         count.publish({"data": 7})
@@ -85,23 +93,23 @@ async def test_what_was_kept_is_logged_first_and_not_again_after_a_gap(
 async def test_topics_are_found_later_and_may_be_said_to_be_kept(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     async with recorded(path) as here:
-        await here.recorder.poll()
+        await here.recorder.look()
         assert here.recorder.topics == 0
         named = here.node.advertise("/named", "std_msgs/String")
-        await here.recorder.poll()
-        await here.recorder.poll()
+        await here.recorder.look()
+        await here.recorder.look()
         assert here.recorder.topics == 1
         await until(lambda: named.subscriber_count == 1)
         named.publish({"data": "here"})
         await until(lambda: here.recorder.writer.messages == 1)
-        here.recorder.close()
+        here.recorder.stop()
         await until(lambda: named.subscriber_count == 0)
     with open_recording([path]) as recording:
         assert recording.topics[0].offered_qos[0].depth == 1
 
 
-async def test_a_look_without_a_connection_does_nothing(tmp_path: Path) -> None:
+async def test_a_look_without_a_connection_fails_at_once(tmp_path: Path) -> None:
     async with recorded(tmp_path / "run.mcap") as here:
         here.sinks[-1].close(1001, "going")
-        with anyio.fail_after(10):
-            await here.recorder.poll()
+        with anyio.fail_after(10), pytest.raises(ConnectionLost):
+            await here.recorder.look()

@@ -17,7 +17,8 @@ from rwt.cli.verbs import Arguments, Verb, add_verb, count, seconds, tls_of, top
 if TYPE_CHECKING:
     from rwt.cli.health import Health
     from rwt_client import Robot
-    from rwt_client.endpoints.raw_subscription import RawMessage, RawSubscription
+    from rwt_participant.handles import Handle
+    from rwt_participant.messages import RawMessage
 
 _CLIENTS: Final = "/client_count"
 _FRAME_LINES: Final = 4
@@ -59,7 +60,7 @@ class _Counted:
 
     type: str
     since_ns: int
-    subscription: RawSubscription | None = None
+    subscription: Handle | None = None
     messages: int = 0
     octets: int = 0
 

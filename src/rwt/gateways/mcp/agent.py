@@ -13,8 +13,9 @@ if TYPE_CHECKING:
     from rwt.gateways.mcp.content.answer import Answer
     from rwt.gateways.mcp.goals import GoalTable
     from rwt.gateways.mcp.recordings import Recordings
-    from rwt.gateways.mcp.robot import Robot
     from rwt.gateways.mcp.settings import McpSettings
+    from rwt_participant.api import RobotApi
+    from rwt_participant.handles import Publisher
     from rwt_participant.messages import Message
 
 Act = Literal["publish", "call", "goals", "set_param"]
@@ -22,55 +23,65 @@ Act = Literal["publish", "call", "goals", "set_param"]
 
 
 class ReportProgress(Protocol):
-    """Tells the agent's program how far a tool has come."""
+    """Reports the progress of a tool to the agent's program."""
 
     async def __call__(self, progress: float, total: float | None = None, message: str | None = None) -> None:
-        """Tell it.
+        """Report progress.
 
         Args:
-            progress: grows with each call.
-            total: what it grows to, if that is known.
-            message: in words.
+            progress: amount done, which grows with each call.
+            total: amount at the end, if known.
+            message: text for people.
         """
 
 
 class InThread(Protocol):
-    """Runs what takes long in a thread, and charges the work to whoever asked for it."""
+    """Runs slow work in a thread, and charges it to the client that asked for it."""
 
     async def __call__(self, work: Callable[[], Answer]) -> Answer:
-        """Run a plain function; what it raises comes out."""
+        """Run a plain function, and return or raise what it does."""
 
 
-async def _tell_nobody(progress: float, total: float | None = None, message: str | None = None) -> None:
-    """For those who did not ask."""
+async def _no_progress(progress: float, total: float | None = None, message: str | None = None) -> None:
+    """No-op: the agent's program did not ask for progress."""
 
 
-async def _nobody_is_asked(act: Act, name: str, what: str) -> None:
-    """For those who need no leave."""
+async def _no_confirmation(act: Act, name: str, what: str) -> None:
+    """No-op: the agent needs no confirmation."""
+
+
+async def _no_approval(seconds: float) -> bool:
+    """Return False: the robot's own server asks the people who may approve."""
+    return False
 
 
 @dataclass(frozen=True, slots=True)
 class Agent:
-    """One agent during one request.
+    """Agent during one request.
 
     Attributes:
-        owner: whose goals it may ask about: agents of the same role at the same address are one.
-        robot: as the agent may see it and act on it.
-        settings: bounds.
-        acts: what tools it is offered that change something.
-        goals: those that agents sent.
-        sees: whether it may see a topic, by its name.
-        in_thread: runs what takes long.
-        charge: counts seconds of work for whoever asked for it.
-        how_to_act: what lets it do more than look, for whom to tell.
-        confirm: asks the person at the agent's program for leave to do something, and raises
-            :exc:`~rwt.gateways.mcp.errors.ToolError` where there is none.
-        recordings: those that it may look at; None for none.
-        report_progress: see there.
+        owner: owner of the goals that the agent may ask about; agents of one role at one address share it.
+        robot: robot as the agent may see it and act on it.
+        settings: bounds of requests and answers.
+        acts: rights to change something; the tools that need others are not offered.
+        goals: goals that agents have sent.
+        in_thread: runs slow work in a thread.
+        charge: counts seconds of work for the client.
+        sees: returns True if the agent may see a topic.
+        how_to_act: advice for people on how to give the agent more rights.
+        advertise: advertises a topic; the publisher raises what the robot's server rejects.
+        lease_seconds: returns the silence after which the agent loses the gate's lease of a topic, which it
+            has advertised; None without a lease. Raises ToolError if another client holds it.
+        pass_gate: asks for approval of what the gate holds back, which should hold for so many seconds;
+            returns True if it was given.
+        confirm: asks the person at the agent's program to confirm an act; raises
+            :exc:`~rwt.gateways.mcp.errors.ToolError` if that is refused.
+        recordings: recordings that the agent may read; None for none.
+        report_progress: reports progress to the agent's program.
     """
 
     owner: str
-    robot: Robot
+    robot: RobotApi
     settings: McpSettings
     acts: frozenset[Act]
     goals: GoalTable
@@ -78,15 +89,18 @@ class Agent:
     charge: Callable[[float], object]
     sees: Callable[[str], bool]
     how_to_act: str
-    confirm: Callable[[Act, str, str], Awaitable[None]] = _nobody_is_asked
+    advertise: Callable[[str, str], Publisher]
+    lease_seconds: Callable[[str], Awaitable[float | None]]
+    pass_gate: Callable[[float], Awaitable[bool]] = _no_approval
+    confirm: Callable[[Act, str, str], Awaitable[None]] = _no_confirmation
     recordings: Recordings | None = None
-    report_progress: ReportProgress = field(default=_tell_nobody)
+    report_progress: ReportProgress = field(default=_no_progress)
 
     def bounded_seconds(self, seconds: float, what: str) -> float:
-        """A time that a tool may take.
+        """Return the time that a tool may take.
 
         Raises:
-            ToolError: it is longer than the longest.
+            ToolError: it exceeds `mcp.longest_seconds`.
         """
         longest = self.settings.longest_seconds
         if seconds > longest:
@@ -94,7 +108,7 @@ class Agent:
         return seconds
 
     async def show(self, message: Message, type: str) -> Answer:
-        """A message for the model, within the bounds."""
+        """Return a message for the model, within the bounds."""
         settings = self.settings
         return await self.in_thread(
             lambda: show(message, type, settings.result_bytes, settings.picture_pixels)

@@ -100,7 +100,7 @@ class Exchange:
         except anyio.get_cancelled_exc_class():
             self._leave()
             raise
-        body = _Body(self._chunks, self._leave)
+        body = _ResponseBody(self._chunks, self._leave)
         if not self._started.is_set():
             late = _LateBody(body, self._started, lambda: self._kind == _EVENTS)
             return HttpResponse(late, 200, _EVENTS, _EVENT_HEADERS)
@@ -193,8 +193,8 @@ class Exchange:
         self._cancel.cancel()
 
 
-class _Body(AsyncIterator[bytes]):
-    """Body that an application writes. Closing it before its end ends the exchange."""
+class _ResponseBody(AsyncIterator[bytes]):
+    """Body that an application writes; closing it early ends the exchange."""
 
     def __init__(self, chunks: MemoryObjectReceiveStream[bytes], leave: Callable[[], None]) -> None:
         self._chunks = chunks
@@ -225,7 +225,7 @@ class _LateBody(AsyncIterator[bytes]):
         is_events: whether that is events.
     """
 
-    def __init__(self, body: _Body, started: anyio.Event, is_events: Callable[[], bool]) -> None:
+    def __init__(self, body: _ResponseBody, started: anyio.Event, is_events: Callable[[], bool]) -> None:
         self._body = body
         self._started = started
         self._is_events = is_events

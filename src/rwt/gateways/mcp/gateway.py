@@ -27,9 +27,9 @@ from rwt.gateways.base import Gateway
 from rwt.gateways.mcp.agent import Agent
 from rwt.gateways.mcp.approvals import Questions
 from rwt.gateways.mcp.asgi import Exchange
+from rwt.gateways.mcp.client_robot import ClientRobot
 from rwt.gateways.mcp.errors import ToolError
 from rwt.gateways.mcp.goals import GoalTable
-from rwt.gateways.mcp.graph_robot import GraphRobot
 from rwt.gateways.mcp.server import make_server
 from rwt.gateways.mcp.tools import TOOLS
 from rwt.gateways.visitors import Visitor, Visitors, peer_of
@@ -338,7 +338,7 @@ class McpGateway(Gateway):
         gate, leave = self.access.gate, None
         if gate is not None and allow is not None:
             leave = partial(self._ask_for_leave, gate, client, caller, allow)
-        robot = GraphRobot(client, leave)
+        robot = ClientRobot(self.shared.graph, client, NODE, leave)
         caller.clients.add(client)
         with anyio.CancelScope() as scope:
             caller.at_end.append(scope.cancel)
@@ -353,6 +353,9 @@ class McpGateway(Gateway):
                     charge=partial(client.work.add, kind="pages"),
                     sees=client.may_subscribe,
                     how_to_act=_HOW_TO_ACT,
+                    advertise=robot.advertise,
+                    lease_seconds=robot.lease_seconds,
+                    pass_gate=robot.pass_gate,
                     recordings=self._recordings,
                 )
             finally:

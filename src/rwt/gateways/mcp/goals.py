@@ -1,4 +1,4 @@
-"""Goals that agents have sent: remembered until their results are asked for, by whoever sent them."""
+"""Goals that agents have sent, kept until their owners have asked for the results."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ if TYPE_CHECKING:
 
 
 @dataclass(slots=True)
-class SentGoal:
-    """One goal.
+class AgentGoal:
+    """Goal of an agent.
 
     Attributes:
-        owner: who sent it.
+        owner: sender of the goal.
         goal: None while it is being sent.
-        result_type: of the action's result.
-        feedback_type: of the action's feedback.
-        feedback: the last that came.
-        reports: how much feedback has come.
+        result_type: type name of the action's result.
+        feedback_type: type name of the action's feedback.
+        feedback: last feedback.
+        reports: number of feedback messages.
     """
 
     owner: str
@@ -33,7 +33,7 @@ class SentGoal:
     reports: int = 0
 
     def take_feedback(self, message: Message) -> None:
-        """Keep the last."""
+        """Note the last feedback."""
         self.feedback = message
         self.reports += 1
 
@@ -45,30 +45,30 @@ _OF_ANOTHER: Final = (
 
 
 class GoalTable:
-    """The goals of all agents of one gateway.
+    """Goals of all agents of one gateway.
 
     Args:
-        most: how many are remembered; one owner has a quarter of them at most.
-        several_processes: whether an agent's next request may come to another process.
+        most: maximum number of goals; one owner has at most a quarter of them.
+        several_processes: True if the next request of an agent may reach another process.
     """
 
     def __init__(self, most: int, *, several_processes: bool = False) -> None:
         self._most = most
         self._several_processes = several_processes
-        self._goals: dict[str, SentGoal] = {}
+        self._goals: dict[str, AgentGoal] = {}
 
     def __len__(self) -> int:
         return len(self._goals)
 
-    def of(self, owner: str) -> dict[str, SentGoal]:
-        """The goals of one owner, by id, oldest first."""
+    def of(self, owner: str) -> dict[str, AgentGoal]:
+        """Return the goals of one owner, by id, oldest first."""
         return {id: sent for id, sent in self._goals.items() if sent.owner == owner}
 
     def check_room(self, owner: str) -> None:
-        """Make room for one more goal of `owner`, by forgetting the oldest that has ended.
+        """Make room for one more goal of `owner`, by removing the oldest that has ended.
 
         Raises:
-            ToolError: there is none: as many run as may.
+            ToolError: `mcp.goals` is reached, and none has ended.
         """
         mine = self.of(owner)
         if len(mine) < max(1, self._most // 4) and len(self._goals) < self._most:
@@ -83,15 +83,15 @@ class GoalTable:
             " wait for one with `check_goal`, or end one with `cancel_goal`"
         )
 
-    def add(self, id: str, sent: SentGoal) -> None:
-        """Remember a goal."""
+    def add(self, id: str, sent: AgentGoal) -> None:
+        """Add a goal."""
         self._goals[id] = sent
 
-    def find(self, owner: str, id: str) -> SentGoal:
-        """The goal of that id.
+    def find(self, owner: str, id: str) -> AgentGoal:
+        """Return the goal of that id.
 
         Raises:
-            ToolError: `owner` has sent none of that id, or its result was asked for already.
+            ToolError: `owner` has not sent it, or has its result.
         """
         sent = self._goals.get(id)
         if sent is None or sent.owner != owner:
@@ -101,5 +101,5 @@ class GoalTable:
         return sent
 
     def forget(self, id: str) -> None:
-        """Forget a goal whose result was told."""
+        """Remove a goal whose result was reported."""
         self._goals.pop(id, None)

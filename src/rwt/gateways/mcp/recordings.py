@@ -1,4 +1,4 @@
-"""Recordings as the tools use them; whoever puts the server together knows how they are read."""
+"""Recordings as the tools use them; the composition of the server provides the reader."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Recordings(Protocol):
         """The files, sorted."""
 
     def describe(self, name: str, sees: Callable[[str], bool]) -> RecordingInfo:
-        """What a recording holds.
+        """Return the contents of a recording.
 
         Args:
             name: one of :meth:`names`.

@@ -11,8 +11,9 @@ import logging
 from typing import TYPE_CHECKING, Final, Protocol, cast
 
 from rwt.nodes.playback.publications import read_payload
-from rwt.nodes.recording.selection import ACTION_PARTS, SERVICE_EVENTS, TopicSelection
+from rwt.nodes.recording.selection import TopicSelection
 from rwt_interfaces import InterfaceError, InvalidMessage, Payload
+from rwt_participant.api import ACTION_PARTS, SERVICE_EVENTS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

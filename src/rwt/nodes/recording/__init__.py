@@ -11,7 +11,7 @@ from rwt.nodes.recording.errors import (
     RecordingUnreadable,
 )
 from rwt.nodes.recording.opening import open_recording
-from rwt.nodes.recording.recorder import Recorder, RecordingOptions
+from rwt.nodes.recording.recorder import Recorder, RecordingOptions, record_graph
 from rwt.nodes.recording.recorder_node import RecorderFolderError, RecorderLimits, RecorderNode
 from rwt.nodes.recording.recording import RecordedMessage, RecordedTopic, Recording
 from rwt.nodes.recording.selection import EVERYTHING, TopicSelection
@@ -19,6 +19,7 @@ from rwt.nodes.recording.writer import COMPRESSIONS, Compression, RecordedChanne
 
 __all__ = [
     "Recorder",
+    "record_graph",
     "RecorderNode",
     "RecorderLimits",
     "RecorderFolderError",

@@ -100,7 +100,7 @@ class BagRecording(Recording):
                 yield RecordedMessage(connection.topic, connection.msgtype, stamp, stamp, bytes(data))
 
     def close(self) -> None:
-        """Nothing is open between readings."""
+        """No-op: no file is open between readings."""
 
 
 def _first_line(error: Exception) -> str:

@@ -1,4 +1,4 @@
-"""How a topic becomes a channel of an MCAP file: schema, encoding, and what is noted beside it."""
+"""Channels of an MCAP file: schema, encoding and metadata of a topic."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 Encoding = Literal["ros", "json"]
-"""How messages are written: as ROS serialises them (CDR, or ROS 1's own form on ROS 1), or as JSON."""
+"""Encoding of messages: the serialisation of ROS (CDR, or that of ROS 1 on ROS 1), or JSON."""
 
 ENCODINGS: Final[tuple[Encoding, ...]] = ("ros", "json")
 
@@ -43,7 +43,7 @@ _INFINITE: Final = (9223372036, 854775807)
 
 @dataclass(frozen=True, slots=True)
 class ChannelForm:
-    """What an MCAP file says of one topic.
+    """Description of one topic in an MCAP file.
 
     Attributes:
         topic: absolute name.
@@ -115,7 +115,7 @@ def _readable(name: str, text: str) -> tuple[str, str]:
 
 
 def _latching(offered_qos: tuple[QoS, ...]) -> dict[str, str]:
-    """What ROS 1 says instead of quality of service."""
+    """Return the metadata of ROS 1 in place of quality of service."""
     latched = any(qos.durability is Durability.TRANSIENT_LOCAL for qos in offered_qos)
     return {"latching": "1"} if latched else {}
 
@@ -146,10 +146,10 @@ def _duration(seconds: float | None) -> str:
     return f"\n    sec: {whole}\n    nsec: {rest}"
 
 
-#: What is noted of a topic whose messages are kept for late joiners, where nothing more is known.
+#: QoS noted for a latched topic, if its publishers' QoS is unknown.
 KEPT: Final = QoS(depth=1, durability=Durability.TRANSIENT_LOCAL)
 
-#: The same of `/tf_static`, on which every publisher's last message counts.
+#: The same for `/tf_static`, on which the last message of every publisher is retained.
 KEPT_TRANSFORMS: Final = QoS(depth=100, durability=Durability.TRANSIENT_LOCAL)
 
 

@@ -1,4 +1,4 @@
-"""What recordings note of the quality of service that publishers offered."""
+"""QoS of publishers as recordings note it."""
 
 from __future__ import annotations
 

@@ -1,40 +1,64 @@
-"""A node that records the messages of every topic of its graph in an MCAP file."""
+"""Recorder of a robot's topics, as they appear, in an MCAP file: a graph's, or those of a connected robot."""
 
 from __future__ import annotations
 
+import logging
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from rwt.nodes.recording.channels import Encoding, channel_form
+from rwt.nodes.recording.channels import KEPT, KEPT_TRANSFORMS, Encoding, channel_form
 from rwt.nodes.recording.selection import EVERYTHING, TopicSelection
 from rwt.nodes.recording.writer import Compression, RecordingWriter, Split
-from rwt_participant.qos import BEST_AVAILABLE
+from rwt_graph.nodes.graph_robot import GraphRobot
+from rwt_interfaces import InvalidMessage, Payload
+from rwt_participant.errors import UnknownType
+from rwt_participant.future import run_until_it_waits
 
 if TYPE_CHECKING:
     from rwt.nodes.recording.writer import RecordedChannel
-    from rwt_graph.api import Graph, Sample, Subscription
-    from rwt_interfaces.payload import Payload
+    from rwt_graph.api import Graph
+    from rwt_interfaces.distro import Distro
+    from rwt_participant.api import Listed, RobotApi
+    from rwt_participant.handles import Handle
+    from rwt_participant.messages import RawMessage
+    from rwt_participant.qos import QoS
     from rwt_participant.timers import Timer
 
+logger = logging.getLogger(__name__)
+
 LOOK_SECONDS: Final = 0.2
-"""How often the graph is asked for topics that were not there before."""
+"""Interval in which a graph is searched for new topics, in seconds."""
+
+HIDDEN_LOOKS: Final = 5
+"""Every so many looks, hidden topics are included, which a connected robot must be asked for by name."""
+
+EARLIER_NS: Final = 1_500_000_000
+"""Nanoseconds: a topic is latched if its first message is older than the subscription by more than this.
+Servers also retain the first second of every publisher, so a younger message proves nothing."""
 
 _MESSAGE_BYTES: Final = 31
-"""What MCAP writes of a message besides its content (its specification, the record Message)."""
+"""Bytes that MCAP writes of a message besides its content (its specification, the record Message)."""
+
+_STATIC_TRANSFORMS: Final = "/tf_static"
+_KNOWN_LATCHED: Final = (_STATIC_TRANSFORMS, "/robot_description")
+
+_REMEMBERED: Final = 100
+"""Stamps of a latched topic that are remembered."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingOptions:
-    """How a recording is made.
+    """Format and limits of a recording.
 
     Attributes:
-        encoding: ``ros`` (CDR, or ROS 1's own form on ROS 1) or ``json``.
-        compression: of the chunks.
-        split: when a new file is begun.
-        overwrite: whether a file that is there may be replaced.
-        largest_bytes: content after which nothing more is taken, definitions included and before compression;
-            0: as much as there is.
+        encoding: ``ros`` (CDR, or the ROS 1 serialisation on ROS 1) or ``json``.
+        compression: compression of the chunks.
+        split: condition for a new file.
+        overwrite: replace an existing file.
+        largest_bytes: maximum content, including definitions and before compression; 0 for no maximum.
     """
 
     encoding: Encoding = "ros"
@@ -43,120 +67,190 @@ class RecordingOptions:
     overwrite: bool = False
     largest_bytes: int = 0
 
+    def writer(self, path: Path, distro: Distro) -> RecordingWriter:
+        """Begin a file.
+
+        Raises:
+            RecordingNotWritten: the file cannot be created.
+            ExtraMissing: the extra ``mcap`` is not installed.
+        """
+        return RecordingWriter(
+            path,
+            distro,
+            self.encoding,
+            compression=self.compression,
+            split=self.split,
+            overwrite=self.overwrite,
+        )
+
 
 class Recorder:
-    """Writes the topics of a graph to a file until it is closed.
+    """Recorder of a robot's topics until it is stopped.
 
-    A message's publish time is the graph's time of publishing. Its log time is the same, but not before the
-    recording began: what was kept for late joiners is logged as the first thing there is.
+    A message's publish time is the robot's time of publishing. Its log time is the same, but not before the
+    recording began: retained messages are logged first. If a server sends no stamps, both are the time of
+    arrival by this computer's clock.
 
     Args:
-        graph: any backend; recording begins at once, also before the graph runs.
-        path: the file.
-        selection: which topics; everything by default.
-        name: the node's absolute name.
+        robot: robot to record.
+        writer: writer of the file.
+        selection: topics to record; everything by default.
+        options: format and limits.
+        offered_qos: returns the QoS that the publishers of a topic offer; None if that is unknown. It is then
+            inferred from the age of the first message, and repeated messages are dropped: a server sends
+            retained ones again after a lost connection.
+        node: node that records; its own subscriptions do not keep a topic alive.
+        on_stop: called once when the recording stops.
 
     Attributes:
-        writer: what was written so far.
-        is_full: whether `largest_bytes` was reached; then it has stopped.
-
-    Raises:
-        RecordingNotWritten: the file cannot be made.
-        ExtraMissing: the extra ``mcap`` is not installed.
+        writer: writer of the file.
+        is_full: True if `largest_bytes` was reached, which stops the recording.
     """
 
     def __init__(
         self,
-        graph: Graph,
-        path: Path,
+        robot: RobotApi,
+        writer: RecordingWriter,
         selection: TopicSelection = EVERYTHING,
         options: RecordingOptions = RecordingOptions(),
         *,
-        name: str = "/recorder",
+        offered_qos: Callable[[str], tuple[QoS, ...] | None] = lambda topic: None,
+        node: str = "",
+        on_stop: Callable[[], None] = lambda: None,
     ) -> None:
-        self._graph = graph
+        self.writer = writer
+        self.is_full = False
+        self._robot = robot
         self._selection = selection
         self._encoding = options.encoding
         self._room = options.largest_bytes or None
-        self.is_full = False
-        self.writer = RecordingWriter(
-            path,
-            graph.distro,
-            options.encoding,
-            compression=options.compression,
-            split=options.split,
-            overwrite=options.overwrite,
-        )
-        self._name = name
-        self._participant = graph.participant(name)
-        self._began_at = graph.clock.time_ns()
+        self._offered_qos = offered_qos
+        self._node = node
+        self._on_stop: Callable[[], None] | None = on_stop
+        self._began_ns = 0
+        self._looks = 0
         self._topics: dict[str, _RecordedTopic] = {}
+        self._rejected: dict[str, str | None] = {}
         self._timer: Timer | None = None
-        self._tick()
 
-    def _tick(self) -> None:
-        self.look()
-        self._timer = self._graph.clock.call_later(LOOK_SECONDS, self._tick)
+    @property
+    def topics(self) -> int:
+        """Number of topics with a subscription."""
+        return sum(each.handle is not None for each in self._topics.values())
 
-    def look(self) -> None:
-        """Record the topics that are new; done by itself every 0.2 s. To be called on the graph's thread."""
-        for topic in self._graph.topics():
-            if not self._selection.takes(topic.name):
-                continue
-            recorded = self._topics.get(topic.name) or _RecordedTopic(self)
-            self._topics[topic.name] = recorded
-            alone = not topic.publishers and all(each.node == self._name for each in topic.subscribers)
-            if recorded.subscription is None:
-                # Without a type: the recorder holds none for a topic that others use.
-                recorded.subscription = self._participant.subscribe(
-                    topic.name, recorded.receive, None, BEST_AVAILABLE
-                )
-            elif alone:
-                # A topic exists while others use it; the recorder's subscription must not keep it alive.
-                recorded.subscription.close()
-                recorded.subscription = None
+    async def look(self) -> None:
+        """Record the topics that are new.
 
-    def record(self, channel: RecordedChannel, sample: Sample) -> None:
-        """Write one sample."""
-        stamp, data = sample.stamp_ns, self._written(sample.payload)
-        if self._takes(len(data) + _MESSAGE_BYTES):
-            self.writer.write(channel, max(stamp, self._began_at), stamp, data)
+        Raises:
+            RobotError: the robot does not list its topics.
+        """
+        asked_ns = await self._robot.time_ns()
+        self._began_ns = self._began_ns or asked_ns
+        hidden = (self._selection.services or self._selection.actions) and self._looks % HIDDEN_LOOKS == 0
+        for topic in await self._robot.topics(hidden=hidden):
+            if self._selection.takes(topic.name):
+                await self._follow(topic, asked_ns)
+        self._looks += 1
+
+    def look_now(self) -> None:
+        """Record the topics of a graph that are new; to be called on its thread."""
+        run_until_it_waits(self.look())  # The listings of a graph never wait.
+
+    def keep_looking(self) -> None:
+        """Record the topics of a graph, and new ones every :data:`LOOK_SECONDS`."""
+        self.look_now()
+        self._timer = self._robot.clock.call_later(LOOK_SECONDS, self.keep_looking)
+
+    async def _follow(self, topic: Listed, asked_ns: int) -> None:
+        """Subscribe to a topic, unless that is done already."""
+        known = self._topics.get(topic.name)
+        # The subscription of a node follows the topic. It has no type, which would be kept for others.
+        wanted = topic.type if topic.publishers is None else None
+        if known is not None and known.handle is not None and known.type == wanted:
+            if self._is_alone(topic):
+                known.close()
+            return
+        if wanted == "" or (topic.name in self._rejected and self._rejected[topic.name] == wanted):
+            return
+        if known is None or known.type != wanted:
+            if known is not None:
+                known.close()
+            known = self._topics[topic.name] = _RecordedTopic(self, topic.name, wanted, asked_ns)
+        try:
+            known.handle = await self._robot.subscribe_raw(topic.name, known.receive, wanted)
+        except UnknownType as error:
+            del self._topics[topic.name]
+            self._rejected[topic.name] = wanted
+            logger.warning("%s is not recorded: %s", topic.name, error)
+            return
+        logger.debug("recording %s (%s)", topic.name, topic.type)
+
+    def _is_alone(self, topic: Listed) -> bool:
+        """Return True if nothing but this recorder uses a topic, which must not keep it alive."""
+        if topic.publishers is None or topic.subscribers is None:
+            return False
+        return not topic.publishers and all(each.node == self._node for each in topic.subscribers)
+
+    def record(self, channel: RecordedChannel, message: RawMessage, stamp_ns: int | None) -> None:
+        """Write one message.
+
+        Args:
+            stamp_ns: time of publishing; None for the time of arrival.
+        """
+        data = message.data if self._encoding == "ros" else _json(message, channel.form.topic)
+        if data is None or not self._takes(len(data) + _MESSAGE_BYTES):
+            return
+        if stamp_ns is None:
+            published = logged = time.time_ns()
+        else:
+            published, logged = stamp_ns, max(stamp_ns, self._began_ns)
+        self.writer.write(channel, logged, published, data)
 
     def _takes(self, size: int) -> bool:
-        """Whether so many bytes more are taken. The first that are too many end the recording."""
+        """Return True if so many bytes more may be written. The first that may not stop the recording."""
         if self._room is None:
             return True
         if self.is_full or size > self._room:
             if not self.is_full:
                 self.is_full = True
                 # Not from within a delivery to one of the subscriptions that this closes.
-                self._graph.clock.call_later(0.0, self.stop)
+                self._robot.clock.call_later(0.0, self.stop)
             return False
         self._room -= size
         return True
 
-    def _written(self, payload: Payload) -> bytes | memoryview:
-        if self._encoding == "json":
-            return bytes(payload.json())  # Perhaps a view of a receive buffer.
-        return payload.serialised()
+    def offered_qos(self, topic: str, *, is_earlier: bool) -> tuple[QoS, ...]:
+        """Return the QoS to note for a topic.
 
-    def channel_of(self, sample: Sample) -> RecordedChannel:
-        """A channel for the topic and type of a sample."""
-        info = self._graph.topic(sample.topic)
-        offered_qos = () if info is None else tuple(publisher.qos for publisher in info.publishers)
-        form = channel_form(sample.topic, sample.payload.type, self._encoding, offered_qos)
+        Args:
+            is_earlier: True if the topic's first message was published before the subscription.
+        """
+        known = self._offered_qos(topic)
+        if known is not None:
+            return known
+        if topic == _STATIC_TRANSFORMS:
+            return (KEPT_TRANSFORMS,)
+        return (KEPT,) if is_earlier or topic in _KNOWN_LATCHED else ()
+
+    def begin_channel(self, topic: str, message: RawMessage, offered_qos: tuple[QoS, ...]) -> RecordedChannel:
+        """Begin a channel for a topic and the type of its message."""
+        form = channel_form(topic, message.type, self._encoding, offered_qos)
         self._takes(len(form.schema) + sum(len(value) for value in form.metadata.values()))
         return self.writer.add_channel(form)
 
     def stop(self) -> None:
-        """Record nothing more; what was taken is still written. To be called on the graph's thread."""
+        """End all subscriptions; received messages are still written. To be called on the robot's thread."""
+        on_stop, self._on_stop = self._on_stop, None
+        if on_stop is None:
+            return
         if self._timer is not None:
             self._timer.cancel()
-            self._timer = None
-            self._participant.close()
+        for topic in self._topics.values():
+            topic.close()
+        on_stop()
 
     def close(self) -> None:
-        """Stop, end the file and wait for that. May be called twice.
+        """Stop, finish the file and wait until it is written. No-op if it is closed.
 
         Raises:
             RecordingNotWritten: not everything could be written.
@@ -171,19 +265,101 @@ class Recorder:
         self.close()
 
 
+def record_graph(
+    graph: Graph,
+    path: Path,
+    selection: TopicSelection = EVERYTHING,
+    options: RecordingOptions = RecordingOptions(),
+    *,
+    name: str = "recorder",
+) -> Recorder:
+    """Record the topics of a graph; begins at once, also before the graph runs.
+
+    Args:
+        graph: any backend.
+        path: file to write.
+        selection: topics to record; everything by default.
+        options: format and limits.
+        name: name of the node that records.
+
+    Raises:
+        RecordingNotWritten: the file cannot be created.
+        ExtraMissing: the extra ``mcap`` is not installed.
+    """
+
+    def offered_qos(topic: str) -> tuple[QoS, ...]:
+        info = graph.topic(topic)
+        return () if info is None else tuple(publisher.qos for publisher in info.publishers)
+
+    writer = options.writer(path, graph.distro)
+    robot = GraphRobot(graph, name)
+    recorder = Recorder(
+        robot,
+        writer,
+        selection,
+        options,
+        offered_qos=offered_qos,
+        node=robot.name,
+        on_stop=robot.close,
+    )
+    recorder.keep_looking()
+    return recorder
+
+
 class _RecordedTopic:
-    """One topic: a channel for each type that it has had."""
+    """Subscription to one topic, with a channel for each type that it has had.
 
-    __slots__ = ("_channels", "_recorder", "subscription")
+    Attributes:
+        type: type name of the subscription; None if it follows the topic of a graph.
+        handle: subscription; None while the topic has no other users.
+    """
 
-    def __init__(self, recorder: Recorder) -> None:
+    __slots__ = ("_asked_ns", "_channels", "_name", "_recorder", "_stamps", "handle", "type")
+
+    def __init__(self, recorder: Recorder, name: str, type: str | None, asked_ns: int) -> None:
+        self.type = type
+        self.handle: Handle | None = None
         self._recorder = recorder
+        self._name = name
+        self._asked_ns = asked_ns
         self._channels: dict[str, RecordedChannel] = {}
-        self.subscription: Subscription | None = None
+        self._stamps: dict[int, None] | None = None
 
-    def receive(self, sample: Sample) -> None:
-        """Record one sample."""
-        channel = self._channels.get(sample.payload.type.name)
-        if channel is None:
-            channel = self._channels[sample.payload.type.name] = self._recorder.channel_of(sample)
-        self._recorder.record(channel, sample)
+    def receive(self, message: RawMessage) -> None:
+        """Record one message."""
+        stamp = message.stamp_ns
+        channel = self._channels.get(message.type.name) or self._begin(message)
+        if self._stamps is None or stamp is None or not self._is_repeated(self._stamps, stamp):
+            self._recorder.record(channel, message, stamp)
+
+    def _begin(self, message: RawMessage) -> RecordedChannel:
+        stamp = message.stamp_ns
+        is_earlier = stamp is not None and stamp + EARLIER_NS < self._asked_ns
+        offered = self._recorder.offered_qos(self._name, is_earlier=is_earlier)
+        if offered and self.type is not None:
+            self._stamps = {}
+        channel = self._recorder.begin_channel(self._name, message, offered)
+        self._channels[message.type.name] = channel
+        return channel
+
+    def _is_repeated(self, stamps: dict[int, None], stamp: int) -> bool:
+        if stamp in stamps:
+            return True
+        stamps[stamp] = None
+        if len(stamps) > _REMEMBERED:
+            del stamps[next(iter(stamps))]
+        return False
+
+    def close(self) -> None:
+        """End the subscription."""
+        handle, self.handle = self.handle, None
+        if handle is not None:
+            handle.close()
+
+
+def _json(message: RawMessage, topic: str) -> bytes | None:
+    try:
+        return bytes(Payload.deserialised(message.type, message.data).json())
+    except InvalidMessage as error:
+        logger.warning("a message on %s is left out: %s", topic, error)
+        return None

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 import anyio.to_thread
 
 from rwt.nodes.recording.errors import RecordingError, RecordingNotWritten, require
-from rwt.nodes.recording.recorder import Recorder, RecordingOptions
+from rwt.nodes.recording.recorder import Recorder, RecordingOptions, record_graph
 from rwt.nodes.recording.selection import TopicSelection
 from rwt_graph.nodes.node import Node
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 STATE_SECONDS: Final = 1.0
-"""How often the state is told while something is recorded."""
+"""Interval between state messages while recording, in seconds."""
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _MOST_TOPICS: Final = 200
 _MOST_NAME: Final = 256
@@ -38,7 +38,7 @@ class RecorderFolderError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class RecorderLimits:
-    """What recordings that are asked for may take, in bytes.
+    """Limits of recordings that clients start, in bytes.
 
     Attributes:
         recording: content of one, before compression.
@@ -127,7 +127,7 @@ class RecorderNode:
             )
         selection = TopicSelection(topics) if topics else TopicSelection()
         path = self._free_path(name or "recording")
-        self._recorder = Recorder(self._graph, path, selection, RecordingOptions(largest_bytes=room))
+        self._recorder = record_graph(self._graph, path, selection, RecordingOptions(largest_bytes=room))
         self._state = {
             "recording": True,
             "file": path.name,

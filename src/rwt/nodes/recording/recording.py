@@ -1,4 +1,4 @@
-"""What can be played: a recording's topics and messages, whatever file they are in."""
+"""Recordings: topics and messages, independent of the file format."""
 
 from __future__ import annotations
 

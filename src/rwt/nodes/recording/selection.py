@@ -1,14 +1,11 @@
-"""Which topics are recorded or played."""
+"""Selection of topics to record or play."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
-#: Where ROS 2's service introspection tells of the calls of a service.
-SERVICE_EVENTS = "/_service_event"
-#: What stands between an action's name and the topics and services that carry it on ROS 2.
-ACTION_PARTS = "/_action/"
+from rwt_participant.api import ACTION_PARTS, SERVICE_EVENTS
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +25,7 @@ class TopicSelection:
     actions: bool = False
 
     def takes(self, topic: str) -> bool:
-        """Whether a topic is chosen. One that `topics` names in full is, whatever kind it is."""
+        """Return True if a topic is selected. One that `topics` names in full is, whatever its kind."""
         if any(_fits(topic, pattern) for pattern in self.exclude):
             return False
         if topic in self.topics:

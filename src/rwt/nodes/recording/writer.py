@@ -34,7 +34,7 @@ Compression = Literal["zstd", "lz4", "none"]
 COMPRESSIONS: Final[tuple[Compression, ...]] = ("zstd", "lz4", "none")
 
 FLUSH_SECONDS: Final = 1.0
-"""How old a message may get before it is on its way to the disk."""
+"""Maximum age of a message before it is written, in seconds."""
 
 WAITING_BYTES: Final = 256 * 1024 * 1024
 """Messages that wait for a slow disk; what comes beyond is dropped and counted."""
@@ -125,7 +125,7 @@ class RecordingWriter:
 
     @property
     def messages(self) -> int:
-        """How many messages were taken."""
+        """Number of accepted messages."""
         return sum(channel.messages for channel in self.channels)
 
     @property
@@ -168,7 +168,7 @@ class RecordingWriter:
 
     @property
     def is_writing(self) -> bool:
-        """Whether the thread that writes has not ended yet."""
+        """True while the writing thread runs."""
         return self._thread.is_alive()
 
     def finish_soon(self) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rwt_protocol.spelling import nearest
+from rwt_participant.spelling import nearest
 
 DISTROS = ("jazzy", "noetic")
 BOTH = "both"

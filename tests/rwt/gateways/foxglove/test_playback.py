@@ -11,7 +11,7 @@ from rwt import MemoryGraph, Node, Settings, SimulatedClock
 from rwt.access.access import Access
 from rwt.gateways.foxglove.gateway import FoxgloveGateway
 from rwt.nodes.playback import PlaybackClock, Player, PlayOptions
-from rwt.nodes.recording import Recorder, open_recording
+from rwt.nodes.recording import open_recording, record_graph
 from rwt_interfaces.registry import Registry
 from tests.conftest import START_NS
 from tests.rwt.gateways.foxglove.conftest import guest
@@ -39,7 +39,7 @@ def file(tmp_path: Path) -> Path:
     clock = SimulatedClock(START_NS)
     graph = MemoryGraph(clock=clock)
     topic = Node(graph, "robot").advertise("/n", "std_msgs/Int32")
-    with Recorder(graph, path):
+    with record_graph(graph, path):
         for number in range(6):
             topic.publish({"data": number})
             clock.advance(1.0)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mcap.reader import make_reader
 
-from rwt.nodes.recording import EVERYTHING, Encoding, Recorder, RecordingOptions, TopicSelection
+from rwt.nodes.recording import EVERYTHING, Encoding, RecordingOptions, TopicSelection, record_graph
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_interfaces import DISTROS, Registry
 from rwt_participant.qos import LATCHED
@@ -32,7 +32,7 @@ def record_robot(path: Path, distro: str = "jazzy", encoding: Encoding = "ros", 
         clock.advance(3.5)
         odom = node.advertise("/odom", "nav_msgs/Odometry")
         scan = node.advertise("/camera", "sensor_msgs/Image")
-        with Recorder(graph, path, OWN, RecordingOptions(encoding)):
+        with record_graph(graph, path, OWN, RecordingOptions(encoding)):
             for number in range(messages):
                 clock.advance(0.033_333_333 + number * 1e-9)
                 odom.publish({"pose": {"pose": {"position": {"x": number / 3, "y": float("nan")}}}})

@@ -14,7 +14,7 @@ from rosbags.highlevel import AnyReader
 
 from rwt.nodes.introspection import Introspection, NotObservable
 from rwt.nodes.playback import Player, PlayOptions
-from rwt.nodes.recording import Recorder, open_recording
+from rwt.nodes.recording import open_recording, record_graph
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_interfaces import NOETIC, Registry
 from rwt_participant.errors import ServiceFailed
@@ -109,8 +109,8 @@ async def test_recorded_calls_are_answered_again(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     graph, _ = graph_at()
     async with graph:
-        with Node(graph, "robot") as node, Recorder(graph, path, OWN) as recorder:
-            introspection = Introspection(graph, on_topic=recorder.look)
+        with Node(graph, "robot") as node, record_graph(graph, path, OWN) as recorder:
+            introspection = Introspection(graph, on_topic=recorder.look_now)
             totals = iter((10, 20))
             node.advertise_service("/add", "example_interfaces/AddTwoInts", add)
             node.advertise_service("/total", "example_interfaces/AddTwoInts", lambda _: {"sum": next(totals)})
@@ -146,8 +146,8 @@ async def test_a_goal_is_told_of_as_ros_2_does(tmp_path: Path) -> None:
 
     heard: list[Message] = []
     async with graph:
-        with Node(graph, "robot") as node, Recorder(graph, path, OWN) as recorder:
-            introspection = Introspection(graph, on_topic=recorder.look)
+        with Node(graph, "robot") as node, record_graph(graph, path, OWN) as recorder:
+            introspection = Introspection(graph, on_topic=recorder.look_now)
             accept = lambda goal: goal.order > 0 or "too small"  # noqa: E731 - said here what it is for
             node.advertise_action("/fibonacci", "example_interfaces/Fibonacci", execute, accept=accept)
             with anyio.fail_after(10):
@@ -186,10 +186,10 @@ async def test_common_readers_read_a_file_with_calls_and_goals_and_ours_has_ros_
     path = tmp_path / "run.mcap"
     graph, clock = graph_at()
     async with graph:
-        with Node(graph, "robot") as node, Recorder(graph, path, OWN) as recorder:
+        with Node(graph, "robot") as node, record_graph(graph, path, OWN) as recorder:
             node.advertise_service("/add", "example_interfaces/AddTwoInts", add)
             node.advertise_action("/count", "example_interfaces/Fibonacci", _count)
-            with closing(Introspection(graph, on_topic=recorder.look)):
+            with closing(Introspection(graph, on_topic=recorder.look_now)):
                 clock.advance(1.0)
                 await node.call("/add", {"a": 1, "b": 2})
                 goal = await node.send_goal("/count", {"order": 1})

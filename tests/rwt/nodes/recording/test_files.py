@@ -20,7 +20,6 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rwt.nodes.recording import (
     COMPRESSIONS,
     Compression,
-    Recorder,
     RecordingNotWritten,
     RecordingOptions,
     RecordingUnreadable,
@@ -28,6 +27,7 @@ from rwt.nodes.recording import (
     Split,
     channel_form,
     open_recording,
+    record_graph,
 )
 from rwt.nodes.recording.channels import json_schema
 from rwt.nodes.recording.mcap_files import MAGIC, McapRecording, recover
@@ -114,7 +114,10 @@ def test_a_schema_says_how_long_an_array_is() -> None:
 def test_every_compression_reads_back(tmp_path: Path, compression: Compression) -> None:
     path = tmp_path / "run.mcap"
     graph, clock = graph_at()
-    with Node(graph, "robot") as node, Recorder(graph, path, OWN, RecordingOptions(compression=compression)):
+    with (
+        Node(graph, "robot") as node,
+        record_graph(graph, path, OWN, RecordingOptions(compression=compression)),
+    ):
         text = node.advertise("/text", "std_msgs/String")
         clock.advance(0.3)
         text.publish({"data": "a" * 1000})

@@ -14,13 +14,13 @@ from rwt.nodes.playback import Player
 from rwt.nodes.recording import (
     Encoding,
     ExtraMissing,
-    Recorder,
     RecordingOptions,
     RecordingWriter,
     TopicSelection,
     channel_form,
     errors,
     open_recording,
+    record_graph,
 )
 from rwt.nodes.recording.channels import qos_text
 from rwt.nodes.recording.recorded_qos import combined, read_offered_qos
@@ -105,7 +105,7 @@ def test_a_type_of_the_robots_own_plays_without_its_definition_at_hand(
     graph.registry.add_text("float64 volts\nstring name", "my_robot/Cell")
     with Node(graph, "robot") as node:
         battery = node.advertise("/battery", "my_robot/Battery")
-        with Recorder(graph, path, OWN, RecordingOptions(encoding)):
+        with record_graph(graph, path, OWN, RecordingOptions(encoding)):
             battery.publish({"cells": [{"volts": 3.5, "name": "left"}]})
     heard: list[object] = []
     with open_recording([path]) as recording:
@@ -141,7 +141,7 @@ def test_calls_of_a_service_of_the_robots_own_are_answered(tmp_path: Path) -> No
 def test_a_topic_that_changes_its_type_has_two_channels(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     graph, clock = graph_at()
-    with Node(graph, "robot") as node, Recorder(graph, path, OWN):
+    with Node(graph, "robot") as node, record_graph(graph, path, OWN):
         for kind in ("std_msgs/Int32", "std_msgs/Float64"):
             with node.advertise("/value", kind) as value:
                 clock.advance(0.5)

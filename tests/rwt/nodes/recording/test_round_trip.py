@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rwt.nodes.playback import Player
-from rwt.nodes.recording import Encoding, Recorder, RecordingOptions, open_recording
+from rwt.nodes.recording import Encoding, RecordingOptions, open_recording, record_graph
 from rwt_graph import MemoryGraph, SimulatedClock
 from rwt_interfaces import Registry
 from tests.rwt.nodes.recording.robots import OWN, START_NS, of_topic, record_robot, rows
@@ -26,7 +26,7 @@ def test_a_recording_played_and_recorded_again_is_the_same(
         graph = MemoryGraph(Registry(recording.distro), clock)
         with (
             Player(graph, recording) as player,
-            Recorder(graph, second, OWN, RecordingOptions(encoding)),
+            record_graph(graph, second, OWN, RecordingOptions(encoding)),
         ):
             clock.advance(10.0)
             assert player.finished.is_set()

@@ -7,8 +7,10 @@ import logging
 import re
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
+from contextlib import suppress
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,16 +35,19 @@ from rwt.cli.verbs import (
 from rwt.nodes.recording import (
     COMPRESSIONS,
     ENCODINGS,
+    Recorder,
     RecordingError,
+    RecordingOptions,
     RecordingWriter,
     Split,
     TopicSelection,
 )
+from rwt.nodes.recording.channels import KEPT
 from rwt.signals import STOP_SIGNALS, on_signals
 
 if TYPE_CHECKING:
-    from rwt.nodes.recording.remote_recorder import RemoteRecorder
     from rwt_client import Robot
+    from rwt_participant.qos import QoS
 
 logger = logging.getLogger(__name__)
 
@@ -204,25 +209,20 @@ async def _record(arguments: argparse.Namespace) -> None:
 
 async def _record_robot(robot: Robot, arguments: argparse.Namespace, over: anyio.Event) -> None:
     """Record until `over` is set, the connection ends, or the maximum duration is reached."""
-    from rwt.nodes.recording.remote_recorder import RemoteRecorder
-
     url = url_of(arguments)
     if robot.types.distro is None:
         raise CommandError(f"rosapi does not answer at {url}: start it on the robot to list its topics")
-    writer = RecordingWriter(
-        arguments.output,
-        robot.types.registry.distro,
-        arguments.encoding,
-        compression=arguments.compression,
-        split=arguments.split,
-        overwrite=arguments.overwrite,
+    options = RecordingOptions(
+        arguments.encoding, arguments.compression, arguments.split, arguments.overwrite
     )
+    writer = options.writer(arguments.output, robot.types.registry.distro)
     topics = TopicSelection(
         tuple(arguments.topics), tuple(arguments.exclude), arguments.services, arguments.actions
     )
-    recorder = RemoteRecorder(robot, writer, topics, arguments.encoding, _latched(arguments.latched))
+    latched = TopicSelection(tuple(arguments.latched), services=True, actions=True)
+    recorder = Recorder(robot, writer, topics, options, offered_qos=partial(_offered_qos, latched))
     try:
-        await recorder.poll()
+        await _look(recorder)
         note(f"recording {url} to {writer.paths[0]}")
         robot.on_event(lambda event: over.set() if event.kind == "closed" else None)
         if not robot.connected and arguments.no_reconnect:
@@ -230,19 +230,25 @@ async def _record_robot(robot: Robot, arguments: argparse.Namespace, over: anyio
         with anyio.move_on_after(arguments.max_seconds):
             await _keep_looking(recorder, over)
     finally:
-        recorder.close()
+        recorder.stop()
         with anyio.CancelScope(shield=True):
             await anyio.to_thread.run_sync(_finish, writer, arguments.verbose)
 
 
-def _latched(patterns: list[str]) -> Callable[[str], bool]:
-    """Return the predicate of `--latched`, which without patterns matches nothing."""
-    if not patterns:
-        return lambda _: False
-    return TopicSelection(tuple(patterns), services=True, actions=True).takes
+def _offered_qos(latched: TopicSelection, topic: str) -> tuple[QoS, ...] | None:
+    """Return the QoS of a topic that matches `--latched`; None for any other."""
+    return (KEPT,) if latched.topics and latched.takes(topic) else None
 
 
-async def _keep_looking(recorder: RemoteRecorder, over: anyio.Event) -> None:
+async def _look(recorder: Recorder) -> None:
+    """Record the topics that are new; no-op while there is no connection."""
+    from rwt_client import ConnectionLost
+
+    with suppress(ConnectionLost):
+        await recorder.look()
+
+
+async def _keep_looking(recorder: Recorder, over: anyio.Event) -> None:
     """Poll for new topics and print the progress until `over` is set or writing fails."""
     from rwt_participant.errors import RobotError
 
@@ -253,7 +259,7 @@ async def _keep_looking(recorder: RemoteRecorder, over: anyio.Event) -> None:
             return
         progress.print(recorder.topics)
         try:
-            await recorder.poll()
+            await _look(recorder)
         except RobotError as error:
             logger.warning("the robot does not list its topics: %s", error)
 

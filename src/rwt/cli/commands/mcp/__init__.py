@@ -96,7 +96,6 @@ class CommandHost:
     def __init__(self, robot: Robot, settings: McpSettings, *, acts: bool) -> None:
         import logging
 
-        from rwt.cli.commands.mcp.remote_robot import RemoteRobot
         from rwt.composition.recordings import RecordingFolder
         from rwt.gateways.mcp.approvals import Questions
         from rwt.gateways.mcp.goals import GoalTable
@@ -104,7 +103,7 @@ class CommandHost:
 
         self.questions = Questions()
         self._log = logging.getLogger("rwt.gateways.mcp.audit")
-        self._robot = RemoteRobot(robot)
+        self._robot = robot
         self._settings = settings
         every: tuple[Act, ...] = ("publish", "call", "goals", "set_param")
         self._acts: frozenset[Act] = frozenset(every) if acts else frozenset()
@@ -116,7 +115,10 @@ class CommandHost:
     async def agent(
         self, context: ServerRequestContext[Any, Any], allow: Allow | None = None
     ) -> AsyncIterator[Agent]:
-        """Return the only agent."""
+        """Yield the only agent."""
+        from functools import partial
+
+        from rwt.cli.commands.mcp.checked_publisher import CheckedPublisher, take_lease
         from rwt.gateways.mcp.agent import Agent
 
         yield Agent(
@@ -129,6 +131,8 @@ class CommandHost:
             charge=_count_nothing,
             sees=_sees_all,
             how_to_act="start `rwt mcp` with --act",
+            advertise=partial(CheckedPublisher, self._robot),
+            lease_seconds=partial(take_lease, self._robot),
             recordings=self._recordings,
         )
 
@@ -147,7 +151,7 @@ class CommandHost:
 
     def monotonic(self) -> float:
         """Return seconds of a monotonic clock."""
-        return self._robot.monotonic()
+        return self._robot.clock.monotonic()
 
 
 async def _in_thread(work: Callable[[], Answer]) -> Answer:

@@ -19,9 +19,9 @@ from rwt.cli.verbs import Arguments, Verb, count, count_or_none, hertz
 if TYPE_CHECKING:
     from rwt.cli.console.yaml_text import YamlValue
     from rwt_client import Robot
-    from rwt_client.endpoints.raw_subscription import RawMessage
     from rwt_client.robot import SubscribeKeywords
     from rwt_interfaces.structs import MessageType
+    from rwt_participant.messages import RawMessage
 
 _USUAL_LENGTH: Final = 128
 _MOST_WAITING: Final = 100

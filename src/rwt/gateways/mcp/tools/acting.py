@@ -53,8 +53,8 @@ async def _publish(agent: Agent, asked: PublishArguments) -> Answer:
     await agent.confirm(
         "publish", asked.topic, f"publish {as_text(asked.message)} on {asked.topic}{for_long}"
     )
-    async with agent.robot.advertise(asked.topic, type) as publisher:
-        lease = await agent.robot.take_lease(asked.topic)
+    async with agent.advertise(asked.topic, type) as publisher:
+        lease = await agent.lease_seconds(asked.topic)
         if lease is not None and seconds > lease:
             # It is this side that would publish, and cannot tell an agent that has died from one that waits.
             raise ToolError(
@@ -86,7 +86,7 @@ async def _publish_first(agent: Agent, publisher: Publisher, asked: PublishArgum
     try:
         publisher.publish(asked.message)
     except AccessError:
-        if not await agent.robot.pass_gate(asked.seconds):
+        if not await agent.pass_gate(asked.seconds):
             raise
         publisher.publish(asked.message)
 
@@ -96,16 +96,16 @@ async def _publish_for(
 ) -> int:
     """Publish again and again, after the first time; whatever ends it, the stop message is the last."""
     robot = agent.robot
-    began, count, told = robot.monotonic(), 1, 0
+    began, count, told = robot.clock.monotonic(), 1, 0
     try:
-        await robot.sleep(min(1 / asked.rate, seconds))
-        while (gone := robot.monotonic() - began) < seconds:
+        await robot.clock.sleep(min(1 / asked.rate, seconds))
+        while (gone := robot.clock.monotonic() - began) < seconds:
             publisher.publish(asked.message)
             count += 1
             if int(gone) > told:
                 told = int(gone)
                 await agent.report_progress(gone, seconds, f"published {count} messages on {publisher.name}")
-            await robot.sleep(min(1 / asked.rate, max(0.0, seconds - gone)))
+            await robot.clock.sleep(min(1 / asked.rate, max(0.0, seconds - gone)))
     finally:
         if stop is not None:
             publisher.publish(stop)
@@ -134,7 +134,7 @@ class CallServiceArguments(Arguments):
 async def _call_service(agent: Agent, asked: CallServiceArguments) -> Answer:
     timeout = agent.bounded_seconds(asked.timeout, "timeout")
     await agent.confirm("call", asked.service, f"call {asked.service} with {as_text(asked.request)}")
-    response = await agent.robot.call(asked.service, asked.request, timeout)
+    response = await agent.robot.call(asked.service, asked.request, timeout=timeout)
     return await agent.show(response, "")
 
 

@@ -10,7 +10,7 @@ from pydantic import Field
 from rwt.gateways.mcp.content.answer import Answer, as_text, bounded
 from rwt.gateways.mcp.content.plain import plain
 from rwt.gateways.mcp.errors import ToolError
-from rwt.gateways.mcp.goals import SentGoal
+from rwt.gateways.mcp.goals import AgentGoal
 from rwt.gateways.mcp.tools.acting import Fields
 from rwt.gateways.mcp.tools.tool import Arguments, Name, Seconds, Tool
 from rwt_interfaces.structs import ActionType
@@ -44,8 +44,8 @@ async def _send_goal(agent: Agent, asked: SendGoalArguments) -> Answer:
     type = await _type_of(agent, asked.action)
     await agent.confirm("goals", asked.action, f"send the goal {as_text(asked.goal)} to {asked.action}")
     agent.goals.check_room(agent.owner)
-    sent = SentGoal(agent.owner, type.result.name, type.feedback.name)
-    goal = await agent.robot.send_goal(asked.action, asked.goal, sent.take_feedback)
+    sent = AgentGoal(agent.owner, type.result.name, type.feedback.name)
+    goal = await agent.robot.send_goal(asked.action, asked.goal, on_feedback=sent.take_feedback)
     sent.goal = goal
     agent.goals.add(goal.id, sent)
     return await _follow(agent, sent, goal, patience, cancel=True)
@@ -64,13 +64,13 @@ async def _type_of(agent: Agent, action: str) -> ActionType:
     return found
 
 
-async def _follow(agent: Agent, sent: SentGoal, goal: Goal, patience: float, *, cancel: bool) -> Answer:
+async def _follow(agent: Agent, sent: AgentGoal, goal: Goal, patience: float, *, cancel: bool) -> Answer:
     """Wait for the end of a goal and report how far it has come. Whoever hears nothing more of it, as after a
     cancelled request, has it end too."""
-    robot, began, told = agent.robot, agent.robot.monotonic(), 0
+    robot, began, told = agent.robot, agent.robot.clock.monotonic(), 0
     try:
         while True:
-            left = patience - (robot.monotonic() - began)
+            left = patience - (robot.clock.monotonic() - began)
             try:
                 status, result = await goal.result(max(0.0, min(_REPORT_EVERY, left)))
                 break
@@ -79,10 +79,10 @@ async def _follow(agent: Agent, sent: SentGoal, goal: Goal, patience: float, *, 
                     return await _still_running(agent, sent, goal)
                 if sent.reports > told:
                     told = sent.reports
-                    await agent.report_progress(robot.monotonic() - began, None, _brief(sent.feedback))
+                    await agent.report_progress(robot.clock.monotonic() - began, None, _brief(sent.feedback))
     except anyio.get_cancelled_exc_class():
         if cancel:
-            robot.cancel_goal(goal)
+            robot.cancel_goal(goal.action, goal.id)
         raise
     except BaseException:
         if goal.done:
@@ -100,7 +100,7 @@ def _brief(message: Message | None) -> str:
     return "" if message is None else as_text(plain(message))[:500]
 
 
-async def _still_running(agent: Agent, sent: SentGoal, goal: Goal) -> Answer:
+async def _still_running(agent: Agent, sent: AgentGoal, goal: Goal) -> Answer:
     how = (
         f"the goal is {goal.status.name.lower()}, and goes on. goal_id: {goal.id}. Use `check_goal` to wait"
         " for its end, or `cancel_goal` to end it."
@@ -135,7 +135,7 @@ async def _check_goal(agent: Agent, asked: CheckGoalArguments) -> Answer:
     return await _follow(agent, sent, goal, patience, cancel=False)
 
 
-def _found(agent: Agent, id: str) -> tuple[SentGoal, Goal]:
+def _found(agent: Agent, id: str) -> tuple[AgentGoal, Goal]:
     sent = agent.goals.find(agent.owner, id)
     if sent.goal is None:
         raise ToolError(f"the goal {id} is being sent: ask again")
@@ -162,7 +162,7 @@ class CancelGoalArguments(Arguments):
 async def _cancel_goal(agent: Agent, asked: CancelGoalArguments) -> Answer:
     sent, goal = _found(agent, asked.goal_id)
     if not goal.done:
-        agent.robot.cancel_goal(goal)
+        agent.robot.cancel_goal(goal.action, goal.id)
     try:
         return await _follow(agent, sent, goal, _CANCEL_SECONDS, cancel=False)
     except ToolError as error:

@@ -16,7 +16,7 @@ from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 
 if TYPE_CHECKING:
     from rwt.gateways.mcp.agent import Agent
-    from rwt.gateways.mcp.robot import Named
+    from rwt_participant.api import Listed
 
 Kind = Literal["topics", "services", "actions", "parameters"]
 
@@ -77,11 +77,11 @@ def _fits(name: str, asked: ListRobotArguments) -> bool:
     return asked.plumbing or not any(fnmatch.fnmatchcase(name, glob) for glob in _PLUMBING)
 
 
-def _row(each: Named) -> str:
+def _row(each: Listed) -> str:
     """One line: the name, the type, and who publishes and listens."""
-    if each.publishers is None:
+    if each.publishers is None or each.subscribers is None:
         return f"{each.name} [{each.type}]" if each.type else each.name
-    ends = f"{each.publishers} publishing, {each.subscribers} listening"
+    ends = f"{len(each.publishers)} publishing, {len(each.subscribers)} listening"
     return f"{each.name} [{each.type or 'no type yet'}] ({ends})"
 
 

@@ -61,7 +61,7 @@ async def next_message(agent: Agent, topic: str, seconds: float) -> tuple[Messag
             came.set()
 
     async with agent.robot.subscribe(topic, take, type):
-        with agent.robot.within(patience):
+        with agent.robot.clock.within(patience):
             await came.wait()
     if not found:
         raise ToolError(
@@ -110,7 +110,7 @@ class WatchNumbersArguments(Arguments):
 async def _watch_numbers(agent: Agent, asked: WatchNumbersArguments) -> Answer:
     type = (await agent.robot.type_of(asked.topic)).name
     seconds = agent.bounded_seconds(asked.seconds, "seconds")
-    began = agent.robot.monotonic()
+    began = agent.robot.clock.monotonic()
     times: list[float] = []
     values: dict[str, list[float]] = {path: [] for path in asked.fields}
     wrong: list[ToolError] = []
@@ -118,7 +118,7 @@ async def _watch_numbers(agent: Agent, asked: WatchNumbersArguments) -> Answer:
     def take(message: Message) -> None:
         if len(times) >= _MOST_MESSAGES or wrong:
             return
-        times.append(agent.robot.monotonic() - began)
+        times.append(agent.robot.clock.monotonic() - began)
         try:
             found = {path: _number(message, path) for path in asked.fields}
         except ToolError as error:
@@ -128,7 +128,7 @@ async def _watch_numbers(agent: Agent, asked: WatchNumbersArguments) -> Answer:
             values.setdefault(path, []).append(value)
 
     async with agent.robot.subscribe(asked.topic, take, type):
-        await agent.robot.sleep(seconds)
+        await agent.robot.clock.sleep(seconds)
     if wrong:
         raise wrong[0]
     if not times:
@@ -212,7 +212,7 @@ async def _wait_for(agent: Agent, asked: WaitForArguments) -> Answer:
     type = (await agent.robot.type_of(asked.topic)).name
     patience = agent.bounded_seconds(asked.timeout, "timeout")
     compare = _COMPARE[asked.comparison]
-    began = agent.robot.monotonic()
+    began = agent.robot.clock.monotonic()
     last: list[object] = []
     outcome: list[float | ToolError] = []
     ended = anyio.Event()
@@ -236,11 +236,11 @@ async def _wait_for(agent: Agent, asked: WaitForArguments) -> Answer:
         else:
             if not holds:
                 return
-            outcome.append(agent.robot.monotonic() - began)
+            outcome.append(agent.robot.clock.monotonic() - began)
         ended.set()
 
     async with agent.robot.subscribe(asked.topic, take, type):
-        with agent.robot.within(patience):
+        with agent.robot.clock.within(patience):
             await ended.wait()
     seen = as_text(plain(last[0]))[:1000] if last else "nothing: no message came"
     condition = f"{asked.field} {asked.comparison} {asked.value!r}"

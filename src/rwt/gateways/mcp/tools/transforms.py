@@ -25,7 +25,7 @@ async def _list_frames(agent: Agent, asked: ListFramesArguments) -> Answer:
     seconds = agent.bounded_seconds(asked.seconds, "seconds")
     transforms = agent.robot.tf
     await transforms.start()
-    await agent.robot.sleep(seconds)
+    await agent.robot.clock.sleep(seconds)
     text = transforms.buffer.tree() or f"no transform came on /tf or /tf_static within {seconds:g} s"
     return (bounded(text, agent.settings.result_bytes),)
 
