@@ -230,7 +230,7 @@ def test_a_command_with_options_and_verbs(stage: Path, capsys: pytest.CaptureFix
     assert main(["dance", "--times", "3", "waltz"]) == 0
     assert capsys.readouterr().out == "waltz 3\n"
     assert main(["faint"]) == 2
-    assert "`rwt faint` cannot be had: the entry point 'faint'" in capsys.readouterr().err
+    assert "`rwt faint` is not available: the entry point 'faint'" in capsys.readouterr().err
 
 
 def test_a_built_in_command_cannot_be_replaced(stage: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import sys
 from collections.abc import Iterator, Mapping
 from types import FrameType
@@ -225,7 +226,12 @@ def test_compiled_checks_equal_the_oracle(
             payload = Payload.from_json(ARM, text)
             assert payload.is_passthrough
             message = _decoded(json.loads(text))
-        assert _outcome(checks, motion, payload, now) == oracle.outcome(message, now)
+        assert _unsigned(_outcome(checks, motion, payload, now)) == _unsigned(oracle.outcome(message, now))
+
+
+def _unsigned(outcome: tuple[str, str]) -> tuple[str, ...]:
+    """Return the texts without the sign of zeros: which of two equal bounds wins is not specified."""
+    return tuple(re.sub(r"-(0(?:\.0)?)(?![\d.eE])", r"\1", text) for text in outcome)
 
 
 def _outcome(checks: FieldChecks, motion: Motion, payload: Payload, now: float) -> tuple[str, str]:
