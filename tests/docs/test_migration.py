@@ -107,7 +107,7 @@ def test_roslibpys_side_is_as_the_page_says(port: int) -> None:
     assert done.returncode == 0, done.stderr[-2000:]
     assert [line.partition(" -> ")[0] for line in done.stdout.splitlines()] == [row.wanted for row in rows()]
     said = dict(line.split(" -> ", 1) for line in done.stdout.splitlines())
-    assert (said["call a service"], said["ask a topic's type"]) == ("3", "'nav_msgs/msg/Odometry'")
+    assert (said["call a service"], said["get the type of a topic"]) == ("3", "'nav_msgs/msg/Odometry'")
 
 
 @pytest.mark.parametrize("row", rows(), ids=lambda row: row.wanted)
@@ -119,7 +119,7 @@ def test_our_side_does_it(row: Row, ours: Side) -> None:
 
 
 EXPECTED: dict[str, Any] = {
-    "ask whether it is connected": lambda value: value is True,
+    "check the connection": lambda value: value is True,
     "wait for one message": lambda value: value.info.width > 0,
     "call a service": lambda value: value == 3,
     "wait for its result": lambda value: value.succeeded and value.result.sequence == [0, 1, 1, 2],
@@ -127,16 +127,16 @@ EXPECTED: dict[str, Any] = {
     "list parameters": lambda value: "/demo_robot:max_speed" in value,
     "look up a transform": lambda value: len(value) == 3,
     "list topics": lambda value: "/odom" in value,
-    "ask a topic's type": lambda value: value == "nav_msgs/msg/Odometry",
+    "get the type of a topic": lambda value: value == "nav_msgs/msg/Odometry",
     "find topics by type": lambda value: value == ("/odom",),
     "list services": lambda value: "/add_two_ints" in value,
-    "ask a service's type": lambda value: value == "example_interfaces/srv/AddTwoInts",
+    "get the type of a service": lambda value: value == "example_interfaces/srv/AddTwoInts",
     "find services by type": lambda value: value == ("/add_two_ints",),
     "list nodes": lambda value: "/demo_robot" in value,
-    "ask about a node": lambda value: "/odom" in value.publishing,
-    "look at a message type": lambda value: value[0].name == "nav_msgs/Odometry",
+    "get the details of a node": lambda value: "/odom" in value.publishing,
+    "get the definition of a message type": lambda value: value[0].name == "nav_msgs/Odometry",
     "list actions": lambda value: "/fibonacci" in value,
-    "ask the time": lambda value: value > 1_600_000_000 * 10**9,
+    "get the time": lambda value: value > 1_600_000_000 * 10**9,
 }
 
 

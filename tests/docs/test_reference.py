@@ -86,11 +86,11 @@ def test_a_page_that_is_made_is_up_to_date(tool: str, name: str) -> None:
     assert _page(name) == module.page(), f"run python tools/generate_{tool}.py"
 
 
-def test_every_encoding_is_listed_and_the_strongest_is_named_first() -> None:
+def test_every_encoding_is_listed_by_precedence() -> None:
     page = _page("encodings.md")
     rows = re.findall(r"^\| `([\w-]+)` \| [^|]+ \| (text|binary) \|", page, re.MULTILINE)
     assert rows == [(encoding.name, "binary" if encoding.binary else "text") for encoding in SELECTABLE]
-    (order,) = re.findall(r"the strongest wins: ([^(]+) \(SUB-08\)", page)
+    (order,) = re.findall(r"the first of ([^(]+) applies \(SUB-08\)", page)
     strongest = sorted(SELECTABLE, key=lambda encoding: -encoding.precedence)
     assert re.findall(r"`([\w-]+)`", order) == [encoding.name for encoding in strongest]
 
