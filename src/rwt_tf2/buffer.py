@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import json
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from rwt_tf2 import listing
 from rwt_tf2.errors import (
     ConnectivityError,
     ExtrapolationError,
@@ -110,7 +110,7 @@ class Buffer:
             raise InvalidTransform(f"{parent} <- {child}: there are {MOST_FRAMES} frames already")
 
     def _check_loop(self, parent: str, child: str) -> None:
-        """Raise if the transform closes a loop. Only the path up from `parent` can: frames have one parent."""
+        """Raise if a transform closes a loop. Only the path up from `parent` can: a frame has one parent."""
         way, frame = [parent], parent
         while (track := self._tracks.get(frame)) is not None and frame != child:
             frame = track.latest.parent
@@ -255,15 +255,15 @@ class Buffer:
 
     def all_frames_as_yaml(self) -> str:
         """Return every frame with its parent, rate and times, in the format of tf2's `/tf2_frames`."""
-        return listing.as_yaml(self._tracks, self.cache_ns)
+        return _as_yaml(self._tracks, self.cache_ns)
 
     def all_frames_as_dot(self) -> str:
         """Return the tree as a graph for Graphviz."""
-        return listing.as_dot(self._tracks)
+        return _as_dot(self._tracks)
 
     def tree(self) -> str:
         """Return the tree as indented text."""
-        return listing.as_tree(self._tracks, self._names)
+        return _as_tree(self._tracks, self._names)
 
     # Paths
 
@@ -371,3 +371,60 @@ def _too_old(parent: str, child: str, stamp_ns: int, latest_ns: int, cache_ns: i
         f"{parent} <- {child} at {seconds(stamp_ns)} s is more than {cache_ns / NANOSECONDS:g} s older "
         f"than the latest, which is of {seconds(latest_ns)} s"
     )
+
+
+def _as_yaml(tracks: Mapping[str, Track], cache_ns: int) -> str:
+    if not tracks:
+        return "{}\n"
+    return "".join(_entry(child, tracks[child], cache_ns) for child in sorted(tracks))
+
+
+def _entry(child: str, track: Track, cache_ns: int) -> str:
+    length = 0 if track.is_static else min(track.latest_ns - track.earliest_ns, cache_ns)
+    return (
+        f"{_quoted(child)}:\n"
+        f"  parent: {_quoted(track.latest.parent)}\n"
+        f"  static: {'true' if track.is_static else 'false'}\n"
+        f"  rate: {track.rate():.3f}\n"
+        f"  most_recent_transform: {seconds(track.latest_ns)}\n"
+        f"  oldest_transform: {seconds(track.earliest_ns)}\n"
+        f"  buffer_length: {length / NANOSECONDS:.3f}\n"
+    )
+
+
+def _quoted(name: str) -> str:
+    # Frame names may be any string; YAML and Graphviz both read JSON strings.
+    return json.dumps(name, ensure_ascii=False)
+
+
+def _as_dot(tracks: Mapping[str, Track]) -> str:
+    arrows = (
+        f"  {_quoted(track.latest.parent)} -> {_quoted(child)} [label={_quoted(_label(track))}];\n"
+        for child, track in sorted(tracks.items())
+    )
+    return f"digraph frames {{\n{''.join(arrows)}}}\n"
+
+
+def _as_tree(tracks: Mapping[str, Track], names: Collection[str]) -> str:
+    children: dict[str, list[str]] = {}
+    for child in sorted(tracks):
+        children.setdefault(tracks[child].latest.parent, []).append(child)
+    waiting = [(root, "", "") for root in sorted(set(names) - set(tracks), reverse=True)]
+    lines = []
+    while waiting:
+        frame, before, indent = waiting.pop()
+        track = tracks.get(frame)
+        lines.append(f"{before}{frame}" + ("\n" if track is None else f" ({_label(track)})\n"))
+        below = children.get(frame, [])
+        waiting.extend(
+            (child, f"{indent}{'└─ ' if last else '├─ '}", f"{indent}{'   ' if last else '│  '}")
+            for child, last in zip(reversed(below), (True, *(False,) * len(below)), strict=False)
+        )
+    return "".join(lines)
+
+
+def _label(track: Track) -> str:
+    if track.is_static:
+        return "static"
+    rate = track.rate()
+    return f"{rate:.1f} Hz" if rate else "once"

@@ -34,7 +34,7 @@ class Transform:
 
     @classmethod
     def from_rpy(cls, translation: Vector, roll: float, pitch: float, yaw: float) -> Transform:
-        """Create a transform from angles around the fixed axes x, y, z in this order, radians (URDF's rpy)."""
+        """Return the transform of turns around the fixed axes x, y, z in this order, radians (URDF's rpy)."""
         return cls(translation, rotations.from_rpy(roll, pitch, yaw))
 
     def __matmul__(self, other: Transform) -> Transform:
