@@ -1,4 +1,4 @@
-"""`python -m rosbridge_conformance` runs the suite."""
+"""Entry point of `python -m rosbridge_conformance`."""
 
 from rosbridge_conformance.command import main
 

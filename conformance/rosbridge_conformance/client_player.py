@@ -1,4 +1,4 @@
-"""Playing the steps of one case as a server, against one client library in its program."""
+"""Player of one case as a server, against a client library in its program."""
 
 from __future__ import annotations
 

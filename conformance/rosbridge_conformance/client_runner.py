@@ -1,4 +1,4 @@
-"""Playing many cases against one client library: a few programs, and a listener for each case."""
+"""Runner of many cases against one client library: a few programs, and a listener for each case."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The command line of the suite."""
+"""Command line of the suite."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def _client_parser(prog: str) -> argparse.ArgumentParser:
 
 
 def _add_options(parser: argparse.ArgumentParser, targets: Sequence[str], cases: Path, *, jobs: int) -> None:
-    """What both runners take."""
+    """Add the options that both runners have."""
     add = parser.add_argument
     add("--target", metavar="FILE", help=f"what is declared: a TOML file, or one of {', '.join(targets)}")
     add(

@@ -1,4 +1,4 @@
-"""Playing the steps of one case against one server."""
+"""Player of one case against one server."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Played:
-    """How a case went: the fault if there was one, and what was let pass.
+    """Outcome of a case: the fault, if any, and what was tolerated.
 
     Attributes:
         unsupported: what the client library under test cannot do at all, or "".

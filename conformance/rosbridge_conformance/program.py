@@ -1,4 +1,4 @@
-"""The program around a client library: started as a child, told what to do by lines of JSON."""
+"""Program around a client library: a child process, controlled by lines of JSON."""
 
 from __future__ import annotations
 

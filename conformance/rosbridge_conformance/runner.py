@@ -1,4 +1,4 @@
-"""Playing many cases against one server or client library, and judging them."""
+"""Runner of many cases against one server or client library, and their verdicts."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _ASKED_AGAIN = 20
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """How one case went.
+    """Result of one case.
 
     Attributes:
         expected: why the target file says that it fails, or None.
@@ -53,12 +53,12 @@ class Result:
 
     @property
     def robustness(self) -> bool:
-        """Whether it is reported apart from conformance."""
+        """True if the case is reported separately from conformance."""
         return self.case.level == "HARDEN"
 
     @property
     def unexpected(self) -> bool:
-        """Whether it failed and nothing said that it would."""
+        """True if the case failed unexpectedly."""
         return self.verdict == "fail" and self.expected is None
 
 
@@ -78,7 +78,7 @@ class Run:
 
     @property
     def ok(self) -> bool:
-        """Whether nothing failed unexpectedly and no expectation is stale."""
+        """True if nothing failed unexpectedly and no expectation is stale."""
         return not self.stale and not any(result.unexpected for result in self.results)
 
 
@@ -115,7 +115,7 @@ class Conditions:
     outlives: bool = True
 
     def missing(self, case: Case) -> tuple[str, ...]:
-        """What the case needs of the wire and this one has not, in words."""
+        """Return what the case requires of the wire and this one lacks, as text."""
         several = len(case.clients) > 1
         first_leaves = any(isinstance(step, Close) and step.client == case.clients[0] for step in case.steps)
         lacks = (
@@ -126,7 +126,7 @@ class Conditions:
 
     @property
     def features(self) -> frozenset[str]:
-        """What the wire can do, as cases name it."""
+        """Features of the wire, by their names in cases."""
         return frozenset({self.framing, *(("several-clients",) if self.several_clients else ())})
 
 

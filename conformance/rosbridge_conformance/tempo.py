@@ -1,4 +1,4 @@
-"""How fast the server under test is, and how long its answers are waited for."""
+"""Speed of the server under test, and the timeouts that follow from it."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ LEAST_SETTLE = 0.1
 """Seconds until what one client did counts as seen by others, at the least."""
 
 SPREADS = 8.0
-"""What one client did is given so many times as long to be seen by others as it took at the beginning."""
+"""Factor from a client's own measured time to the time allowed until others see its effect."""
 
 _OF_LATE = 32
-"""How many signs of life are remembered."""
+"""Number of signs of life that are remembered."""
 
 _MEASURED = 40
-"""How many answers a measurement takes for cases that measure time."""
+"""Number of answers in a measurement, for cases that measure time."""
 
 _BURST = 100
-"""How many messages it sends at once before."""
+"""Number of messages sent at once before it."""
 
 _WHOLE_SECOND = 1.0
 """Seconds for an answer in a case that measures time; they are stretched with it."""
@@ -49,7 +49,7 @@ _EVERY = 0.02
 
 @dataclass(frozen=True, slots=True)
 class _Load:
-    """How busy a server is.
+    """Load of a server.
 
     Attributes:
         answer: seconds of the slowest of some answers.
@@ -60,7 +60,7 @@ class _Load:
     message: float
 
     def times(self, case: Case) -> float:
-        """How much longer than in its file the times of a case have to be."""
+        """Factor for the times of a case, relative to its file."""
         sent = sum(step.times for step in case.steps if isinstance(step, Send))
         return factor(max(self.answer, sent * self.message))
 
@@ -172,7 +172,7 @@ class Tempo:
         self._answers.extend(played.answers[1:])
 
     async def _measured(self) -> _Load:
-        """How busy the server is now."""
+        """Measure the current load of the server."""
         topic: dict[str, Json] = {"topic": "/@/beat", "type": "std_msgs/Int32"}
         steps: tuple[Step, ...] = (
             Send("a", "json", {"op": "advertise", **topic}),

@@ -1,6 +1,6 @@
-"""The front door: an assembled server, and the few names that most programs need.
+"""Public API: an assembled server, and the names that most programs need.
 
-Nothing is imported before its name is used.
+Each name is imported on first use.
 """
 
 from __future__ import annotations
@@ -170,12 +170,12 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    """Import a name when it is first used."""
+    """Import a name on first use."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(_HOMES[name]), name)
 
 
 def __dir__() -> list[str]:
-    """The names for completion, imported or not."""
+    """Return all public names, for completion."""
     return sorted({*globals(), *__all__})

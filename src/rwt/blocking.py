@@ -1,4 +1,4 @@
-"""A server for programs without an event loop: it runs in a thread, and its node's methods wait."""
+"""Server for programs without an event loop: it runs in a thread, and its node's methods block."""
 
 from __future__ import annotations
 
@@ -21,32 +21,32 @@ if TYPE_CHECKING:
     from rwt_graph.nodes.node import Node
 
 Loop = Literal["asyncio", "trio", "uvloop"]
-"""Event loops that a server can be given where the program has none."""
+"""Event loops that the server can start."""
 
 LOOPS: Final[dict[Loop, tuple[str, dict[str, bool]]]] = {
     "asyncio": ("asyncio", {}),
     "trio": ("trio", {}),
     "uvloop": ("asyncio", {"use_uvloop": True}),
 }
-"""Backend and options of each, for :func:`anyio.run`."""
+"""Backend and options for :func:`anyio.run`."""
 
-_LOOK_SECONDS: Final = 1.0
-"""Some systems deliver Ctrl-C to a thread that waits only when its wait has ended."""
+_WAIT_SECONDS: Final = 1.0
+"""Maximum duration of one wait: some systems deliver Ctrl-C to a waiting thread only after it."""
 
 
 def exit_of(error: BaseException) -> BaseException:
-    """What a handler has ended the event loop with, out of the groups that tasks put around it."""
+    """Return the error that ended the event loop, without the exception groups of tasks."""
     while isinstance(error, BaseExceptionGroup):
         error = error.exceptions[0]
     return error
 
 
 class ServerThread:
-    """A server on an event loop in a thread of its own, within a block.
+    """Context in which a server runs on an event loop in its own thread.
 
     Args:
-        server: what is entered there.
-        loop: which event loop.
+        server: server to enter.
+        loop: event loop to start.
     """
 
     def __init__(self, server: Server, loop: Loop) -> None:
@@ -56,7 +56,7 @@ class ServerThread:
         self._stop: Future[None] = Future()
         self._ended = threading.Event()
         self._failure: BaseException | None = None
-        # A program whose main thread has died is not kept alive.
+        # Daemon: must not keep the program alive after its main thread.
         self._thread = threading.Thread(target=self._run, name="rwt server", daemon=True)
 
     def __enter__(self) -> Self:
@@ -70,21 +70,21 @@ class ServerThread:
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         self._leave()
-        # What failed for want of the loop is no news: what ended the loop is.
+        # NotRunning in the block is a consequence: raise the cause instead.
         if self._failure is not None and (error is None or isinstance(error, NotRunning)):
             raise self._what_ended_it() from self._failure
 
     def wait(self) -> None:
-        """Wait until there is nobody to serve, see :meth:`Server.ended`.
+        """Wait for the end of the service, see :meth:`Server.ended`.
 
         Raises:
             WrongThread: called in a callback.
-            SystemExit: raised in a callback; it has ended the loop.
-            ServerError: something else has ended the loop.
+            SystemExit: raised by a callback, which ended the loop.
+            ServerError: the loop ended for another reason.
         """
         if threading.current_thread() is self._thread:
             raise WrongThread("a blocking call on the server's own thread would wait for itself")
-        while not self._ended.wait(_LOOK_SECONDS):
+        while not self._ended.wait(_WAIT_SECONDS):
             pass
         if self._failure is not None:
             raise self._what_ended_it() from self._failure
@@ -115,7 +115,7 @@ class ServerThread:
         call_soon = call_soon_threadsafe()
 
         def leave(_: Future[None]) -> None:
-            with contextlib.suppress(RuntimeError):  # The loop has ended by itself.
+            with contextlib.suppress(RuntimeError):  # The loop has already ended.
                 call_soon(stop.set)
 
         self._stop.add_done_callback(leave)
@@ -126,7 +126,7 @@ class ServerThread:
                 await stop.wait()
                 tasks.cancel_scope.cancel()
         except BaseException as error:
-            # Kept, also what cancels the last task of a loop that ends, which nobody could take any more.
+            # Do not raise: the cancellation of a loop's last task could not be handled any more.
             self._failure = error
 
     async def _watch_end(self) -> None:
@@ -135,10 +135,10 @@ class ServerThread:
 
 
 class BlockingNode(node.BlockingGraphNode):
-    """A node whose verbs wait, in the graph of a server of its own; see :class:`rwt_graph.Node`.
+    """Node with blocking methods, in the graph of its own server; see :class:`rwt_graph.Node`.
 
     Attributes:
-        server: the server whose graph it is in.
+        server: server of the graph.
     """
 
     def __init__(self, inner: Node, server: Server, thread: ServerThread) -> None:
@@ -147,13 +147,12 @@ class BlockingNode(node.BlockingGraphNode):
         self._thread = thread
 
     def spin(self) -> None:
-        """Say where the server listens, and wait until Ctrl-C is pressed, SIGTERM comes, or the server has
-        ended (see :meth:`Server.ended`).
+        """Announce the server, and wait for Ctrl-C, SIGTERM or the end of the service (:meth:`Server.ended`).
 
         Raises:
             WrongThread: called in a callback, on the graph's own thread.
             SystemExit: raised by a callback.
-            ServerError: the server's event loop was lost.
+            ServerError: the server's event loop ended.
         """
         with contextlib.suppress(KeyboardInterrupt, Stopped):
             if not self._loop.here:

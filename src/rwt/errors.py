@@ -1,7 +1,7 @@
-"""What a server raises besides `SettingsError` and the errors of the rooms below."""
+"""Errors of a server besides `SettingsError` and the errors of the packages below."""
 
 from __future__ import annotations
 
 
 class ServerError(Exception):
-    """A server that was asked for rightly cannot go on; the text says what, where and what instead."""
+    """The server cannot continue, although its settings are valid; the text says why and what to do."""

@@ -1,4 +1,4 @@
-"""A server whose robot is a recording."""
+"""Server that plays a recording as its robot."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ if TYPE_CHECKING:
 
 
 class PlaybackServer(Server):
-    """Serves a recording as a robot: its messages at their times, on a clock that shows the recording's time.
+    """Plays the messages of a recording at their times, on a clock that shows the recording's time.
 
     Args:
-        recording: an open one (:func:`rwt.nodes.recording.open_recording`); it stays open while this runs.
-        urls: where to listen, as for :class:`Server`.
-        options: how it is played; it begins when clients can connect, unless it is `paused`.
-        stay: whether the server goes on at the recording's end, with what is kept for late joiners; else
-            :meth:`ended` returns then.
-        settings: as for :class:`Server`; the distribution is that of the recording.
+        recording: open recording (:func:`rwt.nodes.recording.open_recording`); must stay open.
+        urls: URLs to listen on, as for :class:`Server`.
+        options: options of the player. It starts when clients can connect, unless it is `paused`.
+        stay: True to keep serving at the end, with the retained messages; otherwise :meth:`ended` returns
+            then.
+        settings: as for :class:`Server`, with the distribution of the recording.
 
     Raises:
-        SettingsError: a setting or an option that cannot be used, or that contradicts the recording.
+        SettingsError: a setting or an option is invalid, or contradicts the recording.
     """
 
     def __init__(
@@ -51,11 +51,9 @@ class PlaybackServer(Server):
 
     @property
     def player(self) -> Player:
-        """What plays. Raises :exc:`NotRunning` before the server was entered."""
+        """Player of the recording. Raises :exc:`NotRunning` until the server is entered."""
         if self._player is None:
-            raise NotRunning(
-                "nothing plays yet: enter the server with `async with server:` or `with server:`"
-            )
+            raise NotRunning("no player yet: enter the server with `async with server:` or `with server:`")
         return self._player
 
     def _make_player(self, graph: Graph) -> Player:

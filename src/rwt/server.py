@@ -1,4 +1,4 @@
-"""The assembled server: a graph, the nodes in it, the rosbridge gateway, its listeners and its pages."""
+"""Server assembled from settings: graph, nodes, gateways, listeners and pages."""
 
 from __future__ import annotations
 
@@ -74,18 +74,17 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 Middleware = Callable[["Accept"], "Accept"]
-"""Stands between the transports and the bridge: is given the accept function of each listener, and returns
-the one to use."""
+"""Wraps the accept function of each listener."""
 
 Main = Callable[["Server"], Awaitable[object]] | Callable[["BlockingNode"], object]
-"""A robot's own program: a coroutine function on the server's event loop, or a plain function beside it."""
+"""Robot program: a coroutine function on the server's event loop, or a plain function beside it."""
 
 
 class HasRoles(Protocol):
     """Owner of clients whose roles may change while the server runs."""
 
     def reload_roles(self) -> None:
-        """Give each client the role that the settings give it now, and end what that does not allow."""
+        """Assign each client its role of the current settings, and withdraw what that does not allow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,59 +100,57 @@ class _Running:
 
 
 class Server:
-    """A robot graph and a rosbridge server in front of it, put together from settings.
+    """Robot graph with a rosbridge server, assembled from settings.
 
-    In a program with an event loop of its own (asyncio, trio, uvloop)::
+    With an event loop (asyncio, trio, uvloop)::
 
         async with Server("ws://127.0.0.1:9090") as server:
             robot = server.node("my_robot")
 
-    In one without, the server runs on a loop in a thread of its own, and what the block is given is a node
-    whose methods wait (:class:`BlockingNode`)::
+    Without one, the server runs in a thread, and the block gets a node with blocking methods
+    (:class:`BlockingNode`)::
 
         with Server("ws://127.0.0.1:9090") as robot:
             robot.publish("/battery", {"data": 12.6}, "std_msgs/Float32")
 
-    :meth:`run` serves until a signal comes. Leaving the block, or the signal, closes each client with code
-    1001. A server runs once.
+    :meth:`run` serves until a signal arrives. At the end, each client is closed with code 1001. A server runs
+    only once.
 
     Args:
-        urls: where to listen, for example ``ws://127.0.0.1:9090``, instead of the setting `listen`. The
-            schemes are those of :data:`rwt_transports.schemes.SCHEMES`; ``wss`` and ``tcps`` need the
-            settings `tls.certfile` and `tls.keyfile`.
-        settings: how it is; the defaults by default. Without a URL anywhere it listens on the default one,
-            or, with `dial.urls`, on none.
-        graph: a graph that exists, or what makes one, such as a class; else the setting `graph` decides. One
-            that runs already goes on running when the server ends.
-        registry: the interfaces of a graph that is made here; those of `distro` and `interfaces` by default.
-        clock: of a graph that is made here; the wall clock by default.
-        extra_nodes: each is called with the graph when it runs, before anybody can connect, and makes a node
-            that is closed with the server; what the node brings to HTTP is its attribute `http`.
-        gateways: the protocols beside rosbridge, in place of the setting `gateways`; ``[]`` for none. A name
-            is one that the setting takes; a function makes a gateway of your own, from the running graph and
-            the access rules (:class:`rwt.gateways.base.Gateway`). None leaves the setting as it is.
-        http: further pages, sections of the index page, and metrics.
-        mounts: ASGI apps of others by the path at which they are, such as ``{"/shop": app}``: HTTP, streams,
-            WebSocket without subprotocols, and lifespan. They make their own rules; the limits of the port
-            hold for them.
-        script: a ``.toml`` or ``.py`` file that says what a robot for tests does.
-        record: an MCAP file to which all topics are written.
-        introspection: whether calls and goals are published on topics, as ROS 2 can, and recorded with
-            `record`.
-        middleware: what stands between the transports and the bridge, for example to inject faults.
-        name: of the node that a ``with`` block is given.
-        loop: which event loop :meth:`run` and a ``with`` block start.
-        worker: the process that this is, of several with the same ports; :meth:`run` makes those.
-        reload: reads the settings again, for :meth:`reload`; by default the same settings are used, and only
-            the files that they name are read again.
-        changes: settings by name, instead of those in `settings`: ``Server(demo=True, distro="noetic")``.
+        urls: URLs to listen on, for example ``ws://127.0.0.1:9090``, instead of the setting `listen`. See
+            :data:`rwt_transports.schemes.SCHEMES`; ``wss`` and ``tcps`` require `tls.certfile` and
+            `tls.keyfile`.
+        settings: settings of the server. Without any URL it listens on the default one, or, with
+            `dial.urls`, on none.
+        graph: existing graph, or a factory such as a class; default: a graph according to the setting
+            `graph`. A graph that already runs keeps running when the server ends.
+        registry: interfaces of a new graph; default: those of `distro` and `interfaces`.
+        clock: clock of a new graph; default: the wall clock.
+        extra_nodes: factories, called with the running graph before clients can connect. Each returns a node,
+            which is closed with the server; its attribute `http`, if any, adds pages.
+        gateways: gateways of other protocols on the same port, instead of the setting `gateways`. Each is a
+            name, or a factory called with the running graph and the access rules
+            (:class:`rwt.gateways.base.Gateway`). ``[]`` for none; None for the setting.
+        http: additional pages, sections of the index page, and metrics.
+        mounts: ASGI apps by path, such as ``{"/shop": app}``: HTTP, streams, WebSocket without subprotocols,
+            and lifespan. Access rules do not apply to them; the limits of the port do.
+        script: ``.toml`` or ``.py`` file of a scripted robot.
+        record: MCAP file to which all topics are recorded.
+        introspection: True to publish calls and goals on topics, as in ROS 2, and record them with `record`.
+        middleware: layer between the transports and the bridge, for example to inject faults.
+        name: name of the node that a ``with`` block gets.
+        loop: event loop that :meth:`run` and a ``with`` block start.
+        worker: context of this worker process; set by :meth:`run`.
+        reload: reads the settings again for :meth:`reload`; default: only the files that the settings name
+            are read again.
+        changes: settings by name, overriding `settings`: ``Server(demo=True, distro="noetic")``.
 
     Attributes:
-        settings: all of them, with `urls` and `changes`.
+        settings: effective settings, including `urls` and `changes`.
 
     Raises:
-        SettingsError: a setting or an argument that cannot be used, or that contradicts another.
-        GraphError: the options of Zenoh cannot be used.
+        SettingsError: a setting or an argument is invalid, or contradicts another.
+        GraphError: the options of Zenoh are invalid.
         BadUrl: one of `dial.urls` is not the URL of a hub.
     """
 
@@ -241,7 +238,7 @@ class Server:
 
     @cached_property
     def graph(self) -> Graph:
-        """The robot graph; it runs while the server does, and nodes may join it before."""
+        """Robot graph. It runs while the server does; nodes may join before."""
         settings = self.settings
         if settings.workers > 1 and self._worker is None:
             raise SettingsError(
@@ -260,10 +257,10 @@ class Server:
         return make_graph(settings, given, self._registry, self._clock, self._worker)
 
     def node(self, name: str, namespace: str = "/") -> Node:
-        """A node in the graph, for a program on the server's event loop, or for one that has not started it.
+        """Return a node in the graph, for a program on the server's event loop, or before the server starts.
 
         Raises:
-            InvalidGraphName: the name or the namespace is not one that ROS allows.
+            InvalidGraphName: the name or the namespace is not valid in ROS.
         """
         return Node(self.graph, name, namespace)
 
@@ -276,35 +273,33 @@ class Server:
 
     @property
     def urls(self) -> tuple[str, ...]:
-        """Where it listens, with the ports it has got. Raises :exc:`NotRunning` where it does not."""
+        """URLs at which the server listens, with the actual ports. Raises :exc:`NotRunning`."""
         return tuple(listener.url for listener in self._while_running.listeners)
 
     @property
     def bridge(self) -> Bridge:
-        """The rosbridge clients. Raises :exc:`NotRunning` while it does not run."""
+        """Rosbridge gateway. Raises :exc:`NotRunning`."""
         return self._while_running.bridge
 
     @property
     def dials(self) -> tuple[RelayStatus, ...]:
-        """Status of each connection to a hub (`dial.urls`). Raises :exc:`NotRunning` if it does not run."""
+        """Status of each dial-out (`dial.urls`). Raises :exc:`NotRunning`."""
         return tuple(self._while_running.metrics.dials)
 
     @property
     def metrics(self) -> ServerMetrics:
-        """Metrics of the server. Raises :exc:`NotRunning` while it does not run."""
+        """Metrics of the server. Raises :exc:`NotRunning`."""
         return self._while_running.metrics
 
     def asgi(self) -> AsgiApplication:
-        """The server as an ASGI application: HTTP, server-sent events and WebSocket, for any ASGI server, or
-        for an app to mount below a path.
+        """Return the server as an ASGI application (HTTP, server-sent events and WebSocket).
 
-        It then listens on no port but those that it was given by URL. An ASGI server that runs it as the
-        whole app starts and stops it by the lifespan protocol; an app that mounts it enters the server in its
-        own lifespan, with ``async with``.
+        An ASGI server that runs it as the whole app starts and stops it by the lifespan protocol. An app that
+        mounts it below a path enters the server in its own lifespan, with ``async with``. The server itself
+        listens only on URLs that were passed to it.
 
         Raises:
-            SettingsError: the server runs already, or has several worker processes, which is for the ASGI
-                server to do.
+            SettingsError: the server already runs, or `workers` is not 1: use the ASGI server's own workers.
         """
         from rwt_transports.asgi import AsgiApplication  # Few servers are mounted in an app.
 
@@ -319,7 +314,7 @@ class Server:
         return self._app
 
     def _begin(self) -> AbstractAsyncContextManager[object]:
-        """Return what the lifespan of an app enters: the server, or nothing if it runs already."""
+        """Return the context that an app's lifespan enters; empty if the server already runs."""
         return nullcontext() if self.running else self
 
     @property
@@ -333,7 +328,7 @@ class Server:
         say: Callable[[str], None] | None = None,
         on_up: Callable[[Server], str] | None = None,
     ) -> None:
-        """Say that clients can connect, and where, unless it was said already; see :meth:`run`."""
+        """Announce once that clients can connect, and where; see :meth:`run`."""
         if not self._announced:
             self._announced = True
             (say or print_announcement)((on_up or listening)(self))
@@ -341,18 +336,18 @@ class Server:
                 tell(READY)
 
     def reload(self) -> None:
-        """Read certificate, tokens, roles, origins and the secret of rosauth again, as SIGHUP asks for.
+        """Reload certificate, tokens, roles, origins and the secret of rosauth, as on SIGHUP.
 
-        Connections are kept, but for clients that are not let in any more. The other settings stay as they
-        are until the server is started again. To be called on the server's event loop.
+        Clients stay connected unless they are no longer admitted. Other settings require a restart. Call on
+        the server's event loop.
 
         Raises:
-            SettingsError: something cannot be used; then all stays as it was.
-            NotRunning: it does not run.
+            SettingsError: a value is invalid; nothing has changed.
+            NotRunning: the server does not run.
         """
         running = self._while_running
         settings = self._read_settings()
-        server_tls(settings.tls)  # Raises before anything has changed.
+        server_tls(settings.tls)  # Raises before anything changes.
         running.bridge.access.reload(settings)
         running.bridge.reload_roles()
         for gateway in running.gateways:
@@ -372,11 +367,11 @@ class Server:
         tell(READY)
 
     async def ended(self) -> None:
-        """Wait until there is nobody to serve: the program at the other end of ``stdio:`` has closed it, or
-        the parent of this worker process has died. Without either this waits forever.
+        """Wait for the end of the service: the peer of ``stdio:`` has closed it, or the parent of this worker
+        process has died. Otherwise wait forever.
 
         Raises:
-            NotRunning: it does not run.
+            NotRunning: the server does not run.
         """
         async with anyio.create_task_group() as tasks:
 
@@ -389,7 +384,7 @@ class Server:
             await anyio.sleep_forever()
 
     def _ends(self) -> list[Callable[[], Awaitable[object]]]:
-        """Return functions that each wait for something that ends the server."""
+        """Return functions that wait for an end which the server does not cause."""
         ends: list[Callable[[], Awaitable[object]]] = [each.ended for each in self._while_running.listeners]
         if self._worker is not None:
             from rwt.workers.supervisor import parent_sentinel
@@ -488,7 +483,7 @@ class Server:
             yield from (AsgiMount(path, app) for path, app in self._mounts.items())
 
     def _warn_of_strangers(self, access: Access, listeners: Iterable[Listener]) -> None:
-        """Say that other machines reach a server which lets everybody do everything."""
+        """Warn if other machines can reach a server without authentication."""
         role = access.admission.default_role
         open_at = [each.url for each in listeners if not is_loopback_listener(each.url)]
         is_first = self._worker is None or self._worker.number == 1
@@ -500,7 +495,7 @@ class Server:
             )
 
     def _start_extra_nodes(self, stack: ExitStack) -> list[HttpExtension]:
-        """Start the program's own nodes; returns what they bring to HTTP."""
+        """Start the program's own nodes; return their HTTP extensions."""
         nodes = []
         for make in self._extra_nodes:
             nodes.append(node := make(self.graph))
@@ -530,29 +525,29 @@ class Server:
         on_up: Callable[[Server], str] | None = None,
         in_worker: InWorker | None = None,
     ) -> int:
-        """Serve until SIGINT or SIGTERM comes, or :meth:`ended`; with the setting `workers` by that many
-        processes, of which one that ends is started again.
+        """Serve until SIGINT, SIGTERM or :meth:`ended`, with as many processes as the setting `workers`.
+
+        A worker process that ends is restarted.
 
         Args:
-            main: the robot's own program; when it returns, the server ends. A coroutine function is given
-                this server, and runs on its event loop; a signal cancels it. A plain function is given a node
-                whose methods wait, and runs in the program's main thread with the server in another; a signal
-                raises an exception in it, at any point. Either way ``finally`` and ``with`` of the program
-                run before clients are disconnected. None serves and does nothing else.
-            announce: called with what `on_up` returns; prints it by default.
-            on_up: called when clients can connect, on the event loop; by default says where the server
-                listens. With workers each process calls it, and what the first returns is announced.
+            main: robot program; the server ends when it returns. A coroutine function gets this server and
+                runs on its event loop; a signal cancels it. A plain function gets a node with blocking
+                methods
+                and runs in the main thread, with the server in another; a signal raises an exception in it.
+                In both cases, ``finally`` and ``with`` run before clients are disconnected.
+            announce: called with the result of `on_up`; default: print it.
+            on_up: called on the event loop when clients can connect; default: return where the server
+                listens. Each worker calls it; the result of the first is announced.
             in_worker: called in each worker process with its number and a function that serves; returns the
-                exit code, and may set up the log before.
+                exit code. May set up logging first.
 
         Returns:
             The exit code for the program: 0, unless a worker process failed.
 
         Raises:
-            SettingsError: a file that the settings name cannot be used, or processes cannot share what is
-                asked.
-            TransportError: a URL that cannot be used, or a port that is taken.
-            GraphError: the graph cannot be joined with others.
+            SettingsError: a file in the settings is invalid, or the settings do not allow several processes.
+            TransportError: a URL is invalid, or a port is taken.
+            GraphError: the graph cannot connect to others.
             ServerError: the recording cannot be written.
         """
         if self.settings.workers > 1 and self._worker is None:
@@ -587,7 +582,7 @@ class Server:
         return 0
 
     def _as_worker(self, worker: WorkerContext, settings: Settings) -> Server:
-        """This server as one of several processes; what there can be only once is in the first."""
+        """Return this server as one of several processes; only the first runs what must exist once."""
         return Server(
             settings=settings,
             registry=self._registry,
@@ -636,13 +631,13 @@ def _is_coroutine_function(main: Main) -> TypeIs[Callable[[Server], Awaitable[ob
 
 
 def print_announcement(text: str) -> None:
-    """Print that a server is ready; on standard error where standard output belongs to the protocol."""
+    """Print an announcement; on standard error if standard output carries the protocol."""
     over_stdio = "listening on stdio:" in text.splitlines()
     print(text, flush=True, file=sys.stderr if over_stdio else sys.stdout)
 
 
 def listening(server: Server) -> str:
-    """Where a running server is reached: a line for each URL, and what to write on other machines."""
+    """Describe where a running server is reached: a line per URL, and the URLs for other machines."""
     lines = []
     for url in server.urls:
         lines.append(f"listening on {url}")
@@ -651,7 +646,7 @@ def listening(server: Server) -> str:
 
 
 def _from_other_machines(url: str) -> list[str]:
-    """A URL that stands for every address of this machine, with those that can be written instead."""
+    """Return the URLs for a URL that stands for every address of this machine."""
     scheme, _, rest = url.partition("://")
     host, _, port = rest.rpartition(":")
     if host not in ("0.0.0.0", "[::]"):
@@ -664,7 +659,7 @@ def _from_other_machines(url: str) -> list[str]:
 
 
 def _own_addresses(family: socket.AddressFamily) -> list[str]:
-    """Addresses of this machine in its networks, the one that leads out of them first."""
+    """Return the addresses of this machine, the one with a route to other networks first."""
     found = []
     with socket.socket(family, socket.SOCK_DGRAM) as probe, suppress(OSError):
         # Addresses for documentation (RFC 5737, RFC 3849): it sends nothing, and only looks for a route.

@@ -1,6 +1,6 @@
-"""Signals that end a program or ask it to read its files again, with what every system has.
+"""Signal handlers that stop a program or reload its files, on every system.
 
-Event loops have signal handlers of their own on some systems only; :func:`signal.signal` is everywhere.
+Uses :func:`signal.signal`, because event loops have signal handlers only on some systems.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 STOP_SIGNALS: Final = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name)
 )
-"""What asks a program to end: Ctrl-C, a supervisor such as systemd, and Ctrl-Break on Windows."""
+"""Signals that stop a program: Ctrl-C, a supervisor such as systemd, and Ctrl-Break on Windows."""
 
 HANGUP: Final[int | None] = getattr(signal, "SIGHUP", None)
-"""What asks a server to read its files again; None where there is no such signal."""
+"""Signal that reloads the files; None on systems without it."""
 
 
 class Stopped(SystemExit):
-    """A signal has asked a program without an event loop to end; its exit code is 0."""
+    """A signal has stopped a program without an event loop; its exit code is 0."""
 
     def __init__(self) -> None:
         super().__init__(0)
@@ -36,13 +36,13 @@ class Stopped(SystemExit):
 
 @contextmanager
 def on_signals(handlers: Mapping[int, Callable[[], object]]) -> Iterator[None]:
-    """Call plain functions on the running event loop when signals come, within the block.
+    """Call plain functions on the running event loop when signals arrive, within the block.
 
-    A signal to end is taken once: the same again does what it did before the block, so that a second Ctrl-C
-    ends what hangs. Outside of the program's main thread, which alone gets signals, nothing is called.
+    A stop signal is handled once: a second one has its previous effect, so that a second Ctrl-C ends a
+    program that hangs. No-op outside the main thread, the only one that receives signals.
 
     Args:
-        handlers: a function for each signal.
+        handlers: functions by signal.
     """
     call_soon = call_soon_threadsafe()
 
@@ -57,17 +57,17 @@ def on_signals(handlers: Mapping[int, Callable[[], object]]) -> Iterator[None]:
 
 @contextmanager
 def stopped_by_signals(on_hangup: Callable[[], object]) -> Iterator[None]:
-    """Raise :exc:`Stopped` in a program without an event loop when SIGTERM comes, within the block.
+    """Raise :exc:`Stopped` on SIGTERM within the block, in a program without an event loop.
 
-    Without it the program would end at once, and neither ``finally`` nor ``with`` would run. A program that
-    handles a signal itself goes on doing so. Ctrl-C raises :exc:`KeyboardInterrupt`, as it always does.
+    The exception runs ``finally`` and ``with`` before the program ends. Signals that the program handles
+    itself are left alone. Ctrl-C raises :exc:`KeyboardInterrupt` as usual.
 
     Args:
-        on_hangup: called when SIGHUP comes, between two steps of the main thread.
+        on_hangup: called on SIGHUP, in the main thread.
     """
 
     def stop(number: int, frame: FrameType | None) -> None:
-        signal.signal(number, signal.SIG_IGN)  # A second one must not interrupt the clean-up.
+        signal.signal(number, signal.SIG_IGN)  # A second signal must not interrupt the clean-up.
         raise Stopped
 
     def hang_up(number: int, frame: FrameType | None) -> None:
@@ -88,7 +88,7 @@ _Handler = Callable[[int, "FrameType | None"], None]
 
 @contextmanager
 def _handled(handlers: Mapping[int, _Handler]) -> Iterator[dict[int, _Handler | int | None]]:
-    """Install handlers within the block, in the main thread; gives those from before it."""
+    """Install handlers within the block, in the main thread; yield the previous ones."""
     if threading.current_thread() is not threading.main_thread():
         yield {}
         return
@@ -107,5 +107,5 @@ _STARTED_IN_TERMINAL: Final = sys.stderr is not None and os.isatty(2)
 
 
 def terminal_is_gone() -> bool:
-    """Whether this program was started in a terminal that has been closed since: SIGHUP then says so."""
+    """True if this program's terminal has been closed since the start, which also causes SIGHUP."""
     return _STARTED_IN_TERMINAL and not os.isatty(2)

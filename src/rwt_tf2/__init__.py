@@ -1,8 +1,7 @@
-"""Transforms over time, as ROS's tf2 keeps them: a tree of frames, and where each is seen from another.
+"""Transforms over time, like ROS's tf2: a tree of frames, and lookups between them.
 
-No input or output, and nothing of messages or graphs but the shapes of `geometry_msgs/TransformStamped` and
-`Quaternion`.
-Times are integers, nanoseconds; lengths are metres, angles radians, quaternions (x, y, z, w).
+Does no I/O. Of messages, it only knows the fields of `geometry_msgs/TransformStamped` and `Quaternion`.
+Times are integers in nanoseconds; lengths are metres, angles radians, quaternions (x, y, z, w).
 
 >>> buffer = Buffer()
 >>> buffer.set_transform(StampedTransform("map", "base_link", 1_000_000_000, Transform((1.0, 2.0, 0.0))))

@@ -1,12 +1,12 @@
-"""The buffer: a tree of frames over time, and the questions it answers."""
+"""Transform buffer: a tree of frames over time, with lookups."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import json
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from rwt_tf2 import listing
 from rwt_tf2.errors import (
     ConnectivityError,
     ExtrapolationError,
@@ -27,18 +27,18 @@ if TYPE_CHECKING:
 Track = History | Fixed
 
 CACHE_NS: Final = 10 * NANOSECONDS
-"""How long a transform is kept by default, as in tf2."""
+"""Default time for which a transform is retained, as in tf2; nanoseconds."""
 
 MOST_FRAMES: Final = 10_000
-"""More are refused: a stream of ever new names must not fill the memory."""
+"""Maximum number of frames: a stream of new names must not exhaust the memory."""
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Whether a transform can be had; true or false itself.
+    """Result of a check; true if the transform is available.
 
     Attributes:
-        reason: why not; empty if it can.
+        reason: reason why it is not; empty if it is.
     """
 
     reason: str = ""
@@ -49,7 +49,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class _Path:
-    """The way from a source up to the common ancestor, and from the target up to it."""
+    """Path from a source up to the common ancestor, and from the target up to it."""
 
     from_source: tuple[Track, ...]
     from_target: tuple[Track, ...]
@@ -58,11 +58,11 @@ class _Path:
 class Buffer:
     """Transforms of the last seconds, by frame.
 
-    Frames are named without a leading slash; one is removed wherever it stands (TFR-03). Times are integers,
-    nanoseconds. As in tf2 a time of 0 asks for the latest that all transforms on the way have; so does None.
+    A leading slash in a frame's name is ignored (TFR-03). Times are integers in nanoseconds. As in tf2, a
+    time of 0 (or None) asks for the latest time that all transforms on the path have.
 
     Args:
-        cache_ns: how long a transform is kept after a newer one of its frame has come.
+        cache_ns: nanoseconds for which a transform is retained after a newer one of its frame.
     """
 
     def __init__(self, cache_ns: int = CACHE_NS) -> None:
@@ -70,19 +70,19 @@ class Buffer:
         self._tracks: dict[str, Track] = {}
         self._names: set[str] = set()
 
-    # Filling
+    # Transforms
 
     def set_transform(self, stamped: StampedTransform, *, static: bool = False) -> None:
-        """Keep a transform.
+        """Add a transform.
 
-        A static one holds for all times, whatever its stamp. The kind of the last one that came wins: a frame
-        that was static and now moves, moves.
+        A static one is valid at all times, whatever its stamp. A frame that was static and gets a moving
+        transform becomes moving, and vice versa.
 
         Raises:
             InvalidTransform: an empty frame, a frame to itself, a number that is not finite, a rotation
-                that is not a unit quaternion, or too many frames; says which frame.
+                that is not a unit quaternion, or too many frames.
             LoopRefused: it would make a frame its own ancestor.
-            StaleTransform: it is older than what is kept of its frame.
+            StaleTransform: it is older than what is retained of its frame.
         """
         parent, child = bare(stamped.parent), bare(stamped.child)
         transform = checked(parent, child, stamped.transform)
@@ -110,7 +110,7 @@ class Buffer:
             raise InvalidTransform(f"{parent} <- {child}: there are {MOST_FRAMES} frames already")
 
     def _check_loop(self, parent: str, child: str) -> None:
-        """There are no loops yet, and one parent each: only the way up from `parent` can close one."""
+        """Raise if a transform closes a loop. Only the path up from `parent` can: a frame has one parent."""
         way, frame = [parent], parent
         while (track := self._tracks.get(frame)) is not None and frame != child:
             frame = track.latest.parent
@@ -120,29 +120,29 @@ class Buffer:
             raise LoopRefused(f"{parent} <- {child} would close a loop: {loop}")
 
     def clear(self) -> None:
-        """Forget what moves; static transforms stay, as in tf2."""
+        """Remove moving transforms; static ones stay, as in tf2."""
         self._tracks = {child: track for child, track in self._tracks.items() if track.is_static}
         self._names = set(self._tracks).union(track.latest.parent for track in self._tracks.values())
 
-    # Asking
+    # Lookups
 
     def lookup_transform(self, target: str, source: str, time_ns: int | None = None) -> StampedTransform:
-        """What takes points of `source` to `target`.
+        """Return the transform that converts points of `source` to `target`.
 
         Args:
-            time_ns: when; None or 0 for the latest common time.
+            time_ns: time; None or 0 for the latest common time.
 
         Returns:
-            `parent` is the target and `child` the source. `stamp_ns` is the time of the answer; 0 when
-            it only depends on static transforms and no time was asked for.
+            `parent` is the target and `child` the source. `stamp_ns` is the time of the transform; 0 if only
+            static transforms are involved and no time was given.
 
         Raises:
-            UnknownFrame: no transform has named one of them.
-            ConnectivityError: nothing joins them.
-            ExtrapolationError: the data does not reach that time.
+            UnknownFrame: one of the frames is unknown.
+            ConnectivityError: the frames are not connected.
+            ExtrapolationError: the data does not cover that time.
         """
         if bare(target) == bare(source):
-            # As in tf2: every frame is where it is, one that nobody has named, too.
+            # As in tf2: the identity, even for an unknown frame.
             frame = bare(target)
             return StampedTransform(frame, frame, time_ns or self._latest_of(frame), IDENTITY)
         target, source = self._known(target), self._known(source)
@@ -153,10 +153,10 @@ class Buffer:
     def lookup_transform_full(
         self, target: str, target_time_ns: int | None, source: str, source_time_ns: int | None, fixed: str
     ) -> StampedTransform:
-        """What takes points of `source` at one time to `target` at another.
+        """Return the transform that converts points of `source` at one time to `target` at another.
 
         Args:
-            fixed: the frame that is taken not to have moved between the two times.
+            fixed: frame that is assumed not to move between the two times.
 
         Raises:
             LookupFailed: as :meth:`lookup_transform`.
@@ -167,7 +167,7 @@ class Buffer:
         return StampedTransform(to_target.parent, from_source.child, to_target.stamp_ns, both)
 
     def lookup_many(self, target: str, source: str, times_ns: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-        """:meth:`lookup_transform` at many times at once.
+        """Look up transforms at many times at once.
 
         Returns:
             Translations of shape (N, 3) and rotations (x, y, z, w) of shape (N, 4).
@@ -180,23 +180,23 @@ class Buffer:
         return lookup_many(self, target, source, times_ns)
 
     def can_transform(self, target: str, source: str, time_ns: int | None = None) -> Verdict:
-        """Whether :meth:`lookup_transform` would answer, and why not."""
+        """Return whether :meth:`lookup_transform` would succeed, and the reason if not."""
         return _verdict(lambda: self.lookup_transform(target, source, time_ns))
 
     def can_transform_full(
         self, target: str, target_time_ns: int | None, source: str, source_time_ns: int | None, fixed: str
     ) -> Verdict:
-        """Whether :meth:`lookup_transform_full` would answer, and why not."""
+        """Return whether :meth:`lookup_transform_full` would succeed, and the reason if not."""
         return _verdict(
             lambda: self.lookup_transform_full(target, target_time_ns, source, source_time_ns, fixed)
         )
 
     def latest_common_time(self, target: str, source: str) -> int:
-        """The latest time that every transform on the way has; 0 when all are static.
+        """Return the latest time that every transform on the path has; 0 if all are static.
 
         Raises:
-            UnknownFrame: no transform has named one of them.
-            ConnectivityError: nothing joins them.
+            UnknownFrame: one of the frames is unknown.
+            ConnectivityError: the frames are not connected.
         """
         target, source = self._known(target), self._known(source)
         return self._latest_of(target) if target == source else self._latest_common_time(target, source)
@@ -204,7 +204,7 @@ class Buffer:
     def tracks_between(
         self, target: str, source: str, time_ns: int
     ) -> tuple[tuple[Track, ...], tuple[Track, ...]]:
-        """The frames' histories on the way up from the source and from the target, at some time.
+        """Return the histories on the path up from the source and up from the target, at some time.
 
         Raises:
             LookupFailed: as :meth:`lookup_transform`.
@@ -215,27 +215,27 @@ class Buffer:
     # The tree
 
     def has_frame(self, frame: str) -> bool:
-        """Whether a transform has named it."""
+        """True if the frame is known."""
         return bare(frame) in self._names
 
     def frames(self) -> tuple[str, ...]:
-        """All frames, sorted."""
+        """Return all frames, sorted."""
         return tuple(sorted(self._names))
 
     def parent(self, frame: str) -> str | None:
-        """Whose child the frame is now; None for a root.
+        """Return the current parent of a frame; None for a root.
 
         Raises:
-            UnknownFrame: no transform has named it.
+            UnknownFrame: the frame is unknown.
         """
         track = self._tracks.get(self._known(frame))
         return None if track is None else track.latest.parent
 
     def latest(self, frame: str) -> StampedTransform | None:
-        """The frame's last transform to its parent; None for a root.
+        """Return the latest transform of a frame to its parent; None for a root.
 
         Raises:
-            UnknownFrame: no transform has named it.
+            UnknownFrame: the frame is unknown.
         """
         name = self._known(frame)
         track = self._tracks.get(name)
@@ -244,28 +244,28 @@ class Buffer:
         return StampedTransform(track.latest.parent, name, track.latest_ns, track.latest.transform)
 
     def is_static(self, frame: str) -> bool:
-        """Whether the frame's transform to its parent is static."""
+        """True if the frame's transform to its parent is static."""
         track = self._tracks.get(bare(frame))
         return track is not None and track.is_static
 
     def rate(self, frame: str) -> float:
-        """How many transforms a second of the frame there are; 0 for a root, and for what is static."""
+        """Return the transforms per second of a frame; 0 for roots and static frames."""
         track = self._tracks.get(bare(frame))
         return 0.0 if track is None else track.rate()
 
     def all_frames_as_yaml(self) -> str:
-        """Every frame with its parent, rate and times, as tf2's `/tf2_frames` answers."""
-        return listing.as_yaml(self._tracks, self.cache_ns)
+        """Return every frame with its parent, rate and times, in the format of tf2's `/tf2_frames`."""
+        return _as_yaml(self._tracks, self.cache_ns)
 
     def all_frames_as_dot(self) -> str:
-        """The tree as a graph for Graphviz."""
-        return listing.as_dot(self._tracks)
+        """Return the tree as a graph for Graphviz."""
+        return _as_dot(self._tracks)
 
     def tree(self) -> str:
-        """The tree as indented text."""
-        return listing.as_tree(self._tracks, self._names)
+        """Return the tree as indented text."""
+        return _as_tree(self._tracks, self._names)
 
-    # Ways
+    # Paths
 
     def _known(self, frame: str) -> str:
         name = bare(frame)
@@ -274,7 +274,7 @@ class Buffer:
         return name
 
     def _latest_of(self, frame: str) -> int:
-        """When the frame was last told of; 0 for never."""
+        """Return the time of a frame's latest transform; 0 if there is none."""
         track = self._tracks.get(frame)
         return 0 if track is None else track.latest_ns
 
@@ -295,7 +295,7 @@ class Buffer:
         raise ConnectivityError(target, source, self._root(target), self._root(source))
 
     def _path(self, target: str, source: str, parent_of: Callable[[Track], str | None]) -> _Path | None:
-        """Up from the source, then from the target until the two ways meet; None if they do not."""
+        """Return the path between two frames; None if they are not connected."""
         up = self._way_up(source, target, parent_of)
         down = self._way_up(target, "", parent_of) if target not in up else {target: 0}
         meeting = next((frame for frame in down if frame in up), None)
@@ -307,11 +307,11 @@ class Buffer:
         )
 
     def _way_up(self, frame: str, end: str, parent_of: Callable[[Track], str | None]) -> dict[str, int]:
-        """The frame and its ancestors, in order, as far as they are known or up to `end`."""
+        """Return the frame and its ancestors, in order, up to `end` or a root."""
         way = {frame: 0}
         while frame != end and (track := self._tracks.get(frame)) is not None:
             parent = parent_of(track)
-            # Frames that changed their parents may have stood in a loop's order at some time of the past.
+            # At a past time, frames that have changed their parents may form a loop.
             if parent is None or parent in way:
                 break
             way[parent] = len(way)
@@ -319,7 +319,7 @@ class Buffer:
         return way
 
     def _explain_gap(self, target: str, source: str, frame: str, time_ns: int) -> None:
-        """Raise if the way up from `frame` ends where data is missing at that time."""
+        """Raise if data is missing at that time on the path up from `frame`."""
         seen = set()
         while (track := self._tracks.get(frame)) is not None and frame not in seen:
             seen.add(frame)
@@ -371,3 +371,60 @@ def _too_old(parent: str, child: str, stamp_ns: int, latest_ns: int, cache_ns: i
         f"{parent} <- {child} at {seconds(stamp_ns)} s is more than {cache_ns / NANOSECONDS:g} s older "
         f"than the latest, which is of {seconds(latest_ns)} s"
     )
+
+
+def _as_yaml(tracks: Mapping[str, Track], cache_ns: int) -> str:
+    if not tracks:
+        return "{}\n"
+    return "".join(_entry(child, tracks[child], cache_ns) for child in sorted(tracks))
+
+
+def _entry(child: str, track: Track, cache_ns: int) -> str:
+    length = 0 if track.is_static else min(track.latest_ns - track.earliest_ns, cache_ns)
+    return (
+        f"{_quoted(child)}:\n"
+        f"  parent: {_quoted(track.latest.parent)}\n"
+        f"  static: {'true' if track.is_static else 'false'}\n"
+        f"  rate: {track.rate():.3f}\n"
+        f"  most_recent_transform: {seconds(track.latest_ns)}\n"
+        f"  oldest_transform: {seconds(track.earliest_ns)}\n"
+        f"  buffer_length: {length / NANOSECONDS:.3f}\n"
+    )
+
+
+def _quoted(name: str) -> str:
+    # Frame names may be any string; YAML and Graphviz both read JSON strings.
+    return json.dumps(name, ensure_ascii=False)
+
+
+def _as_dot(tracks: Mapping[str, Track]) -> str:
+    arrows = (
+        f"  {_quoted(track.latest.parent)} -> {_quoted(child)} [label={_quoted(_label(track))}];\n"
+        for child, track in sorted(tracks.items())
+    )
+    return f"digraph frames {{\n{''.join(arrows)}}}\n"
+
+
+def _as_tree(tracks: Mapping[str, Track], names: Collection[str]) -> str:
+    children: dict[str, list[str]] = {}
+    for child in sorted(tracks):
+        children.setdefault(tracks[child].latest.parent, []).append(child)
+    waiting = [(root, "", "") for root in sorted(set(names) - set(tracks), reverse=True)]
+    lines = []
+    while waiting:
+        frame, before, indent = waiting.pop()
+        track = tracks.get(frame)
+        lines.append(f"{before}{frame}" + ("\n" if track is None else f" ({_label(track)})\n"))
+        below = children.get(frame, [])
+        waiting.extend(
+            (child, f"{indent}{'└─ ' if last else '├─ '}", f"{indent}{'   ' if last else '│  '}")
+            for child, last in zip(reversed(below), (True, *(False,) * len(below)), strict=False)
+        )
+    return "".join(lines)
+
+
+def _label(track: Track) -> str:
+    if track.is_static:
+        return "static"
+    rate = track.rate()
+    return f"{rate:.1f} Hz" if rate else "once"

@@ -1,17 +1,17 @@
-"""Everything that `rwt_tf2` raises.
+"""Errors of `rwt_tf2`.
 
 * :exc:`TransformError`
 
-  * :exc:`LookupFailed`: the buffer cannot answer a question.
+  * :exc:`LookupFailed`: a lookup failed.
 
-    * :exc:`UnknownFrame`: a frame that no transform has named.
-    * :exc:`ConnectivityError`: two frames that no chain of transforms joins.
-    * :exc:`ExtrapolationError`: a time that the buffer's data does not reach.
+    * :exc:`UnknownFrame`: the frame is unknown.
+    * :exc:`ConnectivityError`: the frames are not connected.
+    * :exc:`ExtrapolationError`: the data does not cover that time.
 
-  * :exc:`InvalidTransform`: a transform that cannot be taken; also a :exc:`ValueError`.
+  * :exc:`InvalidTransform`: a transform is rejected; also a :exc:`ValueError`.
 
     * :exc:`LoopRefused`: it would make a frame its own ancestor.
-    * :exc:`StaleTransform`: it is older than what the buffer keeps.
+    * :exc:`StaleTransform`: it is older than what the buffer retains.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from rwt_tf2.times import seconds
 
 
 class TransformError(Exception):
-    """Base of every error of this package. The text says what, where and what instead."""
+    """Base class of all errors of this package."""
 
 
 class LookupFailed(TransformError, LookupError):
-    """The buffer has no answer, or none yet."""
+    """The lookup failed; it may succeed later."""
 
 
 class UnknownFrame(LookupFailed):
-    """No transform that came so far has named this frame.
+    """The buffer has no transform of this frame.
 
     Attributes:
-        frame: its name.
+        frame: name of the frame.
     """
 
     def __init__(self, frame: str, known: tuple[str, ...]) -> None:
@@ -41,10 +41,10 @@ class UnknownFrame(LookupFailed):
 
 
 class ConnectivityError(LookupFailed):
-    """Two frames of different trees.
+    """The two frames are in different trees.
 
     Attributes:
-        target, source: the frames.
+        target, source: frames of the lookup.
     """
 
     def __init__(self, target: str, source: str, target_root: str, source_root: str) -> None:
@@ -57,13 +57,13 @@ class ConnectivityError(LookupFailed):
 
 
 class ExtrapolationError(LookupFailed):
-    """The time that was asked for is before the earliest or after the latest of the data.
+    """The requested time is before the earliest or after the latest data.
 
     Attributes:
-        target, source: what was looked up.
-        parent, child: the transform on the way whose data does not reach.
-        requested_ns: the time that was asked for.
-        nearest_ns: the nearest one that there is.
+        target, source: frames of the lookup.
+        parent, child: transform on the path whose data does not cover the time.
+        requested_ns: requested time.
+        nearest_ns: nearest available time.
     """
 
     def __init__(
@@ -86,12 +86,12 @@ class ExtrapolationError(LookupFailed):
 
     @property
     def future(self) -> bool:
-        """Whether the data may yet come; into the past it never will."""
+        """True if the time is after the data, which may still arrive."""
         return self.requested_ns > self.nearest_ns
 
 
 class InvalidTransform(TransformError, ValueError):
-    """A transform that the buffer does not take."""
+    """The transform is invalid."""
 
 
 class LoopRefused(InvalidTransform):
@@ -99,7 +99,7 @@ class LoopRefused(InvalidTransform):
 
 
 class StaleTransform(InvalidTransform):
-    """The transform is older than what the buffer keeps of its frame."""
+    """The transform is older than what the buffer retains of its frame."""
 
 
 _LISTED = 8

@@ -1,4 +1,4 @@
-"""From messages of `/tf` and `/tf_static` into a buffer, whatever comes."""
+"""Feed of messages from `/tf` and `/tf_static` into a buffer."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from rwt_tf2.messages import TransformMessage, TransformsMessage, read_transform
 logger = logging.getLogger(__name__)
 
 STALE_IN_A_ROW: Final = 3
-"""So many messages with nothing but outdated transforms, one after the other, mean that time was set back."""
+"""Number of consecutive messages with only outdated transforms that indicates a jump back in time."""
 
 _MOST_REMEMBERED = 1000
 
 
 class Feed:
-    """Puts each transform of a message into a buffer, and says once a frame what is wrong with it.
+    """Adds the transforms of messages to a buffer, and logs the first problem of each frame.
 
-    When a recording starts again, or a simulation, its times lie before what the buffer has: tf2 then forgets
-    what moves, and so does this. A single late publisher is no reason to.
+    When a recording or simulation restarts, time jumps back; the feed then clears moving transforms, like
+    tf2. A single late publisher does not have that effect.
 
     Attributes:
-        taken: transforms that went into the buffer.
-        refused: transforms that did not.
+        taken: number of transforms added.
+        refused: number of rejected transforms.
     """
 
     def __init__(self, buffer: Buffer) -> None:
@@ -36,21 +36,21 @@ class Feed:
         self._stale = 0
 
     def take(self, message: TransformsMessage, *, static: bool = False) -> None:
-        """One message of `/tf`, or of `/tf_static`."""
+        """Add the transforms of a message of `/tf` or `/tf_static`."""
         stale = [each for each in message.transforms if not self._put(each, static)]
         if not stale or len(stale) < len(message.transforms):
             self._stale = 0
             return
         self._stale += 1
         if self._stale >= STALE_IN_A_ROW:
-            logger.warning("time was set back: what moves is forgotten")
+            logger.warning("time jumped back: clearing the transform buffer; static transforms are kept")
             self._stale = 0
             self.buffer.clear()
             for each in stale:
                 self._put(each, static)
 
     def _put(self, message: TransformMessage, static: bool) -> bool:
-        """False for one that is only too old."""
+        """Add a transform. Returns False if it is only too old."""
         try:
             self.buffer.set_transform(read_transform(message), static=static)
         except InvalidTransform as error:
@@ -64,4 +64,4 @@ class Feed:
         if frame in self._complained or len(self._complained) >= _MOST_REMEMBERED:
             return
         self._complained.add(frame)
-        logger.warning("a transform was left out: %s", error)
+        logger.warning("transform rejected: %s", error)

@@ -1,4 +1,4 @@
-"""One frame's transforms to its parent, over time."""
+"""History of a frame's transforms to its parent."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from dataclasses import dataclass
 
 from rwt_tf2.transform import Transform
 
-#: Dead entries at the front that are taken out together.
+#: Number of expired entries that are removed at once.
 _COMPACT_AT = 64
 
 
 @dataclass(frozen=True, slots=True)
 class Edge:
-    """A frame's transform to its parent at some time."""
+    """Transform of a frame to its parent at some time."""
 
     parent: str
     transform: Transform
 
 
 class History:
-    """The transforms of one frame that moves, sorted by time; what is older than `keep_ns` goes."""
+    """Transforms of a moving frame, sorted by time; those older than `keep_ns` are dropped."""
 
     is_static = False
 
@@ -36,21 +36,21 @@ class History:
 
     @property
     def earliest_ns(self) -> int:
-        """The time of the first transform."""
+        """Time of the first transform."""
         return self._stamps[self._first]
 
     @property
     def latest_ns(self) -> int:
-        """The time of the last transform."""
+        """Time of the last transform."""
         return self._stamps[-1]
 
     @property
     def latest(self) -> Edge:
-        """The last transform."""
+        """Last transform."""
         return self._edges[-1]
 
     def add(self, stamp_ns: int, edge: Edge) -> bool:
-        """Keep a transform, one of the same time gives way; False when it is too old."""
+        """Add a transform, replacing one of the same time. Returns False if it is too old."""
         stamps = self._stamps
         if not stamps or stamp_ns > stamps[-1]:
             stamps.append(stamp_ns)
@@ -78,15 +78,15 @@ class History:
             self._first = 0
 
     def covers(self, time_ns: int) -> bool:
-        """Whether nothing has to be extrapolated."""
+        """True if the time needs no extrapolation."""
         return self.earliest_ns <= time_ns <= self.latest_ns
 
     def parent_at(self, time_ns: int) -> str:
-        """Whose child it was; the time is covered."""
+        """Return the parent at a covered time."""
         return self._edges[bisect_right(self._stamps, time_ns, self._first) - 1].parent
 
     def at(self, time_ns: int) -> Transform:
-        """Interpolated; the time is covered. Between two parents the earlier one's holds on."""
+        """Return the interpolated transform at a covered time. Between two parents, hold the earlier one."""
         after = bisect_left(self._stamps, time_ns, self._first)
         later = self._edges[after]
         later_ns = self._stamps[after]
@@ -99,20 +99,20 @@ class History:
         return earlier.transform.interpolated(later.transform, fraction)
 
     def between(self, first_ns: int, last_ns: int) -> Iterator[tuple[int, Edge]]:
-        """What interpolation between two covered times needs: times and transforms."""
+        """Yield the times and transforms needed to interpolate between two covered times."""
         first = bisect_right(self._stamps, first_ns, self._first) - 1
         last = bisect_left(self._stamps, last_ns, self._first)
         for place in range(first, last + 1):
             yield self._stamps[place], self._edges[place]
 
     def rate(self) -> float:
-        """Transforms a second; 0 where there are fewer than two."""
+        """Return the transforms per second; 0 if there are fewer than two."""
         span = self.latest_ns - self.earliest_ns
         return (len(self) - 1) * 1e9 / span if span else 0.0
 
 
 class Fixed:
-    """The transform of a frame that does not move: one, for all times."""
+    """Static transform, valid at all times."""
 
     is_static = True
     latest_ns = 0
@@ -122,17 +122,17 @@ class Fixed:
         self.latest = edge
 
     def covers(self, time_ns: int) -> bool:
-        """It does."""
+        """True for every time."""
         return True
 
     def parent_at(self, time_ns: int) -> str:
-        """Whose child it is."""
+        """Return the parent."""
         return self.latest.parent
 
     def at(self, time_ns: int) -> Transform:
-        """The transform."""
+        """Return the transform."""
         return self.latest.transform
 
     def rate(self) -> float:
-        """It is not repeated."""
+        """Return 0: a static transform is not repeated."""
         return 0.0

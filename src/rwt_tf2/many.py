@@ -1,4 +1,4 @@
-"""Lookups at many times at once: arrays instead of a loop."""
+"""Vectorised lookups at many times."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Poses = tuple[np.ndarray, np.ndarray]
 
 
 def lookup_many(buffer: Buffer, target: str, source: str, times_ns: ArrayLike) -> Poses:
-    """See :meth:`rwt_tf2.Buffer.lookup_many`."""
+    """Implement :meth:`rwt_tf2.Buffer.lookup_many`."""
     times = np.asarray(times_ns, np.int64).ravel()
     if not len(times):
         return np.empty((0, 3)), np.empty((0, 4))
@@ -26,7 +26,7 @@ def lookup_many(buffer: Buffer, target: str, source: str, times_ns: ArrayLike) -
     tracks = {id(track): track for side in first for track in side}
     steady = all(_one_parent(track, int(times.min()), int(times.max())) for track in tracks.values())
     if first != last or not steady:
-        # Somewhere on the way a frame got another parent.
+        # A frame on the path has changed its parent.
         return _one_by_one(buffer, target, source, times)
     from_source, from_target = (_way_up(side, times) for side in first)
     return _product(_inverse(from_target), from_source)
@@ -71,7 +71,7 @@ def _at(track: History | Fixed, times: np.ndarray) -> Poses:
 
 
 def _slerp(a: np.ndarray, b: np.ndarray, fraction: np.ndarray) -> np.ndarray:
-    """As :func:`rwt_tf2.quaternion.slerp`, row by row."""
+    """Like :func:`rwt_tf2.quaternion.slerp`, for each row."""
     b = np.where(np.sum(a * b, axis=1, keepdims=True) < 0.0, -b, b)
     apart = np.linalg.norm(a - b, axis=1, keepdims=True)
     half = 2.0 * np.arctan2(apart, np.linalg.norm(a + b, axis=1, keepdims=True))

@@ -1,6 +1,6 @@
-"""`geometry_msgs/TransformStamped` and `Quaternion` in and out, by the names of their fields alone.
+"""Conversion of `geometry_msgs/TransformStamped` and `Quaternion`, by their field names.
 
-Whoever has messages passes them as they are: objects with attributes, in either spelling of time.
+Messages are any objects with these attributes, with times in either spelling.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ class PoseMessage(Protocol):
 
     @property
     def translation(self) -> VectorMessage:
-        """Metres."""
+        """Translation in metres."""
 
     @property
     def rotation(self) -> QuaternionMessage:
-        """A unit quaternion."""
+        """Unit quaternion."""
 
 
 class HeaderMessage(Protocol):
@@ -57,11 +57,11 @@ class TransformMessage(Protocol):
 
     @property
     def header(self) -> HeaderMessage:
-        """Time and parent."""
+        """Time and parent frame."""
 
     @property
     def transform(self) -> PoseMessage:
-        """From child to parent."""
+        """Transform from child to parent."""
 
 
 class TransformsMessage(Protocol):
@@ -69,18 +69,18 @@ class TransformsMessage(Protocol):
 
     @property
     def transforms(self) -> Sequence[TransformMessage]:
-        """Of any frames and times."""
+        """Transforms of any frames and times."""
 
 
 def stamp_ns(stamp: Any) -> int:
-    """A message's time in nanoseconds, in either spelling: `sec` and `nanosec`, or `secs` and `nsecs`."""
+    """Return a message's time in nanoseconds, from `sec` and `nanosec` or `secs` and `nsecs`."""
     if hasattr(stamp, "sec"):
         return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
     return int(stamp.secs) * NANOSECONDS + int(stamp.nsecs)
 
 
 def read_transform(message: TransformMessage) -> StampedTransform:
-    """Out of a message; nothing is checked."""
+    """Read a transform from a message, without validation."""
     moved, turned = message.transform.translation, message.transform.rotation
     return StampedTransform(
         message.header.frame_id,
@@ -91,7 +91,7 @@ def read_transform(message: TransformMessage) -> StampedTransform:
 
 
 def write_transform(stamped: StampedTransform) -> dict[str, object]:
-    """As a mapping that fits the message; the times are spelled `sec` and `nanosec`."""
+    """Return a transform as a mapping for the message, with `sec` and `nanosec`."""
     sec, nanosec = divmod(stamped.stamp_ns, NANOSECONDS)
     (x, y, z), (qx, qy, qz, qw) = stamped.transform.translation, stamped.transform.rotation
     return {
@@ -105,16 +105,15 @@ def write_transform(stamped: StampedTransform) -> dict[str, object]:
 
 
 def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> dict[str, float]:
-    """Turns around the fixed axes x, y, z in this order, radians, as a `geometry_msgs/Quaternion`."""
+    """Return a `geometry_msgs/Quaternion` for turns around the fixed axes x, y, z in this order, radians."""
     x, y, z, w = quaternion.from_rpy(roll, pitch, yaw)
     return {"x": x, "y": y, "z": z, "w": w}
 
 
 def euler_from_quaternion(message: QuaternionMessage) -> tuple[float, float, float]:
-    """Roll, pitch and yaw of a `geometry_msgs/Quaternion`, radians; roll is 0 where pitch is ±π/2.
+    """Return roll, pitch and yaw of a `geometry_msgs/Quaternion` in radians; roll is 0 where pitch is ±π/2.
 
-    One that is not of length 1 is taken as if it were, and one of zeros, which is in a message that nobody
-    has filled in, as no rotation.
+    A quaternion is normalised first; all zeros, as in an unset message, is no rotation.
     """
     rotation = (message.x, message.y, message.z, message.w)
     if not any(rotation):
@@ -123,10 +122,10 @@ def euler_from_quaternion(message: QuaternionMessage) -> tuple[float, float, flo
 
 
 def quaternion_from_yaw(yaw: float) -> dict[str, float]:
-    """A heading, radians to the left of the x axis, as a `geometry_msgs/Quaternion`."""
+    """Return a `geometry_msgs/Quaternion` for a heading, in radians to the left of the x axis."""
     return {"x": 0.0, "y": 0.0, "z": math.sin(yaw / 2), "w": math.cos(yaw / 2)}
 
 
 def yaw_from_quaternion(message: QuaternionMessage) -> float:
-    """The heading of a `geometry_msgs/Quaternion`, radians in [-π, π]; see :func:`euler_from_quaternion`."""
+    """Return the heading of a `geometry_msgs/Quaternion`, radians in [-π, π]."""
     return euler_from_quaternion(message)[2]

@@ -1,7 +1,7 @@
-"""Rotations as unit quaternions (x, y, z, w), and vectors: plain tuples.
+"""Rotations as unit quaternions (x, y, z, w), and vectors, as plain tuples.
 
-A single product of tuples takes a fraction of a microsecond; numpy's overhead alone is several. Arrays are
-used where there are many points or times at once.
+A product of tuples takes a fraction of a microsecond; numpy's overhead alone takes several. Arrays are used
+for many points or times.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ Quaternion: TypeAlias = tuple[float, float, float, float]
 
 
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
-    """The rotation `b` followed by `a`."""
+    """Return the rotation `b` followed by `a`."""
     ax, ay, az, aw = a
     bx, by, bz, bw = b
     return (
@@ -26,7 +26,7 @@ def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
 
 
 def rotate(q: Quaternion, v: Vector) -> Vector:
-    """A vector turned by a unit quaternion: v + w t + u x t with t = 2 u x v, u being the vector part."""
+    """Rotate a vector by a unit quaternion: v + w t + u x t with t = 2 u x v, where u is the vector part."""
     qx, qy, qz, qw = q
     x, y, z = v
     tx = 2.0 * (qy * z - qz * y)
@@ -40,36 +40,36 @@ def rotate(q: Quaternion, v: Vector) -> Vector:
 
 
 def conjugate(q: Quaternion) -> Quaternion:
-    """The rotation back."""
+    """Return the inverse rotation."""
     return (-q[0], -q[1], -q[2], q[3])
 
 
 def dot(a: Quaternion, b: Quaternion) -> float:
-    """The cosine of half the angle between two rotations; negative where they are of opposite sign."""
+    """Return the cosine of half the angle between two rotations; negative if their signs are opposite."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
 
 
 def normalised(q: Quaternion) -> Quaternion:
-    """The same direction at length 1; `q` is not zero."""
+    """Return `q` scaled to length 1; `q` must not be zero."""
     length = math.hypot(*q)
     return (q[0] / length, q[1] / length, q[2] / length, q[3] / length)
 
 
 def angle_between(a: Quaternion, b: Quaternion) -> float:
-    """The angle of the rotation from one to the other, in [0, π]; exact for small ones too, unlike acos."""
+    """Return the angle between two rotations, in [0, π]; unlike acos, exact for small angles."""
     apart = math.dist(a, b)
     summed = math.dist(a, (-b[0], -b[1], -b[2], -b[3]))
     return 4.0 * math.atan2(min(apart, summed), max(apart, summed))
 
 
 def slerp(a: Quaternion, b: Quaternion, fraction: float) -> Quaternion:
-    """The rotation at `fraction` of the shorter way from `a` to `b`, at constant angular speed."""
+    """Return the rotation at `fraction` of the shorter path from `a` to `b`, at constant angular speed."""
     if dot(a, b) < 0.0:
         b = (-b[0], -b[1], -b[2], -b[3])
     half = 2.0 * math.atan2(math.dist(a, b), math.dist(a, (-b[0], -b[1], -b[2], -b[3])))
     sine = math.sin(half)
     if sine < 1e-9:
-        # So close that the straight line is the arc.
+        # So close that linear interpolation is accurate.
         first, second = 1.0 - fraction, fraction
     else:
         first, second = math.sin((1.0 - fraction) * half) / sine, math.sin(fraction * half) / sine
@@ -84,7 +84,7 @@ def slerp(a: Quaternion, b: Quaternion, fraction: float) -> Quaternion:
 
 
 def from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """Turns around the fixed axes x, y, z in this order, radians: URDF's rpy."""
+    """Return the turns around the fixed axes x, y, z in this order, in radians (rpy of URDF)."""
     cr, sr = math.cos(roll / 2), math.sin(roll / 2)
     cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
     cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
@@ -97,7 +97,7 @@ def from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
 
 
 def to_rpy(q: Quaternion) -> Vector:
-    """Roll, pitch and yaw, radians: the inverse of :func:`from_rpy`, with roll 0 where pitch is ±π/2."""
+    """Return roll, pitch and yaw in radians: the inverse of :func:`from_rpy`. Roll is 0 at pitch ±π/2."""
     x, y, z, w = q
     sine = 2.0 * (w * y - z * x)
     if abs(sine) > 1.0 - 1e-12:

@@ -1,4 +1,4 @@
-"""A transform between two frames."""
+"""Transform between two frames."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ if TYPE_CHECKING:
 
 _LONGEST_NAME: Final = 256
 _UNIT_TOLERANCE: Final = 0.01
-"""How far from 1 the square of a quaternion's length may be, as in tf2."""
+"""Maximum deviation of a quaternion's squared length from 1, as in tf2."""
 
 
 @dataclass(frozen=True, slots=True)
 class Transform:
-    """Takes what is given in a child frame to its parent's: first turned, then moved.
+    """Conversion from a child frame to its parent: rotation, then translation.
 
     Attributes:
-        translation: where the child's origin is in the parent, metres.
-        rotation: how the child is turned in the parent, a unit quaternion (x, y, z, w).
+        translation: origin of the child in the parent, metres.
+        rotation: orientation of the child in the parent, a unit quaternion (x, y, z, w).
     """
 
     translation: Vector = (0.0, 0.0, 0.0)
@@ -34,29 +34,29 @@ class Transform:
 
     @classmethod
     def from_rpy(cls, translation: Vector, roll: float, pitch: float, yaw: float) -> Transform:
-        """From angles around the fixed axes x, y, z in this order, radians: URDF's rpy."""
+        """Return the transform of turns around the fixed axes x, y, z in this order, radians (URDF's rpy)."""
         return cls(translation, rotations.from_rpy(roll, pitch, yaw))
 
     def __matmul__(self, other: Transform) -> Transform:
-        """`a @ b` takes a point through `b` and then through `a`."""
+        """Compose two transforms: `a @ b` applies `b`, then `a`."""
         x, y, z = rotations.rotate(self.rotation, other.translation)
         tx, ty, tz = self.translation
         return Transform((tx + x, ty + y, tz + z), rotations.multiply(self.rotation, other.rotation))
 
     def inverse(self) -> Transform:
-        """The way back."""
+        """Return the inverse transform."""
         back = rotations.conjugate(self.rotation)
         x, y, z = rotations.rotate(back, self.translation)
         return Transform((-x, -y, -z), back)
 
     def apply(self, point: Vector) -> Vector:
-        """A point of the child's frame, in the parent's."""
+        """Convert a point of the child's frame to the parent's."""
         x, y, z = rotations.rotate(self.rotation, point)
         tx, ty, tz = self.translation
         return (tx + x, ty + y, tz + z)
 
     def apply_all(self, points: ArrayLike) -> np.ndarray:
-        """Many points at once: an array of shape (…, 3)."""
+        """Convert many points at once: an array of shape (…, 3)."""
         import numpy as np
 
         matrix = self.matrix()
@@ -64,7 +64,7 @@ class Transform:
         return moved
 
     def matrix(self) -> np.ndarray:
-        """The homogeneous 4 x 4 matrix."""
+        """Return the homogeneous 4 x 4 matrix."""
         import numpy as np
 
         matrix = np.eye(4)
@@ -74,20 +74,20 @@ class Transform:
         return matrix
 
     def rpy(self) -> Vector:
-        """Roll, pitch and yaw, radians."""
+        """Return roll, pitch and yaw in radians."""
         return rotations.to_rpy(self.rotation)
 
     def distance_to(self, other: Transform) -> float:
-        """Metres between the two translations."""
+        """Return the distance between the two translations in metres."""
         (x, y, z), (ox, oy, oz) = self.translation, other.translation
         return float(((x - ox) ** 2 + (y - oy) ** 2 + (z - oz) ** 2) ** 0.5)
 
     def angle_to(self, other: Transform) -> float:
-        """The angle of the rotation from one to the other, radians in [0, π]."""
+        """Return the angle of the rotation between the two, radians in [0, π]."""
         return rotations.angle_between(self.rotation, other.rotation)
 
     def interpolated(self, other: Transform, fraction: float) -> Transform:
-        """What lies at `fraction` of the way to `other`: straight, and by slerp."""
+        """Interpolate towards `other`, linearly in translation and by slerp in rotation."""
         (x, y, z), (ox, oy, oz) = self.translation, other.translation
         return Transform(
             (x + (ox - x) * fraction, y + (oy - y) * fraction, z + (oz - z) * fraction),
@@ -95,18 +95,18 @@ class Transform:
         )
 
 
-#: The transform that moves and turns nothing.
+#: Identity transform.
 IDENTITY = Transform()
 
 
 @dataclass(frozen=True, slots=True)
 class StampedTransform:
-    """A transform with the frames it joins and its time.
+    """Transform with its frames and time.
 
     Attributes:
-        parent: the frame it leads to (`header.frame_id`; the target of a lookup).
-        child: the frame it leads from (`child_frame_id`; the source of a lookup).
-        stamp_ns: its time, nanoseconds; 0 for what holds always.
+        parent: frame to which it converts (`header.frame_id`; the target of a lookup).
+        child: frame from which it converts (`child_frame_id`; the source of a lookup).
+        stamp_ns: time in nanoseconds; 0 if it is valid at all times.
     """
 
     parent: str
@@ -115,23 +115,23 @@ class StampedTransform:
     transform: Transform
 
     def checked(self) -> StampedTransform:
-        """The same, as it can be sent: frames without a leading slash, and a rotation of length 1.
+        """Return the transform with valid names and a rotation of length 1.
 
         Raises:
             InvalidTransform: an empty frame, a frame to itself, a number that is not finite, or a rotation
-                that is not a unit quaternion; says which frame.
+                that is not a unit quaternion.
         """
         parent, child = bare(self.parent), bare(self.child)
         return StampedTransform(parent, child, self.stamp_ns, checked(parent, child, self.transform))
 
 
 def bare(frame: str) -> str:
-    """A frame's name without a leading slash (TFR-03)."""
+    """Return a frame's name without a leading slash (TFR-03)."""
     return frame[1:] if frame.startswith("/") else frame
 
 
 def checked(parent: str, child: str, transform: Transform) -> Transform:
-    """The transform with its rotation at length 1; names and numbers are what tf2 takes."""
+    """Validate names and numbers like tf2; return the transform with its rotation at length 1."""
     if not parent or not child:
         missing = "parent (header.frame_id)" if not parent else "child (child_frame_id)"
         raise InvalidTransform(f'the transform "{parent}" <- "{child}" has no {missing}')

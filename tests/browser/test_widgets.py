@@ -355,10 +355,13 @@ def bare(body: str) -> str:
         ('<rwt-topic topic="/gone"></rwt-topic>', "The robot has no topic /gone."),
         ("<rwt-topic></rwt-topic>", "The attribute topic is missing."),
         ('<rwt-topic topic="/odom" field="pose.nothing"></rwt-topic>', "/odom has no field pose.nothing."),
-        ('<rwt-video topic="/odom"></rwt-video>', "/odom is of nav_msgs/msg/Odometry; this element shows"),
+        (
+            '<rwt-video topic="/odom"></rwt-video>',
+            "/odom has the type nav_msgs/msg/Odometry; this element shows",
+        ),
         (
             '<rwt-battery topic="/odom"></rwt-battery>',
-            "/odom is of nav_msgs/msg/Odometry; this element shows",
+            "/odom has the type nav_msgs/msg/Odometry; this element shows",
         ),
         ('<rwt-plot topic="/odom" field="a.b"></rwt-plot>', "/odom has no field a.b."),
         (

@@ -292,7 +292,7 @@ async def test_the_newest_program_of_a_name_has_it(caplog: pytest.LogCaptureFixt
                     box.sink.send(Frame(b"{}"))
                     await until(lambda: box.heard)
                 assert not old.clients
-    assert "is let go" in caplog.text
+    assert "closing the one from" in caplog.text
 
 
 # -- who is let in -----------------------------------------------------------------------------------------

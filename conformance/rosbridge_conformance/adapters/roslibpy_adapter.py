@@ -1,4 +1,4 @@
-"""Puts roslibpy under the rosbridge conformance suite; needs roslibpy and nothing else.
+"""Adapter of roslibpy for the rosbridge conformance suite; requires only roslibpy.
 
     rosbridge-conformance client --target roslibpy -- python roslibpy_adapter.py
 
@@ -62,7 +62,7 @@ def event(name: str, of: str, **more: Value) -> None:
 
 
 class Complaints(logging.Handler):
-    """What the library logs as an error."""
+    """Handler that collects what the library logs as an error."""
 
     def emit(self, record: logging.LogRecord) -> None:
         """Tell one record."""

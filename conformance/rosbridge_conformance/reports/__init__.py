@@ -1,1 +1,1 @@
-"""What a run can be turned into. Each module has `render(run, rules) -> str`."""
+"""Formats of a run's report. Each module has `render(run, rules) -> str`."""

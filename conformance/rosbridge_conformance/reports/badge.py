@@ -1,4 +1,4 @@
-"""A badge for a page: the grade, and how many cases passed."""
+"""Badge for a page: the grade, and the number of passed cases."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Counting verdicts, conformance and robustness apart."""
+"""Counts of verdicts; conformance and robustness count separately."""
 
 from __future__ import annotations
 

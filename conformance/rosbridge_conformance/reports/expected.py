@@ -1,4 +1,4 @@
-"""The run as a target file: what was declared, with each failure as one that is expected from now on."""
+"""Target file from a run: its declarations, with each failure as an expected one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The run as one page that needs nothing else: a matrix, and the frames of every case that did not pass."""
+"""Self-contained page of a run: a matrix, and the frames of every case that did not pass."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The run as JSON: everything, for programs and for `diff`."""
+"""Complete run as JSON, for programs and for `diff`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class ReportError(ValueError):
 
 
 class Recorded(TypedDict):
-    """What `diff` needs of one result."""
+    """Fields of a result that `diff` compares."""
 
     verdict: str
     level: str

@@ -1,4 +1,4 @@
-"""The run as JUnit XML, which CI systems show; with the frames of every case that did not pass."""
+"""Run as JUnit XML for CI systems, with the frames of every case that did not pass."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The run as Markdown, for the summary page of a CI job."""
+"""Run as Markdown, for the summary page of a CI job."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The run as text, while it goes on and when it has ended."""
+"""Run as text, while it is in progress and at its end."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Progress:
 
 
 def failure(result: Result, rules: Mapping[str, Rule]) -> str:
-    """What broke which rule, in four lines."""
+    """Return four lines about a failure and the rule that was violated."""
     case, fault = result.case, result.fault
     lines = [f"{MARKS[result.verdict]} {case.id}  {case.title}"]
     lines += [f"    rule {rule} ({case.level}): {rules[rule].text[:160]}" for rule in case.rules]

@@ -1,1 +1,1 @@
-"""The cases of the suite, the rules they test, and the targets that are graded."""
+"""Cases of the suite, the rules they test, and the targets that are graded."""

@@ -1,4 +1,4 @@
-"""What a case is, once its file has been read."""
+"""Parsed case."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ TEXTS = ("ros1", "ros2", "2.0.0")
 """The three protocol texts: the two branches of rosbridge_suite, and the rewritten one of 2026."""
 
 VIA = ("png", "cbor", "fragments")
-"""What a frame may come wrapped in."""
+"""Wrappings of a frame."""
 
 
 SIDES: tuple[Side, ...] = ("server", "client")
-"""Who is graded: a server, by suite clients; or a client library, by a server that the suite plays."""
+"""Graded side: a server, by suite clients; or a client library, by a server that the suite plays."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +171,7 @@ Step: TypeAlias = (
 
 @dataclass(frozen=True, slots=True)
 class Divergence:
-    """What a server in the field does instead, for the record."""
+    """Differing behaviour of a server in the field, for the record."""
 
     server: str
     does: str

@@ -1,4 +1,4 @@
-"""Reading case files, strictly: whatever is not known is refused, with the file and the place named."""
+"""Strict reader of case files: rejects unknown keys, naming the file and the place."""
 
 from __future__ import annotations
 
@@ -64,10 +64,10 @@ VERBS: Mapping[str, tuple[str, ...]] = {
     "hear": ("within", "note"),
     "hear_nothing": ("note",),
 }
-"""What a step can do, and what may stand beside it."""
+"""Verbs of a step, and the keys allowed with each."""
 
 CLIENT_VERBS = ("tell", "hear", "hear_nothing")
-"""What only cases for client libraries can do; those verbs are about the program around the library."""
+"""Verbs only for cases of client libraries; they concern the program around the library."""
 
 _ID = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*(/[a-z0-9]+(-[a-z0-9]+)*)+")
 _RULE = re.compile(r"[A-Z]+-\d{2}")

@@ -1,4 +1,4 @@
-"""Patterns: what a case says about a frame, and whether a frame fits.
+"""Patterns that describe a frame, and their matching.
 
 A pattern is JSON. Plain values stand for themselves: numbers compare as numbers (`1` fits `1.0`), objects
 have to have the same keys, lists the same items in order. An object with a key that begins with `$` is a
@@ -29,7 +29,7 @@ from rosbridge_conformance.suite.values import (
 from rosbridge_conformance.wire.cbor import same_float, typed_array
 
 KINDS = ("anything", "string", "text", "number", "int", "bool", "object", "array", "null")
-"""What `$any` can ask for; `text` is a string that is not empty."""
+"""Kinds for `$any`; `text` is a string that is not empty."""
 
 MATCHERS: Mapping[str, tuple[str, ...]] = {
     "$any": (),
@@ -62,7 +62,7 @@ _CLOCK_SLACK = 3600.0
 
 
 def check_pattern(pattern: Json) -> str | None:
-    """What is wrong with a pattern, or None."""
+    """Describe the error in a pattern; None if it is valid."""
     if isinstance(pattern, list):
         return next((fault for item in pattern if (fault := check_pattern(item))), None)
     if not isinstance(pattern, dict):
@@ -85,7 +85,7 @@ def check_pattern(pattern: Json) -> str | None:
 
 @dataclass(slots=True)
 class Context:
-    """What a match can look at besides the frame.
+    """Context of a match, besides the frame.
 
     Attributes:
         names: values bound so far; a match that fails binds nothing.
@@ -102,7 +102,7 @@ class Context:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Where a frame does not fit its pattern.
+    """Place where a frame does not match its pattern.
 
     Attributes:
         path: as in `msg.header.stamp`.
@@ -142,7 +142,7 @@ def match_frame(pattern: Json, frame: Value, context: Context) -> Match | Differ
 
 
 def fill(pattern: Json, context: Context, index: int = 0) -> Json:
-    """What to send: `$use` replaced by what was bound, `$index` by the number of the repetition."""
+    """Return the frame to send: `$use` replaced by the bound value, `$index` by the repetition's number."""
     if isinstance(pattern, list):
         return [fill(item, context, index) for item in pattern]
     if not isinstance(pattern, dict):

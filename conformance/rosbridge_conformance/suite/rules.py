@@ -1,4 +1,4 @@
-"""The rules that cases are about, by id, and the reasons why some have no case."""
+"""Rules that cases test, by id, and the reasons why some have no case."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ _THROTTLE = "throttle_rate"
 
 
 def factor(slowest: float) -> float:
-    """How much longer all times are, for a server whose slowest answer took so many seconds."""
+    """Return the factor for all times, for a server whose slowest answer took `slowest` seconds."""
     return min(MOST, max(1.0, slowest / AT_ONCE))
 
 

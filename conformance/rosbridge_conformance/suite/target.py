@@ -1,4 +1,4 @@
-"""What is known about the server or client library under test: a small TOML file."""
+"""Target under test, a server or a client library, described by a small TOML file."""
 
 from __future__ import annotations
 
@@ -67,17 +67,17 @@ class Target:
     alone: tuple[str, ...] = ()
 
     def asked(self, case: Case) -> bool:
-        """Whether the case makes sense for this ROS generation."""
+        """True if the case applies to this ROS generation."""
         return self.ros in case.ros
 
     def missing(self, case: Case, wire_features: frozenset[str]) -> tuple[str, ...]:
-        """What the case needs and the target does not declare."""
+        """Return what the case requires and the target does not declare."""
         has = {*self.features, *self.profiles, *wire_features}
         needed = [] if case.profile in self.profiles else [f"profile {case.profile}"]
         return (*needed, *(name for name in case.needs if name not in has))
 
     def alone_with(self, case: Case) -> bool:
-        """Whether no other case may run meanwhile."""
+        """True if no other case may run at the same time."""
         return case.alone or any(fnmatch.fnmatchcase(case.id, glob) for glob in self.alone)
 
     def reason(self, case_id: str) -> str | None:

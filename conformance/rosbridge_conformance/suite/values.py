@@ -1,4 +1,4 @@
-"""The values that frames are made of: JSON, and what CBOR adds to it."""
+"""Values in frames: JSON, and the additional types of CBOR."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import TypeAlias, Union, cast
 
 Json: TypeAlias = Union[bool, int, float, str, list["Json"], dict[str, "Json"], None]  # noqa: UP007 - `|` cannot join a string
-"""What `json.loads` gives."""
+"""Result of `json.loads`."""
 
 Value: TypeAlias = Union[bool, int, float, str, bytes, "Tagged", list["Value"], dict[str, "Value"], None]
-"""What a frame holds after decoding, JSON or CBOR."""
+"""Decoded value of a frame, from JSON or CBOR."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,1 +1,1 @@
-"""How the suite speaks to what it grades: transports and encodings of its own."""
+"""Transports and encodings of the suite, independent of the server's."""

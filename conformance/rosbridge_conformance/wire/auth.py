@@ -1,4 +1,4 @@
-"""The `auth` op, computed when it is sent because its times are near now (AUT-05, AUT-06)."""
+"""`auth` op, computed when it is sent because its times must be close to now (AUT-05, AUT-06)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A small CBOR reader (RFC 8949) for the frames that servers send; it writes nothing.
+"""Small CBOR reader (RFC 8949) for the frames that servers send.
 
 It keeps what the cases ask about: tags, byte strings, and floats that came in less than 64 bits. It refuses
 indefinite lengths, which clients in the field cannot read (CBR-08).

@@ -1,4 +1,4 @@
-"""From a server's URL to connections."""
+"""Connections from a server's URL."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class BadAddress(Exception):
 
 
 def dialer(url: str) -> Dial:
-    """What connects to a server.
+    """Return what connects to a server.
 
     Raises:
         BadAddress: the URL has another scheme than ws, wss, tcp, unix, stdio, webrtc+http or webrtc+https,

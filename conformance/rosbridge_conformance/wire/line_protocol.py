@@ -1,4 +1,4 @@
-"""What a client library is told to do, one JSON line after the other (docs/how-to/conformance.md)."""
+"""Commands to a client library's program, as lines of JSON (docs/how-to/conformance.md)."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ EVENTS: Final[Mapping[str, tuple[str, ...]]] = {
     "complaint": ("text",),
     "uncaught": ("text",),
 }
-"""What a program tells of itself, and the keys beside `event`."""
+"""Events of a program, and their keys besides `event`."""
 
 ASIDE: Final = ("status", "closed", "complaint", "uncaught")
 """Events that a step hears only if it asks for them, and that may come at any time.

@@ -1,4 +1,4 @@
-"""The suite as a server: a WebSocket listener whose connections a case plays."""
+"""WebSocket server of the suite, whose connections are played by a case."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rosbridge_conformance.wire.wires import WebSocketWire, Wire, WireError
 
 
 class Listener:
-    """Where the client under test connects to.
+    """WebSocket listener for the client under test.
 
     Attributes:
         url: with the port that was free.
@@ -36,7 +36,7 @@ class Listener:
 
     @property
     def waiting(self) -> bool:
-        """Whether a connection has come that nobody accepted."""
+        """True if a connection has not been accepted yet."""
         return not self._arrived.empty()
 
 

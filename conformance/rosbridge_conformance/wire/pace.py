@@ -1,4 +1,4 @@
-"""Time, as the player sees it; tests give a virtual one."""
+"""Clock of the player; tests use a virtual one."""
 
 from __future__ import annotations
 

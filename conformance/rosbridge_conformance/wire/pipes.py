@@ -57,7 +57,7 @@ class Programs:
 
 
 def takes_several_clients(url: str) -> bool:
-    """Whether more than one connection reaches the same server."""
+    """True if several connections reach the same server."""
     return not url.startswith("stdio:") or SOCKET in url
 
 

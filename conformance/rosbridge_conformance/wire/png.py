@@ -1,4 +1,4 @@
-"""A small PNG reader for the `png` op: 8-bit RGB, no alpha, no palette, not interlaced (PNG-02)."""
+"""Small PNG reader for the `png` op: 8-bit RGB, no alpha, no palette, not interlaced (PNG-02)."""
 
 from __future__ import annotations
 

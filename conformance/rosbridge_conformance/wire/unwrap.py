@@ -1,4 +1,4 @@
-"""Taking a frame out of what it comes wrapped in: fragments, png, cbor."""
+"""Unwrapping of frames: fragments, png, cbor."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def open_png(frame: Value) -> str | Difference:
 
 
 def first_fault_of_fragment(frame: Value, number: int, size: int) -> Difference | None:
-    """What is wrong with a fragment on its own (FRG-02, FRG-21, FRG-23, FRG-24)."""
+    """Describe the first fault of a single fragment (FRG-02, FRG-21, FRG-23, FRG-24)."""
     if not isinstance(frame, dict) or frame.get("op") != "fragment":
         return Difference("op", '"fragment"', as_text(frame))
     if set(frame) != {"op", "id", "data", "num", "total"}:

@@ -81,7 +81,7 @@ Framing: TypeAlias = Literal["messages", "lines", "stream"]
 
 
 def framing_of(url: str) -> Framing:
-    """How a wire keeps the borders of messages: by itself, by line breaks, or not at all."""
+    """Return how a wire delimits messages: by itself, by line breaks, or not at all."""
     scheme = urlsplit(url).scheme
     if scheme in ("ws", "wss", "webrtc+http", "webrtc+https"):
         return "messages"

@@ -1,4 +1,4 @@
-"""Wrapping a frame for a client library as a server may: in CBOR, in a picture, in fragments."""
+"""Wrapping of frames for a client library, as servers do it: CBOR, png, fragments."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 def wrap(frame: Json, via: Sequence[str], fragment_size: int, fragment_id: str) -> list[str | bytes]:
-    """What goes over the wire for one frame, innermost wrapping first.
+    """Return what is sent for one frame, with the innermost wrapping first.
 
     Args:
         frame: the frame; for CBOR, bytes are `{"$bytes": hex}` and tags `{"$tag": n, "$content": …}`.

@@ -1,9 +1,8 @@
-"""The other end of dial-out: robots behind a NAT dial in, and clients reach each under its own path.
+"""Relay hub for dial-out: robots behind a NAT dial in, and clients reach each under its own path.
 
-Nothing is multiplexed. A robot keeps a few connections that wait (:mod:`rwt_transports.relay.protocol`); a
-client that comes gets one of them to itself, message by message and end to end, with the robot's own
-refusals and close codes. A side that reads slowly holds back the other, so the robot's own lanes and rules
-decide what is dropped, as if there were no hub.
+Nothing is multiplexed. A robot keeps a few idle connections (:mod:`rwt_transports.relay.protocol`), and each
+client gets one of them to itself. Messages, refusals and close codes pass end to end. A side that reads
+slowly holds back the other, so the robot's own queue rules decide what is dropped.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from typing import Final, Protocol
 
 import anyio
 
-from rwt.hub.waiting_bytes import OF_ADDRESS, WaitingBytes
+from rwt.hub.waiting_bytes import ADDRESS_BYTES, WaitingBytes
 from rwt_protocol.frames import Frame
 from rwt_transports.api import FlowControl
 from rwt_transports.background import background_tasks
@@ -64,29 +63,29 @@ logger = logging.getLogger("rwt.hub.hub")
 
 TICK_SECONDS = 0.5
 PASS_BYTES = 256 * 1024
-"""Passed on before asking whether the other side has taken it."""
+"""Bytes to pass on before waiting until the other side has taken them."""
 PATIENCE_SECONDS = 10.0
-"""How long a client waits for a connection of its robot."""
+"""Maximum time that a client waits for a connection of its robot."""
 GRACE_SECONDS = 3.0
-"""How long a robot without a connection still counts as here: it may be about to open the next one."""
+"""Time for which a robot without a connection stays listed: it may be about to open the next one."""
 MOST_IDLE = 16
-"""Connections of one robot that may wait."""
+"""Maximum number of idle connections per robot."""
 MOST_WAITING = 256
-"""Clients of one robot that may wait."""
+"""Maximum number of waiting clients per robot."""
 
 
 @dataclass(slots=True)
 class Robot:
-    """One robot that has dialled in.
+    """Robot that has dialled in.
 
     Attributes:
-        name: what its path is.
-        instance: random id of the program, which distinguishes it from another of the same name.
-        address: where it dialled from.
-        idle: its connections that wait for a client.
+        name: name of the robot, which is its path.
+        instance: random id of the program; distinguishes it from another of the same name.
+        address: address of the robot.
+        idle: connections that wait for a client.
         waiting: clients that wait for a connection.
         pairs: connections that serve a client.
-        alone_since: when it was first seen without any connection.
+        alone_since: time at which it was first found without any connection.
     """
 
     name: str
@@ -99,19 +98,19 @@ class Robot:
 
     @property
     def is_alone(self) -> bool:
-        """Whether it has no connection left."""
+        """True if the robot has no connection left."""
         return not self.idle and not self.pairs
 
 
 class Hub:
-    """Every robot that has dialled in, and the clients of each.
+    """Relay of all robots that have dialled in, and of their clients.
 
     Args:
-        tokens: bearer tokens of which a robot must show one, or ``NAME=TOKEN``; none lets every robot in.
-        grace: seconds for which a robot without a connection still counts as here.
-        addresses: counts the connections of each address; a robot's own, one for each of its clients, do not.
-        waiting_bytes: of messages that one side has sent and the other not taken, for the clients of one
-            address; see :class:`~rwt.hub.waiting_bytes.WaitingBytes`.
+        tokens: bearer tokens; a robot must present one. ``NAME=TOKEN`` is for one robot. Empty: every robot
+            is accepted.
+        grace: seconds for which a robot without a connection stays listed.
+        addresses: counter of connections per address; a robot's own connections are not counted.
+        waiting_bytes: limit per client address, see :class:`~rwt.hub.waiting_bytes.WaitingBytes`.
     """
 
     def __init__(
@@ -119,7 +118,7 @@ class Hub:
         tokens: Collection[str] = (),
         grace: float = GRACE_SECONDS,
         addresses: AddressCount | None = None,
-        waiting_bytes: int = OF_ADDRESS,
+        waiting_bytes: int = ADDRESS_BYTES,
     ) -> None:
         self._grace = grace
         self.waiting = WaitingBytes(waiting_bytes)
@@ -129,8 +128,7 @@ class Hub:
         self.take_tokens(tokens)
 
     def take_tokens(self, tokens: Collection[str]) -> None:
-        """Ask these tokens of robots that dial in from now on; those that are here stay. ``NAME=TOKEN`` lets
-        in the robot of that name alone, which no other token then does."""
+        """Replace the tokens, for robots that dial in from now on. A robot with a ``NAME=TOKEN`` needs it."""
         bound = [token.partition("=") for token in tokens]
         self._tokens = tuple(
             (name if equals else "", (token if equals else name).encode()) for name, equals, token in bound
@@ -139,15 +137,15 @@ class Hub:
 
     @property
     def robots(self) -> tuple[Robot, ...]:
-        """The robots that have a connection or had one a moment ago, by name."""
+        """Robots that have a connection or had one a moment ago, by name."""
         return tuple(self._robots[name] for name in sorted(self._robots))
 
     def accept(self, sink: Sink, info: PeerInfo) -> Endpoint:
-        """Take in a robot, or a client of one.
+        """Accept a robot, or a client of one.
 
         Raises:
-            Refused: there is no such robot (404), or a robot without the token (401), by a browser (403),
-                with an impossible name (400) or with too many connections (429).
+            Refused: there is no such robot (404); or a robot without the token (401), from a browser (403),
+                with an invalid name (400) or with too many connections (429).
         """
         path = info.path.partition("?")[0]
         if path.startswith(ROBOTS):
@@ -155,7 +153,7 @@ class Hub:
         return self._accept_client(sink, info)
 
     def tick(self, now: float) -> None:
-        """Give up clients that have waited too long and robots that have gone; `now` is in seconds."""
+        """End clients that have waited too long, and remove robots that have gone; `now` is in seconds."""
         for robot in self.robots:
             if not robot.is_alone:
                 robot.alone_since = None
@@ -171,7 +169,7 @@ class Hub:
                     client.hang_up(TRY_AGAIN_LATER, f"{robot.name} has no connection free; try again later")
 
     async def watch(self) -> None:
-        """Check the time-outs about twice a second, until cancelled."""
+        """Call :meth:`tick` about twice a second, until cancelled."""
         while True:
             self.tick(time.monotonic())
             await anyio.sleep(TICK_SECONDS)
@@ -199,7 +197,7 @@ class Hub:
         if "origin" in info.headers:
             raise Refused(403, "robots dial in here, not web pages; a page connects to /NAME")
         if self._tokens and not self._knows(info.headers.get("authorization", ""), name):
-            logger.warning("a robot that calls itself %.80r has no right token (%s)", name, info.address)
+            logger.warning("refusing a robot named %.80r: invalid token (%s)", name, info.address)
             raise Refused(
                 401,
                 "this hub wants `Authorization: Bearer TOKEN` with its own token",
@@ -211,22 +209,22 @@ class Hub:
     def _knows(self, authorization: str, name: str) -> bool:
         scheme, _, token = authorization.partition(" ")
         shown = token.strip().encode()
-        # All are compared, so that the time says nothing.
+        # Compare all tokens: constant time.
         wanted = name if name in self._names else ""
         right = [hmac.compare_digest(shown, known) and its == wanted for its, known in self._tokens]
         return scheme.lower() == "bearer" and any(right)
 
     def _replace(self, robot: Robot, info: PeerInfo) -> None:
-        """The newest program of a name has it: after a crash the old connections may linger for a minute."""
+        """Replace a robot by a newer program of the same name: after a crash, old connections may linger."""
         reason = f"another program dialled in as {robot.name}, from {info.address or '?'}"
-        logger.warning("%s; the one from %s is let go", reason, robot.address or "?")
+        logger.warning("%s; closing the one from %s", reason, robot.address or "?")
         del self._robots[robot.name]
         for side in (*robot.idle, *robot.pairs):
             side.hang_up(REPLACED, reason)
         self._turn_away(robot, reason)
 
     def left(self, side: _RobotEnd, *, for_good: bool) -> None:
-        """A connection of a robot has ended; `for_good`: the robot itself says that it is going away."""
+        """Called when a connection of a robot has ended; `for_good`: the robot announced that it leaves."""
         robot = side.robot
         self.addresses.enter(side.own_address)
         robot.pairs.discard(side)
@@ -260,7 +258,7 @@ class Hub:
         return client
 
     def page(self, request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
-        """A page of a robot, over one of its connections."""
+        """Forward an HTTP request to a robot over one of its connections."""
         name, path = split_client_path(request.path)
         robot = self._robots.get(name)
         if robot is None:
@@ -268,7 +266,7 @@ class Hub:
             return HttpResponse(text.encode(), 404)
         prefix = f"{request.prefix}/{name}"
         if request.path == f"/{name}":
-            # Without the slash its relative links would lead to other robots.
+            # Without the slash, relative links would lead to other robots.
             query = f"?{request.query}" if request.query else ""
             return HttpResponse(status=308, headers={"Location": f"{prefix}/{query}"})
         if len(robot.waiting) >= MOST_WAITING:
@@ -280,7 +278,7 @@ class Hub:
         return reader.inbox.response(reader.leave, head_only=request.method == "HEAD")
 
     def match(self, robot: Robot) -> None:
-        """Give connections that wait to clients that wait."""
+        """Assign idle connections to waiting clients."""
         while robot.idle and robot.waiting:
             client, side = robot.waiting.popleft(), robot.idle.popleft()
             robot.pairs.add(side)
@@ -288,20 +286,20 @@ class Hub:
 
 
 class RelaySink(Protocol):
-    """What the hub asks of the connection that it writes to."""
+    """Interface of the connection that the hub writes to."""
 
     def send(self, frame: Frame) -> None:
         """Queue one message."""
 
     def close(self, code: int = ..., reason: str = ...) -> None:
-        """Close after what is queued."""
+        """Close after sending the queue."""
 
 
 class _RelayEnd(ABC):
-    """One of the two connections that the hub joins.
+    """One of two connections that the hub joins.
 
     Attributes:
-        address: of the client; of a robot's end that has none yet the robot's.
+        address: address of the client; of the robot, while it has no client.
     """
 
     def __init__(self, hub: Hub, robot: Robot, sink: RelaySink, address: str) -> None:
@@ -315,12 +313,12 @@ class _RelayEnd(ABC):
         self._passed = 0
 
     def set_flow_control(self, flow_control: FlowControl) -> None:
-        """Keep the flow control of the connection, which is about to open."""
+        """Set the flow control of the connection. Called before it opens."""
         self.flow_control = flow_control
         self.hub.match(self.robot)
 
     def receive(self, data: bytes, binary: bool) -> None:
-        """Pass one message on."""
+        """Pass a message on."""
         frame = Frame(data, binary=binary)
         if self.other is None:
             self.too_early(frame)
@@ -328,12 +326,12 @@ class _RelayEnd(ABC):
             self._pass_on(frame, self.other)
 
     def too_early(self, frame: Frame) -> None:
-        """Keep a message that came before the other end was there."""
+        """Keep a message that arrived before the other end was assigned."""
         self._early.append(frame)
         self.hub.waiting.take(self, frame.size)
 
     def join(self, other: _RelayEnd) -> None:
-        """Pass messages on to `other` from now on."""
+        """Pass messages on to `other`, kept ones first."""
         self.other = other
         early, self._early = self._early, []
         self.hub.waiting.give_back(self)
@@ -351,24 +349,24 @@ class _RelayEnd(ABC):
             self.hub.waiting.take(self, passed)
 
     def _taken(self) -> None:
-        """The other side has taken all that waited for it."""
+        """Resume reading: the other side has taken all messages."""
         self.hub.waiting.give_back(self)
         if self.flow_control is not None:
             self.flow_control.resume()
 
     def cut(self, reason: str) -> None:
-        """End both connections: too much waits."""
+        """Close both connections: too many bytes wait."""
         client = self.client
         client.closed(POLICY, reason)
         client.hang_up(POLICY, reason)
 
     @property
     def client(self) -> _RelayEnd:
-        """The client's end of the two."""
+        """Client's end of the pair."""
         return self
 
     def closed(self, code: int, reason: str) -> None:
-        """The connection has ended: end the other one, too."""
+        """Called when the connection has ended; ends the other one."""
         self.hub.waiting.give_back(self)
         self._early.clear()
         other, self.other = self.other, None
@@ -378,19 +376,19 @@ class _RelayEnd(ABC):
             other.end(code, reason)
 
     def hang_up(self, code: int, reason: str) -> None:
-        """Close this end, whether it was held back or not."""
+        """Close this end, even if it is held back."""
         if self.flow_control is not None:
-            # The reply to the close must come through.
+            # Resume reading, to receive the reply to the close.
             self.flow_control.resume()
         self.sink.close(code, reason)
 
     @abstractmethod
     def end(self, code: int, reason: str) -> None:
-        """Close this end, since the other has gone."""
+        """Close this end because the other has gone."""
 
 
 class _RobotEnd(_RelayEnd):
-    """A connection that a robot has opened."""
+    """Connection of a robot."""
 
     def __init__(self, hub: Hub, robot: Robot, sink: Sink, address: str) -> None:
         super().__init__(hub, robot, sink, address)
@@ -399,15 +397,14 @@ class _RobotEnd(_RelayEnd):
 
     @property
     def client(self) -> _RelayEnd:
-        """The client's end of the two."""
         return self.other or self
 
     def too_early(self, frame: Frame) -> None:
-        """Refuse a message of a robot that has no client yet."""
+        """Refuse a message from a robot that has no client."""
         self.sink.close(POLICY, "a robot speaks after the assignment of a client")
 
     def begin(self, client: _Waiting) -> None:
-        """Serve this client, to whose account messages of the robot for it go, too."""
+        """Serve this client. The robot's messages are charged to the client's address."""
         self.address = client.address
         self.sink.send(Frame(client.assignment))
         self.join(client)
@@ -425,11 +422,11 @@ class _RobotEnd(_RelayEnd):
 
 
 class _ClientEnd(_RelayEnd):
-    """A connection of a client.
+    """Connection of a client.
 
     Attributes:
-        assignment: the first message to its robot.
-        since: when it was first seen waiting.
+        assignment: first message to the robot.
+        since: time at which it was first seen waiting.
     """
 
     def __init__(self, hub: Hub, robot: Robot, sink: Sink, address: str, assignment: bytes) -> None:
@@ -454,12 +451,12 @@ class _ClientEnd(_RelayEnd):
 
 
 class _PageEnd(_RelayEnd):
-    """Who waits for a page, in the place of a client.
+    """HTTP request for a page, in the place of a client.
 
     Attributes:
-        assignment: the first message to the robot.
-        since: when it was first seen waiting.
-        inbox: what comes of the page.
+        assignment: first message to the robot.
+        since: time at which it was first seen waiting.
+        inbox: response of the robot.
     """
 
     def __init__(self, hub: Hub, robot: Robot, address: str, assignment: bytes) -> None:
@@ -470,7 +467,7 @@ class _PageEnd(_RelayEnd):
         self.since: float | None = None
 
     def leave(self, code: int, reason: str) -> None:
-        """Nobody reads the page any more."""
+        """Called when the page has no reader any more."""
         self.closed(code, reason)
         if self in self.robot.waiting:
             self.robot.waiting.remove(self)
@@ -488,12 +485,12 @@ _Waiting = _ClientEnd | _PageEnd
 
 @dataclass(slots=True)
 class HubCounts:
-    """What a hub has passed on since it began.
+    """Totals of a hub.
 
     Attributes:
-        clients: clients that came.
+        clients: clients.
         pages: requests for pages of robots.
-        bytes: of messages and pages, both ways.
+        bytes: bytes of messages and pages, in both directions.
     """
 
     clients: int = 0
@@ -506,10 +503,10 @@ class HubCounts:
 
 @dataclass(frozen=True, slots=True)
 class OpenHub:
-    """A hub that is open.
+    """Open hub.
 
     Attributes:
-        url: where it listens, with the actual port.
+        url: URL at which it listens, with the actual port.
     """
 
     url: str
@@ -517,11 +514,11 @@ class OpenHub:
 
     @property
     def robots(self) -> tuple[Robot, ...]:
-        """The robots that have dialled in, by name."""
+        """Robots that have dialled in, by name."""
         return self._hub.robots
 
     def take_tokens(self, tokens: Collection[str]) -> None:
-        """Ask these tokens of robots that dial in from now on; those that are here stay."""
+        """Replace the tokens, for robots that dial in from now on."""
         self._hub.take_tokens(tokens)
 
 
@@ -537,25 +534,25 @@ async def open_hub(
     proxies: Proxies = NO_PROXIES,
     access_log: bool = False,
     metrics_page: MetricsPage | None = None,
-    waiting_bytes: int = OF_ADDRESS,
+    waiting_bytes: int = ADDRESS_BYTES,
 ) -> AsyncIterator[OpenHub]:
-    """Let robots dial in at `url` within the block, and clients reach them; leaving it closes all with 1001.
+    """Relay between robots and clients at `url` within the block; leaving it closes all with 1001.
 
     Args:
         url: ``ws://HOST:PORT`` or ``wss://HOST:PORT``; port 0 picks a free one.
-        tokens: bearer tokens of which a robot must show one, or ``NAME=TOKEN``; none lets every robot in.
-        limits: bounds of the listener and of each connection.
+        tokens: bearer tokens, see :class:`Hub`.
+        limits: limits of the listener and of each connection.
         tls: certificate and key for ``wss``.
-        hosts: names by which the hub may be addressed; see :class:`~rwt_transports.http.routes.Hosts`.
-        grace: seconds for which a robot without a connection still counts as here, and its clients wait.
-        proxies: whose word about their clients counts.
-        access_log: whether each HTTP request is logged, to ``rwt_transports.access``.
-        metrics_page: writes ``/metrics``; without it there is none.
-        waiting_bytes: see :class:`Hub`.
+        hosts: accepted host names, see :class:`~rwt_transports.http.routes.Hosts`.
+        grace: seconds for which a robot without a connection stays listed, and its clients wait.
+        proxies: proxies that are trusted to name their clients' addresses.
+        access_log: True to log each HTTP request to ``rwt_transports.access``.
+        metrics_page: formatter of ``/metrics``; None: no such page.
+        waiting_bytes: limit per client address, see :class:`Hub`.
 
     Raises:
         BadUrl: the URL is not one to listen on.
-        ListenError: the address cannot be had.
+        ListenError: the address is not available.
     """
     addresses = AddressCount((limits or Limits()).connections_per_address)
     hub = Hub(tokens, grace, addresses, waiting_bytes)
@@ -577,7 +574,7 @@ async def open_hub(
         yield OpenHub(listener.url, hub)
 
 
-# -- what a browser sees -----------------------------------------------------------------------------------
+# -- pages of the hub --------------------------------------------------------------------------------------
 
 _PAGE = """<!doctype html>
 <html lang="en">
@@ -592,14 +589,17 @@ td, th {{ padding: .1em 1em .1em 0; text-align: left }}</style>
 
 
 MetricsPage = Callable[[Iterable[MetricFamily]], bytes]
-"""Writes metrics as a scraper reads them."""
+"""Formatter of metrics."""
 
 METRICS_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"
 
 
 def hub_routes(hub: Hub, metrics_page: MetricsPage | None = None) -> Routes:
-    """``GET /`` (a page), ``/robots`` (the same as JSON), ``/healthz``, ``/metrics`` where something writes
-    them, and the pages of robots below ``/NAME/``."""
+    """Return the routes of a hub.
+
+    ``GET /`` is a page, ``/robots`` the same as JSON; also ``/healthz``, ``/metrics``, and pages of robots
+    below ``/NAME/``.
+    """
     routes = Routes()
     routes.get("/", lambda request: _index(hub, request))
     routes.get("/robots", lambda request: _robots(hub))

@@ -1,4 +1,4 @@
-"""What a hub holds of messages that it has taken from one side and the other side has not taken yet."""
+"""Limit of the bytes that a hub has received from one side and the other side has not taken yet."""
 
 from __future__ import annotations
 
@@ -9,34 +9,34 @@ from rwt_transports.http.addresses import network_of
 from rwt_transports.http.routes import is_local
 from rwt_transports.limits import MIB
 
-OF_ADDRESS: Final = 64 * MIB
-"""Bytes that wait on account of clients of one address, by default."""
+ADDRESS_BYTES: Final = 64 * MIB
+"""Default limit of waiting bytes for the clients of one address."""
 
-TIMES: Final = 4
-"""As many addresses together may have as much."""
+TOTAL_FACTOR: Final = 4
+"""Limit for all addresses together, as a multiple of the limit of one."""
 
 
 class Holder(Protocol):
-    """One side of a connection through a hub, whose messages wait for the other."""
+    """Side of a connection through a hub whose messages wait for the other side."""
 
     address: str
 
     def cut(self, reason: str) -> None:
-        """End the connection, and drop what waits."""
+        """Close the connection, and drop the waiting messages."""
 
 
 class WaitingBytes:
-    """Counts what waits, and ends the connection with the most where it is too much.
+    """Counter of waiting bytes; above the limit, it closes the connection with the most.
 
-    A connection is held back once 256 KiB of it wait, so that what counts is large messages, to a side that
+    A connection is held back once 256 KiB of it wait. What counts is therefore large messages to a side that
     does not read.
 
     Args:
-        most: bytes that may wait for the clients of one address, either way; a machine's own addresses have
-            no bound of their own, and all addresses together four times as many.
+        most: maximum number of waiting bytes for the clients of one address, in both directions. Local
+            addresses have no limit of their own; all addresses together may use four times as much.
     """
 
-    def __init__(self, most: int = OF_ADDRESS) -> None:
+    def __init__(self, most: int = ADDRESS_BYTES) -> None:
         self._most = most
         self._total = 0
         self._held: dict[Holder, int] = {}
@@ -44,23 +44,23 @@ class WaitingBytes:
 
     @property
     def total(self) -> int:
-        """Bytes that wait, of all."""
+        """Waiting bytes of all connections."""
         return self._total
 
     def take(self, holder: Holder, size: int) -> None:
-        """Count that so many bytes more of a holder wait."""
+        """Add `size` waiting bytes of a holder."""
         network = network_of(holder.address)
         self._held[holder] = self._held.get(holder, 0) + size
         self._of_address[network] += size
         self._total += size
         if not is_local(network) and self._of_address[network] > self._most:
             self._cut_largest(network)
-        elif self._total > TIMES * self._most:
+        elif self._total > TOTAL_FACTOR * self._most:
             ((largest, _),) = self._of_address.most_common(1)
             self._cut_largest(largest)
 
     def give_back(self, holder: Holder) -> None:
-        """Count that nothing of a holder waits any more; a second call does nothing."""
+        """Clear the waiting bytes of a holder; idempotent."""
         size = self._held.pop(holder, 0)
         if size:
             self._total -= size

@@ -1,1 +1,1 @@
-"""What a server tells about itself: metrics, in the text format of Prometheus."""
+"""Metrics in the text format of Prometheus, and notifications of the service manager."""

@@ -1,7 +1,7 @@
-"""`GET /metrics`: everything that the gateways count, collected when it is asked for.
+"""`GET /metrics`: the counters of all gateways, collected on request.
 
-Cardinality is bounded: gateways by the server's settings, topics by what the counters remember, clients (by
-number, totals only) by those that are connected, ops by the protocols.
+Cardinality is bounded: gateways by the settings, topics by the counters, clients (totals only, by number) by
+the connections, ops by the protocols.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ if TYPE_CHECKING:
 
 
 class ServerMetrics:
-    """Everything that one server counts, collected when it is asked for.
-
-    Attributes:
-        dials: how each dial-out goes.
+    """Metrics of one server, collected on request.
 
     Args:
-        bridge: the gateway that every server has.
-        extensions: what nodes and gateways count.
-        gateways: the other gateways.
+        bridge: rosbridge gateway of the server.
+        extensions: HTTP extensions, whose metrics are included.
+        gateways: other gateways.
+
+    Attributes:
+        dials: status of each dial-out.
     """
 
     def __init__(
@@ -55,11 +55,11 @@ class ServerMetrics:
         self.dials: list[RelayStatus] = []
 
     def include(self, count: Callable[[], Iterable[MetricFamily]]) -> None:
-        """Put what `count` gives on the page too."""
+        """Add the metrics that `count` returns."""
         self._of_nodes.append(count)
 
     def text(self) -> bytes:
-        """The page, with the metrics of nodes after those of the server."""
+        """Return the page: metrics of the server, then of its nodes."""
         page = PrometheusText()
         bridge = self._bridge
         counts = [GatewayCounts(gateway) for gateway in self._gateways]
@@ -86,12 +86,12 @@ class ServerMetrics:
 
     @property
     def work(self) -> float:
-        """Seconds of work for clients in each of the last seconds."""
+        """Seconds of work for clients per second, averaged over the last ten."""
         return self._loop_lag.rate_of_work
 
     @property
     def clients_beyond_rate(self) -> int:
-        """Clients that cause more work now than their rate allows."""
+        """Number of clients whose work currently exceeds their rate."""
         clients = (client for gateway in self._gateways for client in gateway.clients)
         return sum(client.graph.work.excess > 0.0 for client in clients)
 
@@ -101,13 +101,13 @@ class ServerMetrics:
 
 
 class GatewayCounts:
-    """What one gateway has counted, as of now.
+    """Snapshot of the counters of one gateway.
 
     Attributes:
-        name: of its protocol; the value of the label `gateway`.
-        counters: of all of its clients, but for what the connected ones have sent and been sent.
-        clients: the connected ones, each with what its connection has carried.
-        fanouts: the topics that clients listen to.
+        name: name of the protocol; value of the label `gateway`.
+        counters: totals of all clients, without the traffic of connected ones.
+        clients: connected clients, each with the traffic of its connection.
+        fanouts: subscribed topics.
     """
 
     def __init__(self, gateway: Gateway) -> None:
@@ -203,7 +203,6 @@ def _write_gate(page: PrometheusText, gate: Gate) -> None:
 
 
 def _write_dials(page: PrometheusText, dials: Iterable[RelayStatus]) -> None:
-    """How each dial-out goes; nothing where there are none."""
     families: tuple[tuple[str, str, Callable[[RelayStatus], int]], ...] = (
         ("rwt_dial_waiting_connections", "Connections that wait at a hub for a client.", lambda it: it.idle),
         ("rwt_dial_clients", "Clients that came through a hub.", lambda it: it.clients),
@@ -287,7 +286,7 @@ _STARTED: Final = time.time()
 
 
 def write_process(page: PrometheusText) -> None:
-    """CPU time everywhere, memory and open files where there is `/proc`; Prometheus' clients name them so."""
+    """Write CPU time, and on Linux memory and open files, under the names of Prometheus' client libraries."""
     times = os.times()
     cpu = times.user + times.system
     page.single("process_cpu_seconds_total", "counter", "CPU time used, in seconds.", cpu)
@@ -296,30 +295,28 @@ def write_process(page: PrometheusText) -> None:
         pages = int((_PROC / "statm").read_text().split()[1])
         files = sum(1 for _ in (_PROC / "fd").iterdir())
     except OSError:
-        return  # no Linux
+        return  # Not Linux.
     resident = pages * os.sysconf("SC_PAGE_SIZE")
     page.single("process_resident_memory_bytes", "gauge", "Resident memory, in bytes.", resident)
     page.single("process_open_fds", "gauge", "Open file descriptors.", files)
 
 
 LAG_PERIOD: Final = 0.5
-"""Seconds between two looks."""
+"""Seconds between two measurements."""
 LAG_BUCKETS: Final = (0.001, 0.005, 0.02, 0.1, 0.5, 2.0)
-"""Upper bounds in seconds."""
+"""Upper bounds of the buckets, in seconds."""
 
 
 _LOOKS_OF_WORK: Final = 20
-"""Looks over which the rate of work is taken."""
+"""Number of measurements over which the rate of work is averaged."""
 
 
 class LoopLag:
-    """How late the event loop is: a histogram of when a timer runs after it should have; and how much work
-    is done for clients meanwhile.
+    """Event loop lag: how late a timer runs, as a histogram. Also measures the rate of work for clients.
 
     Attributes:
-        counts: looks whose lag was at most the bucket's bound and above that of the one before; the last
-            count is of the lags above all bounds.
-        total: the sum of all lags, in seconds.
+        counts: measurements per bucket; the last count is above all bounds.
+        total: sum of all lags, in seconds.
     """
 
     def __init__(self, clock: Clock, work: WorkTotals) -> None:
@@ -338,13 +335,13 @@ class LoopLag:
 
     @property
     def rate_of_work(self) -> float:
-        """Seconds of work for clients in each of the last seconds."""
+        """Seconds of work for clients per second, averaged over the last measurements."""
         since, worked = self._worked[0]
         elapsed = self._clock.monotonic() - since
         return (self._seconds - worked) / elapsed if elapsed > 0.0 else 0.0
 
     def close(self) -> None:
-        """Look no more."""
+        """Stop measuring."""
         self._timer.cancel()
 
     def _look(self) -> None:

@@ -1,4 +1,4 @@
-"""The text format of Prometheus, version 0.0.4: families of samples with labels, escaped as it asks."""
+"""Prometheus text format, version 0.0.4."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ Labels = Mapping[str, str]
 
 
 class PrometheusText:
-    """Collects families of samples, in the order they are to be read."""
+    """Collects metric families, in order."""
 
     def __init__(self) -> None:
         self._lines: list[str] = []
 
     def family(self, name: str, kind: Kind, help: str, samples: Iterable[tuple[Labels, float]]) -> None:
-        """One metric. Nothing is written for one without samples."""
+        """Add a metric; no-op without samples."""
         lines = [f"{name}{_labels(labels)} {_number(value)}" for labels, value in samples]
         if lines:
             self._lines += [*_head(name, kind, help), *lines]
 
     def single(self, name: str, kind: Kind, help: str, value: float) -> None:
-        """One metric without labels."""
+        """Add a metric without labels."""
         self.family(name, kind, help, [({}, value)])
 
     def histogram(
@@ -36,14 +36,14 @@ class PrometheusText:
         counts: Iterable[int],
         total: float,
     ) -> None:
-        """One histogram.
+        """Add a histogram.
 
         Args:
-            name: without suffix.
-            help: what is measured.
+            name: name without suffix.
+            help: description.
             bounds: upper bounds of the buckets, ascending.
-            counts: observations in each bucket, and last those above every bound.
-            total: the sum of all observations.
+            counts: observations per bucket, and last those above every bound.
+            total: sum of all observations.
         """
         self._lines += _head(name, "histogram", help)
         below = 0
@@ -53,16 +53,16 @@ class PrometheusText:
         self._lines += [f"{name}_sum {_number(total)}", f"{name}_count {below}"]
 
     def text(self) -> bytes:
-        """The whole page."""
+        """Return the page."""
         return "".join(f"{line}\n" for line in self._lines).encode()
 
 
 def merged(pages: Mapping[str, bytes], label: str) -> bytes:
-    """The pages of several processes as one, each sample with a label that tells whose it is.
+    """Merge the pages of several processes, labelling each sample with its process.
 
     Args:
         pages: texts of :class:`PrometheusText`, by the label's value.
-        label: its name, which no sample has.
+        label: name of the label; no sample may have it yet.
     """
     families: dict[str, list[str]] = {}
     for value, page in pages.items():
@@ -72,7 +72,7 @@ def merged(pages: Mapping[str, bytes], label: str) -> bytes:
             if line.startswith("# HELP "):
                 samples = families.setdefault(line, [])
             elif line.startswith("# TYPE "):
-                # Each family has it once, before its first sample.
+                # Only once per family, before its first sample.
                 samples += [] if samples else [line]
             else:
                 samples.append(_labelled(line, own))
@@ -81,7 +81,7 @@ def merged(pages: Mapping[str, bytes], label: str) -> bytes:
 
 
 def _labelled(line: str, label: str) -> str:
-    """A sample with one more label; names of metrics have neither braces nor spaces."""
+    """Add a label to a sample; metric names contain neither braces nor spaces."""
     name, brace, rest = line.partition("{")
     if brace and " " not in name:
         return f"{name}{{{label},{rest}"

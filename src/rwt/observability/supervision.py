@@ -1,4 +1,4 @@
-"""What a service manager such as systemd is told: ready, alive, reading again, ending (sd_notify(3))."""
+"""Notifications to a service manager such as systemd: ready, alive, reloading, stopping (sd_notify(3))."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ALIVE: Final = "WATCHDOG=1"
 
 
 def tell(state: str) -> None:
-    """Tell the service manager that has started this process; nothing where none has.
+    """Notify the service manager; no-op if it did not start this process.
 
     Args:
         state: lines of ``NAME=VALUE``.
@@ -28,33 +28,32 @@ def tell(state: str) -> None:
     address = os.environ.get("NOTIFY_SOCKET", "")
     if not address.startswith(("/", "@")):
         return
-    if address.startswith("@"):  # Linux's abstract names begin with a zero byte.
+    if address.startswith("@"):  # Abstract socket names begin with a zero byte.
         address = "\0" + address[1:]
     try:
         with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
             manager.sendto(state.encode(), address)
     except OSError as error:
-        logger.warning("the service manager at NOTIFY_SOCKET cannot be told %s: %s", state, error)
+        logger.warning("cannot notify the service manager (NOTIFY_SOCKET) of %s: %s", state, error)
 
 
 def tell_reloading() -> None:
-    """Tell that settings are being read again, as ``Type=notify-reload`` wants it; :data:`READY` ends it."""
+    """Report that settings are being reloaded (``Type=notify-reload``); :data:`READY` ends it."""
     tell(f"RELOADING=1\nMONOTONIC_USEC={time.monotonic_ns() // 1000}")
 
 
 def heartbeat_seconds() -> float | None:
-    """Seconds between two times that this process is to tell :data:`ALIVE`: half of what ``WatchdogSec=``
-    gives it; None where nobody waits for it."""
+    """Return the interval of :data:`ALIVE` messages: half of ``WatchdogSec=``; None without a watchdog."""
     microseconds = os.environ.get("WATCHDOG_USEC", "")
     is_meant = os.environ.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
     return int(microseconds) / 2e6 if is_meant and microseconds.isdecimal() and int(microseconds) else None
 
 
 class Heartbeat:
-    """Tells the service manager that the event loop turns; a server that hangs is then started again.
+    """Reports to the service manager that the event loop runs, so that a hanging server is restarted.
 
     Args:
-        clock: of the event loop.
+        clock: clock of the event loop.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -69,6 +68,6 @@ class Heartbeat:
             self._timer = self._clock.call_later(self._period, self._beat)
 
     def close(self) -> None:
-        """Tell nothing more."""
+        """Stop reporting."""
         if self._timer is not None:
             self._timer.cancel()

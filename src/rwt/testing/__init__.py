@@ -1,6 +1,6 @@
-"""Robots for tests: scripted robots, a journal of what they received, and faults on the wire.
+"""Test robots: scripted robots, a journal of what they received, and faults on the wire.
 
-Names are imported when they are first used: pytest imports this package at the start of every run.
+Names are imported on first use, because pytest imports this package at the start of every run.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    """Import a name when it is first used."""
+    """Import a name on first use."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(_HOMES[name]), name)

@@ -1,10 +1,4 @@
-"""What a scripted robot raises.
-
-- :exc:`ScriptError`: a script that cannot be played: an unknown key, field or file, or a wrong message.
-- :exc:`BlockingWait`: a waiting method was called from a coroutine, whose event loop it would hold up.
-
-An expectation that is not met raises :exc:`AssertionError`, as tests expect.
-"""
+"""Errors of scripted robots. A failed expectation raises :exc:`AssertionError`."""
 
 from __future__ import annotations
 
@@ -14,15 +8,15 @@ from rwt_participant.spelling import nearest
 
 
 class ScriptError(Exception):
-    """The robot cannot be scripted so; the text says what, where and what instead."""
+    """The script cannot be played: an unknown key, field or file, or an invalid message."""
 
 
 class BlockingWait(RuntimeError):
-    """A method that waits was called on a thread whose event loop would stand still meanwhile."""
+    """A blocking method was called from a coroutine, and would block its event loop."""
 
 
 def instead(name: str, known: Iterable[str]) -> str:
-    """The nearest known name in words, or all of them: ``did you mean `rate`?``."""
+    """Return a hint that names the nearest known name, or all of them: ``did you mean `rate`?``."""
     names = list(known)
     near = nearest(name, names)
     if near:

@@ -1,4 +1,4 @@
-"""Waiting for what the robot should receive, and saying what came instead."""
+"""Expectations: wait for what the robot should receive, and report what it received instead."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from rwt.testing.journal import OF_THE_SERVER, Journal, Kind, Received
 from rwt.testing.matching import Matching, mismatch
 from rwt_participant.messages import Message
 
-#: Seconds that an expectation waits when its caller says nothing: long, since a test that passes never waits.
-PATIENCE = 5.0
-#: The same for "nothing comes", which always waits to the end.
-QUIET = 0.2
-#: How often a coroutine looks, seconds.
-_LOOK = 0.005
-#: What a failed expectation shows of what came instead.
+#: Default timeout of an expectation, in seconds. Long, because a passing test rarely waits.
+TIMEOUT_SECONDS = 5.0
+#: Default duration, in seconds, of an expectation with ``count=0``, which always waits to the end.
+QUIET_SECONDS = 0.2
+#: Polling interval of coroutines.
+_POLL_SECONDS = 0.005
+#: Limits of what a failed expectation shows.
 _SHOWN_ENTRIES = 10
 _SHOWN_CHARACTERS = 300
 
@@ -35,14 +35,14 @@ _UNTIL = {Kind.MESSAGE: "until_published", Kind.CALL: "until_called", Kind.GOAL:
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """What should come.
+    """Expected messages, calls or goals.
 
     Attributes:
         kind: message, call or goal.
         name: absolute name of the topic, service or action.
-        matching: what it should hold.
-        count: how many, exactly; None for at least one.
-        within: seconds of real time, whatever the graph's clock.
+        matching: expected content.
+        count: exact number; None for at least one.
+        within: seconds of real time, independent of the graph's clock.
     """
 
     kind: Kind
@@ -53,27 +53,27 @@ class Expectation:
 
     @property
     def seconds(self) -> float:
-        """How long to wait."""
+        """Timeout in seconds."""
         if self.within is not None:
             return self.within
-        return QUIET if self.count == 0 else PATIENCE
+        return QUIET_SECONDS if self.count == 0 else TIMEOUT_SECONDS
 
     def found(self, journal: Journal) -> list[Received]:
-        """What came and matches."""
+        """Return the matching entries."""
         return [e for e in journal.of(self.kind, self.name) if not mismatch(e.message, self.matching)]
 
     def enough(self, found: list[Received]) -> bool:
-        """Whether the outcome can no longer change by waiting."""
+        """True if waiting can no longer change the outcome."""
         if self.count == 0:
             return bool(found)
         return len(found) >= (1 if self.count is None else self.count)
 
 
 def expect(journal: Journal, wanted: Expectation) -> list[Message]:
-    """Block until what is wanted has come.
+    """Block until the expectation is met.
 
     Raises:
-        AssertionError: it did not; the text shows what came instead.
+        AssertionError: the expectation was not met; the text shows what came instead.
         BlockingWait: called from a coroutine.
         ScriptError: `matching` names an unknown field.
     """
@@ -90,26 +90,24 @@ def expect(journal: Journal, wanted: Expectation) -> list[Message]:
 
 
 async def expect_soon(journal: Journal, wanted: Expectation) -> list[Message]:
-    """As :func:`expect`, for coroutines on asyncio or trio."""
+    """Like :func:`expect`, for coroutines on asyncio or trio."""
     __tracebackhide__ = True
     deadline = time.monotonic() + wanted.seconds
     while True:
         found = wanted.found(journal)
         if wanted.enough(found) or time.monotonic() >= deadline:
             return _judged(journal, wanted, found)
-        await anyio.sleep(_LOOK)
+        await anyio.sleep(_POLL_SECONDS)
 
 
 def refuse_on_an_event_loop(instead: str) -> None:
-    """Raise :exc:`BlockingWait` where blocking would stop the client that is waited for."""
+    """Raise :exc:`BlockingWait` if an event loop runs on this thread: blocking would stop its client."""
     if on_an_event_loop():
-        raise BlockingWait(
-            f"this blocks, and a coroutine called it, whose event loop would stand still meanwhile: {instead}"
-        )
+        raise BlockingWait(f"cannot wait in a coroutine: this call would block its event loop; {instead}")
 
 
 def on_an_event_loop() -> bool:
-    """Whether an event loop, of asyncio or trio, runs on this thread."""
+    """True if an asyncio or trio event loop runs on this thread."""
     try:
         asyncio.get_running_loop()
     except RuntimeError:

@@ -1,4 +1,4 @@
-"""The journal of what reached the robot: messages, calls and goals, in order, readable from any thread."""
+"""Journal of received messages, calls and goals, in order, readable from any thread."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
     from rwt_participant.messages import Message
 
-#: Entries kept of each kind and name; the oldest make room.
+#: Maximum number of entries per kind and name; beyond it, the oldest are dropped.
 KEPT = 1000
 
-#: Bytes kept of all together; the oldest of what takes most make room, so that a camera's pictures do not
-#: push out the one command that a test waits for.
+#: Maximum size of all entries together. Beyond it, the oldest entries of the largest name are dropped, so
+#: that camera images do not displace the one command that a test waits for.
 KEPT_BYTES = 64 * 1024 * 1024
 
-#: What an entry counts besides its message.
-_ENTRY = 512
+#: Overhead charged per entry.
+_ENTRY_BYTES = 512
 
-#: What the server publishes under its clients' name, and every node by itself.
+#: Topics that the server publishes under its clients' name, or every node publishes by itself.
 OF_THE_SERVER = frozenset(("/client_count", "/connected_clients", "/rosout", "/parameter_events", "/clock"))
 
 
 class Kind(StrEnum):
-    """The kinds of entries."""
+    """Kind of an entry."""
 
     MESSAGE = "message"
     CALL = "call"
@@ -38,14 +38,14 @@ class Kind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """One message, request or goal.
+    """Received message, request or goal.
 
     Attributes:
-        kind: which of them.
+        kind: kind of the entry.
         name: absolute name of the topic, service or action.
-        payload: what it holds.
-        node: absolute name of the node that published it; empty for calls and goals.
-        stamp_ns: the graph clock's time, nanoseconds since the epoch.
+        payload: content.
+        node: absolute name of the publishing node; empty for calls and goals.
+        stamp_ns: time of the graph's clock, nanoseconds since the epoch.
     """
 
     kind: Kind
@@ -56,17 +56,17 @@ class Received:
 
     @property
     def message(self) -> Message:
-        """The typed message; shared, to be treated as read-only."""
+        """Typed message. Shared: treat it as read-only."""
         return self.payload.value()
 
     @property
     def json(self) -> str:
-        """The message as clients of this distribution see it."""
+        """Message as JSON, as clients of this distribution receive it."""
         return bytes(self.payload.json()).decode()
 
 
 class _Entries:
-    """What came of one kind under one name, and how many bytes it takes."""
+    """Entries of one kind and name, and their size in bytes."""
 
     __slots__ = ("bytes", "kept")
 
@@ -75,20 +75,20 @@ class _Entries:
         self.bytes = 0
 
     def add(self, entry: Received) -> int:
-        """Add an entry; returns its size."""
-        size = _ENTRY + entry.payload.kept_size
+        """Add an entry and return its size."""
+        size = _ENTRY_BYTES + entry.payload.kept_size
         self.kept.append((entry, size))
         self.bytes += size
         return size
 
     def drop_oldest(self) -> int:
-        """Make room; returns how much."""
+        """Drop the oldest entry and return its size."""
         _, size = self.kept.popleft()
         self.bytes -= size
         return size
 
     def drop(self, only: Callable[[Received], bool]) -> int:
-        """Forget what `only` says yes to; returns how many bytes that makes free."""
+        """Drop the entries for which `only` returns True, and return their size."""
         before = self.bytes
         self.kept = deque((entry, size) for entry, size in self.kept if not only(entry))
         self.bytes = sum(size for _, size in self.kept)
@@ -96,14 +96,14 @@ class _Entries:
 
 
 class Journal:
-    """What was received, bounded. Written on the graph's thread, read from any.
+    """Bounded journal. Written on the graph's thread, read from any thread.
 
     Args:
-        kept: entries kept of each kind and name.
-        kept_bytes: bytes kept of all together, each message in the form in which it came.
+        kept: maximum number of entries per kind and name.
+        kept_bytes: maximum size of all entries, each message counted in the form in which it was received.
 
     Attributes:
-        bytes: how many are kept.
+        bytes: size of all entries.
     """
 
     def __init__(self, kept: int = KEPT, kept_bytes: int = KEPT_BYTES) -> None:
@@ -115,7 +115,7 @@ class Journal:
         self.bytes = 0
 
     def add(self, entry: Received) -> None:
-        """Add an entry, and wake threads that wait for one."""
+        """Add an entry, and wake the threads that wait for one."""
         with self._changed:
             entries = self._entries.setdefault((entry.kind, entry.name), _Entries())
             self.bytes += entries.add(entry)
@@ -128,13 +128,13 @@ class Journal:
             self._changed.notify_all()
 
     def of(self, kind: Kind, name: str) -> tuple[Received, ...]:
-        """What came of one kind under one name, oldest first."""
+        """Return the entries of one kind and name, oldest first."""
         with self._changed:
             entries = self._entries.get((kind, name))
             return () if entries is None else tuple(entry for entry, _ in entries.kept)
 
     def everything(self, kind: Kind) -> Mapping[str, tuple[Received, ...]]:
-        """What came of one kind, by name, the names sorted."""
+        """Return the entries of one kind by name, sorted by name."""
         with self._changed:
             found = {
                 name: tuple(entry for entry, _ in entries.kept)
@@ -145,16 +145,16 @@ class Journal:
 
     @property
     def version(self) -> int:
-        """Grows with every entry."""
+        """Number that grows with every entry."""
         return self._version
 
     def wait(self, seen: int, seconds: float) -> None:
-        """Block until there is more than at version `seen`, or for `seconds`."""
+        """Block until the version exceeds `seen`, for at most `seconds`."""
         with self._changed:
             self._changed.wait_for(lambda: self._version != seen, seconds)
 
     def clear(self, only: Callable[[Received], bool] | None = None) -> None:
-        """Forget everything, or what `only` says yes to."""
+        """Drop all entries, or those for which `only` returns True."""
         with self._changed:
             if only is None:
                 self._entries.clear()

@@ -1,4 +1,4 @@
-"""Comparison of a message with the fields that a test expects."""
+"""Comparison of a message with expected fields."""
 
 from __future__ import annotations
 
@@ -13,19 +13,18 @@ from rwt.testing.errors import ScriptError, instead
 if TYPE_CHECKING:
     from rwt_participant.messages import Message
 
-#: Some fields of a message and their values, nested as the message is; or a function that says yes or no; or
-#: None, which every message fits.
+#: Some fields of a message with their values, nested like the message; a predicate; or None for any message.
 Matching: TypeAlias = "Mapping[str, object] | Callable[[Message], object] | None"
 
-#: Floats that were once float32 differ from what was written in a test by less than this.
+#: Tolerance for floats: larger than the rounding error of float32.
 RELATIVE = 1e-6
 ABSOLUTE = 1e-9
 
 
 def mismatch(message: Message, wanted: Matching) -> str:
-    """Why a message does not match, in words; empty when it does.
+    """Describe why a message does not match; return an empty string if it does.
 
-    Floats are compared to within a millionth. Lists must have the same length.
+    Floats may differ by a millionth. Lists must have the same length.
 
     Raises:
         ScriptError: `wanted` names a field that the message does not have.

@@ -1,4 +1,4 @@
-"""A graph in memory with a journal of every message that is published."""
+"""In-memory graph with a journal of every published message."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 class ObservedGraph(MemoryGraph):
     """A :class:`~rwt_graph.memory.graph.MemoryGraph` with a journal.
 
-    Attributes:
-        journal: every message that nodes and clients published, and what scripted robots add.
-        unobserved: absolute names of nodes whose messages are not noted: those of the scripted robots.
-
     Args:
-        registry: the interfaces; the standard ones of jazzy by default.
-        clock: the wall clock by default.
-        only: absolute names of the nodes whose messages are noted; None for all but the unobserved.
+        registry: interfaces; default: the standard ones of jazzy.
+        clock: clock of the graph; default: the wall clock.
+        only: absolute names of the nodes whose messages are recorded; None for all but `unobserved`.
+
+    Attributes:
+        journal: messages that nodes and clients published, and entries that scripted robots add.
+        unobserved: absolute names of nodes whose messages are not recorded: those of the scripted robots.
     """
 
     def __init__(
@@ -43,13 +43,13 @@ class ObservedGraph(MemoryGraph):
         self._only = only
 
     def make_participant(self, name: str) -> MemoryParticipant:
-        """What joins as a node, with its messages noted unless it is one of the unobserved."""
+        """Return a participant for a node, observed unless the node is in `unobserved`."""
         is_noted = name not in self.unobserved if self._only is None else name in self._only
         return _ObservedParticipant(self, name) if is_noted else super().make_participant(name)
 
 
 class _ObservedParticipant(MemoryParticipant):
-    """A participant whose publishers note their messages."""
+    """Participant whose publishers record their messages."""
 
     def __init__(self, graph: ObservedGraph, name: str) -> None:
         super().__init__(graph, name)
@@ -61,7 +61,7 @@ class _ObservedParticipant(MemoryParticipant):
 
 
 class _ObservedPublisher(Publisher):
-    """Notes a message before it is delivered, so that code that reacts to it finds it in the journal."""
+    """Publisher that records a message before delivering it, so that callbacks find it in the journal."""
 
     def __init__(self, inner: Publisher, node: str, journal: Journal, now_ns: Callable[[], int]) -> None:
         self.topic = inner.topic

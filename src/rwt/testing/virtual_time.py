@@ -1,4 +1,4 @@
-"""Time that passes when a test says so, with everything done that falls due on the way."""
+"""Virtual time: advances only when a test says so, and runs everything that is due on the way."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from anyio.from_thread import BlockingPortal
 from rwt_graph.clock import SimulatedClock
 from rwt_interfaces.times import NANOSECONDS
 
-#: Turns of the event loop in which most chains of wake-ups come to their end.
+#: Turns of the event loop after which most chains of wake-ups have ended.
 _TURNS = 8
 
 
 class VirtualTime:
     """Moves a graph's simulated clock from another thread, timer by timer.
 
-    Between two timers every coroutine runs until it waits again, so that robots see all things in the order
-    of their times, however long the way: ten seconds pass in milliseconds.
+    Between two timers, every coroutine runs until it waits again, so events happen in the order of their
+    times. Ten seconds pass in milliseconds.
 
     Args:
-        clock: the graph's.
-        portal: the graph's event loop.
+        clock: clock of the graph.
+        portal: event loop of the graph.
     """
 
     def __init__(self, clock: SimulatedClock, portal: BlockingPortal) -> None:
@@ -29,7 +29,7 @@ class VirtualTime:
         self._portal = portal
 
     def advance(self, seconds: float) -> None:
-        """Let `seconds` pass for the robot, and wait until all has happened that does in them.
+        """Advance the clock by `seconds`, and wait until everything due in them is done.
 
         Raises:
             ValueError: `seconds` is negative.
@@ -39,20 +39,20 @@ class VirtualTime:
         self._portal.call(advance, self._clock, seconds)
 
     def settle(self) -> None:
-        """Let no time pass, and wait until every coroutine of the robot waits."""
+        """Wait until every coroutine of the robot waits; the clock stands still."""
         self._portal.call(settle)
 
     def time_ns(self) -> int:
-        """ROS time, nanoseconds since the epoch."""
+        """Return ROS time, nanoseconds since the epoch."""
         return self._clock.time_ns()
 
     def monotonic(self) -> float:
-        """Seconds that have passed for the robot."""
+        """Return the seconds that have passed for the robot."""
         return self._clock.monotonic()
 
 
 async def advance(clock: SimulatedClock, seconds: float) -> None:
-    """As :meth:`VirtualTime.advance`, on the graph's own event loop."""
+    """Like :meth:`VirtualTime.advance`, on the graph's own event loop."""
     left_ns = round(seconds * NANOSECONDS)
     await settle()
     while True:
@@ -69,7 +69,7 @@ async def advance(clock: SimulatedClock, seconds: float) -> None:
 
 async def settle() -> None:
     """Wait until every other task waits."""
-    # Mostly these few turns are enough; what is left is waited for, which costs a tenth of a second.
+    # These turns are usually enough; waiting for the rest costs a tenth of a second.
     for _ in range(_TURNS):
         await anyio.lowlevel.checkpoint()
     await anyio.wait_all_tasks_blocked()

@@ -1,1 +1,1 @@
-"""How connections are encrypted: certificates from files, or of the machine's own making."""
+"""Encryption of connections: certificates from files, or created by the machine."""

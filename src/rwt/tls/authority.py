@@ -1,7 +1,7 @@
-"""Certificates of the machine's own making: an authority, and servers that it vouches for.
+"""Certificate authority of the machine, and server certificates that it signs.
 
-The authority can vouch for this machine's names and for private addresses only (RFC 5280 section 4.2.1.10),
-so that whoever steals its key cannot pass for the sites of the world.
+The authority is constrained to this machine's names and private addresses (RFC 5280 section 4.2.1.10), so a
+stolen key cannot impersonate public sites.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from rwt.tls.machine import Address, machine_names
 _AUTHORITY_DAYS: Final = 3650
 _SERVER_DAYS: Final = 90
 _RENEW_DAYS: Final = 30
-"""Days before its end from which on a certificate is made anew."""
+"""Remaining days below which a certificate is renewed."""
 _BEFORE: Final = datetime.timedelta(days=1)
-"""How long a certificate holds already when it is made: clocks of devices differ."""
+"""Backdating of new certificates: the clocks of devices differ."""
 _LOCAL_NAMES: Final = ("localhost", "local", "lan", "internal", "home.arpa")
-"""Names that no site of the world has: RFC 6761, RFC 6762, RFC 8375, and what ICANN has set aside."""
+"""Names that are never public: RFC 6761, RFC 6762, RFC 8375, and those reserved by ICANN."""
 _PRIVATE: Final = tuple(
     map(
         ipaddress.ip_network,
@@ -49,11 +49,11 @@ _PRIVATE: Final = tuple(
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """A certificate and its key.
+    """Certificate with its key.
 
     Attributes:
-        certificate: an authority's or a server's.
-        key: the one that the certificate is of.
+        certificate: certificate of an authority or a server.
+        key: private key of the certificate.
     """
 
     certificate: x509.Certificate
@@ -61,7 +61,7 @@ class Pair:
 
 
 def vouches_for(authority: x509.Certificate, name: str) -> bool:
-    """Whether an authority may vouch for a name or an address, by its own constraints."""
+    """True if the constraints of an authority permit a name or an address."""
 
     permitted = authority.extensions.get_extension_for_class(x509.NameConstraints).value.permitted_subtrees
     address = _address(name)
@@ -83,14 +83,13 @@ def _address(name: str) -> Address | None:
         return None
 
 
-# Files
 def ends_soon(certificate: x509.Certificate, now: datetime.datetime) -> bool:
-    """Whether it is time for another certificate."""
+    """True if the certificate is due for renewal."""
     return certificate.not_valid_after_utc - now < datetime.timedelta(days=_RENEW_DAYS)
 
 
 def names_in(certificate: x509.Certificate) -> tuple[str, ...]:
-    """The names and addresses that a certificate of a server is for."""
+    """Return the names and addresses in a server's certificate."""
 
     try:
         names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
@@ -106,7 +105,7 @@ def will_do(
     wanted: Iterable[str],
     now: datetime.datetime,
 ) -> bool:
-    """Whether a server's certificate holds for a while, is of that authority, and has all names."""
+    """True if a server's certificate is valid, issued by that authority, and contains all names."""
 
     if ends_soon(certificate, now) or certificate.not_valid_before_utc > now:
         return False
@@ -118,7 +117,7 @@ def will_do(
 
 
 def make_authority(names: Sequence[str], now: datetime.datetime) -> Pair:
-    """An authority for this machine's names, private addresses, and the names that are given."""
+    """Create an authority for this machine's names, private addresses, and the given names."""
 
     key = ec.generate_private_key(ec.SECP256R1())
     host = socket.gethostname()
@@ -147,7 +146,7 @@ def make_authority(names: Sequence[str], now: datetime.datetime) -> Pair:
 
 
 def make_server(authority: Pair, names: Sequence[str], now: datetime.datetime) -> Pair:
-    """The certificate of a server under these names, signed by the authority."""
+    """Create a server certificate for these names, signed by the authority."""
 
     key = ec.generate_private_key(ec.SECP256R1())
     subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "Robot Web Tools server")])
@@ -173,7 +172,7 @@ def _certificate(
     now: datetime.datetime,
     days: int,
 ) -> x509.CertificateBuilder:
-    """What authority and server have alike."""
+    """Return the builder that authority and server have in common."""
 
     builder = x509.CertificateBuilder(
         issuer,
@@ -206,13 +205,13 @@ def _usage(*, signs_certificates: bool) -> x509.KeyUsage:
 
 
 def pem_of_certificate(certificate: x509.Certificate) -> bytes:
-    """A certificate in PEM."""
+    """Encode a certificate as PEM."""
 
     return certificate.public_bytes(Encoding.PEM)
 
 
 def pem(pair: Pair) -> bytes:
-    """A key and its certificate in PEM."""
+    """Encode a key and its certificate as PEM."""
 
     key = pair.key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
     return key + pem_of_certificate(pair.certificate)

@@ -1,4 +1,4 @@
-"""The files in which a machine keeps its authority and its server's certificate."""
+"""Files of the machine's authority and of its server's certificate."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ from rwt.tls.authority import (
 logger = logging.getLogger(__name__)
 
 AUTHORITY_ALONE: Final = "authority.crt"
-"""The authority's certificate, which devices are given to trust."""
+"""Certificate of the authority, to install on devices."""
 SERVER: Final = "server.pem"
-"""The server's key and certificate, and the authority's."""
+"""Key and certificate of the server, and the authority's certificate."""
 _AUTHORITY: Final = "authority.pem"
 
 
 def make_folder(folder: Path) -> None:
-    """Make the folder where there is none.
+    """Create the folder if needed.
 
     Raises:
         SettingsError: others may write in it.
-        OSError: it cannot be made.
+        OSError: it cannot be created.
     """
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if os.name == "posix" and folder.stat().st_mode & 0o022:
@@ -49,13 +49,13 @@ def make_folder(folder: Path) -> None:
 
 
 def kept_authority(folder: Path, names: Sequence[str], now: datetime.datetime) -> Pair:
-    """The authority of a folder; a new one where there is none, or where it has come to its end."""
+    """Return the authority of a folder; create it if it is missing or about to expire."""
     path = folder / _AUTHORITY
     if (kept := _read(path)) is None:
         _write(path, pem(make_authority(names, now)), replace=False)
         kept = _read(path)  # Another process may have been first.
     elif ends_soon(kept.certificate, now):
-        logger.warning("the authority in %s has come to its end; devices have to be given the new one", path)
+        logger.warning("the authority in %s expires: creating a new one, to be installed on devices", path)
         _write(path, pem(make_authority(names, now)))
         kept = _read(path)
     if kept is None:
@@ -69,13 +69,13 @@ def kept_authority(folder: Path, names: Sequence[str], now: datetime.datetime) -
 def kept_server(
     folder: Path, authority: Pair, wanted: tuple[str, ...], now: datetime.datetime
 ) -> tuple[str, ...]:
-    """The names in the server's certificate, which is made where there is none that will do."""
+    """Return the names in the server's certificate, which is created unless a valid one exists."""
     path = folder / SERVER
     try:
         kept = _read(path)
     except SettingsError as error:
-        # Nobody but this machine goes by it, other than by its authority.
-        logger.warning("%s; another one is made", error)
+        # Devices trust the authority, so a server's certificate can be replaced.
+        logger.warning("%s; creating another one", error)
         kept = None
     if kept is not None and will_do(kept.certificate, authority.certificate, wanted, now):
         return names_in(kept.certificate)
@@ -85,10 +85,10 @@ def kept_server(
 
 
 def _read(path: Path) -> Pair | None:
-    """A certificate and its key from a file; None where there is none.
+    """Read a certificate and its key; return None if there is no file.
 
     Raises:
-        SettingsError: it is damaged, or open to others.
+        SettingsError: the file is damaged, or readable by others.
         OSError: it cannot be read.
     """
 
@@ -100,7 +100,7 @@ def _read(path: Path) -> Pair | None:
     try:
         key = load_pem_private_key(content, password=None)
         certificate = x509.load_pem_x509_certificates(content)[0]
-        certificate.extensions  # noqa: B018 - they are parsed now, and raise here
+        certificate.extensions  # noqa: B018 - parses them, and raises here
     except (ValueError, TypeError) as error:
         raise SettingsError(_damaged(path)) from error
     if not isinstance(key, ec.EllipticCurvePrivateKey) or key.public_key() != certificate.public_key():
@@ -116,8 +116,8 @@ def _damaged(path: Path) -> str:
 
 
 def _write(path: Path, content: bytes, *, mode: int = 0o600, replace: bool = True) -> None:
-    """Put a whole file where it belongs, or nothing; without `replace` one that is there stays."""
-    handle, name = tempfile.mkstemp(dir=path.parent)  # For its owner alone, from its first byte on.
+    """Write a file atomically; without `replace`, keep an existing one."""
+    handle, name = tempfile.mkstemp(dir=path.parent)  # Created with mode 0600.
     written = Path(name)
     try:
         with os.fdopen(handle, "wb") as file:

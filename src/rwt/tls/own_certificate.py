@@ -1,6 +1,6 @@
-"""The machine's own certificate: a small authority, kept for its user, and what that vouches for.
+"""Certificate of `tls.auto`: an authority kept for the user, and a server certificate that it signs.
 
-Devices that are to trust the machine are given the authority once.
+Devices that are to trust the machine install the authority once.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class OwnCertificate:
-    """What a machine shows of itself.
+    """Certificate files of this machine.
 
     Attributes:
-        authority: PEM file with the certificate that devices are given to trust.
+        authority: PEM file with the authority's certificate, to install on devices.
         fingerprint: its SHA-256, as devices show it.
-        server: PEM file with the key and certificate of the server, for its user alone.
-        names: names and addresses that it vouches for.
+        server: PEM file with the server's key and certificate, readable only by its user.
+        names: names and addresses in the server's certificate.
     """
 
     authority: Path
@@ -40,16 +40,15 @@ class OwnCertificate:
 
 
 def own_certificate(settings: TlsSettings, now: datetime.datetime | None = None) -> OwnCertificate:
-    """The certificate that `tls.auto` asks for: the one that is kept, while it holds and names this machine;
-    else a new one.
+    """Return the certificate of `tls.auto`, creating one unless a valid one that names this machine exists.
 
     Args:
-        settings: the folder, and further names.
-        now: the time, with its zone; by default the machine's.
+        settings: folder and further names.
+        now: time with time zone; default: the current time.
 
     Raises:
-        SettingsError: the extra is not installed, a name is none, or what is kept cannot be read, is damaged
-            or open to others.
+        SettingsError: the extra is not installed, a name is invalid, or a file cannot be read, is damaged or
+            readable by others.
     """
     try:
         import ifaddr  # noqa: F401 - rwt.tls.machine uses it
@@ -73,15 +72,13 @@ def own_certificate(settings: TlsSettings, now: datetime.datetime | None = None)
 
 
 def default_folder() -> Path:
-    """Where the certificate is kept where nothing else is said: in the user's folder for state
-    (XDG Base Directory Specification)."""
+    """Return the default folder in the user's state directory (XDG Base Directory Specification)."""
     state = os.environ.get("XDG_STATE_HOME", "")
     return (Path(state) if os.path.isabs(state) else Path.home() / ".local" / "state") / "rwt" / "tls"
 
 
 def _names(given: Sequence[str], authority: x509.Certificate, folder: Path) -> tuple[str, ...]:
-    """What a server's certificate is to name: this machine as far as its authority may vouch for it, and what
-    the settings name."""
+    """Return the names for the server's certificate: permitted names of this machine, and `given`."""
     from rwt.tls.authority import vouches_for
 
     for name in given:

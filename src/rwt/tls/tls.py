@@ -1,4 +1,4 @@
-"""TLS: the certificate of encrypted listeners, from files or of our own making, and the authority of hubs."""
+"""TLS contexts of listeners and of connections to hubs."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def server_tls(settings: TlsSettings) -> ssl.SSLContext | None:
-    """What encrypts listeners (TLS 1.2 or later); None where no certificate is configured (CFG-02).
+    """Return the context of listeners (TLS 1.2 or later); None if no certificate is configured (CFG-02).
 
     Raises:
         SettingsError: a file cannot be read, or is not what it should be.
@@ -23,7 +23,7 @@ def server_tls(settings: TlsSettings) -> ssl.SSLContext | None:
     context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
     context.minimum_version = ssl.TLSVersion.TLSv1_2
     try:
-        # A password is given so that a key which needs one fails here, instead of asking at a terminal.
+        # With a password argument, a protected key fails here instead of prompting on the terminal.
         context.load_cert_chain(*files, password="")
     except (ssl.SSLError, ValueError) as error:
         raise SettingsError(
@@ -34,9 +34,9 @@ def server_tls(settings: TlsSettings) -> ssl.SSLContext | None:
 
 
 def _files(settings: TlsSettings) -> tuple[Path, Path] | None:
-    """The files of the certificate and its key, which are the same where the server has made them."""
+    """Return the files of certificate and key, which are one file with `tls.auto`."""
     if settings.auto:
-        from rwt.tls.own_certificate import own_certificate  # Few servers make one.
+        from rwt.tls.own_certificate import own_certificate  # Slow import, only for `tls.auto`.
 
         made = own_certificate(settings)
         return made.server, made.server
@@ -48,21 +48,20 @@ def _files(settings: TlsSettings) -> tuple[Path, Path] | None:
 
 
 def renew_server_tls(context: ssl.SSLContext, settings: TlsSettings) -> None:
-    """Show another certificate to those who connect from now on; open connections keep theirs.
+    """Load the certificate again, for new connections; open ones keep theirs.
 
     Raises:
-        SettingsError: as :func:`server_tls`; then the old one is shown.
+        SettingsError: as :func:`server_tls`; the context keeps the old certificate.
     """
     if server_tls(settings) is not None and (files := _files(settings)) is not None:
         context.load_cert_chain(*files, password="")
 
 
 def client_tls(cafile: Path | None) -> ssl.SSLContext | None:
-    """What checks the certificate of a hub against the authority in a PEM file (`dial.cafile`); None for the
-    system's authorities.
+    """Return a context that trusts the authorities in a PEM file; None, for the system's, without a file.
 
     Raises:
-        SettingsError: the file cannot be read, or holds no certificate.
+        SettingsError: the file cannot be read, or contains no certificate.
     """
     if cafile is None:
         return None

@@ -1,4 +1,4 @@
-"""The robot's page: the dashboard, the widgets for other pages, and the folder of layouts, over HTTP."""
+"""Dashboard, widgets for other pages, and layouts, over HTTP."""
 
 from rwt.web.files import MISSING, StaticFiles, find_static_files
 from rwt.web.page import WebPage, WebPageError

@@ -1,4 +1,4 @@
-"""The files that the build of `web/` leaves in this package, and how each is sent."""
+"""Static files from the build of `web/`."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ MISSING: Final = (
     "The robot's own page is not built here. With Node 20 or later, `make demo` builds it, and so does"
     " `npm ci --prefix web && npm run --prefix web build`; what is installed from a wheel has it built in."
 )
-"""What a server says where there is no page to be served."""
+"""Text of a server whose dashboard is not built."""
 _FOREVER: Final = "public, max-age=31536000, immutable"
-"""For files whose names contain a hash of what is in them (RFC 8246)."""
-_ASK: Final = "no-cache"
-"""Kept by a browser, which asks each time whether it still holds (RFC 9111 section 5.2.2.4)."""
+"""Caching of files whose names contain a hash of their content (RFC 8246)."""
+_REVALIDATE: Final = "no-cache"
+"""Caching of other files: revalidated on each request (RFC 9111 section 5.2.2.4)."""
 _ENCODINGS: Final = (("br", ".br"), ("gzip", ".gz"))
-"""What a file may be compressed with, the smaller first."""
+"""Content codings and file suffixes, the smallest first."""
 
 
 @dataclass(frozen=True, slots=True)
 class StaticFile:
-    """One file of the build.
+    """File of the build.
 
     Attributes:
-        path: where it lies.
-        content_type: of what is in it.
-        etag: a hash of what is in it, quoted.
-        immutable: whether its name contains that hash.
-        encodings: content codings of which there is a compressed copy beside it.
+        path: path of the file.
+        content_type: media type.
+        etag: quoted hash of the content.
+        immutable: True if the name contains that hash.
+        encodings: content codings of which there is a compressed copy.
     """
 
     path: Path
@@ -43,21 +43,21 @@ class StaticFile:
     encodings: frozenset[str]
 
     def answer(self, request: HttpRequest, headers: Mapping[str, str] | None = None) -> HttpResponse:
-        """The file, in the smallest form that the client takes; 304 if it has it already.
+        """Return the file in the smallest encoding that the client accepts; 304 if the client has it.
 
         Args:
-            request: may have ``Accept-Encoding`` and ``If-None-Match``.
-            headers: sent beside those about caching.
+            request: request, with ``Accept-Encoding`` and ``If-None-Match``.
+            headers: headers in addition to those about caching.
         """
         encoding, suffix = next(
             (each for each in _ENCODINGS if each[0] in self.encodings and _takes(request, each[0])), ("", "")
         )
-        # Each form has a tag of its own (RFC 9110 section 8.8.3.3).
+        # Each encoding needs its own tag (RFC 9110 section 8.8.3.3).
         tag = f'{self.etag[:-1]}-{encoding}"' if encoding else self.etag
         sent = {
             **(headers or {}),
             "ETag": tag,
-            "Cache-Control": _FOREVER if self.immutable else _ASK,
+            "Cache-Control": _FOREVER if self.immutable else _REVALIDATE,
             "Vary": "Accept-Encoding",
         }
         if tag in request.headers.get("if-none-match", ""):
@@ -69,7 +69,7 @@ class StaticFile:
 
 
 def _takes(request: HttpRequest, encoding: str) -> bool:
-    """Whether a client takes a content coding (RFC 9110 section 12.5.3)."""
+    """True if a client accepts a content coding (RFC 9110 section 12.5.3)."""
     for choice in request.headers.get("accept-encoding", "").split(","):
         name, _, weight = choice.partition(";")
         if name.strip().lower() == encoding:
@@ -78,14 +78,14 @@ def _takes(request: HttpRequest, encoding: str) -> bool:
 
 
 StaticFiles = Mapping[str, StaticFile]
-"""Path below the server's root → file. What is not in it is not served, whatever lies in the folder."""
+"""Files by path below the server's root. Other files in the folder are not served."""
 
 
 def find_static_files(folder: Path | None = None) -> StaticFiles | None:
-    """What a build has left in a folder, by default of this package; None where nothing has been built.
+    """Return the files of a build, by default in this package; None if there is none.
 
     Raises:
-        OSError, ValueError, KeyError: the build's own list of files is damaged.
+        OSError, ValueError, KeyError: the build's manifest is damaged.
     """
     folder = folder or _STATIC
     manifest = folder / "manifest.json"

@@ -1,4 +1,4 @@
-"""The page as routes: its document with a strict policy, its files, and the layouts on offer."""
+"""Routes of the dashboard: its document with a strict policy, its files, and layouts."""
 
 from __future__ import annotations
 
@@ -17,44 +17,42 @@ LAYOUTS: Final = "/web/layouts/"
 _LAYOUT_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _MOST_LAYOUT_BYTES: Final = 1024 * 1024
 _AUTHORITY: Final = re.compile(r"[A-Za-z0-9.\-_~\[\]:]{1,255}")
-"""What may stand in a source of a Content-Security-Policy: no blank, comma or semicolon gets into it."""
+"""Characters allowed in a source of a Content-Security-Policy: no space, comma or semicolon."""
 _HTTP_OF: Final = {"ws": "http", "wss": "https"}
 
 
 _PAGES: Final = "web/pages/"
-"""Where the pages of the documentation are."""
+"""Prefix of the documentation's pages."""
 _SHARED: Final = "web/widgets"
-"""How the names of the files begin that pages of other origins load, besides the libraries."""
+"""Prefix of files that pages of other origins load, besides the libraries."""
 _FOR_EVERY_ORIGIN: Final = {
     "Access-Control-Allow-Origin": "*",
     "Cross-Origin-Resource-Policy": "cross-origin",
 }
-"""The files are the same for everybody, and reveal nothing of the robot."""
+"""Headers of files that any origin may load: they reveal nothing of the robot."""
 
 
 class WebPageError(ValueError):
-    """A folder of layouts, or an address of a robot, that cannot be used; the text says which and why."""
+    """The folder of layouts, the robot's URL or an origin is invalid; the text says which and why."""
 
 
 class WebPage:
     """Serves the dashboard at ``/``, its files below ``/web/`` and ``/lib/``, and layouts.
 
-    The document may run only the scripts and styles of this server, none of them inline. It may connect to
-    this server and to the robot that its URL names (``?robot=ws://…``), and to nothing else.
+    The document may only run scripts and styles of this server, none of them inline. It may only connect to
+    this server and to the robot in its URL (``?robot=ws://…``).
 
     Args:
-        files: what the build has left.
-        layouts: a folder of ``NAME.json``, offered to everybody who opens the page.
-        robot: the URL of the robot that the page connects to when its own URL names none; by default this
-            server.
-        embed: origins of the pages that may show this one in a frame, besides pages of this server.
+        files: files of the build.
+        layouts: folder of ``NAME.json``, readable by everyone who opens the page.
+        robot: URL of the robot to connect to unless the page's URL names one; default: this server.
+        embed: origins whose pages may embed this one in a frame, besides this server's.
 
     Attributes:
-        http: what a server takes.
+        http: routes for a server.
 
     Raises:
-        WebPageError: `layouts` is no folder, `robot` no URL of a rosbridge server, or one of `embed` no
-            origin.
+        WebPageError: `layouts` is not a folder, `robot` not a rosbridge URL, or one of `embed` not an origin.
     """
 
     def __init__(
@@ -112,13 +110,13 @@ class WebPage:
         if file is None:
             return HttpResponse(f"there is no {name} in this build of the page\n".encode(), 404)
         if name.startswith(_PAGES):
-            # Their authors' styles are within them, and their elements' worker is within a script.
+            # These pages contain inline styles, and their elements start a worker from a blob.
             policy = self._policy(request, styles=" 'unsafe-inline'", workers=" blob:")
             return file.answer(request, {"Content-Security-Policy": policy})
         return file.answer(request, _FOR_EVERY_ORIGIN if name.startswith(_SHARED) else {})
 
     def _library(self, request: HttpRequest, reader: Reader) -> HttpResponse:
-        """A library by the end of its path: pages name it as in the network that they had it from before."""
+        """Serve a library by the last part of its path, so that CDN paths work unchanged."""
         name = request.path.removeprefix("/lib/") or INDEX
         file = self._files.get(f"lib/{name}") or self._files.get(f"lib/{_library_file(name)}")
         if file is None:
@@ -148,13 +146,13 @@ class WebPage:
 
 
 def _library_file(path: str) -> str:
-    """``roslibjs/current/roslib.js`` → ``roslib.min.js``."""
+    """Return the file name of a library: ``roslibjs/current/roslib.js`` → ``roslib.min.js``."""
     stem = path.rsplit("/", 1)[-1].removesuffix(".js").removesuffix(".min")
     return f"{stem}.min.js"
 
 
 def _sources(robot: str) -> str:
-    """Where a robot is reached, as sources of a Content-Security-Policy; empty for what is no robot's URL."""
+    """Return a robot's Content-Security-Policy sources; empty if the URL is not a robot's."""
     try:
         parts = urlsplit(robot)
     except ValueError:

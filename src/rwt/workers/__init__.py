@@ -1,1 +1,1 @@
-"""Several processes that serve the same ports as one server."""
+"""Worker processes that serve the same ports as one server."""

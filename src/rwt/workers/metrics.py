@@ -1,7 +1,7 @@
-"""The metrics of all workers, whichever of them is asked.
+"""Metrics of all workers, merged by the one that receives the request.
 
-Each offers its own to the others at a Unix socket in the folder that they share; who is asked by HTTP asks
-the others and puts the pages together, each sample with a label `worker`.
+Each worker serves its own metrics on a Unix socket in a shared folder. The one that is asked over HTTP reads
+the others' and labels each sample with `worker`.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from anyio.abc import SocketStream
 
 from rwt.observability.prometheus import PrometheusText, merged
 
-#: How long another may take; one that takes longer, or that is being started again, is left out.
-_PATIENCE: Final = 1.0
+#: Timeout for one worker. A worker that is slower, or restarting, is left out.
+_TIMEOUT_SECONDS: Final = 1.0
 
 
 class WorkerMetrics:
-    """One worker's part.
+    """Metrics exchange of one worker.
 
     Args:
-        folder: where the sockets are; nobody else may enter it.
-        number: this worker's, from 1.
-        count: how many there are.
+        folder: folder of the sockets, accessible only to this user.
+        number: number of this worker, from 1.
+        count: number of workers.
     """
 
     def __init__(self, folder: Path, number: int, count: int) -> None:
@@ -36,16 +36,16 @@ class WorkerMetrics:
 
     @asynccontextmanager
     async def serve(self, own: Callable[[], bytes]) -> AsyncIterator[None]:
-        """Let the others ask for `own` within the block."""
+        """Serve `own` to the other workers within the block."""
         path = self._path(self._number)
-        path.unlink(missing_ok=True)  # Of a worker that was killed.
+        path.unlink(missing_ok=True)  # Left over from a killed worker.
 
         async def tell(stream: SocketStream) -> None:
             async with stream:
                 try:
                     await stream.send(own())
                 except anyio.BrokenResourceError:
-                    return  # Who asked has lost patience.
+                    return  # The other worker's timeout has expired.
 
         async with (
             await anyio.create_unix_listener(path) as listener,
@@ -56,7 +56,7 @@ class WorkerMetrics:
             tasks.cancel_scope.cancel()
 
     async def gather(self, own: bytes) -> bytes:
-        """The metrics of all, and which of them have answered."""
+        """Return the merged metrics, with `rwt_worker_up` for each worker."""
         pages: dict[int, bytes] = {self._number: own}
         async with anyio.create_task_group() as tasks:
             for number in range(1, self._count + 1):
@@ -70,7 +70,7 @@ class WorkerMetrics:
         return merged({str(number): pages[number] for number in sorted(pages)}, "worker") + present.text()
 
     async def _ask(self, number: int, pages: dict[int, bytes]) -> None:
-        with anyio.move_on_after(_PATIENCE):
+        with anyio.move_on_after(_TIMEOUT_SECONDS):
             try:
                 page = b""
                 async with await anyio.connect_unix(self._path(number)) as stream:

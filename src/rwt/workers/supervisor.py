@@ -1,7 +1,7 @@
-"""One parent that starts, watches and stops several processes with the same work, and does nothing else.
+"""Supervisor process that starts, watches and stops worker processes.
 
-The parent has no event loop and no threads, so that it can fork at any time; what it waits for are file
-descriptors: those of its children and of its signals.
+It has no event loop and no threads, so that it can fork at any time. It waits for file descriptors: those of
+its children and of its signals.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 Announce = Callable[[str], None]
-"""What each child calls once, when it is up, with a text for the parent."""
+"""Callback of a child, called once when it is up, with a text for the supervisor."""
 
 Work = Callable[[int, Announce], int]
-"""The work of each child, given its number from 1 and an :data:`Announce`; returns the exit code."""
+"""Work of a child, given its number from 1 and an :data:`Announce`; returns the exit code."""
 
 _STOP_SIGNALS: Final = (signal.SIGINT, signal.SIGTERM)
-#: With the one that asks the children to read their files again; they hear it from their parent.
+#: SIGHUP is passed on to the children, which then reload their files.
 _SIGNALS: Final = _STOP_SIGNALS if HANGUP is None else (*_STOP_SIGNALS, HANGUP)
 _RESTART: Final = Backoff(first=0.5, factor=2.0, longest=30.0, jitter=0.0)
-#: A child that has been up for so many seconds is started again without much waiting.
+#: Uptime after which the restart delay of a child is reset.
 _SETTLED_SECONDS: Final = 60.0
-#: Longer than a server takes to close its connections and to leave its graph.
+#: Default grace period: longer than a server takes to close its connections and its graph.
 _STOP_SECONDS: Final = 15.0
 
 
@@ -62,19 +62,19 @@ class _Child:
 
 @dataclass(slots=True)
 class _Restarts:
-    """When the next process of one number starts, after one that has ended."""
+    """Restart schedule of one worker number."""
 
     delays: Iterator[float] = field(default_factory=_RESTART.delays)
     due: float | None = None
 
 
 class Supervisor:
-    """Keeps a number of processes running until a signal comes.
+    """Keeps a number of processes running until a signal arrives.
 
     Args:
-        count: how many.
-        work: what each does.
-        stop_seconds: how long they may take to end before they are killed.
+        count: number of processes.
+        work: work of each process.
+        stop_seconds: time to end before a process is killed.
     """
 
     def __init__(self, count: int, work: Work, stop_seconds: float = _STOP_SECONDS) -> None:
@@ -85,14 +85,14 @@ class Supervisor:
         self._context = multiprocessing.get_context("fork")
 
     def run(self, when_up: Announce) -> int:
-        """Start them, the first before the others, and watch until SIGINT or SIGTERM.
+        """Start the workers, the first before the others, and watch them until SIGINT or SIGTERM.
 
         Args:
             when_up: called when all are up, with the text of the first.
 
         Returns:
-            The exit code: 0 after a signal; if one ended before all were up, its own; 1 if some had to be
-            killed.
+            The exit code: 0 after a signal; that of a worker that ended before all were up; 1 if one was
+                killed.
         """
         with _signals() as signals:
             try:
@@ -126,7 +126,7 @@ class Supervisor:
         self._children[number] = _Child(number, process, pipe, time.monotonic())
 
     def _await_up(self, signals: socket.socket) -> int | None:
-        """None when all that were started are up; else the exit code, after a signal or a failure."""
+        """Return None once all started workers are up, else the exit code: after a signal or a failure."""
         while any(child.announced is None for child in self._children.values()):
             ready = self._wait(signals)
             if signals in ready and any(number in _STOP_SIGNALS for number in signals.recv(64)):
@@ -136,7 +136,7 @@ class Supervisor:
         return None
 
     def _watch(self, signals: socket.socket) -> None:
-        """Start again what ends, until a signal comes."""
+        """Restart workers that end, until a signal arrives."""
         heartbeat = heartbeat_seconds()
         while True:
             ready = self._wait(signals, heartbeat)
@@ -158,7 +158,7 @@ class Supervisor:
                     self._start(number)
 
     def _wait(self, signals: socket.socket | None, longest: float | None = None) -> list[object]:
-        """What has happened, after it has: signals and sentinels; what children say is noted."""
+        """Wait for events, and return the ready signals and sentinels; announcements are stored."""
         now = time.monotonic()
         dues = [restarts.due - now for restarts in self._restarts.values() if restarts.due is not None]
         if longest is not None:
@@ -173,7 +173,7 @@ class Supervisor:
         return [*ready]
 
     def _ended(self, ready: list[object]) -> list[_Child]:
-        """Those that have ended, forgotten and waited for."""
+        """Remove and return the children that have ended."""
         ended = [child for child in self._children.values() if child.process.sentinel in ready]
         for child in ended:
             child.process.join()
@@ -196,7 +196,7 @@ class Supervisor:
         )
 
     def _stop(self) -> int:
-        """End all; 1 if some had to be killed or failed to end well."""
+        """Stop all workers. Returns 1 if one was killed or failed, else 0."""
         for restarts in self._restarts.values():
             restarts.due = None
         for child in self._children.values():
@@ -211,7 +211,7 @@ class Supervisor:
             child.process.join()
             codes.append(child.process.exitcode)
         self._children.clear()
-        # A child that had no handler of its own yet was ended by the signal.
+        # SIGTERM ends a child that has not installed its handler yet.
         return int(any(code not in (0, -signal.SIGTERM) for code in codes))
 
 
@@ -219,7 +219,7 @@ def _read_announcement(child: _Child) -> None:
     try:
         child.announced = str(child.pipe.recv())
     except EOFError:
-        child.announced = ""  # It ends without having been up, which its sentinel tells too.
+        child.announced = ""  # Ended before it was up; its sentinel reports that.
     else:
         logger.info("worker %d is up, as process %s", child.number, child.process.pid)
 
@@ -231,7 +231,7 @@ def _ending(code: int | None) -> str:
 
 
 def _child(work: Work, number: int, pipe: Connection) -> None:
-    """What a child runs first: it must not take its parent's signals for its own."""
+    """Run a child: drop the parent's signal handling, then work."""
     signal.set_wakeup_fd(-1)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -240,21 +240,21 @@ def _child(work: Work, number: int, pipe: Connection) -> None:
 
 
 def parent_sentinel() -> int:
-    """In a child: a file descriptor that becomes readable when its parent has died, however that was."""
+    """Return a file descriptor that becomes readable when the parent has died. Only in a child."""
     parent = multiprocessing.parent_process()
     assert parent is not None  # Only children ask.
     return parent.sentinel
 
 
 def parent_lives() -> bool:
-    """In a child: whether its parent has not died yet."""
+    """True if the parent is alive. Only in a child."""
     parent = multiprocessing.parent_process()
     return parent is not None and parent.is_alive()
 
 
 @contextmanager
 def _signals() -> Iterator[socket.socket]:
-    """A socket from which the numbers of SIGINT, SIGTERM and SIGHUP are read, as they come."""
+    """Yield a socket that delivers the numbers of SIGINT, SIGTERM and SIGHUP."""
     reader, writer = socket.socketpair()
     with reader, writer:
         writer.setblocking(False)

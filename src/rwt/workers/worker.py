@@ -1,4 +1,4 @@
-"""The setting `workers`: N processes on the same ports, with one graph over Zenoh."""
+"""Setting `workers`: processes that serve the same ports, with one graph over Zenoh."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class WorkerContext:
-    """What one worker has for itself.
+    """Context of one worker.
 
     Attributes:
-        number: from 1; the first is also the home of what there can be only once.
-        folder: where the workers have their sockets, for this user only.
-        metrics: those of all workers.
-        announce: called once, with the announcement, when clients can connect.
+        number: number from 1; the first worker also runs what must exist only once.
+        folder: folder of the workers' sockets, accessible only to this user.
+        metrics: metrics of all workers.
+        announce: called once with the announcement, when clients can connect.
     """
 
     number: int
@@ -46,20 +46,20 @@ class WorkerContext:
 
 
 ServeAsWorker: TypeAlias = "Callable[[WorkerContext, Settings], None]"
-"""Serves as one worker until it is to end."""
+"""Serves as one worker until it ends."""
 
 InWorker = Callable[[int, Callable[[], None]], int]
-"""Runs a worker's part, given its number and what serves; returns the exit code."""
+"""Body of a worker process, given its number and a function that serves; returns the exit code."""
 
 
 def run_workers(
     settings: Settings, serve: ServeAsWorker, announce: Announce, in_worker: InWorker | None = None
 ) -> int:
-    """Run the parent: hold the ports, start the workers, announce, watch; returns the exit code.
+    """Run the supervisor: bind the ports, start the workers, announce, watch. Returns the exit code.
 
     Raises:
-        SettingsError: processes cannot share what is asked, or the certificate cannot be used.
-        TransportError: an address cannot be had.
+        SettingsError: the settings do not allow several processes, or the certificate is invalid.
+        TransportError: an address is not available.
     """
     _check(settings)
     tls = server_tls(settings.tls)
@@ -77,12 +77,12 @@ def _plainly(number: int, serve: Callable[[], None]) -> int:
 
 
 def _patience(settings: Settings) -> float:
-    """How long a worker may take to end: its clients, its graph, and a busy machine."""
+    """Return the time a worker may take to end: for its clients, its graph, and a busy machine."""
     return settings.limits.close_seconds + 10.0
 
 
 def _check(settings: Settings) -> None:
-    """Refuse what several processes cannot do together."""
+    """Reject settings that several processes do not support."""
     if sys.platform != "linux":
         raise SettingsError("`workers`: needs Linux, which spreads clients over processes; use 1")
     if not DISTROS[settings.distro].joins_over_zenoh:
@@ -95,7 +95,7 @@ def _check(settings: Settings) -> None:
 
 @contextmanager
 def _folder() -> Iterator[Path]:
-    """A folder that only this user may enter; its path is short, as those of sockets must be."""
+    """Create a folder only for this user. Its path is short, because paths of sockets are limited."""
     folder = Path(tempfile.mkdtemp(prefix="rwt-"))
     try:
         yield folder
@@ -105,7 +105,7 @@ def _folder() -> Iterator[Path]:
 
 @contextmanager
 def _held(settings: Settings, tls: SSLContext | None) -> Iterator[tuple[frozenset[str], tuple[str, ...]]]:
-    """Hold the ports that workers share; the URLs of these, and all URLs, with the ports that there are."""
+    """Bind the shared ports; yield their URLs, and all URLs, with the actual ports."""
     held: list[HeldPort] = []
     urls = []
     try:
@@ -129,18 +129,18 @@ def _work(
     number: int,
     announce: Announce,
 ) -> int:
-    """In a child: serve as worker `number`; returns the exit code."""
+    """Serve as worker `number`, in a child; return the exit code."""
     worker = WorkerContext(number, folder, WorkerMetrics(folder, number, settings.workers), announce)
     try:
         return in_worker(number, partial(serve, worker, _share(settings, shared, number)))
     finally:
         if not parent_lives():
-            # It was killed, and cannot tidy up.
+            # It was killed, and cannot clean up.
             shutil.rmtree(folder, ignore_errors=True)
 
 
 def _share(settings: Settings, shared: frozenset[str], number: int) -> Settings:
-    """What of the settings a worker does: the first all of it, the others what can be done by many."""
+    """Return the settings of a worker: the first gets all, the others what may exist several times."""
     if number == 1:
         return settings.model_copy(update={"graph": "zenoh"})
     return settings.model_copy(

@@ -18,7 +18,7 @@ from rwt.cli.console.logs import add_log_options, log_to_stderr
 from rwt.cli.errors import CommandError
 from rwt.cli.verbs import integer_within
 from rwt.hub.hub import open_hub
-from rwt.hub.waiting_bytes import OF_ADDRESS
+from rwt.hub.waiting_bytes import ADDRESS_BYTES
 from rwt.observability.prometheus import PrometheusText
 from rwt.signals import HANGUP, STOP_SIGNALS, on_signals, terminal_is_gone
 from rwt.tls.tls import renew_server_tls, server_tls
@@ -123,10 +123,10 @@ def _add_bounds(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--waiting-bytes",
         type=integer_within(_KIB, 1 << 40),
-        default=OF_ADDRESS,
+        default=ADDRESS_BYTES,
         metavar="BYTES",
         help="bytes that may wait for clients of one address, or for their robots, before the connection with"
-        f" the most is ended; all addresses together four times as many (default {OF_ADDRESS})",
+        f" the most is ended; all addresses together four times as many (default {ADDRESS_BYTES})",
     )
 
 

@@ -1,7 +1,6 @@
-"""The pytest plugin: options, a marker and fixtures for robots in tests.
+"""Pytest plugin: options, a marker and fixtures for robots in tests.
 
-pytest imports this module at the start of every run, so what the fixtures need is imported when the first
-test asks for one.
+pytest imports this module at the start of every run, so the fixtures import their dependencies on first use.
 """
 
 from __future__ import annotations
@@ -43,7 +42,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Make the marker known."""
+    """Register the marker."""
     config.addinivalue_line(
         "markers",
         "rwt(distro=None, demo=False, interfaces=(), settings={}): how the robot of this test is: its ROS"
@@ -52,7 +51,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """Run a test once for each distribution that it wants, where it wants several."""
+    """Parametrize a test that asks for several distributions."""
     if "rwt_distro" not in metafunc.fixturenames:
         return
     from rwt.testing.pytest_plugin.options import distros_of
@@ -60,7 +59,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     try:
         distros = distros_of(metafunc.config, list(metafunc.definition.iter_markers("rwt")))
     except pytest.UsageError as error:
-        # Said without the way through pytest that led here.
+        # Without pytest's own frames.
         raise pytest.Collector.CollectError(str(error)) from None
     if len(distros) > 1:
         metafunc.parametrize("rwt_distro", distros, indirect=True)
@@ -70,9 +69,9 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 def pytest_runtest_makereport(
     item: pytest.Item, call: pytest.CallInfo[None]
 ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
-    """Add what went over the wire to the report of a failing test."""
+    """Add the wire transcript to the report of a failing test."""
     report = yield
-    # Imported by the first test that needs it, or never.
+    # Imported on first use.
     environments = sys.modules.get("rwt.testing.pytest_plugin.environment")
     if environments is not None and report.failed:
         from rwt.testing.pytest_plugin.options import transcript_lines
@@ -84,7 +83,7 @@ def pytest_runtest_makereport(
 
 @pytest.fixture
 def rwt_distro(request: pytest.FixtureRequest) -> str:
-    """The ROS distribution of this test's robot: "jazzy" or "noetic"."""
+    """Return the ROS distribution of this test's robot: "jazzy" or "noetic"."""
     chosen = getattr(request, "param", None)
     if chosen is not None:
         return str(chosen)
@@ -108,23 +107,23 @@ def _rwt_environment(request: pytest.FixtureRequest, rwt_distro: str) -> Iterato
 
 @pytest.fixture
 def rwt_graph(_rwt_environment: Environment) -> ObservedGraph:
-    """A robot graph that runs in a thread of its own; nodes in it may be used from the test's thread."""
+    """Return a robot graph that runs in its own thread; its nodes may be used from the test's thread."""
     return _rwt_environment.graph
 
 
 @pytest.fixture
 def rwt_clock(_rwt_environment: Environment) -> VirtualTime:
-    """Virtual time: with this, the robot's clock stands still until `rwt_clock.advance(seconds)`."""
+    """Return the virtual time of the robot: its clock only moves with `rwt_clock.advance(seconds)`."""
     return _rwt_environment.virtual_time
 
 
 @pytest.fixture
 def rwt_robot(_rwt_environment: Environment) -> ScriptedRobot:
-    """A robot whose behaviour the test writes down, and which says what it received."""
+    """Return a robot that the test scripts, and that records what it receives."""
     return _rwt_environment.robot
 
 
 @pytest.fixture
 def rwt_server(_rwt_environment: Environment) -> RobotServer:
-    """A rosbridge server in front of the robot, on a free port: `rwt_server.url`."""
+    """Return a rosbridge server in front of the robot, on a free port: `rwt_server.url`."""
     return _rwt_environment.server

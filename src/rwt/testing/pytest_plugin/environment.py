@@ -1,4 +1,4 @@
-"""The environment of one test: a graph in a thread of its own, a robot, a server, and the wire between."""
+"""Environment of one test: a graph in its own thread, a robot, a server, and the wire between."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from rwt.server import Server
 from rwt.settings.models import Settings
 from rwt.settings.sources import Given, from_text, load_settings
 from rwt.testing import Faults, ObservedGraph, ObservedWire, ScriptedRobot, Transcript
-from rwt.testing.expectations import PATIENCE, refuse_on_an_event_loop
+from rwt.testing.expectations import TIMEOUT_SECONDS, refuse_on_an_event_loop
 from rwt.testing.pytest_plugin.options import Options
 from rwt.testing.virtual_time import VirtualTime
 from rwt_graph.clock import SimulatedClock
 
-#: Where virtual time begins, in nanoseconds since the epoch: not 0, which ROS takes for "no time yet".
+#: Start of virtual time, nanoseconds since the epoch. Not 0, which means "no time yet" in ROS.
 EPOCH_NS = 1_700_000_000_000_000_000
 
-#: The environments of this moment: that of the test, and those of fixtures that live longer.
+#: Open environments: that of the test, and those of fixtures with a longer scope.
 _OPEN: list[Environment] = []
 
 _ANY_PORT = "ws://127.0.0.1:0"
-_LOOK = 0.005
+_POLL_SECONDS = 0.005
 
 
 class RobotServer:
-    """A rosbridge server on a free port of this machine.
+    """Rosbridge server on a free port of this machine.
 
     Attributes:
         url: ``ws://127.0.0.1:PORT``.
         host: ``127.0.0.1``.
-        port: the number.
+        port: port number.
     """
 
     def __init__(self, url: str, wire: ObservedWire) -> None:
@@ -48,27 +48,27 @@ class RobotServer:
 
     @property
     def faults(self) -> Faults:
-        """The faults of the wire; see :class:`rwt.testing.Faults`."""
+        """Faults of the wire."""
         return self._wire.faults
 
     @property
     def transcript(self) -> Transcript:
-        """What went over the wire so far."""
+        """Transcript of the wire."""
         return self._wire.transcript
 
     @property
     def client_count(self) -> int:
-        """How many clients are connected now."""
+        """Number of connected clients."""
         return self._wire.client_count
 
-    def wait_for_clients(self, count: int = 1, within: float = PATIENCE) -> None:
+    def wait_for_clients(self, count: int = 1, within: float = TIMEOUT_SECONDS) -> None:
         """Block until exactly `count` clients are connected.
 
         Args:
-            within: seconds of real time.
+            within: timeout in seconds of real time.
 
         Raises:
-            AssertionError: it did not become so.
+            AssertionError: timeout.
             BlockingWait: called from a coroutine.
         """
         __tracebackhide__ = True
@@ -76,15 +76,15 @@ class RobotServer:
         deadline = time.monotonic() + within
         while self.client_count != count:
             self._check(count, within, deadline)
-            time.sleep(_LOOK)
+            time.sleep(_POLL_SECONDS)
 
-    async def until_clients(self, count: int = 1, within: float = PATIENCE) -> None:
-        """As :meth:`wait_for_clients`, for coroutines."""
+    async def until_clients(self, count: int = 1, within: float = TIMEOUT_SECONDS) -> None:
+        """Like :meth:`wait_for_clients`, for coroutines."""
         __tracebackhide__ = True
         deadline = time.monotonic() + within
         while self.client_count != count:
             self._check(count, within, deadline)
-            await anyio.sleep(_LOOK)
+            await anyio.sleep(_POLL_SECONDS)
 
     def _check(self, count: int, within: float, deadline: float) -> None:
         __tracebackhide__ = True
@@ -95,12 +95,12 @@ class RobotServer:
 
 
 class Environment:
-    """What the fixtures of one test share; the robot is made when it is first asked for.
+    """Objects that the fixtures of one test share. The robot is created on first use.
 
     Attributes:
-        graph: the robot graph; it runs.
-        wire: what observes the server.
-        server: the server, listening.
+        graph: running robot graph.
+        wire: observer of the server's connections.
+        server: listening server.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class Environment:
 
     @property
     def virtual_time(self) -> VirtualTime:
-        """The clock, which the test moves."""
+        """Clock that the test moves."""
         clock = self.graph.clock
         if not isinstance(clock, SimulatedClock):
             raise pytest.UsageError(
@@ -125,7 +125,7 @@ class Environment:
 
     @cached_property
     def robot(self) -> ScriptedRobot:
-        """The scripted robot, named `robot`."""
+        """Scripted robot, named `robot`."""
         robot = ScriptedRobot(self.graph)
         self._stack.callback(robot.close)
         return robot
@@ -133,12 +133,12 @@ class Environment:
 
 @contextmanager
 def open_environment(options: Options) -> Iterator[Environment]:
-    """Run a graph and a server in a thread until the block is left; then the thread has ended.
+    """Run a graph and a server in a thread until the block is left. The thread has then ended.
 
-    For fixtures of your own that live longer than one test.
+    For fixtures with a longer scope than one test.
 
     Raises:
-        UsageError: a setting or an interface file cannot be used.
+        UsageError: a setting or an interface file is invalid.
     """
     settings = _settings(options)
     clock = SimulatedClock(EPOCH_NS) if options.virtual else None
@@ -167,13 +167,13 @@ def open_environment(options: Options) -> Iterator[Environment]:
 
 
 def transcripts(most: int) -> list[str]:
-    """The last `most` lines of each transcript of this moment, for the report of a failing test."""
+    """Return the last `most` lines of each open transcript, for the report of a failing test."""
     texts = [environment.wire.transcript.text(most) for environment in _OPEN] if most else []
     return [text for text in texts if text]
 
 
 def _settings(options: Options) -> Settings:
-    """The server's settings: those of the ini file are texts, those of markers values."""
+    """Return the server's settings; those from the ini file are strings, those from markers are values."""
     given = []
     marked = {"demo": options.demo, "interfaces": options.interfaces, "distro": options.distro}
     try:

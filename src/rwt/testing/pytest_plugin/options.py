@@ -1,4 +1,4 @@
-"""A test's options: from its markers, the command line and the ini file."""
+"""Options of a test: from its markers, the command line and the ini file."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _KEYS = ("distro", "demo", "interfaces", "settings")
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """The options of a robot and its server.
+    """Options of a robot and its server.
 
     Attributes:
         distro: ROS distribution.
-        demo: whether the demo robot takes part.
+        demo: True to run the demo robot.
         interfaces: folders of interface files.
-        settings: the server's, each by its key with dots, those of the ini file as text.
-        virtual: whether time is simulated.
+        settings: server settings by dotted key; those from the ini file are strings.
+        virtual: True to simulate time.
     """
 
     distro: str = DISTROS[0]
@@ -36,10 +36,10 @@ class Options:
 
 
 def distros_of(config: pytest.Config, marks: list[pytest.Mark]) -> tuple[str, ...]:
-    """The distributions with which a test runs.
+    """Return the distributions with which a test runs.
 
     Raises:
-        UsageError: an unknown one is asked for.
+        UsageError: an unknown distribution is named.
     """
     marked = _marked(marks).get("distro")
     asked = marked or config.getoption("rwt_distro") or config.getini("rwt_distro") or DISTROS[0]
@@ -53,10 +53,10 @@ def distros_of(config: pytest.Config, marks: list[pytest.Mark]) -> tuple[str, ..
 
 
 def options_of(request: pytest.FixtureRequest, distro: str) -> Options:
-    """The options of one test.
+    """Return the options of one test.
 
     Raises:
-        UsageError: a marker or an ini value cannot be used.
+        UsageError: a marker or an ini value is invalid.
     """
     node: pytest.Item = request.node
     config = request.config
@@ -71,7 +71,7 @@ def options_of(request: pytest.FixtureRequest, distro: str) -> Options:
 
 
 def _marked(marks: list[pytest.Mark]) -> dict[str, object]:
-    """The arguments of all markers; the closest to the test wins."""
+    """Merge the arguments of all markers; the closest to the test wins."""
     asked: dict[str, object] = {}
     for mark in reversed(marks):
         if mark.args:
@@ -86,7 +86,7 @@ def _marked(marks: list[pytest.Mark]) -> dict[str, object]:
 
 
 def _folders(node: pytest.Item, asked: object) -> tuple[Path, ...]:
-    """Folders as the marker names them, relative to the test's file."""
+    """Resolve the folders that the marker names, relative to the test's file."""
     several = asked if isinstance(asked, list | tuple) else (asked,)
     return tuple(node.path.parent / str(folder) for folder in several)
 
@@ -108,7 +108,7 @@ def _ini_settings(config: pytest.Config) -> dict[str, object]:
 
 
 def transcript_lines(config: pytest.Config) -> int:
-    """How much of the transcript a failing test shows.
+    """Return how many transcript lines a failing test shows.
 
     Raises:
         UsageError: the ini value is not a whole number.

@@ -1,1 +1,1 @@
-"""Robots that do what a file says."""
+"""Robots scripted in a file."""

@@ -1,4 +1,4 @@
-"""A robot from a file, and the services by which a test reads what it received and resets it."""
+"""Robot from a file, with services by which a test resets it and reads what it received."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ if TYPE_CHECKING:
     from rwt_participant.handles import Handle
     from rwt_participant.messages import ParameterValue
 
-#: The node that is asked; its services are below this name.
+#: Node of the control services, and prefix of their names.
 CONTROL = "/rwt_script"
 
-#: The node under which all clients publish; calls and goals have none.
+#: Node under which all clients publish; calls and goals have no node.
 _CLIENTS = ("/rosbridge_websocket", "")
 
 
 class ScriptControl:
-    """Plays a file on a graph, and offers `/rwt_script/…`.
+    """Plays a file on a graph, and offers the services `/rwt_script/…`.
 
-    Services, each of `std_srvs/Trigger` unless said otherwise:
+    Each is a `std_srvs/Trigger` unless noted:
 
-    - `reset`: the robot starts again, and what was received is forgotten;
+    - `reset`: restart the robot and clear what was received;
     - `received`: everything that clients have sent, as JSON in `message`;
-    - `next/TOPIC`: publish the next of the topic's `messages`, where it has no `rate`;
-    - `disconnect`: hang up on every client, the caller too;
-    - `faults` (`std_srvs/SetBool`): the faults of the file on or off.
+    - `next/TOPIC`: publish the next of the topic's `messages`, if it has no `rate`;
+    - `disconnect`: disconnect every client, including the caller;
+    - `faults` (`std_srvs/SetBool`): enable or disable the faults of the file.
 
     Args:
-        graph: the robot's.
-        wire: where faults happen.
-        file: `.toml` or `.py`.
+        graph: graph of the robot.
+        wire: wire on which faults are injected.
+        file: `.toml` or `.py` file.
 
     Raises:
         ScriptError: the file cannot be played.
@@ -68,7 +68,7 @@ class ScriptControl:
 
     @property
     def node(self) -> ScriptedRobot:
-        """The robot as it is now."""
+        """Current robot; `reset` replaces it."""
         return self._robot.node
 
     def close(self) -> None:
@@ -77,7 +77,7 @@ class ScriptControl:
         self._node.close()
 
     def _maker(self) -> Callable[[], TomlRobot | ProgramRobot]:
-        """Reads the file once; what it gives makes a robot each time."""
+        """Read the file once; return a function that makes a robot."""
         if self._file.suffix == ".py":
             function = read_program(self._file)
             return lambda: ProgramRobot(self._graph, function, self._file)
@@ -95,7 +95,6 @@ class ScriptControl:
         return self._node.advertise_service(f"{CONTROL}/{name}", "std_srvs/Trigger", handle)
 
     def _begin(self) -> None:
-        """Set up what goes with a fresh robot."""
         inject(self._wire.faults, self._faults_of_file)
         for service in self._step_services:
             service.close()
@@ -142,7 +141,7 @@ class ScriptControl:
 
 
 def _by_name(entries: Mapping[str, tuple[Received, ...]]) -> dict[str, list[ParameterValue]]:
-    """What clients have sent, as they see it."""
+    """Return what clients have sent, by name, as they see it."""
     chosen = {
         name: [json.loads(entry.json) for entry in kept if entry.node in _CLIENTS]
         for name, kept in entries.items()

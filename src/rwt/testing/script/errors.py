@@ -1,4 +1,4 @@
-"""Reading a script in TOML, and saying what is wrong with it: the file, the key, and what is expected."""
+"""Reader of scripts in TOML. Errors name the file, the key and the expected value."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from rwt_protocol.error_text import annotation_at, but_got, expected, first_erro
 
 
 def read_script(file: Path) -> Script:
-    """Read a file.
+    """Read a script.
 
     Raises:
-        ScriptError: it cannot be read, has an unknown key or a wrong value.
+        ScriptError: the file cannot be read, or has an unknown key or an invalid value.
     """
     try:
         values = tomllib.loads(file.read_text(encoding="utf-8"))
@@ -28,7 +28,7 @@ def read_script(file: Path) -> Script:
         raise ScriptError(f"{file}: not UTF-8 at byte {error.start}") from None
     except RecursionError:
         raise ScriptError(f"{file}: tables or lists are nested too deeply") from None
-    except ValueError as error:  # TOMLDecodeError, or a number of thousands of digits.
+    except ValueError as error:  # TOMLDecodeError, or a number with thousands of digits.
         raise ScriptError(f"{file}: not TOML: {error}") from None
     try:
         return Script.model_validate(_as_tuples(values))
@@ -37,10 +37,10 @@ def read_script(file: Path) -> Script:
 
 
 def read_recorded(file: Path) -> tuple[Recorded, ...]:
-    """Read recorded messages, one JSON object a line; empty lines are left out.
+    """Read recorded messages, one JSON object per line; empty lines are skipped.
 
     Raises:
-        ScriptError: the file cannot be read, or a line is something else.
+        ScriptError: the file cannot be read, or a line is invalid.
     """
     try:
         lines = file.read_text(encoding="utf-8").splitlines()
@@ -56,14 +56,14 @@ def _line(file: Path, number: int, line: str) -> Recorded:
         return Recorded.model_validate(json.loads(line))
     except ValidationError as error:
         raise ScriptError(f"{file}:{number}: {_explain(error, Recorded)}") from None
-    except (ValueError, RecursionError):  # JSONDecodeError, or a number of thousands of digits.
+    except (ValueError, RecursionError):  # JSONDecodeError, or a number with thousands of digits.
         raise ScriptError(
             f'{file}:{number}: not JSON; expected {{"at": seconds, "msg": {{…}}}} on each line'
         ) from None
 
 
 def dotted(key: Sequence[str | int]) -> str:
-    """A key as TOML writes it: ``topics."/odom".messages[1]``."""
+    """Format a key like TOML: ``topics."/odom".messages[1]``."""
     text = ""
     for part in key:
         if isinstance(part, int):
@@ -75,14 +75,14 @@ def dotted(key: Sequence[str | int]) -> str:
 
 
 def _as_tuples(value: object) -> object:
-    """The models are strict, and immutable: their lists are tuples."""
+    """Convert lists to tuples: the models are strict and immutable."""
     if isinstance(value, dict):
         return {key: _as_tuples(inner) for key, inner in value.items()}
     return tuple(map(_as_tuples, value)) if isinstance(value, list) else value
 
 
 def _explain(error: ValidationError, model: type[BaseModel] = Script) -> str:
-    """The first thing that is wrong: where, and one line about it that names the key."""
+    """Describe the first error in one line that names the key."""
     first = first_error(error)
     key, annotation = locate(model, first["loc"])
     if first["type"] == "extra_forbidden":

@@ -1,4 +1,4 @@
-"""What a script in TOML may say: the models alone; `rwt.testing.script.errors` describes mistakes."""
+"""Models of a script in TOML; `rwt.testing.script.errors` describes mistakes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self, TypeAlias
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 Fields: TypeAlias = Mapping[str, Any]
-"""A message, or some fields of one: ROS's payload, which its type checks and not this model."""
+"""Message, or some of its fields. Checked against its ROS type, not by this model."""
 
 Seconds = Annotated[float, Field(ge=0, le=1_000_000_000, allow_inf_nan=False)]
 PositiveNumber = Annotated[float, Field(ge=0.001, le=1_000_000, allow_inf_nan=False)]
@@ -17,23 +17,23 @@ AtLeastOne = Annotated[int, Field(ge=1, le=10**9)]
 
 
 class Table(BaseModel):
-    """A table of the file."""
+    """Table of the file."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
 class Recorded(Table):
-    """One message at its time."""
+    """Message with its time."""
 
     at: Annotated[Seconds, Field(description="seconds of the robot's clock from the beginning")]
     msg: Annotated[Fields, Field(description="the message")]
 
 
 def _only_one(table: Table, keys: tuple[str, ...]) -> list[str]:
-    """Those of the keys that the table has.
+    """Return the keys that the table has.
 
     Raises:
-        ValueError: more than one.
+        ValueError: there is more than one.
     """
     given = [key for key in keys if key in table.model_fields_set]
     if len(given) > 1:
@@ -42,7 +42,7 @@ def _only_one(table: Table, keys: tuple[str, ...]) -> list[str]:
 
 
 class TopicScript(Table):
-    """A topic. With none of `latched`, `messages`, `recorded` and `file` it only has a type."""
+    """Topic. Without `latched`, `messages`, `recorded` and `file`, it only has a type."""
 
     type: Annotated[str, Field(description="message type, for example `std_msgs/String`")]
     latched: Annotated[
@@ -81,7 +81,7 @@ _ANSWERS = ("returns", "fails", "never_answers")
 
 
 class AnswerScript(Table):
-    """What a call gets."""
+    """Answer to a call."""
 
     returns: Annotated[
         Fields | tuple[Fields, ...] | None,
@@ -93,7 +93,7 @@ class AnswerScript(Table):
 
 
 class CaseScript(AnswerScript):
-    """The answer to some requests."""
+    """Answer to matching requests."""
 
     request: Annotated[Fields, Field(description="fields of the request and their values")]
 
@@ -105,7 +105,7 @@ class CaseScript(AnswerScript):
 
 
 class ServiceScript(AnswerScript):
-    """A service and its answers; of the cases in `when` the first that matches answers."""
+    """Service and its answers; the first matching case in `when` answers."""
 
     type: Annotated[str, Field(description="service type, for example `std_srvs/SetBool`")]
     when: Annotated[
@@ -120,7 +120,7 @@ class ServiceScript(AnswerScript):
 
 
 class ActionScript(Table):
-    """An action and the course of its goals, which succeed with a result of defaults if nothing is said."""
+    """Action and the course of its goals. By default they succeed with a default result."""
 
     type: Annotated[str, Field(description="action type, for example `example_interfaces/Fibonacci`")]
     feedback: Annotated[tuple[Fields, ...], Field(description="sent to each goal, in this order")] = ()
@@ -139,7 +139,7 @@ class ActionScript(Table):
 
 
 class FaultScript(Table):
-    """Something that goes wrong: one of `drop`, `delay`, `duplicate`, `refuse` and `slow_reader`."""
+    """Fault: one of `drop`, `delay`, `duplicate`, `refuse` and `slow_reader`."""
 
     drop: Annotated[str | None, Field(description="glob of topics, services or actions to lose")] = None
     delay: Annotated[str | None, Field(description="glob of what comes late, by `seconds`")] = None
@@ -169,7 +169,7 @@ class FaultScript(Table):
 
 
 class Script(Table):
-    """A whole file."""
+    """Script file."""
 
     name: Annotated[str, Field(description="name of the robot's node")] = "robot"
     parameters: Annotated[Mapping[str, Any], Field(description="parameters and their values")] = {}

@@ -1,4 +1,4 @@
-"""A script in Python: a file with a function `robot`, which is given the robot."""
+"""Scripts in Python: a file with a function ``robot(robot)``."""
 
 from __future__ import annotations
 
@@ -29,9 +29,7 @@ RobotFunction = Callable[[ScriptedRobot], Coroutine[object, object, None] | None
 
 
 def read_program(file: Path) -> RobotFunction:
-    """Run a file, and give its function `robot`.
-
-    Modules beside the file can be imported from it.
+    """Run a file and return its function `robot`. Modules beside the file can be imported from it.
 
     Raises:
         ScriptError: the file cannot be read, raises, or has no such function.
@@ -62,17 +60,17 @@ def _function(file: Path, module: ModuleType) -> RobotFunction:
 
 
 class ProgramRobot:
-    """A robot that does what a function says.
+    """Robot driven by a function.
 
-    A plain function is called once and has to return; a coroutine function runs until the robot is closed.
+    A plain function is called once and must return; a coroutine function runs until the robot is closed.
 
     Args:
-        graph: where it lives.
-        function: what says what it does.
-        file: where that was read, for error texts.
+        graph: graph of the robot.
+        function: function of the script.
+        file: file of the function, for error texts.
 
     Attributes:
-        node: the robot.
+        node: node of the robot.
 
     Raises:
         ScriptError: the function raised.
@@ -103,7 +101,7 @@ class ProgramRobot:
                 logger.exception("%s: %s", place, _named(error))
 
     def close(self) -> None:
-        """Stop, and leave the graph. Called on the graph's thread."""
+        """Stop the function and close the node. Called on the graph's thread."""
         self._over = True
         if self._scope is not None:
             self._scope.cancel()
@@ -115,7 +113,7 @@ def _named(error: Exception) -> str:
 
 
 def _place(file: Path, trace: TracebackType | None) -> str:
-    """The file, and the last line of it that was on the way to an error."""
+    """Return the file, with its line that is nearest to the error."""
     frames = traceback.extract_tb(trace)
     here = [frame.lineno for frame in frames if Path(frame.filename).resolve() == file.resolve()]
     return f"{file}:{here[-1]}" if here else str(file)

@@ -1,4 +1,4 @@
-"""From a script in TOML to a scripted robot."""
+"""Scripted robot from a script in TOML."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ if TYPE_CHECKING:
 
 
 class SteppedTopic:
-    """A topic whose messages are published one by one, at each call of :meth:`step`.
+    """Topic whose messages are published one at a time, by :meth:`step`.
 
     Attributes:
         name: absolute name.
-        messages: all of them.
-        done: how many were published.
+        messages: all messages.
+        done: number of published messages.
     """
 
     def __init__(self, topic: ScriptedTopic, messages: tuple[Any, ...]) -> None:
@@ -44,7 +44,7 @@ class SteppedTopic:
         self._topic = topic
 
     def step(self) -> bool:
-        """Publish the next; whether there was one."""
+        """Publish the next message. Returns False if there is none left."""
         if self.done >= len(self.messages):
             return False
         self.done += 1
@@ -53,18 +53,18 @@ class SteppedTopic:
 
 
 class TomlRobot:
-    """A robot that does what a script says.
+    """Robot driven by a script in TOML.
 
     Args:
-        graph: where it lives.
-        script: what it does.
-        file: where that was read, for what is beside it and for error texts.
+        graph: graph of the robot.
+        script: parsed script.
+        file: file of the script, for relative paths and error texts.
 
     Attributes:
-        node: the robot.
+        node: node of the robot.
 
     Raises:
-        ScriptError: a type is unknown, a name is not allowed, or a message does not fit.
+        ScriptError: a type is unknown, a name is not allowed, or a message does not fit its type.
     """
 
     def __init__(self, graph: ObservedGraph, script: Script, file: Path) -> None:
@@ -92,16 +92,16 @@ class TomlRobot:
 
     @property
     def stepped(self) -> tuple[SteppedTopic, ...]:
-        """The topics that are published step by step."""
+        """Topics that are published step by step."""
         return tuple(self._stepped)
 
     def close(self) -> None:
-        """Leave the graph."""
+        """Close the node."""
         self.node.close()
 
     @contextmanager
     def _saying(self, *key: str | int) -> Iterator[None]:
-        """Let an error name the file and the key."""
+        """Prefix errors raised in the block with the file and the key."""
         try:
             yield
         except (ScriptError, RobotError) as error:
@@ -131,7 +131,7 @@ class TomlRobot:
         with self._saying("services", name):
             service = self.node.on_service(name, script.type)
             _answer(service, script)
-        # The first case that matches answers, and of a scripted service the one said last does.
+        # In a script the first matching case answers, in a scripted service the last: reverse them.
         for index, case in reversed(tuple(enumerate(script.when))):
             with self._saying("services", name, "when", index):
                 _answer(service.when(_as_lists(case.request)), case)
@@ -166,14 +166,14 @@ def _timed(recorded: tuple[Recorded, ...]) -> list[tuple[float, Any]]:
 
 
 def _as_lists(value: Any) -> Any:
-    """ROS's arrays are lists, where the models have tuples."""
+    """Convert tuples to lists: ROS arrays are lists, the models have tuples."""
     if isinstance(value, Mapping):
         return {key: _as_lists(inner) for key, inner in value.items()}
     return [_as_lists(inner) for inner in value] if isinstance(value, tuple | list) else value
 
 
 def inject(faults: Faults, scripts: tuple[FaultScript, ...]) -> list[Fault]:
-    """Let the faults of a script happen."""
+    """Inject the faults of a script."""
     return [_inject(faults, script) for script in scripts]
 
 

@@ -1,1 +1,1 @@
-"""Scripted robots: what they offer, and what they do when called."""
+"""Scripted robots, their topics, services and actions."""

@@ -1,4 +1,4 @@
-"""A scripted action: feedback, then an end."""
+"""Scripted action: feedback, then an outcome."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
 
 class ScriptedAction:
-    """One action of a scripted robot; a goal succeeds with a result of defaults until something else is said.
+    """Action of a scripted robot. By default, goals succeed with a default result.
 
-    A goal that is asked to be canceled ends as canceled, unless :meth:`ignores_cancel` was said. Each method
-    gives the action again.
+    A goal whose cancellation is requested is canceled, unless :meth:`ignores_cancel` was called. Each method
+    returns the action.
 
     Attributes:
         name: absolute name.
-        type: its interface.
+        type: action type.
     """
 
     def __init__(self, name: str, interface: ActionType, clock: Clock, journal: Journal) -> None:
@@ -44,31 +44,31 @@ class ScriptedAction:
 
     @property
     def goals(self) -> list[Message]:
-        """The goals that came so far, oldest first, those that were rejected among them."""
+        """Received goals, oldest first, including rejected ones."""
         return [entry.message for entry in self._journal.of(Kind.GOAL, self.name)]
 
     def feedback(self, *messages: MessageLike, every: float = 0.0) -> ScriptedAction:
-        """Send these to each goal, one after the other, and let it end after the last.
+        """Send these messages to each goal in turn; the goal ends after the last.
 
         Args:
-            every: seconds of the robot's clock before each of them.
+            every: seconds of the robot's clock before each message.
 
         Raises:
-            ScriptError: one does not fit the action's feedback.
+            ScriptError: a message does not fit the action's feedback.
         """
         self._check(self.type.feedback, messages)
         self._feedback, self._every, self._execute = messages, every, None
         return self
 
     def succeeds(self, result: MessageLike | None = None, after: float = 0.0) -> ScriptedAction:
-        """Let goals succeed `after` seconds of the robot's clock. Raises :exc:`ScriptError` as `feedback`."""
+        """Make goals succeed, `after` seconds of the robot's clock later. Raises like `feedback`."""
         self._check(self.type.result, (result,))
         return self._ends(self._succeeding(result, after))
 
     def aborts(
         self, result: MessageLike | None = None, reason: str = "", after: float = 0.0
     ) -> ScriptedAction:
-        """End goals as aborted. Raises :exc:`ScriptError` as `feedback`."""
+        """Abort goals, `after` seconds of the robot's clock later. Raises like `feedback`."""
         self._check(self.type.result, (result,))
 
         async def abort(goal: ReceivedGoal) -> MessageLike | None:
@@ -78,12 +78,12 @@ class ScriptedAction:
         return self._ends(abort)
 
     def rejects(self, reason: str = "") -> ScriptedAction:
-        """Accept no goal."""
+        """Reject all goals."""
         self._refusal = reason or f"{self.name} rejects every goal"
         return self
 
     def never_ends(self) -> ScriptedAction:
-        """Leave goals executing until they are canceled."""
+        """Keep goals executing until they are canceled."""
 
         async def go_on(goal: ReceivedGoal) -> MessageLike | None:
             await goal.cancel_event.wait()
@@ -99,12 +99,12 @@ class ScriptedAction:
         return self
 
     def calls(self, execute: Execute) -> ScriptedAction:
-        """Let a coroutine function run goals, as :meth:`rwt_graph.Node.advertise_action` takes it."""
+        """Run goals with a coroutine function, as in :meth:`rwt_graph.Node.advertise_action`."""
         self._refusal, self._execute = None, execute
         return self
 
     def accept(self, request: Message) -> bool | str:
-        """Note a goal, and look whether goals are accepted."""
+        """Record a goal, and decide on it."""
         payload = to_payload(self.type.goal, request, self._clock.time_ns)
         self._journal.add(Received(Kind.GOAL, self.name, payload, "", self._clock.time_ns()))
         return True if self._refusal is None else self._refusal
@@ -131,7 +131,7 @@ class ScriptedAction:
         return succeed
 
     async def _wait(self, goal: ReceivedGoal, seconds: float) -> None:
-        """Let time go by, ended early when the goal is to be canceled."""
+        """Sleep, but wake when the goal's cancellation is requested."""
         if not self._cancels:
             await self._clock.sleep(seconds)
             return

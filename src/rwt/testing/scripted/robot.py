@@ -1,4 +1,4 @@
-"""A scripted robot: a node, and what it answers, publishes and expects."""
+"""Scripted robot: a node with scripted answers, topics and expectations."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ class Bounds(TypedDict, total=False):
 
 
 class ScriptedRobot(Node):
-    """A :class:`~rwt_graph.nodes.node.Node` whose behaviour is scripted, one line for each thing.
+    """A :class:`~rwt_graph.nodes.node.Node` whose behaviour is scripted, one line per behaviour.
 
     >>> robot.on_service("/add_two_ints", "example_interfaces/AddTwoInts").returns({"sum": 5})
     >>> robot.expect_published("/cmd_vel", matching={"linear": {"x": 0.5}})
 
-    Every method may be called from any thread while the graph runs. Those that wait (`expect_…`) are for
-    plain tests; coroutines await `until_…` with the same arguments.
+    Every method may be called from any thread while the graph runs. `expect_…` blocks, for plain tests;
+    coroutines await `until_…` with the same arguments.
 
     Args:
-        graph: what notes all that is published.
-        name: of the node.
+        graph: observed graph of the robot.
+        name: name of the node.
 
     Attributes:
         journal: what was received.
@@ -53,7 +53,7 @@ class ScriptedRobot(Node):
         self._services: dict[str, ScriptedService] = {}
         self._actions: dict[str, ScriptedAction] = {}
 
-    # What it does
+    # Behaviour
 
     def publishes(
         self,
@@ -68,15 +68,15 @@ class ScriptedRobot(Node):
         """Publish on a topic.
 
         Args:
-            type: for example `std_msgs/String`.
-            message: published at once, and again and again with a `rate`.
-            messages: published one after the other, and again from the first; needs a `rate`.
-            rate: messages each second of the robot's clock.
-            latch: keep the last message for later subscribers.
+            type: message type, for example `std_msgs/String`.
+            message: published once, or repeatedly with a `rate`.
+            messages: published in turn, from the first again after the last; requires a `rate`.
+            rate: messages per second of the robot's clock.
+            latch: True to retain the last message for late subscribers.
 
         Raises:
             ScriptError: a message does not fit the type, or `messages` come without `rate`.
-            UnknownType: no such type is known; also what :meth:`Node.advertise` raises.
+            UnknownType: the type is unknown; also raises what :meth:`Node.advertise` raises.
         """
         if messages and (rate is None or message is not None):
             raise ScriptError(f"{topic}: `messages` need a `rate`, and no `message` beside them")
@@ -89,10 +89,12 @@ class ScriptedRobot(Node):
         return scripted
 
     def on_service(self, service: str, type: str) -> ScriptedService:
-        """Offer a service, whose answer is said next; once more for the same service to say another one.
+        """Offer a service; the methods of the result script its answers.
+
+        A second call for the same service scripts other answers.
 
         Raises:
-            UnknownType: no such type is known; also what :meth:`Node.advertise_service` raises.
+            UnknownType: the type is unknown; also raises what :meth:`Node.advertise_service` raises.
         """
         name, interface = self.resolve(service), self.registry.service(type)
         scripted = self._services.get(name)
@@ -103,10 +105,12 @@ class ScriptedRobot(Node):
         return scripted
 
     def on_action(self, action: str, type: str) -> ScriptedAction:
-        """Offer an action, whose course is said next; once more for the same action to say another one.
+        """Offer an action; the methods of the result script its goals.
+
+        A second call for the same action scripts another course.
 
         Raises:
-            UnknownType: no such type is known; also what :meth:`Node.advertise_action` raises.
+            UnknownType: the type is unknown; also raises what :meth:`Node.advertise_action` raises.
         """
         name, interface = self.resolve(action), self.registry.action(type)
         scripted = self._actions.get(name)
@@ -117,33 +121,33 @@ class ScriptedRobot(Node):
         return scripted
 
     def has_parameter(self, name: str, value: ParameterValue) -> None:
-        """Have a parameter with this value, declared if it was not yet.
+        """Set a parameter, declaring it if needed.
 
         Raises:
-            ParameterRejected: the value is of another type than before.
+            ParameterRejected: the value has another type than before.
         """
         if not self.parameters.has(name):
             self.parameters.declare(name, value)
         if self.parameters.get(name) != value:
             self.parameters.set(name, value)
 
-    # What it expects
+    # Expectations
 
     def expect_published(
         self, topic: str, matching: Matching = None, **bounds: Unpack[Bounds]
     ) -> list[Message]:
-        """Wait until another node has published on a topic, and give the messages that match.
+        """Wait until another node has published on a topic, and return the matching messages.
 
-        What came before the call counts, from the start of the robot or the last :meth:`forget`.
+        Earlier messages count too, from the start of the robot or the last :meth:`forget`.
 
         Args:
-            matching: some fields and their values, nested as the message is, or a function of the message.
-                Floats are compared to within a millionth.
-            within: seconds of real time; 5 by default, and 0.2 with `count=0`, which waits to the end.
-            count: exactly so many; None is at least one. No more are waited for than that.
+            matching: some fields with their values, nested like the message, or a predicate of the message.
+                Floats may differ by a millionth.
+            within: seconds of real time; default: 5, or 0.2 with `count=0`, which waits to the end.
+            count: exact number; None: at least one. Waiting ends at that number.
 
         Raises:
-            AssertionError: it was not so; the text shows what came instead.
+            AssertionError: the expectation was not met; the text shows what came instead.
             BlockingWait: called from a coroutine.
             ScriptError: `matching` names an unknown field.
         """
@@ -153,42 +157,42 @@ class ScriptedRobot(Node):
     async def until_published(
         self, topic: str, matching: Matching = None, **bounds: Unpack[Bounds]
     ) -> list[Message]:
-        """As :meth:`expect_published`, for coroutines."""
+        """Like :meth:`expect_published`, for coroutines."""
         __tracebackhide__ = True
         return await expect_soon(self.journal, self._expectation(Kind.MESSAGE, topic, matching, **bounds))
 
     def expect_called(
         self, service: str, matching: Matching = None, **bounds: Unpack[Bounds]
     ) -> list[Message]:
-        """As :meth:`expect_published`, for the requests of a service from :meth:`on_service`."""
+        """Like :meth:`expect_published`, for requests of a service from :meth:`on_service`."""
         __tracebackhide__ = True
         return expect(self.journal, self._expectation(Kind.CALL, service, matching, **bounds))
 
     async def until_called(
         self, service: str, matching: Matching = None, **bounds: Unpack[Bounds]
     ) -> list[Message]:
-        """As :meth:`expect_called`, for coroutines."""
+        """Like :meth:`expect_called`, for coroutines."""
         __tracebackhide__ = True
         return await expect_soon(self.journal, self._expectation(Kind.CALL, service, matching, **bounds))
 
     def expect_goal(self, action: str, matching: Matching = None, **bounds: Unpack[Bounds]) -> list[Message]:
-        """As :meth:`expect_published`, for the goals of an action from :meth:`on_action`."""
+        """Like :meth:`expect_published`, for goals of an action from :meth:`on_action`."""
         __tracebackhide__ = True
         return expect(self.journal, self._expectation(Kind.GOAL, action, matching, **bounds))
 
     async def until_goal(
         self, action: str, matching: Matching = None, **bounds: Unpack[Bounds]
     ) -> list[Message]:
-        """As :meth:`expect_goal`, for coroutines."""
+        """Like :meth:`expect_goal`, for coroutines."""
         __tracebackhide__ = True
         return await expect_soon(self.journal, self._expectation(Kind.GOAL, action, matching, **bounds))
 
     def forget(self) -> None:
-        """Forget what was received so far."""
+        """Clear the journal."""
         self.journal.clear()
 
     def close(self) -> None:
-        """Stop, and leave the graph."""
+        """Stop the script, and leave the graph."""
         for topic in self._topics:
             topic.stop()
         super().close()

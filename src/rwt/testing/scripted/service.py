@@ -1,4 +1,4 @@
-"""A scripted service: its responses, and what it received."""
+"""Scripted service: its responses, and the requests it received."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Case:
-    """The responses of a service to some requests. Each method gives the service again.
+    """Responses of a service to matching requests. Each method returns the service.
 
     Raises:
         ScriptError: the requests have no such field.
@@ -34,13 +34,13 @@ class Case:
         self._request = request
 
     def returns(self, *responses: MessageLike | None, after: float = 0.0) -> ScriptedService:
-        """Answer with these, one call after the other; the last is for all further calls.
+        """Return these responses, one per call; the last one repeats.
 
         Args:
-            after: seconds of the robot's clock that each answer takes.
+            after: delay of each response, in seconds of the robot's clock.
 
         Raises:
-            ScriptError: one does not fit the service's response.
+            ScriptError: a response does not fit the service type.
         """
         for response in responses:
             self._service.check(response)
@@ -53,7 +53,7 @@ class Case:
         return self.calls(answer)
 
     def raises(self, reason: str, after: float = 0.0) -> ScriptedService:
-        """Fail, and say why."""
+        """Fail with a reason."""
 
         def fail() -> MessageLike | None:
             raise ServiceFailed(reason)
@@ -61,7 +61,7 @@ class Case:
         return self.calls(lambda request: fail() if after <= 0 else self._service.later(after, fail))
 
     def calls(self, function: ServiceHandler) -> ScriptedService:
-        """Answer with what a plain or coroutine function makes of the request."""
+        """Answer with a plain or coroutine function of the request."""
         handlers = self._service.handlers
         if self._request is None:
             handlers[:] = [*(each for each in handlers if each[0] is not None), (None, function)]
@@ -70,18 +70,18 @@ class Case:
         return self._service
 
     def never_answers(self) -> ScriptedService:
-        """Leave every caller waiting, until its own timeout or the end of the graph."""
+        """Leave callers waiting until their timeout or the end of the graph."""
         return self.calls(lambda request: anyio.sleep_forever())
 
 
 class ScriptedService(Case):
-    """One service of a scripted robot. What is said last counts; each method gives the service again.
+    """Service of a scripted robot. The last script wins; each method returns the service.
 
     Attributes:
         name: absolute name.
-        type: its interface.
-        handlers: what answers which requests: the first that matches, the case said last before the others,
-            and what answers all requests after the cases.
+        type: service type.
+        handlers: requests with their answers. The first match answers: the newest case before older ones, and
+            the answer to all requests last.
     """
 
     def __init__(self, name: str, interface: ServiceType, clock: Clock, journal: Journal) -> None:
@@ -94,11 +94,11 @@ class ScriptedService(Case):
 
     @property
     def requests(self) -> list[Message]:
-        """The requests that came so far, oldest first."""
+        """Received requests, oldest first."""
         return [entry.message for entry in self._journal.of(Kind.CALL, self.name)]
 
     def when(self, request: Matching) -> Case:
-        """The answer to requests with these fields only, for example ``.when({"a": 1}).returns({"sum": 1})``.
+        """Script the answer to matching requests, for example ``.when({"a": 1}).returns({"sum": 1})``.
 
         Raises:
             ScriptError: the request has no such field.
@@ -106,7 +106,7 @@ class ScriptedService(Case):
         return Case(self, request)
 
     def handle(self, request: Message) -> Answer:
-        """Note one request and answer it. Called on the graph's thread."""
+        """Record a request and answer it. Called on the graph's thread."""
         payload = to_payload(self.type.request, request, self._clock.time_ns)
         self._journal.add(Received(Kind.CALL, self.name, payload, "", self._clock.time_ns()))
         for wanted, handler in self.handlers:
@@ -116,12 +116,12 @@ class ScriptedService(Case):
         raise ServiceFailed(f"{self.name} has no answer: {known}")
 
     async def later(self, after: float, answer: Callable[[], MessageLike | None]) -> MessageLike | None:
-        """Answer `after` seconds of the robot's clock."""
+        """Answer after `after` seconds of the robot's clock."""
         await self._clock.sleep(after)
         return answer()
 
     def check(self, response: MessageLike | None) -> None:
-        """Raise :exc:`ScriptError` if a response does not fit the service's type."""
+        """Raise :exc:`ScriptError` if a response does not fit the service type."""
         try:
             to_payload(self.type.response, {} if response is None else response, self._clock.time_ns)
         except ValueError as error:

@@ -1,4 +1,4 @@
-"""A topic that a scripted robot publishes: by hand, at a rate, or as it was recorded."""
+"""Topic of a scripted robot: published by hand, at a rate, or as recorded."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import anyio
 
 from rwt.testing.errors import ScriptError
-from rwt.testing.expectations import PATIENCE, refuse_on_an_event_loop
+from rwt.testing.expectations import TIMEOUT_SECONDS, refuse_on_an_event_loop
 from rwt_graph.nodes.endpoints import TopicPublisher
 from rwt_participant.messages import MessageLike, to_payload
 
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     from rwt_graph.api import Graph
     from rwt_participant.timers import Timer
 
-_LOOK = 0.005
+_POLL_SECONDS = 0.005
 
-#: Messages that are published in one turn of the event loop when many are due: a rate may be higher than this
-#: machine can publish, and others want their turn, too.
+#: Maximum number of messages per turn of the event loop, so that a rate above what the machine can publish
+#: does not block it.
 _BATCH = 1000
 
 
 class ScriptedTopic:
-    """One topic of a scripted robot.
+    """Topic of a scripted robot.
 
     Attributes:
         name: absolute name.
@@ -38,10 +38,10 @@ class ScriptedTopic:
         self._playing: _Playing | None = None
 
     def publish(self, message: MessageLike | None = None) -> None:
-        """Publish one message, None for one of defaults; from any thread.
+        """Publish one message, from any thread; None for a default message.
 
         Raises:
-            ScriptError: it does not fit the topic's type.
+            ScriptError: the message does not fit the topic's type.
         """
         self.check((message,))
         self._publisher.publish({} if message is None else message)
@@ -49,15 +49,16 @@ class ScriptedTopic:
     def play(
         self, messages: Sequence[tuple[float, MessageLike]], *, repeat: bool = False, length: float = 0.0
     ) -> None:
-        """Publish messages at their times from now on, in seconds of the robot's clock, in place of others.
+        """Publish messages at their times, in seconds of the robot's clock from now, replacing earlier ones.
 
         Args:
-            messages: each with its time from the beginning, which does not go back.
-            repeat: begin again at the end.
-            length: when that is, seconds from the beginning; the time of the last message by default.
+            messages: pairs of time and message, in order of time.
+            repeat: True to begin again at the end.
+            length: duration of one repetition in seconds; default: the time of the last message.
 
         Raises:
-            ScriptError: one does not fit the topic's type, times go back, or the repetition has no length.
+            ScriptError: a message does not fit the topic's type, times go back, or the repetition has no
+                length.
         """
         self.check(tuple(message for _, message in messages))
         times = [at for at, _ in messages]
@@ -72,10 +73,10 @@ class ScriptedTopic:
             self._run(playing.begin)
 
     def repeat(self, messages: Sequence[MessageLike], rate: float, *, again: bool = True) -> None:
-        """Publish messages one after the other, `rate` a second, and then from the first again.
+        """Publish messages in turn, `rate` per second, from the first again after the last.
 
         Raises:
-            ScriptError: one does not fit the topic's type, or the rate is not positive.
+            ScriptError: a message does not fit the topic's type, or the rate is not positive.
         """
         if rate <= 0:
             raise ScriptError(f"{self.name}: a rate must be greater than 0, not {rate}")
@@ -83,7 +84,7 @@ class ScriptedTopic:
         self.play(timed, repeat=again, length=len(timed) / rate)
 
     def stop(self) -> None:
-        """Publish nothing more by itself."""
+        """Stop publishing periodically."""
         playing, self._playing = self._playing, None
         if playing is not None:
             playing.over = True
@@ -91,14 +92,14 @@ class ScriptedTopic:
 
     @property
     def subscriber_count(self) -> int:
-        """How many subscribers there are now; all clients of one server are one."""
+        """Number of subscribers; all clients of one server count as one."""
         return self._publisher.subscriber_count
 
-    def wait_for_subscriber(self, within: float = PATIENCE) -> None:
+    def wait_for_subscriber(self, within: float = TIMEOUT_SECONDS) -> None:
         """Block until the topic has a subscriber.
 
         Raises:
-            AssertionError: it had none after `within` seconds of real time.
+            AssertionError: no subscriber within `within` seconds of real time.
             BlockingWait: called from a coroutine.
         """
         __tracebackhide__ = True
@@ -107,19 +108,19 @@ class ScriptedTopic:
         while not self.subscriber_count:
             if time.monotonic() >= deadline:
                 raise AssertionError(self._nobody(within))
-            time.sleep(_LOOK)
+            time.sleep(_POLL_SECONDS)
 
-    async def until_subscribed(self, within: float = PATIENCE) -> None:
-        """As :meth:`wait_for_subscriber`, for coroutines."""
+    async def until_subscribed(self, within: float = TIMEOUT_SECONDS) -> None:
+        """Like :meth:`wait_for_subscriber`, for coroutines."""
         __tracebackhide__ = True
         deadline = time.monotonic() + within
         while not self.subscriber_count:
             if time.monotonic() >= deadline:
                 raise AssertionError(self._nobody(within))
-            await anyio.sleep(_LOOK)
+            await anyio.sleep(_POLL_SECONDS)
 
     def check(self, messages: Sequence[MessageLike | None]) -> None:
-        """Raise :exc:`ScriptError` if one of them does not fit the topic's type."""
+        """Raise :exc:`ScriptError` if a message does not fit the topic's type."""
         for message in messages:
             try:
                 to_payload(self._publisher.type, {} if message is None else message, self._publisher.now_ns)
@@ -127,7 +128,7 @@ class ScriptedTopic:
                 raise ScriptError(f"{self.name} ({self._publisher.type.name}): {error}") from None
 
     def _run(self, call: Callable[[], None]) -> None:
-        """On the graph's thread: now, or in the order of what this thread asks for."""
+        """Call on the graph's thread: now, or in the order of this thread's requests."""
         if self._graph.on_graph_thread():
             call()
         else:
@@ -138,7 +139,7 @@ class ScriptedTopic:
 
 
 class _Playing:
-    """One run through timed messages. All but `over` belongs to the graph's thread."""
+    """Single run through timed messages. All but `over` is confined to the graph's thread."""
 
     def __init__(
         self,
@@ -159,7 +160,7 @@ class _Playing:
         self._timer: Timer | None = None
 
     def begin(self) -> None:
-        """Start; a message at time 0 is published at once."""
+        """Start. A message at time 0 is published at once."""
         self._began = self._clock.monotonic()
         self._go_on()
 
@@ -172,7 +173,7 @@ class _Playing:
                 return
             at, message = self._messages[index]
             wait = self._began + rounds * self._length + at - self._clock.monotonic()
-            # 1e-9: what is due now must not be late by the rounding.
+            # 1e-9 absorbs rounding errors: a message that is due now is sent now.
             if wait > 1e-9:
                 self._timer = self._clock.call_later(wait, self._go_on)
                 return
@@ -181,6 +182,6 @@ class _Playing:
         self._timer = self._clock.call_later(0.0, self._go_on)
 
     def end(self) -> None:
-        """Stop the clock's timer."""
+        """Cancel the timer."""
         if self._timer is not None:
             self._timer.cancel()

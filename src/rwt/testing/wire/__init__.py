@@ -1,1 +1,1 @@
-"""The wire between clients and a server under test: faults, transcripts, slow readers."""
+"""Wire between clients and a server under test: faults, transcripts, slow readers."""

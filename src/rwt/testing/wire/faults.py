@@ -1,4 +1,4 @@
-"""Faults between a server and its clients, made on purpose."""
+"""Injected faults between a server and its clients."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from typing import Literal, Self, TypeAlias, TypedDict, Unpack
 
 from rwt.testing.errors import ScriptError
 
-#: Whom messages go to.
+#: Receiver of a message.
 To: TypeAlias = Literal["client", "server", "both"]
 
-#: What a message is: its op, and the topic, service or action it is about (empty when it has none).
+#: Op of a message, and its topic, service or action (empty if it has none).
 Subject: TypeAlias = tuple[str, str]
 
 
 class Scope(TypedDict, total=False):
-    """Which messages a fault applies to; see :meth:`Faults.drop`."""
+    """Messages that a fault applies to; see :meth:`Faults.drop`."""
 
     op: str
     to: To
@@ -28,7 +28,7 @@ class Scope(TypedDict, total=False):
 
 
 class FaultKind(StrEnum):
-    """The kinds of faults."""
+    """Kind of a fault."""
 
     DROP = "drop"
     DELAY = "delay"
@@ -39,12 +39,12 @@ class FaultKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class FaultAction:
-    """What the faults do to one message.
+    """Effect of the faults on one message.
 
     Attributes:
-        copies: how often it goes on; 0 is never.
-        delay: seconds of the robot's clock until it does.
-        remark: for the transcript.
+        copies: number of times the message is sent; 0 drops it.
+        delay: seconds of the robot's clock until then.
+        remark: remark in the transcript.
     """
 
     copies: int = 1
@@ -56,13 +56,13 @@ PASS = FaultAction()
 
 
 class Fault:
-    """One fault in force, until :meth:`remove` or the end of the block ``with faults.drop(...):``.
+    """Active fault, until :meth:`remove` or the end of the block ``with faults.drop(...):``.
 
     Attributes:
-        what: its kind.
-        amount: seconds of a delay, copies of a duplicate, messages a second of a slow reader, HTTP status of
-            a refusal.
-        hits: messages or connections that it has touched so far.
+        what: kind of the fault.
+        amount: seconds of a delay, copies of a duplicate, messages per second of a slow reader, HTTP status
+            of a refusal.
+        hits: number of affected messages or connections.
     """
 
     def __init__(
@@ -93,14 +93,14 @@ class Fault:
         self._seen = 0
 
     def matches(self, to: Literal["client", "server"], subjects: Sequence[Subject]) -> bool:
-        """Whether the fault applies to a message now; each match counts."""
+        """True if the fault applies to this message; each match counts."""
         if self._to not in ("both", to) or not any(map(self._is_about, subjects)):
             return False
         self._seen += 1
         return self._seen % self._every == 0 and self.hit()
 
     def hit(self) -> bool:
-        """Count one more match, unless `count` is used up."""
+        """Count a match. Returns False if `count` is used up."""
         if self._left is not None:
             if self._left == 0:
                 return False
@@ -114,7 +114,7 @@ class Fault:
         return fnmatch.fnmatchcase(op, self._op) and fnmatch.fnmatchcase(absolute, self._name)
 
     def remove(self) -> None:
-        """End the fault. Messages that are delayed already still come late."""
+        """End the fault. Messages that are already delayed stay delayed."""
         self._faults.remove(self)
 
     def __enter__(self) -> Self:
@@ -125,13 +125,14 @@ class Fault:
 
 
 class Faults:
-    """The faults of one server; all methods may be called from any thread.
+    """Faults of one server. All methods may be called from any thread.
 
-    A message is touched when the topic, service or action that it is about matches the glob `name`, and its
-    op the glob `op`; `*` also matches `/`. Of several faults a drop wins, delays add up, and copies multiply.
+    A fault applies to a message whose topic, service or action matches the glob `name` and whose op matches
+    the glob `op`; `*` also matches `/`. If several faults apply, a drop wins, delays add up, and copies
+    multiply.
 
     Args:
-        hang_up: ends every connection with a code and a reason, and says how many there were.
+        hang_up: closes every connection with a code and a reason, and returns their number.
     """
 
     def __init__(self, hang_up: Callable[[int, str], int]) -> None:
@@ -140,57 +141,57 @@ class Faults:
         self._hang_up = hang_up
 
     def drop(self, name: str = "*", **scope: Unpack[Scope]) -> Fault:
-        """Lose messages.
+        """Drop messages.
 
         Args:
             name: glob of the topic, service or action.
             op: glob of the op, for example ``publish`` or ``service_*``.
-            to: only those to the client, or to the server.
-            count: how many at most; None is all.
-            every: only each so-manieth.
+            to: "client" or "server", to affect only messages to that side.
+            count: maximum number of messages; None: no limit.
+            every: affect only every n-th message.
 
         Raises:
-            ScriptError: an argument cannot be used.
+            ScriptError: an argument is invalid.
         """
         return self._add(Fault(self, FaultKind.DROP, name=name, **scope))
 
     def delay(self, seconds: float, name: str = "*", **scope: Unpack[Scope]) -> Fault:
-        """Let messages come late, by seconds of the robot's clock; other arguments as of :meth:`drop`."""
+        """Delay messages by seconds of the robot's clock; other arguments as in :meth:`drop`."""
         if seconds < 0:
             raise ScriptError(f"a delay must not be negative, as {seconds} s is")
         return self._add(Fault(self, FaultKind.DELAY, seconds, name=name, **scope))
 
     def duplicate(self, name: str = "*", *, copies: int = 2, **scope: Unpack[Scope]) -> Fault:
-        """Let messages come `copies` times; other arguments as of :meth:`drop`."""
+        """Send messages `copies` times; other arguments as in :meth:`drop`."""
         if copies < 2:
             raise ScriptError(f"a duplicate has at least 2 copies, not {copies}")
         return self._add(Fault(self, FaultKind.DUPLICATE, copies, name=name, **scope))
 
     def refuse(self, status: int = 503, *, count: int | None = None) -> Fault:
-        """Let no new client in; the answer to a WebSocket's handshake is `status`.
+        """Refuse new clients; the WebSocket handshake is answered with `status`.
 
         Args:
-            count: how many are refused; None is all.
+            count: maximum number of refusals; None: no limit.
 
         Raises:
-            ScriptError: not an HTTP status of an error.
+            ScriptError: `status` is not an HTTP error status.
         """
         if not 400 <= status <= 599:
             raise ScriptError(f"a refusal needs an HTTP status from 400 to 599, not {status}")
         return self._add(Fault(self, FaultKind.REFUSE, status, count=count))
 
     def slow_reader(self, messages_per_second: float) -> Fault:
-        """Let each client read no faster than this, by the robot's clock.
+        """Limit how fast each client reads, by the robot's clock.
 
-        What waits meanwhile follows the rules of a slow client: replies wait in order, and of a topic the
-        newest messages of its queue length; older ones are dropped.
+        Queued messages follow the rules for slow clients: replies wait in order; of a topic, the newest
+        messages within its queue length are kept.
         """
         if messages_per_second <= 0:
             raise ScriptError(f"a slow reader reads more than 0 messages a second, not {messages_per_second}")
         return self._add(Fault(self, FaultKind.SLOW_READER, messages_per_second))
 
     def disconnect(self, code: int = 1011, reason: str = "a fault of the test") -> int:
-        """Hang up on every client with a code of RFC 6455 section 7.4; gives how many there were."""
+        """Disconnect every client with a code of RFC 6455 section 7.4, and return their number."""
         return self._hang_up(code, reason)
 
     def clear(self) -> None:
@@ -199,7 +200,7 @@ class Faults:
             self._faults = ()
 
     def remove(self, fault: Fault) -> None:
-        """Remove one; one that is removed already is no error."""
+        """Remove a fault; no-op if it is already removed."""
         with self._lock:
             self._faults = tuple(each for each in self._faults if each is not fault)
 
@@ -208,13 +209,13 @@ class Faults:
             self._faults = (*self._faults, fault)
         return fault
 
-    # What the wire asks, on the graph's thread
+    # Queries of the wire, on the graph's thread
 
     def __bool__(self) -> bool:
         return bool(self._faults)
 
     def action_for(self, to: Literal["client", "server"], subjects: Sequence[Subject]) -> FaultAction:
-        """The action for a message now; :data:`PASS` where no fault applies."""
+        """Return the action for a message; :data:`PASS` if no fault applies."""
         copies, delay, remarks = 1, 0.0, []
         for fault in self._faults:
             if fault.what in (FaultKind.REFUSE, FaultKind.SLOW_READER) or not fault.matches(to, subjects):
@@ -230,7 +231,7 @@ class Faults:
         return FaultAction(copies, delay, f"({', '.join(remarks)})") if remarks else PASS
 
     def refusal(self) -> int | None:
-        """The HTTP status with which a connection is refused now; None lets it in."""
+        """Return the HTTP status with which to refuse a connection; None to accept it."""
         for fault in self._faults:
             if fault.what is FaultKind.REFUSE and fault.hit():
                 return int(fault.amount)
@@ -238,6 +239,6 @@ class Faults:
 
     @property
     def read_rate(self) -> float | None:
-        """Messages a second that a client reads now; None as fast as it can."""
+        """Messages per second that each client reads; None: no limit."""
         rates = [fault.amount for fault in self._faults if fault.what is FaultKind.SLOW_READER]
         return min(rates, default=None)

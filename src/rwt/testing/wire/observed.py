@@ -1,7 +1,7 @@
-"""Between a transport and the bridge: writes down what passes, and does what the faults say.
+"""Layer between transport and bridge that records messages and injects faults.
 
-It wraps the three faces of :mod:`rwt_transports.endpoint` (`Accept`, `Sink` and `Endpoint`), so that the
-server above and the transport below are the real ones.
+It wraps `Accept`, `Sink` and `Endpoint` of :mod:`rwt_transports.endpoint`; the server above and the transport
+below are the real ones.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ class ObservedWire:
     """Records and disturbs every connection of a server, as its `middleware`.
 
     Args:
-        graph: the robot; faults follow its clock, and act on its thread.
-        bson: whether the server speaks nothing but BSON.
+        graph: graph of the robot; faults follow its clock and run on its thread.
+        bson: True if the server speaks only BSON.
 
     Attributes:
-        faults: what goes wrong.
-        transcript: what was said.
+        faults: active faults.
+        transcript: transcript of all messages.
 
     Raises:
-        SettingsError: BSON needs a package that is not installed.
+        SettingsError: BSON requires a package that is not installed.
     """
 
     def __init__(self, graph: Graph, *, bson: bool = False) -> None:
@@ -57,11 +57,11 @@ class ObservedWire:
 
     @property
     def client_count(self) -> int:
-        """How many clients are connected."""
+        """Number of connected clients."""
         return len(self._open)
 
     def middleware(self, accept: Accept) -> Accept:
-        """The accept function of a listener, observed."""
+        """Wrap the accept function of a listener."""
 
         def accept_observed(sink: Sink, info: PeerInfo) -> Endpoint:
             return self._accept(accept, sink, info)
@@ -86,11 +86,11 @@ class ObservedWire:
         return observed.endpoint
 
     def session(self, direction: Direction) -> Session:
-        """A session that only reads what passes."""
+        """Return a session that only parses messages."""
         return Session(direction=direction, codec=self._codec)
 
     def left(self, number: int, code: int, reason: str) -> None:
-        """Note that a client has disconnected."""
+        """Record that a client has disconnected."""
         self._open.pop(number, None)
         self.transcript.note(number, f"left: {code} {reason}".rstrip())
 
@@ -113,7 +113,7 @@ def _bson() -> Codec:
 
 
 def _subjects(items: Sequence[Op | Refusal]) -> list[Subject]:
-    """What the messages of one frame are about."""
+    """Return op and name of each message of one frame."""
     subjects = []
     for item in items:
         if isinstance(item, Refusal):
@@ -125,7 +125,7 @@ def _subjects(items: Sequence[Op | Refusal]) -> list[Subject]:
 
 
 class _ObservedEndpoint:
-    """The bridge's face of a connection, as the transport sees it."""
+    """Wrapper of the bridge's endpoint, for the transport."""
 
     def __init__(self, wire: ObservedWire, inner: Endpoint, sink: _ObservedSink, number: int) -> None:
         self._wire = wire
@@ -137,7 +137,7 @@ class _ObservedEndpoint:
 
     def receive(self, data: bytes, binary: bool) -> None:
         wire = self._wire
-        # A fragment is about nothing until its last piece, so it is read even when nothing is wrong now.
+        # The name is known only after the last fragment: parse fragments even if no fault is active.
         subjects = _subjects(self._session.decode(data, binary, time.monotonic()))
         action = wire.faults.action_for("server", subjects) if wire.faults else PASS
         wire.transcript.message(self._number, "→", shown_bytes(data, binary), action.remark)
@@ -168,7 +168,7 @@ class _ObservedEndpoint:
 
 
 class _ObservedSink:
-    """The transport's face of a connection, as the bridge sees it."""
+    """Wrapper of the transport's sink, for the bridge."""
 
     def __init__(self, wire: ObservedWire, inner: Sink, number: int) -> None:
         self.wire = wire
@@ -202,7 +202,7 @@ class _ObservedSink:
     def pass_on(
         self, frame: Frame, subjects: list[Subject], flow: _ObservedFlow | None, send: Callable[[], None]
     ) -> None:
-        """Note one outgoing message in the transcript, and apply the faults to it."""
+        """Record an outgoing message in the transcript, and apply the faults to it."""
         if self.over:
             return
         action = self.wire.faults.action_for("client", subjects) if self.wire.faults else PASS
@@ -253,7 +253,7 @@ class _ObservedSink:
 
 
 class _ObservedFlow:
-    """One topic's way to one client."""
+    """Flow of one topic to one client."""
 
     def __init__(
         self,

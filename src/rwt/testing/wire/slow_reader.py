@@ -1,4 +1,4 @@
-"""A slow reader: messages wait for their turn, and the oldest of a full queue are dropped."""
+"""Slow reader: messages are queued, and the oldest of a full queue are dropped."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from rwt_transports.endpoint import DropReason
 if TYPE_CHECKING:
     from rwt_graph.clock import Clock
 
-#: Messages of all topics that may wait for one client; beyond it the oldest of a topic is dropped.
+#: Maximum number of queued messages per client, over all topics; beyond it, the oldest of a topic is dropped.
 MOST_WAITING = 10_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Waiting:
-    """One message in the queue; `flow` is None for a reply, which is never dropped."""
+    """Queued message; `flow` is None for a reply, which is never dropped."""
 
     send: Callable[[], None]
     flow: object
@@ -29,8 +29,9 @@ class SlowReader:
     """Sends messages at the rate of a slow reader, in order.
 
     Args:
-        clock: whose seconds count.
-        read_rate: messages a second now; None for no limit, and then everything that waits goes on.
+        clock: clock that the rate refers to.
+        read_rate: returns the current rate in messages per second; None for no limit, which flushes the
+            queue.
     """
 
     def __init__(self, clock: Clock, read_rate: Callable[[], float | None]) -> None:
@@ -41,7 +42,7 @@ class SlowReader:
 
     @property
     def idle(self) -> bool:
-        """Whether nothing waits."""
+        """True if the queue is empty."""
         return not self._waiting
 
     def put(
@@ -51,11 +52,11 @@ class SlowReader:
         depth: int | None = None,
         on_drop: Callable[[DropReason], None] | None = None,
     ) -> None:
-        """Queue a message; one that finds nothing waiting is sent at once.
+        """Queue a message; it is sent at once if the queue is empty.
 
         Args:
-            flow: tells the messages of one topic; None for one that may not be dropped.
-            depth: how many of the flow may wait.
+            flow: key of the topic's flow; None for a message that is never dropped.
+            depth: maximum number of queued messages of the flow.
             on_drop: called with the reason when a message of the flow is dropped.
         """
         if flow is not None and depth is not None:
@@ -89,6 +90,6 @@ class SlowReader:
             self._waiting.popleft().send()
 
     def flush(self) -> None:
-        """Send everything that waits, now."""
+        """Send all queued messages now."""
         while self._waiting:
             self._waiting.popleft().send()

@@ -1,4 +1,4 @@
-"""What went over the wire, for people: bounded, the newest is kept."""
+"""Readable transcript of the wire, bounded to the newest lines."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rwt_protocol.frames import Buffer, Frame
 
-#: Lines that are kept, and characters of each message.
+#: Maximum number of lines, and of characters per message.
 KEPT_LINES = 1000
 KEPT_CHARACTERS = 300
 
 
 class Transcript:
-    """One line for each message, each connection and each fault.
+    """Transcript with one line per message, connection and fault.
 
-    ``←`` goes to the client, ``→`` comes from it. Times are those of the robot's clock, from the beginning.
+    ``←`` goes to the client, ``→`` comes from it. Times are of the robot's clock, from the start.
 
     Args:
-        monotonic: seconds of the clock.
+        monotonic: returns the seconds of the clock.
     """
 
     def __init__(self, monotonic: Callable[[], float]) -> None:
@@ -30,7 +30,7 @@ class Transcript:
         self._count = 0
 
     def note(self, client: int, text: str) -> None:
-        """Add a line about one client; 0 is one that did not come in."""
+        """Add a line about one client; 0 for a refused one."""
         who = f"client {client}" if client else "a client"
         self._lines.append(f"{self._monotonic() - self._began:9.3f} s  {who} {text}")
         self._count += 1
@@ -40,18 +40,18 @@ class Transcript:
         self.note(client, f"{arrow} {remark + ' ' if remark else ''}{shown}")
 
     def lines(self) -> list[str]:
-        """What is kept, oldest first; from any thread."""
+        """Return all lines, oldest first. Thread-safe."""
         return list(self._lines)
 
     def text(self, most: int = 100) -> str:
-        """The last `most` lines."""
+        """Return the last `most` lines."""
         lines = self.lines()
         shown = lines[-most:] if most > 0 else []
         left_out = self._count - len(shown)
         return "\n".join([*([f"… {left_out} earlier lines"] if left_out else []), *shown])
 
     def clear(self) -> None:
-        """Forget everything; times go on."""
+        """Remove all lines; times continue."""
         self._lines.clear()
         self._count = 0
 
@@ -60,18 +60,18 @@ class Transcript:
 
 
 def shown_frame(frame: Frame) -> str:
-    """The beginning of an outgoing message."""
+    """Return the beginning of an outgoing message."""
     if frame.binary:
         return f"<{frame.size} bytes>"
     head = bytearray()
     for part in frame.parts:
-        # Four bytes are the longest character of UTF-8.
+        # A UTF-8 character has up to four bytes.
         head += part[: 4 * KEPT_CHARACTERS - len(head)]
     return _cut(bytes(head), frame.size)
 
 
 def shown_bytes(data: Buffer, binary: bool) -> str:
-    """The beginning of a message that came in."""
+    """Return the beginning of a received message."""
     if binary and bytes(data[:1]) != b"{":
         return f"<{len(data)} bytes>"
     return _cut(bytes(data[: 4 * KEPT_CHARACTERS]), len(data))
