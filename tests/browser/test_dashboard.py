@@ -293,7 +293,7 @@ async def test_a_token_is_asked_for_and_kept_out_of_every_address(browser: Brows
             f"((i) => {{ i.value = {TOKEN!r}; i.dispatchEvent(new Event('input', {{bubbles: true}})) }})"
             "(document.querySelector('[name=token]'))"
         )
-        await page.click("text=Show it")
+        await page.click("text=Sign in")
         await page.wait("document.querySelector('.camera-state')?.textContent.includes('MJPEG')")
         targets += await page.evaluate("performance.getEntriesByType('resource').map(r => r.name)")
         assert TOKEN not in "".join([*targets, await page.evaluate("location.href")])

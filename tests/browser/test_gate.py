@@ -29,12 +29,12 @@ async def test_who_drives_is_seen_and_the_stop_holds_for_everybody(browser: Brow
         robot.subscribe("/cmd_vel", lambda twist: told.append(twist.linear.x), TWIST)
         async with browser.page(f"{url}healthz") as page:
             await open_panels(page, url, [("teleop", {"topic": "/cmd_vel"})])
-            await page.wait(f"{text('.driver')}.includes('Nobody drives')")
+            await page.wait(f"{text('.driver')}.includes('No driver')")
             await other.call("/gate/take_lease", {"topic": "/cmd_vel"}, "rwt_gate_msgs/Lease")
             await page.wait(f"{text('.driver')}.includes('Driven by rosbridge:')")
             answer = await other.call("/gate/release_lease", {"topic": "/cmd_vel"}, "rwt_gate_msgs/Lease")
             assert answer.success
-            await page.wait(f"{text('.driver')}.includes('Nobody drives')")
+            await page.wait(f"{text('.driver')}.includes('No driver')")
 
             await page.keyboard("press", "Escape")
             await page.wait(f"{text('.stopped')}.includes('stopped for everybody by rosbridge:')")
@@ -87,21 +87,21 @@ async def test_a_person_answers_what_a_client_asks(browser: Browser) -> None:
             await open_panels(page, url, [("topics", {})])
             # Whatever is open, that somebody waits is seen, and leads to the panel.
             tasks.start_soon(ask, 1)
-            await page.click("text=A client waits for your yes")
+            await page.click("text=1 request for approval")
             await page.wait(f"{text('.approval')}.includes('rosbridge:')")
             for part in ("(agent)", "wants to call", "/add_two_ints", '"a": 1', "gate.rules.agent"):
                 await page.wait(f"{text('.approval')}.includes({part!r})")
             assert await violations(page) == []
-            await page.click("text=Yes, once")
+            await page.click("text=Approve once")
             await until(lambda: outcomes.get(1) == 2)
             tasks.start_soon(ask, 2)
             await page.wait(f"{text('.approval pre')}.includes('\"a\": 2')")
             await page.click(".approval button:last-of-type")
             await until(lambda: 2 in outcomes)
             assert "no" in str(outcomes[2])
-            await page.wait(f"{text('.approvals')}.includes('Nothing waits')")
+            await page.wait(f"{text('.approvals')}.includes('No pending requests')")
             tasks.start_soon(ask, 3)
-            await page.click("text=Yes, for 10 min")
+            await page.click("text=Approve for 10 min")
             await until(lambda: outcomes.get(3) == 4)
             await ask(4)
             assert outcomes[4] == 5, "a yes for a while holds for the next"

@@ -158,24 +158,24 @@ async def test_panels_are_added_arranged_and_closed_by_keys(browser: Browser) ->
         await page.wait("document.querySelector('.panel-log')?.checkVisibility()")
         groups = "document.querySelectorAll('.dv-groupview').length"
         assert await page.evaluate(groups) == 1
-        await tab_to(page, says("Place of Log"))
+        await tab_to(page, says("Position of Log"))
         await press(page, "Enter")
-        await page.wait(f"{FOCUSED}.textContent === 'Fill the page'")
-        await tab_to(page, says("Apart, at the right"))
+        await page.wait(f"{FOCUSED}.textContent === 'Maximize'")
+        await tab_to(page, says("Split off to the right"))
         await press(page, "Enter")
         await page.wait(f"{groups} === 2 && {FOCUSED}.textContent === 'Log'")
         assert await page.evaluate("document.querySelector('.panel-topics').checkVisibility()")
         width = "document.querySelector('.panel-log').clientWidth"
         before = await page.evaluate(width)
-        await tab_to(page, says("Place of Log"))
+        await tab_to(page, says("Position of Log"))
         await press(page, "Enter")
-        await page.wait(f"{FOCUSED}.textContent === 'Fill the page'")
+        await page.wait(f"{FOCUSED}.textContent === 'Maximize'")
         await tab_to(page, says("Wider"))
         await press(page, "Enter")
         await page.wait(f"{width} > {before} + 10")
         # Escape folds the menu, and stops nothing.
         await press(page, "Escape")
-        await page.wait(f"{FOCUSED}.getAttribute('aria-label') === 'Place of Log'")
+        await page.wait(f"{FOCUSED}.getAttribute('aria-label') === 'Position of Log'")
         assert not await page.evaluate("document.querySelector('.stopped')")
         await tab_to(page, says("Close Log"))
         await press(page, "Enter")
@@ -278,7 +278,7 @@ async def test_driving_with_its_limits_by_keys(browser: Browser) -> None:
         await page.wait(f"{text('.limit .number')} === '0.40 m/s'")
         await tab_to(page, says("Speed: more"))
         await press(page, "Enter", "Enter")
-        await tab_to(page, says("Sideways, too"))
+        await tab_to(page, says("Sideways buttons"))
         await press(page, " ")
         await tab_to(page, says("Sideways to the left"), back=True)
         await page.keyboard("down", "Enter")
@@ -524,7 +524,7 @@ async def test_recording_and_the_device_by_keys(browser: Browser, tmp_path: Path
             "/mine/camera/image/compressed", pictures.append, "sensor_msgs/CompressedImage"
         )
         await open_panels(page, url, [("device", {})])
-        await tab_to(page, says("Topics below"))
+        await tab_to(page, says("Namespace of the topics"))
         await write(page, "/mine")
         await tab_to(page, "it.name === 'camera'")
         await press(page, " ")
@@ -608,7 +608,7 @@ async def test_one_switch_does_all_that_driving_offers(browser: Browser) -> None
             await until(lambda: sent[-3:] == still)
             # The stop has its turn in every group.
             await switch.press("Stop", "Release")
-            await switch.press("Limits", "Speed: more", "Sideways, too")
+            await switch.press("Limits", "Speed: more", "Sideways buttons")
             async with switch.hold("Directions", "Sideways to the right"):
                 await until(lambda: sent[-1] == pytest.approx((0.0, -0.5, 0.0)))
             await until(lambda: sent[-3:] == still)
@@ -634,7 +634,7 @@ async def test_one_switch_does_all_that_the_goal_panel_offers(browser: Browser) 
             await switch.press("Cancel")
             await page.wait("document.querySelector('.goal-canceled')")
             await switch.press("Step 0.5", "Frame map", "Frame odom")
-            await switch.press("Move the goal", "2 m back", "The robot is there")
+            await switch.press("Move the goal", "2 m back", "Set robot pose here")
             await until(lambda: bool(poses))
             frame, pose = poses[0]
             assert frame == "base_link"

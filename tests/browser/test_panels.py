@@ -145,7 +145,7 @@ async def test_a_parameter_is_set_and_one_that_does_not_fit_is_refused(browser: 
         await set_to("0.3")
         speeds: list[float] = []
         served.node.subscribe("/odom", lambda odom: speeds.append(odom.twist.twist.linear.x))
-        await page.click("text=Read again")
+        await page.click("text=Reload")
         await page.wait(f"{field}?.value === '0.3'")
         command = served.node.advertise("/cmd_vel", "geometry_msgs/Twist")
         command.publish({"linear": {"x": 5.0}})

@@ -355,10 +355,13 @@ def bare(body: str) -> str:
         ('<rwt-topic topic="/gone"></rwt-topic>', "The robot has no topic /gone."),
         ("<rwt-topic></rwt-topic>", "The attribute topic is missing."),
         ('<rwt-topic topic="/odom" field="pose.nothing"></rwt-topic>', "/odom has no field pose.nothing."),
-        ('<rwt-video topic="/odom"></rwt-video>', "/odom is of nav_msgs/msg/Odometry; this element shows"),
+        (
+            '<rwt-video topic="/odom"></rwt-video>',
+            "/odom has the type nav_msgs/msg/Odometry; this element shows",
+        ),
         (
             '<rwt-battery topic="/odom"></rwt-battery>',
-            "/odom is of nav_msgs/msg/Odometry; this element shows",
+            "/odom has the type nav_msgs/msg/Odometry; this element shows",
         ),
         ('<rwt-plot topic="/odom" field="a.b"></rwt-plot>', "/odom has no field a.b."),
         (
@@ -397,7 +400,7 @@ async def test_a_role_that_may_not_is_told(browser: Browser) -> None:
             f"{part('rwt-video', '[part=problem]')}?.textContent"
             " === 'Your role (guest) may not subscribe to /camera/image_raw.'"
         )
-        await page.wait(f"{part('rwt-stop', '[part=status]')}?.textContent.includes('nothing here')")
+        await page.wait(f"{part('rwt-stop', '[part=status]')}?.textContent.includes('nothing to stop')")
 
 
 TOKEN = "0123456789abcdef0123"
@@ -442,7 +445,7 @@ async def test_strange_values_break_nothing(browser: Browser) -> None:
             assert await page.evaluate(f"{part('rwt-topic', 'output')}.textContent.length") < 1000
             await page.wait(f"{part('rwt-plot', '[part=value]')}?.textContent === '\\u2013'")
             await page.wait(
-                f"{part('rwt-battery', '[part=status]')}?.textContent.includes('does not measure')"
+                f"{part('rwt-battery', '[part=status]')}?.textContent.includes('does not report')"
             )
             await page.wait(f"{part('rwt-video', '[part=problem]')}?.textContent.includes('no such')")
 

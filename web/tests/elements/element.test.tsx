@@ -94,7 +94,7 @@ describe("what is wrong is said", () => {
     element.setAttribute("robot", "<img onerror=x>");
     document.body.append(element);
     expect(said(element)).toBe(
-      "The attribute robot is to be an address as ws://robot:9090, not <img onerror=x>.",
+      "The attribute robot must be a URL such as ws://robot:9090, not <img onerror=x>.",
     );
     expect(element.shadowRoot?.querySelector("img")).toBeNull();
   });
@@ -105,7 +105,7 @@ describe("what is wrong is said", () => {
     expect(said(element)).toContain("The robot at ws://robot:9090 cannot be reached");
     robot.session.connections.value = 1;
     await settled();
-    expect(said(element)).toContain("Connection lost, trying again");
+    expect(said(element)).toContain("Connection lost, retrying");
     robot.session.state.value = "open";
     await settled();
     expect(said(element)).toBe("2 m/s");
