@@ -76,7 +76,7 @@ def versions(root: Path = ROOT) -> list[str]:
 
 
 def is_newest(wanted: Version, others: Iterable[str]) -> bool:
-    """Whether `latest` should lead to a version: it is no candidate, and no later one is there."""
+    """True if `latest` should lead to a version: it is not a candidate, and no later one exists."""
     released = [each for each in map(Version, others) if not each.is_prerelease]
     return not wanted.is_prerelease and all(wanted >= each for each in released)
 
@@ -87,7 +87,7 @@ def _mike(*arguments: str) -> tuple[str, ...]:
 
 
 def _run(root: Path, *command: str) -> str:
-    """What a command prints.
+    """Run a command and return its output.
 
     Raises:
         ReleaseError: it failed; the text has what it said.

@@ -32,14 +32,14 @@ DISTRIBUTIONS: Mapping[str, Path] = {
 """Each distribution with its folder, relative to the top of the repository."""
 
 OURS = ("rwt", "rosbridge_conformance")
-"""How the names begin that may stand at the top of site-packages."""
+"""Prefixes of the names that may be at the top level of site-packages."""
 
 
 LEAST_RATING = "10"
-"""What `pyroma` has to say of each distribution, of 10."""
+"""Minimum rating by `pyroma` of each distribution, of 10."""
 
 UNASKED = "Url,AuthorEmail"
-"""What pyroma is not asked: the repository's address, which the first release adds, and that of an author."""
+"""Excluded checks of pyroma: the repository's address, which the first release adds, and an author's."""
 
 
 class ReleaseError(Exception):
@@ -166,7 +166,7 @@ def check(module: str, *arguments: str) -> None:
 
 
 def output(*command: str) -> str:
-    """What a command prints, without the space around it."""
+    """Return a command's output, stripped."""
     return run(*command).decode().strip()
 
 

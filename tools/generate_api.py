@@ -1,4 +1,4 @@
-"""Writes docs/reference/api/ from the docstrings of what the packages export: a page for each, and an index.
+"""Write docs/reference/api/ from the docstrings of the packages' exports: a page for each, and an index.
 
 Run it after a change of a public name or its docstring: ``python tools/generate_api.py``. A test compares.
 """

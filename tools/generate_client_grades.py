@@ -1,4 +1,4 @@
-"""Writes docs/reference/client-grades.md from results of `rwt conformance client --json FILE`.
+"""Write docs/reference/client-grades.md from results of `rwt conformance client --json FILE`.
 
 `make client-grades` grades the libraries and runs it: ``python tools/generate_client_grades.py FILE…``. The
 tests compare the page with what the libraries do.
@@ -36,7 +36,7 @@ _VARIANTS = ("tf-topics", "tf-service")
 
 
 class Fault(TypedDict):
-    """What a case expected and what came."""
+    """Expectation of a case, and what was received."""
 
     expected: str
     got: str
@@ -122,7 +122,7 @@ def _library(report: Report) -> Iterator[str]:
 
 
 def _noted(results: Sequence[Entry]) -> Iterator[str]:
-    """What INFO cases found, which is no failure."""
+    """Return the findings of INFO cases, which are not failures."""
     noted = [entry for entry in results if entry["verdict"] == "informational" and entry["fault"]]
     if noted:
         yield "\nNot so, for information only: " + "; ".join(entry["title"] for entry in noted) + "."
@@ -135,7 +135,7 @@ def _reason(entry: Entry) -> str:
 
 
 def _missing(results: Sequence[Entry]) -> list[str]:
-    """What the library lacks, once each: profiles first, then options and calls."""
+    """Return what the library lacks, without repetition: profiles first, then options and calls."""
     names = {name for entry in results for name in entry["missing"] if name not in _VARIANTS}
     profiles = sorted(name.removeprefix("profile ") for name in names if name.startswith("profile "))
     others = sorted(name for name in names if not name.startswith("profile ") and name not in profiles)

@@ -1,4 +1,4 @@
-"""Writes docs/reference/commands.md from the parsers of the command line.
+"""Write docs/reference/commands.md from the parsers of the command line.
 
 Run it after a change of a verb: ``python tools/generate_commands.py``. A test compares.
 """

@@ -101,12 +101,12 @@ def subjects() -> dict[str, list[Subject]]:
 
 
 def title_of(subject: Subject) -> str:
-    """What a row is called."""
+    """Return the title of a row."""
     return f"{subject['name']}, {subject['version']}"
 
 
 def summary(report: Mapping[str, Any]) -> dict[str, Any]:
-    """What the page needs of a report of the suite."""
+    """Return the parts of a suite's report that the page needs."""
     judged = [entry for entry in report["results"] if entry["verdict"] in ("pass", "non-strict", "fail")]
     return {
         "suite": report["suite"],
@@ -199,7 +199,7 @@ def _grade(kind: str, subject: Subject, checkout: Path | None) -> Any:
 
 
 def _folder(subject: Subject) -> Path:
-    """Where a subject is installed; its report and its log are beside it."""
+    """Return the folder in which a subject is installed; its report and log are beside it."""
     return INSTALLED / re.sub(r"[^\w.-]+", "-", title_of(subject))
 
 

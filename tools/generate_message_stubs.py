@@ -1,4 +1,4 @@
-"""Writes src/rwt_interfaces/jazzy.pyi and noetic.pyi: what type checkers know of the standard messages.
+"""Write src/rwt_interfaces/jazzy.pyi and noetic.pyi: types of the standard messages for type checkers.
 
 Run it after a change of the standard interfaces: ``python tools/generate_message_stubs.py``. A test compares.
 """

@@ -153,7 +153,7 @@ def _summary(model: type[Op]) -> str:
 
 
 def _attributes(model: type[object]) -> dict[str, str]:
-    """What the docstrings of a model and its bases say of each field; continued lines are joined."""
+    """Return the fields' descriptions in the docstrings of a model and its bases, with lines joined."""
     found: dict[str, str] = {}
     for each in reversed(model.__mro__):
         last = ""
@@ -168,7 +168,7 @@ def _attributes(model: type[object]) -> dict[str, str]:
 
 
 def _in_words_of_json(meaning: str) -> str:
-    """What the docstring calls None is a member that is absent."""
+    """Replace None by "absent": in JSON, the member is left out."""
     text = re.sub(r"\bNone\b", "absent", meaning)
     return text[:1].upper() + text[1:]
 

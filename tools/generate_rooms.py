@@ -1,4 +1,4 @@
-"""Writes the table of rooms in docs/explanation/architecture.md from the folders and their docstrings.
+"""Write the table of packages in docs/explanation/architecture.md from the folders' docstrings.
 
 Run it after a folder has come, gone or changed its question: ``python tools/generate_rooms.py``. A test
 compares.
@@ -28,7 +28,7 @@ def packages() -> Mapping[str, Path]:
 
 
 def modules(init: Path) -> int:
-    """How many modules a folder holds, its `__init__` included."""
+    """Return the number of modules in a folder, including `__init__`."""
     return len(list(init.parent.glob("*.py")))
 
 

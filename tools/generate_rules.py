@@ -1,4 +1,4 @@
-"""Writes docs/reference/rules.md from the rules of the conformance suite and its cases.
+"""Write docs/reference/rules.md from the rules of the conformance suite and its cases.
 
 Run it after a rule or a case has come, gone or changed: ``python tools/generate_rules.py``. A test compares.
 """

@@ -1,4 +1,4 @@
-"""Writes docs/reference/settings.md from the models of the settings.
+"""Write docs/reference/settings.md from the models of the settings.
 
 Run it after a change of `rwt.settings.models`: ``python tools/generate_settings.py``. A test compares.
 """

@@ -78,7 +78,7 @@ def type_text(description: FieldDesc, package: str, distro: str) -> str:
 
 
 def message_name(name: str, package: str, distro: str) -> str:
-    """How a definition of `package` names another message."""
+    """Return the name by which a definition of `package` refers to another message."""
     if distro == "noetic" and name in TIMES:
         return TIMES[name]
     owner, _, short = name.split("/")
@@ -106,7 +106,7 @@ def message_text(distro: str, name: str, constants: Constdefs, fields: Fielddefs
 
 
 def is_derived(name: str, names: Container[str]) -> bool:
-    """Whether a message is one of those that an action's definition gives."""
+    """True if a message is derived from an action's definition."""
     for suffix in sorted(DERIVED, key=len, reverse=True):
         base = name.removesuffix(suffix)
         if base != name:

@@ -1,4 +1,4 @@
-"""Writes docs/reference/agents.md from the tools, resources and prompts that agents get.
+"""Write docs/reference/agents.md from the tools, resources and prompts of agents.
 
 Run it after a change of `rwt.gateways.mcp.tools` or `rwt.gateways.mcp.guides`: ``python tools/generate_tools.py``. A test
 compares.

@@ -80,7 +80,7 @@ def make_release(version: str, *, dry_run: bool) -> None:
 
 
 def notes(changelog: str, version: str) -> str:
-    """What the changelog says of a version, without its heading.
+    """Return a version's section of the changelog, without its heading.
 
     Raises:
         ReleaseError: it has no such section, or an empty one.
@@ -114,7 +114,7 @@ def with_version(project: str, version: str) -> str:
 
 
 def git(*arguments: str) -> str:
-    """What git prints.
+    """Run git and return its output.
 
     Raises:
         ReleaseError: it failed; the text has what it said.

@@ -1,4 +1,4 @@
-"""What the site of the documentation has that MkDocs does not do by itself.
+"""MkDocs hooks of the documentation site.
 
 - A folder in the table of contents (`how-to/`) stands for its pages, by their titles.
 - Pages that lie above `docs/` (the changelog, the bench) are part of it, and links to them lead there.

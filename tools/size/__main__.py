@@ -1,4 +1,4 @@
-"""Prints the counted figures of the project, or one of the lists behind them.
+"""Print the counted figures of the project, or one of the lists behind them.
 
 Example: python -m tools.size --calls publish
 """

@@ -29,9 +29,9 @@ from tools.upstream.results import Result, Verdict, judge, of_go, of_junit
 from tools.upstream.suites import HERE, LIST, CannotRun, Suite, check, read_suites
 
 _FILE_SECONDS: Final = 180.0
-"""How long one of many files may take."""
+"""Timeout for one of many files."""
 _TELL_SECONDS: Final = 5.0
-"""From one line about how far a suite is to the next."""
+"""Interval between progress lines."""
 
 
 def main(arguments: Sequence[str] | None = None, *, suites_file: Path = LIST) -> int:

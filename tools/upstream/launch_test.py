@@ -36,7 +36,7 @@ _INTERFACES = ("rosbridge_msgs", "rosapi_msgs", "rosbridge_test_msgs")
 
 
 class ReadyToTest(Action):
-    """From here on the tests run."""
+    """Action after which the tests run."""
 
     is_reached: Callable[[], None]
 

@@ -48,12 +48,12 @@ class Program(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def name(self) -> str:
-        """What its checkout is called on the command line."""
+        """Name of its checkout on the command line."""
         return self.checkout.rpartition("/")[2]
 
 
 class Running:
-    """One process, and what it has said."""
+    """Process with its output."""
 
     def __init__(self, command: list[str], folder: Path, graph: str, keys: str) -> None:
         own, other = pty.openpty() if keys else (None, None)
@@ -82,7 +82,7 @@ class Running:
         self.news.set()
 
     def wait_for(self, pattern: str, seconds: float) -> bool:
-        """Whether it says something that fits; one without a pattern must only be there after a while."""
+        """Wait until the output matches; without a pattern, check that it runs after a while."""
         deadline = time.monotonic() + (seconds if pattern else min(seconds, 5.0))
         while True:
             self.news.clear()

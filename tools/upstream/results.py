@@ -1,4 +1,4 @@
-"""What the tests of a suite came to, and how that compares with what is expected."""
+"""Results of a suite's tests, compared with the expected ones."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Verdict:
 
     @property
     def is_as_expected(self) -> bool:
-        """Whether there were tests, and nothing differs from the list."""
+        """True if there were tests, and nothing differs from the list."""
         ran = self.passed + len(self.expected) + len(self.unexpected)
         return ran > 0 and not self.unexpected and not self.stale
 
