@@ -14,7 +14,7 @@ from rwt_client.blocking import BlockingRobot, connect
 
 
 def look_around(robot: BlockingRobot) -> None:
-    """What there is, and how near it is."""
+    """List the topics, and print the distance to the nearest wall."""
     for topic in robot.api.topics():
         print(f"{topic.name:24} {topic.type}")
     scan = robot.once("/scan", arrays="numpy", timeout=5)

@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def describe(server: Server) -> str:
-    """Where what is."""
+    """Describe the addresses of a running server."""
     url = server.urls[0]
     page = f"http://{urlsplit(url).netloc}"
     return f"""\

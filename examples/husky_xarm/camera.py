@@ -1,4 +1,4 @@
-"""What the camera sees, drawn by Bullet's renderer for CPUs, in a process of its own.
+"""Camera images, drawn by Bullet's CPU renderer in a process of their own.
 
 A picture takes some 40 to 130 ms, and Bullet keeps Python's lock for all of it: in a thread of the robot's
 own process it would stop the physics and every client that long.
@@ -46,7 +46,7 @@ class Picture:
 
 
 def draw(scene: Scene, lens: Lens) -> Picture:
-    """What the robot's camera sees in `scene`."""
+    """Draw what the robot's camera sees in `scene`."""
     position, orientation = scene.bullet.getLinkState(
         scene.robot, scene.link_numbers[OPTICAL], computeForwardKinematics=True
     )[4:6]

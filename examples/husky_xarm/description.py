@@ -1,4 +1,4 @@
-"""What the robot is made of: one URDF of three parts, and where its meshes are."""
+"""Robot description: one URDF of three parts, and the folders of its meshes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ARM_JOINTS: Final = ("joint1", "joint2", "joint3", "joint4", "joint5", "joint6")
 
 _DATA: Final = Path(pybullet_data.getDataPath())
 PACKAGE_FOLDERS: Final = (_DATA, _DATA / "xarm")
-"""Where the packages of the description's meshes are: `husky` and `xarm_description`."""
+"""Folders of the packages with the meshes: `husky` and `xarm_description`."""
 _PACKAGES: Final[Mapping[str, Path]] = {
     "husky": _DATA / "husky",
     "xarm_description": _DATA / "xarm" / "xarm_description",
@@ -40,7 +40,7 @@ _CAMERA_PITCH = 0.5
 _LIGHT_LINK = 0.05
 
 _OPTENV = re.compile(r"\$\(optenv \w+ ([^)]*)\)")
-"""What xacro left in the Husky's file: a variable and, as the rest, its default."""
+"""Remainder of xacro in the Husky's file: a variable with its default."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""What the camera sees on a drive, drawn once and kept: drawing is slower than the 30 Hz of a camera.
+"""Precomputed camera images of a drive: drawing is slower than the 30 Hz of a camera.
 
 >>> film = keep(Path("build/paper"), Lens(), pictures=300)
 >>> film.colours[0].shape, film.depths[0].shape

@@ -47,7 +47,7 @@ class HuskyXArm:
         self._simulation.close()
 
     def _step(self) -> None:
-        """One control step: what is wanted, the time that has passed, and what is to be told of it."""
+        """Run one control step: commands, elapsed time, and state to publish."""
         now = self._node.clock.monotonic()
         seconds = min(now - self._stepped, _LONGEST_STEP)
         self._stepped = now

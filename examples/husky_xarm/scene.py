@@ -22,7 +22,7 @@ Place = tuple[tuple[float, float, float], tuple[float, float, float, float]]
 """Position (metres) and orientation (x, y, z, w) in the world."""
 
 HOME: Final = dict(zip(ARM_JOINTS, (0.0, -0.9, -0.7, 0.0, 1.6, 0.0), strict=True))
-"""How the arm stands at the start, radians."""
+"""Initial joint angles of the arm, radians."""
 
 _BLOCKS: Final = (
     ((2.2, 0.0, 0.25), 0.25, (0.9, 0.1, 0.1, 1.0)),
@@ -37,7 +37,7 @@ _START_HEIGHT = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """Where everything is.
+    """Positions of all bodies and joints.
 
     Attributes:
         bodies: by the body's number.
@@ -90,7 +90,7 @@ class Scene:
         )
 
     def snapshot(self) -> Snapshot:
-        """Where everything is now."""
+        """Return the current positions."""
         bodies = tuple(
             self.bullet.getBasePositionAndOrientation(body) for body in range(self.bullet.getNumBodies())
         )

@@ -37,7 +37,7 @@ _SETTLING_STEPS = 120
 
 @dataclass(frozen=True, slots=True)
 class JointState:
-    """How a joint is: radians, radians per second, newton metres."""
+    """State of a joint: radians, radians per second, newton metres."""
 
     position: float
     velocity: float
@@ -99,19 +99,19 @@ class Simulation:
 
     @property
     def place(self) -> Transform:
-        """Where base_footprint is in the world."""
+        """Pose of base_footprint in the world."""
         place: Place = self._bullet.getBasePositionAndOrientation(self._scene.robot)
         return Transform(*place)
 
     @property
     def velocity(self) -> Velocity:
-        """How fast the robot goes and turns, in its own frame."""
+        """Linear and angular velocity of the robot, in its own frame."""
         linear, angular = self._bullet.getBaseVelocity(self._scene.robot)
         turned_back = Transform(rotation=self.place.rotation).inverse()
         return Velocity(turned_back.apply(linear)[0], turned_back.apply(angular)[2])
 
     def joints(self) -> Mapping[str, JointState]:
-        """Those that move, by name."""
+        """Movable joints, by name."""
         names = self._scene.moving
         numbers = [self._scene.joint_numbers[name] for name in names]
         states = self._bullet.getJointStates(self._scene.robot, numbers)
@@ -120,7 +120,7 @@ class Simulation:
         }
 
     def snapshot(self) -> Snapshot:
-        """Where everything is, for whoever draws it."""
+        """Return all positions, for a renderer."""
         return self._scene.snapshot()
 
     def _speed_up(self, seconds: float) -> None:

@@ -1,4 +1,4 @@
-"""What the robot tells of itself: `/odom`, `/tf`, `/tf_static`, `/joint_states`, `/robot_description`."""
+"""State publisher: `/odom`, `/tf`, `/tf_static`, `/joint_states`, `/robot_description`."""
 
 from __future__ import annotations
 

@@ -118,7 +118,7 @@ class Demonstrator:
         self._direction = 1.0 if leg.linear > self._speed else -1.0
 
     def _record(self) -> None:
-        """Where the robot is, as its transforms say."""
+        """Record the robot's position, as its transforms report it."""
         if self._place is not None:
             self._waypoints.append(self._place)
 

@@ -1,4 +1,4 @@
-"""What a demonstration is made of: the same for the server and for those who teach."""
+"""Plan of a demonstration, shared by the server and the demonstrators."""
 
 from __future__ import annotations
 

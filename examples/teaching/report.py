@@ -1,4 +1,4 @@
-"""What was measured, and how it is told."""
+"""Measurements, and their report."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from teaching.plan import COMMAND_PERIOD, JOINT_RATE, TF_RATE, Camera
 
 @dataclass(frozen=True, slots=True)
 class Teaching:
-    """What one demonstrator saw.
+    """Measurements of one demonstrator.
 
     Attributes:
         robot: which was taught.
