@@ -1,4 +1,4 @@
-"""What is measured, what is read off each measurement, and the floor that the project sets for it."""
+"""Cases of the benchmark, their metrics, and the floors that the project sets."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SERVICE_OF_CLIENT = "/load/add_two_ints"
 
 
 class Peer(Enum):
-    """What the server is measured beside."""
+    """Server to compare with."""
 
     RELAY = "relay"
     FOXGLOVE = "Foxglove's SDK"
@@ -38,7 +38,7 @@ class Case:
 
 
 class Compared(Enum):
-    """What a floor is set on."""
+    """Value that a floor applies to."""
 
     RATIO = "ratio"
     """This server's value divided by the peer's."""
@@ -50,7 +50,7 @@ class Compared(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Floor:
-    """What has to be reached: at least `bound`, or at most if `at_most`."""
+    """Required value: at least `bound`, or at most if `at_most`."""
 
     bound: float
     at_most: bool = False

@@ -29,7 +29,7 @@ def figure(value: float) -> str:
 
 
 def line(row: Mapping[str, Any]) -> str:
-    """One row of the table; a floor that is missed is said so."""
+    """Return one row of the table; a missed floor is marked."""
     is_difference = row["as"] == "difference"
     compared = f"{row['compared']:+.3f}" if is_difference else f"{row['compared']:.2f} x"
     return (

@@ -63,7 +63,7 @@ anyio.run(main)
 
 @dataclass(frozen=True, slots=True)
 class Used:
-    """What one process took.
+    """Resources used by one process.
 
     Attributes:
         seconds: of CPU time.
@@ -230,7 +230,7 @@ def _row(taken: Sequence[Used]) -> str:
 
 
 def disk_table(folder: Path, plain: Installed, extras: Sequence[str]) -> str:
-    """What an installation takes, as a table; ends with an environment that has no numpy and no pillow."""
+    """Return a table of the disk space of an installation; uninstalls numpy and pillow at the end."""
     lines = ["| installed | MB |", "|---|---:|"]
     sizes = sorted(plain.sizes().items(), key=lambda item: -item[1])
     largest = ", ".join(f"{name} {size:.0f}" for name, size in sizes[:6])

@@ -1,1 +1,1 @@
-"""How fast the Python client is beside roslibpy."""
+"""Speed of the Python client, compared with roslibpy."""

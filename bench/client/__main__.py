@@ -21,7 +21,7 @@ from bench.traffic.processes import Server
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """What is measured.
+    """Case of the benchmark.
 
     Attributes:
         what: ``receive`` or ``publish``.
@@ -74,7 +74,7 @@ class Row:
 
 
 def rate(library: str, case: Case, url: str, scale: float) -> Rate:
-    """How fast one library is, once."""
+    """Measure the rate of one library, once."""
     count = max(10, int((case.ours if library == "ours" else case.theirs) * scale))
     path = f"receive/{case.message}/{count}" if case.what == "receive" else f"publish/{count}"
     command = [

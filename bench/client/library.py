@@ -26,7 +26,7 @@ _DRAIN_EVERY = 500
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """What one measurement took, in seconds: by the clock, and of CPU."""
+    """Duration of one measurement in seconds: wall time and CPU time."""
 
     wall: float
     cpu: float

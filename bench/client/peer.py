@@ -43,7 +43,7 @@ CASES: dict[str, tuple[str, dict[str, object]]] = {
         {"width": 640, "height": 480, "step": 1920, "encoding": "rgb8", "data": bytes(range(256)) * 3600},
     ),
 }
-"""What is sent, by name: its type and the message, complete."""
+"""Messages by name of the case: type and complete message."""
 
 _GUID = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
 _BURST_BYTES = 64 * 1024

@@ -1,1 +1,1 @@
-"""How a server fares with many clients, for long, in several processes, and what a fleet of robots takes."""
+"""Endurance and scaling: many clients, long runs, several processes, fleets of robots."""

@@ -28,7 +28,7 @@ TOPICS = 20
 HERTZ = 100
 STOPPED = 10
 STOPPED_BUFFER_BYTES = 4096
-"""What the kernel takes for each of the stopped; with its default nothing would reach the server's bounds."""
+"""Receive buffer of each stopped client; the kernel's default would hide the server's own limits."""
 FILES = 4096
 GRACE_SECONDS = 10.0
 ROOM_MB = 8.0
@@ -38,7 +38,7 @@ CALL_SECONDS = 0.05
 
 @dataclass(slots=True)
 class Outcome:
-    """What was measured.
+    """Measurements.
 
     Attributes:
         published: messages on all topics while measuring.

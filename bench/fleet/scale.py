@@ -16,7 +16,7 @@ MICRO, KILO = 1e-6, 1e3
 
 @dataclass(frozen=True, slots=True)
 class Constants:
-    """What was measured.
+    """Measured costs.
 
     Attributes:
         delivery_us: CPU of one small message to one client, written by itself (bench.fleet.workers, one
@@ -43,7 +43,7 @@ class Constants:
 
 @dataclass(frozen=True, slots=True)
 class Fleet:
-    """What is asked for.
+    """Parameters of a fleet.
 
     Attributes:
         robots: how many.
@@ -72,7 +72,7 @@ class Fleet:
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What one process of a number of machines has to bear.
+    """Load of one process.
 
     Attributes:
         processes: on all machines together.
@@ -93,12 +93,12 @@ class Cost:
 
 
 def copies(processes: int, viewers: int) -> float:
-    """How many of the processes hear a message, when each viewer of its robot is at any of them."""
+    """Return how many processes receive a message, if the viewers of its robot are at random ones."""
     return processes * (1 - (1 - 1 / processes) ** viewers)
 
 
 def cost(fleet: Fleet, constants: Constants, machines: int, *, by_robot: bool) -> Cost:
-    """What a process bears.
+    """Return the load of one process.
 
     Args:
         by_robot: all viewers of a robot are at one process, and each process is joined with its own robots

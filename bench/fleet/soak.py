@@ -35,7 +35,7 @@ WARM_UP = 0.25
 ROOM_MB = 4.0
 """Growth of memory that counts as flat: what an allocator may keep."""
 EMPTY_SECONDS = 5.0
-"""How long the server may take to let everyone go."""
+"""Timeout for the server to drop all clients."""
 
 _HANDSHAKE = b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConn"
 _CLOSE = masked((1000).to_bytes(2, "big"), 8)

@@ -29,7 +29,7 @@ _STAMPED = re.compile(rb'"data":"(\d+) (\d+) ([\d.]+)"')
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of the messages.
+    """Deliveries.
 
     Attributes:
         due: deliveries that there should be: messages times clients.
@@ -51,7 +51,7 @@ class Outcome:
 
     @property
     def good(self) -> bool:
-        """Whether every message came to everybody, once and in order."""
+        """True if every message was delivered to every client, once and in order."""
         return self.delivered == self.due and not self.twice and not self.disordered
 
     def line(self, name: str) -> str:

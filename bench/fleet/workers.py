@@ -47,7 +47,7 @@ class Workers(Server):
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """What one server did in one turn.
+    """Measurements of one server in one turn.
 
     Attributes:
         delivered: messages to clients.

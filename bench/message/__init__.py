@@ -1,1 +1,1 @@
-"""What one message costs within a process: checked, completed, recorded, and how long it holds others up."""
+"""Cost of one message within a process: validation, completion, recording, and blocking of the loop."""

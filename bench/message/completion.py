@@ -1,5 +1,4 @@
-"""What a message costs that is not exactly as it goes out: CPU time from the bytes that came to the bytes
-that leave, in one process without a network.
+"""CPU time of a message that must be completed or converted, from bytes to bytes, without a network.
 
 Every figure is process CPU time, the best of seven runs. Beside it stands what `msgspec.json.decode` and
 `encode` of the same bytes take, without a look at any type, and what the complete message of the same type
@@ -198,7 +197,7 @@ def json_text(message: Messages) -> bytes:
 
 
 def decoded_and_encoded(raw: bytes) -> bytes:
-    """What a relay does that decodes each message and encodes it again."""
+    """Decode and encode a message, as a relay does that looks at each one."""
     return msgspec.json.encode(msgspec.json.decode(raw))
 
 

@@ -1,5 +1,4 @@
-"""What a message costs the bridge alone: CPU time from the bytes that came to the frames that leave, in one
-process without a network.
+"""CPU time of a message in the bridge alone, from bytes to frames, without a network.
 
 A publish goes to one subscriber; a call to a service of a node in the same process, or to one that another
 client offers and answers. `one` is a message in each read of the connection, `16` are sixteen messages in one
@@ -69,10 +68,10 @@ class Flow:
         self._client.sent += len(pieces)
 
     def configure(self, rules: FlowRules) -> None:
-        """Nothing waits here."""
+        """No-op: frames are not queued."""
 
     def close(self) -> None:
-        """Nothing waits here."""
+        """No-op: frames are not queued."""
 
 
 class Client:
@@ -111,7 +110,7 @@ class Client:
         raise RuntimeError(reason)
 
     def hand_over(self, endpoint: Endpoint) -> None:
-        """Nobody has to authenticate here."""
+        """No-op: clients do not authenticate."""
 
     def say(self, op: Mapping[str, object]) -> None:
         """Send one op, in a read of its own."""

@@ -1,5 +1,6 @@
-"""How long one message holds up everybody else: the longest time for which the event loop of a server does
-not look at its sockets, for the worst messages of up to 4 MB, in each encoding and both ways.
+"""Longest time for which one message blocks the event loop of a server.
+
+Covers the worst messages of up to 4 MB, in each encoding and both directions.
 
 The server runs in this process, and a thread is its clients. What counts is CPU time of the loop's thread
 between two looks at the sockets, in proportion to what a fixed piece of work takes at the time, so that other
@@ -187,7 +188,7 @@ class Row:
 
     @property
     def is_over(self) -> bool:
-        """Whether it held the loop longer than it may, or did not come."""
+        """True if the loop was blocked for longer than allowed, or the message did not arrive."""
         return not self.held <= self.bound
 
     def __str__(self) -> str:

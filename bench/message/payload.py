@@ -1,4 +1,4 @@
-"""What one message costs: microseconds for each way in and each form out, one table.
+"""Cost of one message in microseconds, for each way in and each form out, as one table.
 
 Run it with ``python -m bench.message.payload``. Each figure is the best of several runs, in one process, for
 messages as clients send them.

@@ -1,4 +1,4 @@
-"""What a message costs a node of `rwt_rclpy`: CPU time from `publish` to the end of the callback.
+"""CPU time of a message in a node of `rwt_rclpy`, from `publish` to the end of the callback.
 
 One node publishes, and subscribes in the same process, and one executor runs it: a Twist, and an Image, given
 as numpy's array, which is copied when it is assigned, or as bytes, which nobody copies. It is the best of

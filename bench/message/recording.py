@@ -39,7 +39,7 @@ STAMP = 1_700_000_000_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """What is recorded: how many messages, and the bound on the ratio of the costs."""
+    """Recorded messages: their number, and the maximum ratio of the costs."""
 
     stream: messages.Stream
     count: int

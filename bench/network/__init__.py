@@ -1,1 +1,1 @@
-"""What arrives over a bad line, or from behind a router, and how old it is."""
+"""Delivery over lossy lines and from behind routers, with the age of what arrives."""

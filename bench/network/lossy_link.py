@@ -31,7 +31,7 @@ _LARGEST: Final = 65_535
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """What a line does to a packet, each way.
+    """Properties of a line, in each direction.
 
     Attributes:
         loss: part of the packets that do not arrive.

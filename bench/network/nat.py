@@ -38,7 +38,7 @@ from tests.browser.driver import find_browser, opened_browser
 OUTSIDE: Final = "203.0.113.1"
 HUB_PORT, STUN_PORT, TURN_PORT = 9091, 3478, 3479
 WIDE: Final = {"keeps ports": "masquerade", "symmetric": "masquerade random,fully-random"}
-"""What nftables calls each kind of router."""
+"""Names in nftables of each kind of router."""
 USER, PASSWORD = "operator", "of-the-test"
 
 
@@ -67,7 +67,7 @@ Operator = Literal["program", "browser"]
 OPERATORS: Final[tuple[Operator, ...]] = ("program", "browser")
 
 SCRIPT: Final = (Path(__file__).parent / "nat.js").read_text()
-"""What a page does: an expression whose value is awaited."""
+"""Script of a page: an expression whose value is awaited."""
 
 
 def why_not() -> str:
@@ -120,7 +120,7 @@ class Networks:
         self._stack = ExitStack()
 
     def name(self, of: str) -> str:
-        """What the kernel calls one."""
+        """Return the kernel's name of a network."""
         return f"rwt-{os.getpid()}-{of}"
 
     def __enter__(self) -> Networks:
@@ -258,7 +258,7 @@ class _Nobody:
     """An endpoint that hears nothing."""
 
     def receive(self, data: bytes, binary: bool) -> None:
-        """Nothing is done with it."""
+        """No-op."""
 
     def oversized(self, size: int, limit: int, head: bytes) -> None:
         """Nor with that."""
@@ -272,7 +272,7 @@ def _nobody(sink: object, info: object) -> _Nobody:
 
 
 def measure(case: Case, by: Operator = "program") -> dict[str, str]:
-    """How the operator found the robot (`way`), or why not (`why`)."""
+    """Return how the operator reached the robot (`way`), or why not (`why`)."""
     here = [sys.executable, "-m", "bench.network.nat"]
     with ExitStack() as stack:
         networks = stack.enter_context(Networks(case.nat))

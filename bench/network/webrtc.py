@@ -29,7 +29,7 @@ PORT: Final = 9090
 BAD: Final = Line(loss=0.02, delay=0.04, jitter=0.02)
 WAYS: Final = ("websocket", "data channel")
 MOST: Final = 0.5
-"""What the 99th percentile over the data channel may be of that over the WebSocket."""
+"""Maximum ratio of the 99th percentiles of data channel and WebSocket."""
 _SUBSCRIBE: Final = (
     '{"op":"subscribe","id":"odom","topic":"/odom","type":"nav_msgs/Odometry","queue_length":1}'
 )

@@ -44,7 +44,7 @@ MOST_AGE: Final = 250.0
 MOST_PAUSE: Final = 2.0
 """Seconds until the picture goes on when the line is cut."""
 MOST_CPU: Final = 1.5
-"""What the encoder may take for ten viewers, of what it takes for one."""
+"""Maximum ratio of the encoder's CPU time for ten viewers and for one."""
 _NOISE: Final = np.random.default_rng(1).integers(0, 256, (120, 160, 3), np.uint8)
 
 Seen = list[tuple[float, float]]
@@ -166,7 +166,7 @@ def _by_mjpeg(base: str, seconds: float) -> Seen:
 
 
 def measure(way: str, seconds: float) -> tuple[Seen, float]:
-    """What was seen in twice so many seconds, and when the line was cut."""
+    """Return what was seen in two periods of `seconds`, and when the line was cut."""
     with lossy_link(BAD) as (link, hosts), _there(hosts[0], "--robot") as robot_there:
         assert robot_there.stdout is not None
         robot_there.stdout.readline()

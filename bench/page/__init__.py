@@ -1,1 +1,1 @@
-"""What somebody in front of a browser sees: how old a picture is, and a page that stays open."""
+"""Dashboard in a browser: age of the images, and a page that stays open."""

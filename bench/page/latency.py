@@ -48,7 +48,7 @@ _NOTES: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What a page saw.
+    """Measurements of a page.
 
     Attributes:
         way: the stream's parameters.
@@ -112,7 +112,7 @@ def _row(seen: Seen, seconds: float) -> Sequence[str]:
 
 
 def missed(seen: Sequence[Seen]) -> list[str]:
-    """What is above the bound, in words."""
+    """Describe the values above the limit."""
     return [
         f"{each.way}: median {each.median:.0f} ms, bound {most} ms"
         for each in seen

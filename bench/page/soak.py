@@ -40,7 +40,7 @@ TRACED = 20.0
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """What was measured.
+    """Measurements.
 
     Attributes:
         first_paint, useful: milliseconds from the start of the navigation with an empty cache until something

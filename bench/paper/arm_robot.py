@@ -44,7 +44,7 @@ class Phase:
     end: float
 
     def share(self, second: float) -> float:
-        """How much of what is done in it is done by then: smooth from 0 to 1."""
+        """Return the completed share of the phase: smooth from 0 to 1."""
         part = min(1.0, max(0.0, (second - self.begin) / (self.end - self.begin)))
         return part * part * (3 - 2 * part)
 
@@ -56,7 +56,7 @@ GRASPS = (Phase(33, 35), Phase(56, 58))
 
 
 def done(phases: tuple[Phase, ...], second: float) -> float:
-    """How many of them are done by then."""
+    """Return how many are completed by then."""
     return sum(phase.share(second) for phase in phases)
 
 

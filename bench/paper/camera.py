@@ -107,7 +107,7 @@ def _message(sequence: NDArray[np.uint8], number: int) -> dict[str, Any]:
 
 
 def _latency_page(request: HttpRequest, reader: Reader) -> HttpResponse:
-    """What a browser reads the pictures' age with, for :mod:`bench.page.latency`."""
+    """Return the page that measures the age of images, for :mod:`bench.page.latency`."""
     return HttpResponse(
         Path(__file__).with_name("latency.html").read_bytes(), content_type="text/html; charset=utf-8"
     )

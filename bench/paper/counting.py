@@ -57,14 +57,14 @@ class CountingClient:
         on_drop: Callable[[DropReason], None] | None = None,
         time_ns: Callable[[], int] = time_ns,
     ) -> CountingClient:
-        """Nothing is ever held back here: this client is every topic's flow."""
+        """Return this client, which is the flow of every topic and never held back."""
         return self
 
     def configure(self, rules: FlowRules) -> None:
-        """Nothing is held back."""
+        """No-op: nothing is held back."""
 
     def close(self, code: int = 1000, reason: str = "") -> None:
-        """Nothing to close."""
+        """No-op."""
 
     def hand_over(self, endpoint: Endpoint) -> None:
         """Speak with another endpoint."""
@@ -72,7 +72,7 @@ class CountingClient:
 
     @property
     def backlog(self) -> int:
-        """Nothing waits."""
+        """Return 0: frames are not queued."""
         return 0
 
 

@@ -1,4 +1,4 @@
-"""What a depth camera sees on a drive through a house: colour and depth, with a sensor's noise and holes."""
+"""Depth camera on a drive through a house: colour and depth, with a sensor's noise and holes."""
 
 from __future__ import annotations
 

@@ -137,7 +137,7 @@ def _poses(buffer: Buffer) -> dict[str, Transform]:
 
 
 class Broadcasters:
-    """Who publishes on `/tf`: odometry, and a state publisher that repeats what is screwed on as well.
+    """Publishers of `/tf`: odometry, and a state publisher that also repeats fixed joints.
 
     In 2015 nearly all robots did so; `/tf_static` was new.
     """
@@ -149,7 +149,7 @@ class Broadcasters:
         self._state = [frame for frame in LINKS if frame not in self._odometry]
 
     def publish(self, step: int) -> None:
-        """What is due at a step."""
+        """Publish what is due at a step."""
         if step % round(1 / STEP / ODOMETRY_HZ) == 0:
             self._publish(self._odometry)
         if step % round(1 / STEP / STATE_HZ) == 0:

@@ -1,4 +1,4 @@
-"""How alike two pictures are: PSNR, and SSIM as its authors define it, with windows of 8x8."""
+"""Similarity of two images: PSNR, and SSIM as its authors define it, with windows of 8x8."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What one part of the paper comes to here: a table beside the paper's own figures, and a plot."""
+"""Report on one part of the paper: a table beside the paper's own figures, and a plot."""
 
 from __future__ import annotations
 

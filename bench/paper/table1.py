@@ -71,7 +71,7 @@ COLUMNS: Final = (
 
 @dataclass(slots=True)
 class Watched:
-    """What came of one column.
+    """Measurements of one column.
 
     Attributes:
         seconds: how long it was measured.

@@ -39,7 +39,7 @@ one or the other. All are made up.
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """What is promised of one message as png with zlib: so many times smaller, in so many milliseconds."""
+    """Limits for one message as png with zlib: compression ratio and milliseconds."""
 
     ratio: float = 0.0
     milliseconds: float = math.inf
@@ -54,7 +54,7 @@ PROMISED: Final[Mapping[str, Bound]] = {
 
 @dataclass(frozen=True, slots=True)
 class Taken:
-    """What one way takes: bytes and milliseconds."""
+    """Cost of one encoding: bytes and milliseconds."""
 
     size: int
     milliseconds: float

@@ -21,7 +21,7 @@ BUFFER = 1 << 21
 LARGE = 1 << 16
 """A frame of fewer bytes is none of the load's messages, and nobody gets anything for it."""
 ACCEPTED = b"258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
-"""What follows the key in the hash of RFC 6455, section 4.2.2."""
+"""Constant that follows the key in the hash of RFC 6455, section 4.2.2."""
 CLOSE = 0x8
 
 
@@ -76,7 +76,7 @@ class Client:
         return ended
 
     def _missing(self) -> int:
-        """How many bytes of a masked frame's head have not come."""
+        """Return the number of bytes missing of a masked frame's head."""
         if len(self._head) < 2:
             return 2 - len(self._head)
         return {126: 8, 127: 14}.get(self._head[1] & 0x7F, 6) - len(self._head)

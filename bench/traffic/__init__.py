@@ -1,1 +1,1 @@
-"""What the load says to a server, in which dialect, and what it reads off the server's process meanwhile."""
+"""Load on a server: its dialects, and readings of the server's process."""

@@ -1,5 +1,4 @@
-"""What the load says to each kind of server: rosbridge to this one and to the relay, Foxglove's protocol to
-Foxglove's SDK."""
+"""Dialects of the load: rosbridge for this server and the relay, Foxglove's protocol for its SDK."""
 
 from __future__ import annotations
 
@@ -30,7 +29,7 @@ class WrongAnswer(Exception):
 
 
 class Dialect(Protocol):
-    """How a load is worded. What `advertise`, `subscribe` and `publish` return is a frame, ready to be sent.
+    """Dialect of a load. `advertise`, `subscribe` and `publish` return frames, ready to be sent.
 
     Attributes:
         subprotocol: what the WebSocket handshake asks for; empty for none.

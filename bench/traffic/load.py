@@ -23,7 +23,7 @@ from bench.traffic.wire import Connection, Loop, masked
 WARM_UP_SECONDS: Final = 0.3
 GRACE_SECONDS: Final = 5.0
 CONNECT_SECONDS: Final = 0.05
-"""What a busy machine may take for each subscriber, until all of them are heard of."""
+"""Time per subscriber that a busy machine may take until all are connected."""
 QUIET_SECONDS: Final = 0.25
 PROBE_SECONDS: Final = 0.05
 LATENCY_HZ: Final = 200
@@ -36,7 +36,7 @@ STAMP: Final = re.compile(rb'"x":\s*([0-9.]+)')
 
 @dataclass(frozen=True, slots=True)
 class Throughput:
-    """What a server delivered in a while.
+    """Deliveries of a server in a period.
 
     Attributes:
         count: deliveries, or calls answered.
@@ -65,7 +65,7 @@ class Throughput:
 
 @dataclass(frozen=True, slots=True)
 class Latency:
-    """How long messages were on their way.
+    """Latencies of messages.
 
     Attributes:
         milliseconds: from before each message was written until it was read, ascending.
@@ -83,7 +83,7 @@ class Latency:
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """How much is on its way at once: `size` messages at most, sent `batch` in one write.
+    """Limit of messages in flight: `size` at most, sent `batch` in one write.
 
     Between two looks at its sockets the load sleeps for `nap` seconds. With many subscribers that lets it
     read many frames at once, without which it would need a whole core and hold the server back; the window

@@ -1,4 +1,4 @@
-"""What the load says: complete messages, worded as roslibjs words them."""
+"""Messages of the load, complete, in the form that roslibjs uses."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Stream:
     unstamped: bool = False
 
     def is_first(self, delivered: object) -> bool:
-        """Whether what was delivered is the first message, stamped or not where it had no stamp."""
+        """True if the delivered message is the first one, with or without a stamp."""
         if self.unstamped and isinstance(delivered, dict) and isinstance(delivered.get("header"), dict):
             header = {name: value for name, value in delivered["header"].items() if name != "stamp"}
             delivered = {**delivered, "header": header}

@@ -33,7 +33,7 @@ class Memory:
 
 @dataclass(frozen=True, slots=True)
 class CpuTime:
-    """What a process has had of the CPUs so far, in seconds, all its threads together.
+    """CPU time of a process so far, in seconds, over all its threads.
 
     Attributes:
         used: spent on a CPU.
@@ -113,7 +113,7 @@ class Server:
 
     @property
     def fate(self) -> str:
-        """Whether it still runs, in words."""
+        """State of the process, as text."""
         code = self._process.poll()
         return "it still runs" if code is None else f"it ended with exit code {code}"
 
@@ -126,7 +126,7 @@ class Server:
         return Memory(sizes["VmRSS"], sizes["VmHWM"])
 
     def files(self) -> int:
-        """How many files and sockets it has open."""
+        """Number of open files and sockets."""
         return sum(1 for _ in (self._proc / "fd").iterdir())
 
     def stop(self) -> None:

@@ -167,12 +167,12 @@ class Connection:
         return self._counter.count
 
     def has(self, count: int) -> bool:
-        """Whether so many messages have come."""
+        """True if that many messages have arrived."""
         return self._counter.count >= count
 
     @property
     def writable(self) -> bool:
-        """Whether everything sent so far is in the kernel."""
+        """True if everything sent so far is in the kernel."""
         return not self._unsent
 
     def keep_messages(self) -> list[bytes]:

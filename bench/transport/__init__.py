@@ -1,1 +1,1 @@
-"""What each way between processes costs, beside the bare kernel and beside other programs that use it."""
+"""Cost of each way between processes, compared with the bare kernel and other programs."""

@@ -1,4 +1,4 @@
-"""What a delivery and a request cost through ASGI servers, beside our own driver: CPU seconds of the server.
+"""CPU time of a delivery and a request through ASGI servers, compared with the own driver.
 
 ``python -m bench.transport.asgi`` prints a table. Each server runs in a process of its own; a robot in it
 publishes small messages to a number of clients, and answers requests for one value.

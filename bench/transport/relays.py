@@ -1,5 +1,4 @@
-"""How much the transport alone costs: the same relay on listen() and on websockets' asyncio server, in one
-run.
+"""Cost of the transport alone: the same relay on listen() and on websockets' asyncio server.
 
 Both forward every message to all other connections without looking at it. The load comes from another
 process, which speaks just enough WebSocket to be cheaper than either server. Run with ``python -m

@@ -46,7 +46,7 @@ ROUNDS, SECONDS = 5, 1.0
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """What a frame of 1 MB took through one server.
+    """Cost of a frame of 1 MB through one server.
 
     Attributes:
         rate: deliveries a second.

@@ -109,8 +109,7 @@ def here(stream: Stream) -> Server:
 def measured(
     server: Server, stream: Stream, viewers: int, window: Window, ids: Iterator[int], seconds: float
 ) -> Throughput:
-    """What a server delivers, once its clients know the channel: it has another id for those who come after
-    all have gone."""
+    """Measure a server after its clients know the channel, whose id changes when all have left."""
     with connect(_url(server), subprotocols=[Subprotocol(SUBPROTOCOL)], max_size=None) as watcher:
         channel = announced_channel(watcher, stream)
         server.dialect = FoxgloveInCdr(channel, ids)

@@ -38,7 +38,7 @@ EVERY = QoS(history=History.KEEP_ALL)
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """What was measured; rates are those of the subscriber."""
+    """Measurements; rates are those of the subscriber."""
 
     small_per_second: float
     small_lost: int
