@@ -99,7 +99,7 @@ async def test_a_person_answers_what_a_client_asks(browser: Browser) -> None:
             await page.click(".approval button:last-of-type")
             await until(lambda: 2 in outcomes)
             assert "no" in str(outcomes[2])
-            await page.wait(f"{text('.approvals')}.includes('Nothing waits')")
+            await page.wait(f"{text('.approvals')}.includes('No pending requests')")
             tasks.start_soon(ask, 3)
             await page.click("text=Approve for 10 min")
             await until(lambda: outcomes.get(3) == 4)

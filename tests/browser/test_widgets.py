@@ -400,7 +400,7 @@ async def test_a_role_that_may_not_is_told(browser: Browser) -> None:
             f"{part('rwt-video', '[part=problem]')}?.textContent"
             " === 'Your role (guest) may not subscribe to /camera/image_raw.'"
         )
-        await page.wait(f"{part('rwt-stop', '[part=status]')}?.textContent.includes('nothing here')")
+        await page.wait(f"{part('rwt-stop', '[part=status]')}?.textContent.includes('nothing to stop')")
 
 
 TOKEN = "0123456789abcdef0123"
@@ -445,7 +445,7 @@ async def test_strange_values_break_nothing(browser: Browser) -> None:
             assert await page.evaluate(f"{part('rwt-topic', 'output')}.textContent.length") < 1000
             await page.wait(f"{part('rwt-plot', '[part=value]')}?.textContent === '\\u2013'")
             await page.wait(
-                f"{part('rwt-battery', '[part=status]')}?.textContent.includes('does not measure')"
+                f"{part('rwt-battery', '[part=status]')}?.textContent.includes('does not report')"
             )
             await page.wait(f"{part('rwt-video', '[part=problem]')}?.textContent.includes('no such')")
 
