@@ -44,7 +44,7 @@ class CallFailed(RobotError):
 
 
 class ServiceFailed(CallFailed):
-    """The provider ran and said that it failed. A handler raises it to say why to its caller."""
+    """The provider reported failure. A handler raises it to tell the caller the reason."""
 
 
 class TimedOut(RobotError, TimeoutError):
