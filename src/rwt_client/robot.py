@@ -490,7 +490,6 @@ class Robot(RobotApi):
         )
 
     async def _ask(self, question: str, args: Mapping[str, object]) -> Any:
-        """Ask rosapi."""
         return await self._question(question, args, self._timeout)
 
     async def _ask_briefly(self, question: str, args: Mapping[str, object]) -> Any:
