@@ -86,7 +86,6 @@ class RosapiParameters(Parameters):
     async def _asked(
         self, question: str, refused: type[RobotError] = ServiceFailed, **args: object
     ) -> dict[str, Any]:
-        """Return the response; raise `refused` with the robot's reason."""
         try:
             answer = await self._ask(question, args)
         except ServiceFailed as error:

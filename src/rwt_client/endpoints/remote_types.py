@@ -248,7 +248,6 @@ class RemoteTypes:
             self._registry.add_text(text, name)
 
     def _add_full_text(self, name: str, text: str) -> None:
-        """Add the definitions that differ from the known ones."""
         root, *nested = text.split(f"\n{_SEPARATOR}\n")
         try:
             package, _, short = parse_type_name(name)

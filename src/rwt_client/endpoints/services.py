@@ -179,7 +179,6 @@ class ServiceServer(RemoteServer[ServiceType]):
         )
 
     def _fail(self, op: CallService, error: Exception) -> None:
-        """Send the caller the reason of a failure (SVP-04)."""
         if not isinstance(error, ServiceFailed | InvalidMessage):
             logger.error("the handler of %s failed", self.name, exc_info=error)
         reason = str(error) if isinstance(error, RobotError) else HANDLER_FAILED

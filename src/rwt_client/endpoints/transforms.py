@@ -95,7 +95,6 @@ class RemoteTransforms(Transforms):
         self._topics = Transforms._topics
 
     async def _follow(self) -> None:
-        """Request a topic of our own and subscribe to it."""
         assert self._thresholds is not None  # Only the compact form needs this.
         answer = await self._call(REPUBLISHER, self._thresholds.request(), "tf2_web_republisher/RepublishTFs")
         self._unsubscribe()

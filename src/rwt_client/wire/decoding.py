@@ -131,7 +131,6 @@ def _proven(cut: SplitFrame) -> RawJson:
 
 
 def _with_arrays(value: Any, numpy: bool) -> Any:
-    """Return `value` with its typed arrays as numpy arrays or as lists."""
     if isinstance(value, TypedArray):
         return value.numpy() if numpy and value.format != "<B" else value.plain()
     if isinstance(value, dict):

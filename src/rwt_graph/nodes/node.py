@@ -185,7 +185,6 @@ class _GraphThread:
 
     @property
     def here(self) -> bool:
-        """True on the graph's thread, or if no loop runs it."""
         return self._graph.on_graph_thread()
 
 

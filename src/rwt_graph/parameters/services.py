@@ -36,7 +36,6 @@ class ParameterServices:
             yield service.name, f"{_PACKAGE}/{service.type}", partial(service.handler, self)
 
     def _value(self, name: str) -> ParameterValue:
-        """Return the value; None for an unknown parameter (`NOT_SET` on the wire)."""
         try:
             return self._parameters.get(name)
         except NotFound:
@@ -135,7 +134,6 @@ def _listed(name: str, prefixes: Iterable[str], depth: int) -> bool:
 
 
 def _outcome(change: Callable[[], None]) -> dict[str, object]:
-    """Return the `rcl_interfaces/SetParametersResult` of a change."""
     try:
         change()
     except ParameterRejected as error:

@@ -90,7 +90,6 @@ def _texts_and_numbers(values: list[ParameterValue]) -> int:
 
 
 def _copied(value: ParameterValue) -> ParameterValue:
-    """Return a deep copy of dictionaries, lists and scalars."""
     if isinstance(value, str | int | float):
         return value
     try:
@@ -181,8 +180,9 @@ class ParameterTree:
         return _copied(self._find(name))
 
     def read(self, name: str, read: Callable[[ParameterValue], T]) -> T:
-        """Return the result of a function of a value or branch, which is not copied and must not be changed
-        or kept.
+        """Return the result of a function of a value or branch.
+
+        The value is not copied: the function must not change or keep it.
 
         Raises:
             NotFound: it is not set.
@@ -229,14 +229,12 @@ class ParameterTree:
         branch[missing[0]] = value
 
     def _is_branch(self, parts: list[str]) -> bool:
-        """Return True if there are values below a name."""
         if not parts:
             return bool(self._root)
         branch, missing = self._deepest(parts)
         return len(missing) == 1 and isinstance(branch.get(missing[0]), dict)
 
     def _deepest(self, parts: list[str]) -> tuple[dict[str, ParameterValue], list[str]]:
-        """Return the last branch on the path to a name, and the rest of the path."""
         branch = self._root
         for index, part in enumerate(parts[:-1]):
             deeper = branch.get(part)

@@ -126,7 +126,6 @@ class ReceiveQueue:
 def _declare(
     session: zenoh.Session, key: str, handler: zenoh.handlers.Callback[zenoh.Sample], *, history: bool
 ) -> Callable[[], None]:
-    """Subscribe; return a function that ends the subscription."""
     remote = zenoh.Locality.REMOTE
     if not history:
         return session.declare_subscriber(key, handler, allowed_origin=remote).undeclare

@@ -117,7 +117,7 @@ class ZenohServices:
         offer = self._offers.pop(provider, None)
         link = self._link
         if offer is not None and link is not None:
-            # The caller ends the open calls next, and their answers still need the queryable.
+            # Runs after its open calls have ended, which still need the queryable.
             link.run_on_graph(offer.end)
 
     def _on_query(self, link: Link, provider: MemoryProvider, key: str, query: zenoh.Query) -> None:
