@@ -101,7 +101,7 @@ class RemoteTransforms(Transforms):
         await self._subscribe(answer.topic_name, _ARRAY, static=True)
 
     def on_event(self, event: ConnectionEvent) -> None:
-        """Request the compact form again, and publish static transforms again, on a new connection."""
+        """Restore requests and static transforms on a new connection; fail lookups once it is closed."""
         if event.kind == "closed":
             self.end(ConnectionLost("the connection was closed before the transform was known"))
         elif event.kind == "restored":

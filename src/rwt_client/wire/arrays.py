@@ -104,8 +104,10 @@ def _is_big(field_type: field_types.FieldType) -> bool:
 
 
 def is_encoded_everywhere(message_type: MessageType) -> bool:
-    """Return True if every server can encode the type in CBOR. Those of ROS 1 lose arrays of fixed length,
-    and of strings, booleans or times (CBR-07)."""
+    """Return True if every server can encode the type in CBOR.
+
+    Those of ROS 1 lose arrays of fixed length, and of strings, booleans or times (CBR-07).
+    """
     return all(_is_simple(slot.type) for slot in message_type.slots)
 
 

@@ -52,8 +52,10 @@ _LARGE = 64 * 1024
 
 
 class LatelyRead:
-    """Large retained messages that were read last. The others keep only one form: a message that was read in
-    every encoding takes ten times its original memory."""
+    """Large retained messages that were read last; all others keep only one form.
+
+    A message that was read in every encoding takes ten times its original memory.
+    """
 
     def __init__(self) -> None:
         self._payloads: dict[Payload, int] = {}

@@ -117,7 +117,7 @@ class ZenohServices:
         offer = self._offers.pop(provider, None)
         link = self._link
         if offer is not None and link is not None:
-            # Runs after its open calls have ended, which still need the queryable.
+            # Deferred until its open calls have ended, which the caller does next.
             link.run_on_graph(offer.end)
 
     def _on_query(self, link: Link, provider: MemoryProvider, key: str, query: zenoh.Query) -> None:
