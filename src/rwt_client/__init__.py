@@ -1,4 +1,4 @@
-"""The client for Python programs: a robot's topics, services, actions, parameters and types, typed.
+"""Client for Python programs: typed access to a robot's topics, services, actions, parameters and types.
 
 >>> async with connect("ws://robot:9090") as robot:
 ...     async for odometry in robot.topic("/odom", "nav_msgs/Odometry"):

@@ -1,4 +1,4 @@
-"""The same client for notebooks and scripts: every call waits, and an event loop runs in a thread behind it.
+"""Client for notebooks and scripts: every call blocks, and an event loop runs in a thread behind it.
 
 >>> with connect("ws://robot:9090") as robot:
 ...     robot.publish("/cmd_vel", {"linear": {"x": 0.2}}, "geometry_msgs/Twist")
@@ -44,10 +44,10 @@ T = TypeVar("T")
 
 
 class _PortalThread:
-    """The event loop of a connection in its thread; satisfies :class:`rwt_participant.blocking.LoopThread`.
+    """Event loop of a connection in its thread; satisfies :class:`rwt_participant.blocking.LoopThread`.
 
     Attributes:
-        closed: whether this program has closed the connection, and the loop with it.
+        closed: True if this program has closed the connection, and with it the loop.
     """
 
     def __init__(self, portal: BlockingPortal) -> None:
@@ -57,11 +57,9 @@ class _PortalThread:
 
     @property
     def here(self) -> bool:
-        """True on its thread."""
         return threading.get_ident() == self._thread
 
     def run(self, function: Callable[[], T]) -> T:
-        """Run a plain function there and return its result; raises ConnectionClosed after the end."""
         if self.here:
             return function()
 
@@ -71,12 +69,6 @@ class _PortalThread:
         return self.wait(run)
 
     def wait(self, function: Callable[[], Awaitable[T]]) -> T:
-        """Run a coroutine function there and return its result.
-
-        Raises:
-            WrongThread: this is its thread, which would wait for itself.
-            ConnectionClosed: the connection was closed before.
-        """
         if self.here:
             raise WrongThread("a blocking call in a callback would wait for itself: use a coroutine function")
         try:
@@ -118,13 +110,13 @@ class BlockingApi(Blocking[RosApi]):
 
 
 class BlockingClientSubscription(BlockingSubscription):
-    """The messages of a topic; see :class:`rwt_client.endpoints.subscriptions.RemoteSubscription`."""
+    """Messages of a topic; see :class:`rwt_client.endpoints.subscriptions.RemoteSubscription`."""
 
     _inner: RemoteSubscription
 
     @property
     def received(self) -> int:
-        """Messages that have arrived."""
+        """Number of received messages."""
         return self._inner.received
 
     def __next__(self) -> Any:
@@ -135,24 +127,24 @@ class BlockingClientSubscription(BlockingSubscription):
 
 
 class BlockingClientPublisher(BlockingPublisher):
-    """Publishes on one topic; see :class:`rwt_client.endpoints.publisher.RemotePublisher`."""
+    """Publisher of one topic; see :class:`rwt_client.endpoints.publisher.RemotePublisher`."""
 
     drain = waits(RemotePublisher.drain)
 
 
 class BlockingRemoteTransforms(BlockingTransforms):
-    """Where the robot's frames are; see :class:`rwt_client.endpoints.transforms.RemoteTransforms`."""
+    """Transforms between frames; see :class:`rwt_client.endpoints.transforms.RemoteTransforms`."""
 
     start_compact = waits(RemoteTransforms.start_compact)
 
 
 class BlockingRobot(BlockingVerbs[Robot]):
-    """A robot over a connection; see :class:`rwt_client.robot.Robot`, whose methods these are.
+    """Connection to a robot, with the methods of :class:`rwt_client.robot.Robot`.
 
     Attributes:
-        api: what rosapi answers.
-        params: its parameters.
-        tf: where its frames are.
+        api: queries of rosapi.
+        params: parameters of all nodes.
+        tf: transforms between frames.
     """
 
     def __init__(self, loop: _PortalThread, inner: Robot) -> None:
@@ -178,7 +170,7 @@ class BlockingRobot(BlockingVerbs[Robot]):
 
     @property
     def types(self) -> RemoteTypes:
-        """The robot's types; to fetch one: ``robot.run(robot.types.fetch, name)``."""
+        """Types of the robot; to fetch one: ``robot.run(robot.types.fetch, name)``."""
         return self._inner.types
 
     def run(self, function: Callable[..., Awaitable[T]], *args: Any) -> T:
@@ -186,12 +178,12 @@ class BlockingRobot(BlockingVerbs[Robot]):
         return self._loop.wait(partial(function, *args))
 
     def on_event(self, callback: Callable[[ConnectionEvent], object]) -> Callable[[], None]:
-        """Call `callback`, in the robot's thread, with what happens to the connection."""
+        """Call `callback`, in the robot's thread, with each event of the connection."""
         end = self._loop.run(partial(self._inner.on_event, callback))
         return lambda: self._loop.run(end)
 
     def close(self) -> None:
-        """Close the connection, for those who do not use ``with``."""
+        """Close the connection; `with` does so at its end."""
         close, self._close = self._close, _nothing
         close()
 
@@ -218,8 +210,8 @@ def connect(target: str | Accept, **options: Unpack[ConnectKeywords]) -> Blockin
         options: as for :func:`rwt_client.connect`.
 
     Raises:
-        BadAddress: the URL is not one to connect to.
-        CannotConnect: there is no connection; says why.
+        BadAddress: the URL is invalid.
+        CannotConnect: the connection failed; with the reason.
     """
     with ExitStack() as stack:
         portal = stack.enter_context(start_blocking_portal())

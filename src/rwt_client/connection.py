@@ -1,4 +1,4 @@
-"""Connecting to a robot, and staying connected."""
+"""Connecting to a robot, and reconnecting."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ _FOREVER: Final = float("inf")
 
 
 Drained = Callable[[], Awaitable[None]]
-"""Waits until everything sent on one connection has gone out."""
+"""Waits until everything sent on one connection was handed to the network."""
 
 Dial = Callable[[Accept], AbstractAsyncContextManager[Drained]]
 """Opens one connection for the length of a block. Raises TransportError."""
 
 
 class ConnectKeywords(TypedDict, total=False):
-    """The keyword arguments of :func:`connect`."""
+    """Keyword arguments of :func:`connect`."""
 
     timeout: float | None
     reconnect: Backoff | None
@@ -81,23 +81,23 @@ async def connect(
         target: ``ws://``, ``wss://``, ``tcp://`` or ``tcps://`` with host and port, ``unix:///path``,
             ``stdio:COMMAND``, or the accept function of a server in the same process
             (``Bridge(graph).accept``).
-        timeout: seconds to connect in, and what every call waits by default; None waits as long as it takes.
-        reconnect: how to come back when the connection is lost; None does not.
-        arrays: what numeric arrays become where nothing else is asked for: ``list``, or ``numpy``.
+        timeout: seconds to connect, and default timeout of every call; None waits without limit.
+        reconnect: policy for a lost connection; None does not reconnect.
+        arrays: default type of numeric arrays: ``list``, or ``numpy``.
         ros_version: 1 or 2; None asks the robot.
-        fetch_types: take the definitions of the robot's topics, which win over the standard ones.
-        status_level: of which complaints the server is asked to tell; None asks for none.
+        fetch_types: use the robot's definitions of its topics' types in place of the standard ones.
+        status_level: minimum severity of status messages from the server; None requests none.
         headers: request headers, for ``ws`` and ``wss``.
-        tls: how to check the server's certificate; by default against the system's authorities.
-        limits: bounds of the connection, among them the largest message.
+        tls: verification of the server's certificate; by default against the system's authorities.
+        limits: limits of the connection, such as the maximum size of a message.
         ice_servers: STUN and TURN servers for ``webrtc+http`` and ``webrtc+https``, each like
             ``{"urls": "turn:turn.example.org", "username": "…", "credential": "…"}``; by default those that
-            the robot names, and an empty list asks none.
+            the robot names. An empty list uses none.
 
     Raises:
-        BadAddress: the URL is not one to connect to.
-        CannotConnect: there is no connection; says why.
-        ValueError: `arrays` is another word.
+        BadAddress: the URL is invalid.
+        CannotConnect: the connection failed; with the reason.
+        ValueError: `arrays` has another value.
     """
     check_kind(arrays)
     bounds = limits or Limits()
@@ -140,7 +140,6 @@ def _dial(
     tls: ssl.SSLContext | None,
     ice_servers: Sequence[Mapping[str, str]] | None,
 ) -> Dial:
-    """Return a function that opens a connection to `target`."""
     if not isinstance(target, str):
         return partial(_dial_memory, target)
     patience = _FOREVER if timeout is None else timeout
@@ -168,7 +167,7 @@ async def _dial_memory(server: Accept, accept: Accept) -> AsyncIterator[Drained]
 
 
 class _Reconnector:
-    """Connects a session, and again whenever the connection is lost."""
+    """Connects a session, and reconnects it whenever the connection is lost."""
 
     def __init__(self, session: ReconnectingSession, dial: Dial, backoff: Backoff | None) -> None:
         self._session = session
@@ -177,17 +176,16 @@ class _Reconnector:
         self._drained: Drained | None = None
 
     async def run(self, *, task_status: TaskStatus[None]) -> None:
-        """Connect; whenever the connection is lost, connect again, until there is no hope.
+        """Connect, and reconnect until the session is closed or retries are exhausted.
 
         Raises:
-            TransportError: the first connection could not be had.
+            TransportError: the first connection failed.
         """
         await self._stay_connected(task_status.started)
         while await self._come_back():
             pass
 
     async def drain(self) -> None:
-        """Wait until everything sent so far was handed to the network, or the connection is gone."""
         if self._drained is None or not self._session.backlog:
             await anyio.lowlevel.checkpoint()
             return
@@ -207,7 +205,7 @@ class _Reconnector:
         self._drained = None
 
     async def _come_back(self) -> bool:
-        """Connect again and stay so until that connection is lost, too; False when it is given up."""
+        """Reconnect, and wait until that connection is lost; return False to give up."""
         text = "the connection was lost"
         for attempt, delay in enumerate(() if self._backoff is None else self._backoff.delays(), 1):
             self._session.events.tell(ConnectionEvent("retrying", text, attempt, delay))

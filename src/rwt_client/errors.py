@@ -2,15 +2,15 @@
 
 * :exc:`ClientError`
 
-  * :exc:`BadAddress`: a URL that names no robot; also a :exc:`ValueError`.
-  * :exc:`ConnectionLost`: the connection was lost, or could not be had, and this was not done; also a
-    :exc:`CallFailed`, because so end the calls and goals that are under way, and a :exc:`ConnectionError`.
+  * :exc:`BadAddress`: the URL is invalid; also a :exc:`ValueError`.
+  * :exc:`ConnectionLost`: the connection was lost or failed before the operation was done; also a
+    :exc:`CallFailed`, because it ends pending calls and goals, and a :exc:`ConnectionError`.
 
-    * :exc:`CannotConnect`: the first connection could not be had.
-    * :exc:`NotConnected`: there is no connection now; another attempt may be under way.
+    * :exc:`CannotConnect`: the first connection failed.
+    * :exc:`NotConnected`: there is no connection now; another attempt may be in progress.
     * :exc:`ConnectionClosed`: this program has closed the connection.
 
-  * :exc:`ServerRefused`: the server does not serve a topic so; the text is the server's.
+  * :exc:`ServerRefused`: the server rejects a subscription or advertisement; with its text.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ class ClientError(RobotError):
 
 
 class ConnectionLost(ClientError, CallFailed, ConnectionError):
-    """The connection was lost or could not be had, and what was asked for was not done."""
+    """The connection was lost or failed before the operation was done."""
 
 
 class BadAddress(ClientError, ValueError):
-    """A URL that cannot be connected to; says what is wrong with it."""
+    """The URL is invalid; the text names the reason."""
 
 
 class CannotConnect(ConnectionLost):
@@ -43,4 +43,4 @@ class ConnectionClosed(ConnectionLost):
 
 
 class ServerRefused(ClientError):
-    """The server does not serve the topic so. The text is the server's."""
+    """The server rejects a subscription or advertisement; with its text."""

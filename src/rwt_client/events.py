@@ -19,16 +19,16 @@ _KEPT = 1000
 
 @dataclass(frozen=True, slots=True)
 class ConnectionEvent:
-    """Something that happened to the connection.
+    """Event of the connection.
 
     Attributes:
         kind: ``connected`` (the first time), ``lost``, ``retrying`` (after `delay` seconds), ``restored``
-            (connected again, and everything is subscribed and advertised again), ``status`` (the server
-            complains of something that nobody waits for), ``closed`` (for good; nothing follows).
-        text: why, in the server's or the system's words; may be empty.
-        attempt: of ``retrying``, which attempt follows, counted from 1.
-        delay: of ``retrying``, seconds until it.
-        level: of ``status``: ``info``, ``warning`` or ``error``.
+            (connected again, with all subscriptions and advertisements), ``status`` (status message that
+            belongs to no pending request), ``closed`` (for good; nothing follows).
+        text: reason, in the words of the server or the system; may be empty.
+        attempt: for ``retrying``, number of the next attempt, from 1.
+        delay: for ``retrying``, seconds until it.
+        level: for ``status``: ``info``, ``warning`` or ``error``.
     """
 
     kind: Kind
@@ -51,7 +51,7 @@ class Events:
         self._streams: list[EventStream] = []
 
     def tell(self, event: ConnectionEvent) -> None:
-        """Pass `event` on, at once."""
+        """Pass `event` to all listeners, at once."""
         for callback in tuple(self._callbacks):
             try:
                 callback(event)
@@ -73,14 +73,14 @@ class Events:
         return end
 
     def stream(self) -> EventStream:
-        """The events from now on, as an async iterator."""
+        """Return the events from now on, as an async iterator."""
         stream = EventStream()
         self._streams.append(stream)
         return stream
 
 
 class EventStream:
-    """The events of a connection, as an async iterator that ends after ``closed``."""
+    """Async iterator over the events of a connection; ends after ``closed``."""
 
     __slots__ = ("_awake", "_ended", "_events")
 
@@ -90,7 +90,7 @@ class EventStream:
         self._ended = False
 
     def put(self, event: ConnectionEvent) -> None:
-        """Add one; of very many that nobody takes the newest stay."""
+        """Queue an event; drops the oldest if too many are queued."""
         self._events.append(event)
         self._awake.set()
 

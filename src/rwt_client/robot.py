@@ -234,7 +234,8 @@ class Robot(RobotApi):
     async def _typed(
         self, names: Iterable[str], type_of: Callable[[str], Awaitable[str]]
     ) -> tuple[Listed, ...]:
-        """Ask for the types of some names, several at a time; a type is empty if the robot does not tell."""
+        """Return the names with their types, which are asked for concurrently; a type is empty without an
+        answer."""
         types = dict.fromkeys(sorted(names), "")
         few = anyio.Semaphore(_QUESTIONS)
 
@@ -490,11 +491,10 @@ class Robot(RobotApi):
         )
 
     async def _ask(self, question: str, args: Mapping[str, object]) -> Any:
-        """Ask rosapi."""
         return await self._question(question, args, self._timeout)
 
     async def _ask_briefly(self, question: str, args: Mapping[str, object]) -> Any:
-        """Ask rosapi while connecting, with a short timeout: there may be none."""
+        """Ask rosapi with a short timeout: it may be missing."""
         patience = IDENTIFY_SECONDS if self._timeout is None else min(self._timeout, IDENTIFY_SECONDS)
         return await self._question(question, args, patience)
 
@@ -519,7 +519,6 @@ class Robot(RobotApi):
         return self._timeout if timeout is USUAL else timeout
 
     def _interface_name(self, interface: Any) -> str:
-        """Return the server's name of a service or action type."""
         return interface.name if self.types.distro is None else self.types.registry.type_name(interface)
 
 
@@ -537,11 +536,9 @@ class _ClientClock:
         return time.monotonic()
 
     async def sleep(self, seconds: float) -> None:
-        """Wait for so many seconds."""
         await anyio.sleep(seconds)
 
     def within(self, seconds: float | None) -> AbstractContextManager[object]:
-        """Leave the block after so many seconds; None sets no limit."""
         return anyio.move_on_after(seconds)
 
     def call_later(self, delay: float, call: Callable[[], None]) -> Timer:
@@ -553,7 +550,7 @@ class _ClientClock:
         call()
 
     def spawn(self, function: Callable[[], Awaitable[None]], name: str) -> None:
-        """Run a coroutine function as a task; what it raises is logged."""
+        """Run a coroutine function as a task; its exceptions are logged."""
 
         async def run() -> None:
             try:
@@ -581,7 +578,6 @@ class _TimerTask(Timer):
                 call()
 
     def cancel(self) -> None:
-        """Drop the call."""
         self._call = None
         if self._scope is not None:
             self._scope.cancel()

@@ -1,4 +1,4 @@
-"""Answers of rosapi, as methods and frozen dataclasses."""
+"""Queries of rosapi as methods, with frozen dataclasses as results."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class NodeDetails:
-    """A node: the topics that it subscribes to and publishes, and its services."""
+    """Node with its subscriptions, publications and services."""
 
     name: str
     subscribing: tuple[str, ...]
@@ -28,7 +28,7 @@ class NodeDetails:
 
 @dataclass(frozen=True, slots=True)
 class RosVersion:
-    """1 or 2, and the distribution, for example ``jazzy``."""
+    """Version of ROS, 1 or 2, and the distribution, for example ``jazzy``."""
 
     version: int
     distro: str
@@ -36,12 +36,12 @@ class RosVersion:
 
 @dataclass(frozen=True, slots=True)
 class FieldInfo:
-    """One field of a message.
+    """Field of a message.
 
     Attributes:
-        type: as rosapi names it, for example ``double`` or ``geometry_msgs/Point``.
+        type: name in rosapi, for example ``double`` or ``geometry_msgs/Point``.
         array_length: -1 for a single value, 0 for an array of any length, else the length.
-        example: the default as text.
+        example: default value as text.
     """
 
     name: str
@@ -52,7 +52,7 @@ class FieldInfo:
 
 @dataclass(frozen=True, slots=True)
 class TypeInfo:
-    """A message type: its fields, and its constants by name."""
+    """Message type: its fields, and its constants by name."""
 
     name: str
     fields: tuple[FieldInfo, ...]
@@ -60,38 +60,35 @@ class TypeInfo:
 
 
 class RosApi:
-    """The questions of rosapi.
-
-    Every method raises :exc:`~rwt_participant.errors.CallFailed`, as a call of any service does.
-    """
+    """Queries of rosapi. Every method raises :exc:`~rwt_participant.errors.CallFailed`."""
 
     def __init__(self, ask: Ask) -> None:
         self._ask = ask
 
     async def topics(self) -> tuple[Listed, ...]:
-        """Every topic and its type."""
+        """Return all topics with their types."""
         answer = await self._answer("topics", {}, dict[str, list[str]])
         pairs = zip(answer.get("topics", ()), answer.get("types", ()), strict=False)
         return tuple(Listed(name, kind) for name, kind in pairs)
 
     async def topics_for_type(self, type_name: str) -> tuple[str, ...]:
-        """The topics of one type."""
+        """Return the topics of one type."""
         return await self._names("topics_for_type", "topics", type=type_name)
 
     async def topic_type(self, topic: str) -> str:
-        """The type of a topic; empty if there is no such topic."""
+        """Return the type of a topic; empty if it does not exist."""
         return await self._text("topic_type", "type", topic=topic)
 
     async def publishers(self, topic: str) -> tuple[str, ...]:
-        """The nodes that publish on a topic."""
+        """Return the nodes that publish on a topic."""
         return await self._names("publishers", "publishers", topic=topic)
 
     async def subscribers(self, topic: str) -> tuple[str, ...]:
-        """The nodes that subscribe to a topic."""
+        """Return the nodes that subscribe to a topic."""
         return await self._names("subscribers", "subscribers", topic=topic)
 
     async def nodes(self) -> tuple[str, ...]:
-        """Every node."""
+        """Return all nodes."""
         return await self._names("nodes", "nodes")
 
     async def node(self, name: str) -> NodeDetails:
@@ -101,78 +98,78 @@ class RosApi:
         return NodeDetails(name, *parts)
 
     async def services(self) -> tuple[str, ...]:
-        """Every service."""
+        """Return all services."""
         return await self._names("services", "services")
 
     async def services_for_type(self, type_name: str) -> tuple[str, ...]:
-        """The services of one type."""
+        """Return the services of one type."""
         return await self._names("services_for_type", "services", type=type_name)
 
     async def service_type(self, service: str) -> str:
-        """The type of a service; empty if there is no such service."""
+        """Return the type of a service; empty if it does not exist."""
         return await self._text("service_type", "type", service=service)
 
     async def service_node(self, service: str) -> str:
-        """The node that offers a service; empty if there is no such service."""
+        """Return the node that offers a service; empty if it does not exist."""
         return await self._text("service_node", "node", service=service)
 
     async def service_host(self, service: str) -> str:
-        """The host on which a service runs; empty if there is no such service."""
+        """Return the host on which a service runs; empty if it does not exist."""
         return await self._text("service_host", "host", service=service)
 
     async def service_providers(self, type_name: str) -> tuple[str, ...]:
-        """The nodes that offer services of a type."""
+        """Return the nodes that offer services of a type."""
         return await self._names("service_providers", "providers", service=type_name)
 
     async def action_servers(self) -> tuple[str, ...]:
-        """Every action."""
+        """Return all actions."""
         return await self._names("action_servers", "action_servers")
 
     async def action_type(self, action: str) -> str:
-        """The type of an action; empty if there is no such action."""
+        """Return the type of an action; empty if it does not exist."""
         return await self._text("action_type", "type", action=action)
 
     async def interfaces(self) -> tuple[str, ...]:
-        """The names of all messages, services and actions that the robot knows (ROS 2)."""
+        """Return the names of all messages, services and actions that the robot knows (ROS 2)."""
         return await self._names("interfaces", "interfaces")
 
     async def message_details(self, type_name: str) -> tuple[TypeInfo, ...]:
-        """A message type, and the types in it."""
+        """Return a message type, and the types in it."""
         return await self._types("message_details", type_name)
 
     async def service_request_details(self, type_name: str) -> tuple[TypeInfo, ...]:
-        """The request of a service type, and the types in it."""
+        """Return the request of a service type, and the types in it."""
         return await self._types("service_request_details", type_name)
 
     async def service_response_details(self, type_name: str) -> tuple[TypeInfo, ...]:
-        """The response of a service type, and the types in it."""
+        """Return the response of a service type, and the types in it."""
         return await self._types("service_response_details", type_name)
 
     async def action_goal_details(self, type_name: str) -> tuple[TypeInfo, ...]:
-        """The goal of an action type, and the types in it."""
+        """Return the goal of an action type, and the types in it."""
         return await self._types("action_goal_details", type_name)
 
     async def action_result_details(self, type_name: str) -> tuple[TypeInfo, ...]:
-        """The result of an action type, and the types in it."""
+        """Return the result of an action type, and the types in it."""
         return await self._types("action_result_details", type_name)
 
     async def action_feedback_details(self, type_name: str) -> tuple[TypeInfo, ...]:
-        """The feedback of an action type, and the types in it."""
+        """Return the feedback of an action type, and the types in it."""
         return await self._types("action_feedback_details", type_name)
 
     async def time_ns(self) -> int:
-        """The robot's time, in nanoseconds."""
+        """Return the robot's time in nanoseconds."""
         answer = await self._answer("get_time", {}, dict[str, dict[str, int]])
         now = answer.get("time", {})
         seconds = now.get("sec", now.get("secs", 0))
         return seconds * NANOSECONDS + now.get("nanosec", now.get("nsecs", 0))
 
     async def ros_version(self) -> RosVersion:
-        """Which ROS the robot speaks; of ROS 1 many robots fail this call."""
+        """Return the robot's version of ROS; many ROS 1 robots fail this call."""
         answer = await self._answer("get_ros_version", {}, dict[str, Any])
         return RosVersion(int(answer.get("version", 0)), str(answer.get("distro", "")))
 
-    # -- answers ---------------------------------------------------------------------------------------------
+    # -- results ---------------------------------------------------------------------------------------------
 
     async def _answer(self, question: str, args: Mapping[str, object], expected: type[T]) -> T:
         answer = await self._ask(question, args)
@@ -193,7 +190,7 @@ class RosApi:
 
 
 class _TypeDef(msgspec.Struct):
-    """A type as rosapi describes it (API-03)."""
+    """Type description of rosapi (API-03)."""
 
     type: str = ""
     fieldnames: list[str] = []
@@ -204,7 +201,6 @@ class _TypeDef(msgspec.Struct):
     constvalues: list[str] = []
 
     def info(self) -> TypeInfo:
-        """The same as this package tells it."""
         columns = zip(self.fieldnames, self.fieldtypes, self.fieldarraylen, self.examples, strict=False)
         return TypeInfo(
             self.type,

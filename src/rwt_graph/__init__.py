@@ -1,4 +1,4 @@
-"""Topics, services, actions, parameters and nodes: a robot graph that needs no ROS.
+"""Robot graph without ROS: topics, services, actions, parameters and nodes.
 
 Robot programs use :class:`MemoryGraph` and :class:`Node`; :mod:`rwt_graph.api` is what backends implement.
 """

@@ -1,8 +1,8 @@
-"""Accounts of clients: a request stays charged to its client until the robot's program is done with it.
+"""Accounts of clients: a request is charged to its client until the robot's program is done with it.
 
-A call is charged to its caller until it is answered or cancelled. A program may need the request for longer:
-a coroutine that answers later, a goal that runs. It then holds the account, which is in :data:`WORK_ACCOUNT`
-during the callback, until it is done.
+A call is charged to its caller until it is answered or cancelled. A program that needs the request for longer
+(a coroutine that answers later, a running goal) holds the account, which is in :data:`WORK_ACCOUNT` during
+the callback.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from contextvars import ContextVar
 from typing import Final, Protocol
 
 Release = Callable[[], None]
-"""Releases a charge; to be called once."""
+"""Releases a charge; call it once."""
 
 
 class WorkAccount(Protocol):

@@ -1,23 +1,22 @@
-"""The contract of every graph backend.
+"""Contract of every graph backend.
 
-It is low-level on purpose: payloads instead of messages, callbacks instead of coroutines, so that a bridge
-can pass bytes through and a backend over a network is as easy to write as one in memory. Programs use
-:class:`rwt_graph.nodes.node.Node`, which is written on this contract alone.
+It is low-level: payloads instead of messages, and callbacks instead of coroutines. A bridge can thus pass
+bytes through, and a backend over a network is as easy to write as one in memory. Programs use
+:class:`rwt_graph.nodes.node.Node`, which depends on this contract only.
 
-Rules that hold for every backend:
+Rules for every backend:
 
-* Everything here is synchronous and called on the graph's own thread (the event loop's, once the graph runs).
+* Everything here is synchronous, and called on the graph's own thread (the event loop's, once the graph
+  runs).
 * Names are absolute and resolved (`/chatter`); see :mod:`rwt_graph.names`.
-* The other side may be in another process: an answer comes through a callback, never as a return value, and
-  what introspection returns is a snapshot of what is known now.
-* A callback may be called before the method that took it has returned (the other side is often in the same
-  process, and then it is a plain function call: `on_sample` from within `publish`, and from within
-  `subscribe` for kept samples; `on_reply` from within `call_service`; goal events from within `send_goal`),
-  or any time later.
-* A payload that a callback is given may be a view of a receive buffer that is used again: to keep it
-  after the callback has returned, keep `detach()` of it, or its `value()`.
-* What a callback raises is logged, and affects no other callback.
-* Every `close` and `cancel` may be called twice.
+* The other side may be in another process: answers arrive through callbacks, never as return values, and
+  introspection returns a snapshot of what is known now.
+* A callback may be called before the method that took it has returned: `on_sample` within `publish`, and
+  within `subscribe` for retained samples; `on_reply` within `call_service`; goal events within `send_goal`.
+* The payload passed to a callback may be a view of a receive buffer that is reused: to keep it after the
+  callback has returned, keep its `detach()` or `value()`.
+* Exceptions of a callback are logged, and affect no other callback.
+* `close` and `cancel` are idempotent.
 """
 
 from __future__ import annotations
@@ -43,22 +42,22 @@ if TYPE_CHECKING:
     from rwt_participant.errors import CallFailed
 
 
-#: Goals of one action server that may run at a time.
+#: Maximum number of concurrent goals of one action server.
 MOST_GOALS: Final = 1000
 
 
 class Sample(Struct, frozen=True, eq=False, gc=False):
-    """A payload in the graph. One is made per publish: a msgspec Struct, which costs a fifth of a dataclass.
+    """Payload in the graph. A msgspec Struct for speed: one is made per publish.
 
     The payload may have come from another process undecoded; reading it raises :exc:`InvalidMessage` if it
     does not fit its type.
 
     Attributes:
         topic: absolute name.
-        payload: the message; shared by all receivers, never changed.
-        stamp_ns: the graph clock's time of publishing, nanoseconds since the epoch.
-        node: absolute name of the publishing node; empty when it is not known, in another process.
-        expires_ns: the clock's time until which it is delivered (lifespan); 0 for no limit.
+        payload: message; shared by all receivers and immutable.
+        stamp_ns: time of publishing on the graph's clock, nanoseconds since the epoch.
+        node: absolute name of the publishing node; empty if unknown, in another process.
+        expires_ns: time on the clock until which it is delivered (lifespan); 0 for no limit.
     """
 
     topic: str
@@ -68,7 +67,7 @@ class Sample(Struct, frozen=True, eq=False, gc=False):
     expires_ns: int = 0
 
     def detach(self) -> Sample:
-        """The same sample without a view of the buffer that the payload was received in, for keeping."""
+        """Return the sample for keeping, without a view of a receive buffer."""
         payload = self.payload.detach()
         if payload is self.payload:
             return self
@@ -76,7 +75,7 @@ class Sample(Struct, frozen=True, eq=False, gc=False):
 
 
 class Publisher(ABC):
-    """The right to publish on one topic."""
+    """Publisher of one topic."""
 
     topic: str
     type: MessageType
@@ -84,53 +83,53 @@ class Publisher(ABC):
 
     @abstractmethod
     def publish(self, payload: Payload) -> None:
-        """Hand one message to every subscriber, in the order of the calls. Does nothing after `close`."""
+        """Send a message to every subscriber, in the order of the calls. No-op after `close`."""
 
     @property
     @abstractmethod
     def subscriber_count(self) -> int:
-        """How many subscribers are known now."""
+        """Number of known subscribers."""
 
     @abstractmethod
     def close(self) -> None:
-        """Leave the topic; samples kept for late joiners go with the publisher."""
+        """Leave the topic, with the samples that are retained for late joiners."""
 
 
 class Subscription(ABC):
-    """One subscriber of one topic."""
+    """Subscriber of one topic."""
 
     topic: str
 
     @property
     @abstractmethod
     def type(self) -> MessageType | None:
-        """The topic's type; None while the topic is unknown and no type was given."""
+        """Type of the topic; None while the topic is unknown and no type was given."""
 
     @abstractmethod
     def history(self) -> tuple[Sample, ...]:
-        """What a transient-local subscriber that joins now would receive, oldest first."""
+        """Samples that a transient-local subscriber would receive now, oldest first."""
 
     @abstractmethod
     def close(self) -> None:
-        """Leave the topic; no callback comes after this."""
+        """Leave the topic; no callback is called after this."""
 
 
 class Registration(ABC):
-    """A service or an action that a node offers."""
+    """Service or action that a node offers."""
 
     name: str
 
     @abstractmethod
     def close(self) -> None:
-        """Withdraw it; calls and goals in flight end with :exc:`ProviderGone`."""
+        """Withdraw it; pending calls and goals end with :exc:`ProviderGone`."""
 
 
 class ServiceCall(ABC):
-    """One request as its provider sees it. Exactly one of `reply` and `fail` has an effect, and only once.
+    """Request as its provider sees it. Only the first call of `reply` or `fail` has an effect.
 
     Attributes:
-        on_end: set by the provider; called once when the call has ended, in whatever way, so that a provider
-            that keeps calls can forget one that nobody waits for any longer.
+        on_end: set by the provider; called once when the call has ended in any way, so that a provider that
+            keeps calls can drop it.
     """
 
     __slots__ = ("on_end",)
@@ -142,7 +141,7 @@ class ServiceCall(ABC):
     @property
     @abstractmethod
     def done(self) -> bool:
-        """Whether the call was answered, timed out or was abandoned by its caller."""
+        """True if the call was answered, timed out or was abandoned by its caller."""
 
     @abstractmethod
     def reply(self, response: Payload) -> None:
@@ -154,25 +153,25 @@ class ServiceCall(ABC):
 
 
 class PendingCall(ABC):
-    """One request as its caller sees it."""
+    """Request as its caller sees it."""
 
     __slots__ = ()
 
     @abstractmethod
     def cancel(self) -> None:
-        """Forget the call: no reply callback comes after this."""
+        """Cancel the call: no reply callback is called after this."""
 
 
 OnReply = Callable[["Payload | CallFailed"], None]
-"""Called exactly once, unless the call is cancelled: with the response, or with why there is none."""
+"""Called with the response or an error, exactly once unless the call is cancelled."""
 
 
 class ServerGoal(ABC):
-    """One goal as its action server sees it.
+    """Goal as its action server sees it.
 
     Attributes:
         id: 32 lower-case hex digits (a UUID).
-        on_cancel: set by the server; called once when a cancel is asked for. The server then still decides.
+        on_cancel: set by the server; called once when a cancel is requested. The server decides on it.
         on_end: set by the server; called once when the goal ended without it (server closed, replaced).
     """
 
@@ -184,25 +183,25 @@ class ServerGoal(ABC):
     @property
     @abstractmethod
     def goal(self) -> Payload:
-        """The goal's message, until the callback that is given the goal has returned.
+        """Message of the goal, until the callback that received the goal has returned.
 
         Raises:
-            InvalidTransition: that is over; a goal may run without end, and a server keeps what it needs.
+            InvalidTransition: the callback has returned; a server keeps a copy of what it needs.
         """
 
     @property
     @abstractmethod
     def status(self) -> GoalStatus:
-        """The state now."""
+        """Current state."""
 
     @property
     @abstractmethod
     def cancel_requested(self) -> bool:
-        """Whether a cancel was asked for."""
+        """True if a cancel was requested."""
 
     @property
     def feedback_wanted(self) -> bool:
-        """Whether a client takes feedback now; True in a backend that cannot know."""
+        """True if a client takes feedback now, or if the backend cannot know."""
         return True
 
     @abstractmethod
@@ -228,10 +227,10 @@ class ServerGoal(ABC):
 
 @dataclass(frozen=True, slots=True)
 class GoalEvents:
-    """The callbacks of a goal's client, in this order: accepted, feedback…, result; or only result.
+    """Callbacks of a goal's client, in this order: accepted, feedback…, result; or only result.
 
-    `on_result` is called exactly once: with the terminal status and the result, or with why there is none
-    (rejected, no such server, server gone).
+    `on_result` is called exactly once: with the terminal status and the result, or with an error (rejected,
+    unknown action, server gone).
     """
 
     on_result: Callable[[GoalStatus, Payload | CallFailed], None]
@@ -240,7 +239,7 @@ class GoalEvents:
 
 
 class ClientGoal(ABC):
-    """One goal as its client sees it."""
+    """Goal as its client sees it."""
 
     id: str
     action: str
@@ -248,20 +247,19 @@ class ClientGoal(ABC):
     @property
     @abstractmethod
     def status(self) -> GoalStatus:
-        """The last state that the server reported."""
+        """Last state that the server reported."""
 
     @property
     @abstractmethod
     def reason(self) -> str:
-        """Why the server ended the goal as it did; empty while it runs or when nothing was said, as by
-        servers of other programs in a graph over a network."""
+        """Reason that the server gave for the end; empty while it runs or if there is none."""
 
     @abstractmethod
     def cancel(self) -> None:
-        """Ask the server to cancel; the outcome comes as the result."""
+        """Request cancellation; the outcome is the result."""
 
-    def want_feedback(self, wanted: bool) -> None:  # noqa: B027 - a backend may have no way to say so
-        """Say whether feedback is of use now, which spares the server the work otherwise."""
+    def want_feedback(self, wanted: bool) -> None:  # noqa: B027 - optional for backends
+        """Set whether feedback is wanted now, which saves the server work if not."""
 
     @abstractmethod
     def abandon(self) -> None:
@@ -269,19 +267,19 @@ class ClientGoal(ABC):
 
 
 class CallObserver(ABC):
-    """Observes every service call and goal of a graph, for introspection. What it raises is logged."""
+    """Observer of all service calls and goals of a graph, for introspection. Its exceptions are logged."""
 
     @abstractmethod
     def on_call(self, service: ServiceInfo, request: Payload, on_reply: OnReply) -> OnReply:
-        """Observe a call; returns what receives the answer in place of `on_reply`, and passes it on."""
+        """Observe a call; return a callback that replaces `on_reply` and passes the answer on."""
 
     @abstractmethod
     def on_goal(self, action: ActionInfo, goal_id: str, goal: Payload, events: GoalEvents) -> GoalEvents:
-        """Observe a goal; returns what receives its events in place of `events`, and passes them on."""
+        """Observe a goal; return callbacks that replace `events` and pass them on."""
 
 
 class Participant(ABC):
-    """One node as the graph sees it: what it creates belongs to it and is closed with it.
+    """Node as the graph sees it. Owns what it creates, and closes it when it leaves.
 
     Attributes:
         name: absolute name of the node.
@@ -310,7 +308,7 @@ class Participant(ABC):
         type: MessageType | None = None,
         qos: QoS = BEST_AVAILABLE,
     ) -> Subscription:
-        """Become a subscriber of `topic`; kept samples of transient-local publishers come first.
+        """Become a subscriber of `topic`; retained samples of transient-local publishers come first.
 
         Without `type` the subscription takes the topic's type, as soon as there is one.
 
@@ -325,20 +323,21 @@ class Participant(ABC):
         type: ServiceType,
         on_call: Callable[[ServiceCall], None],
     ) -> Registration:
-        """Offer a service. A provider of the same name in this process is displaced: its calls in flight fail
-        (SVP-07), and it answers again when this one has gone. One in another process stays, and each process
-        calls its own first.
+        """Offer a service.
+
+        A provider of the same name in this process is displaced until this one closes; its pending calls fail
+        (SVP-07). A provider in another process is not displaced: each process calls its own first.
         """
 
     @abstractmethod
     def call_service(
         self, service: str, request: Payload, on_reply: OnReply, timeout: float | None = None
     ) -> PendingCall:
-        """Call a service; an unknown service is a reply too.
+        """Call a service; an unknown one is reported through `on_reply`.
 
         Args:
-            timeout: seconds after which the reply is :exc:`CallTimeout`, kept to within 20 ms and never
-                early; None waits for ever.
+            timeout: seconds after which the reply is :exc:`CallTimeout`, at most 20 ms late and never early;
+                None waits without limit.
         """
 
     @abstractmethod
@@ -348,43 +347,43 @@ class Participant(ABC):
         type: ActionType,
         on_goal: Callable[[ServerGoal], None],
     ) -> Registration:
-        """Offer an action. A server of the same name in this process is displaced (ACT-18), as for
-        services."""
+        """Offer an action. Displaces a server of the same name in this process (ACT-18), as for services."""
 
     @abstractmethod
     def send_goal(
         self, action: str, goal: Payload, events: GoalEvents, goal_id: str | None = None
     ) -> ClientGoal:
-        """Send a goal; an unknown action is a result too.
+        """Send a goal; an unknown action is reported through `events`.
 
-        Beyond :data:`MOST_GOALS` of one server that have not ended, further ones are rejected.
+        Goals of a server beyond :data:`MOST_GOALS` are rejected.
 
         Args:
-            goal_id: 32 lower-case hex digits; None makes one. One that is in use on the action is rejected.
+            goal_id: 32 lower-case hex digits; generated by default. One that is in use on the action is
+                rejected.
 
         Raises:
-            InvalidGraphName: `goal_id` is something else.
+            InvalidGraphName: `goal_id` has another form.
         """
 
     @abstractmethod
     def cancel_goal(self, action: str, goal_id: str) -> None:
-        """Ask to cancel a goal of any client by its id. An unknown id is no error (ACT-07)."""
+        """Request cancellation of any client's goal by its id; no-op for an unknown id (ACT-07)."""
 
     @abstractmethod
     def cancel_every_goal(self, action: str) -> None:
-        """Ask to cancel the goals of an action, whoever sent them. An unknown action is no error."""
+        """Request cancellation of all goals of an action; no-op for an unknown action."""
 
     @abstractmethod
     def close(self) -> None:
         """Close everything that this node created, and leave the graph.
 
-        Its open calls and goals end with a :exc:`CallFailed` that says so; the goals go on running unheard.
+        Its pending calls and goals end with :exc:`CallFailed`; the goals continue on their servers.
         """
 
 
 @dataclass(frozen=True, slots=True)
 class TopicInfo:
-    """One topic with at least one endpoint."""
+    """Topic with at least one endpoint."""
 
     name: str
     type: MessageType | None
@@ -394,7 +393,7 @@ class TopicInfo:
 
 @dataclass(frozen=True, slots=True)
 class ServiceInfo:
-    """One service, with the node that offers it."""
+    """Service, with the node that offers it."""
 
     name: str
     type: ServiceType
@@ -403,7 +402,7 @@ class ServiceInfo:
 
 @dataclass(frozen=True, slots=True)
 class ActionInfo:
-    """One action, with the node that offers it."""
+    """Action, with the node that offers it."""
 
     name: str
     type: ActionType
@@ -412,7 +411,7 @@ class ActionInfo:
 
 @dataclass(frozen=True, slots=True)
 class NodeInfo:
-    """One node and the names of what it takes part in, each sorted."""
+    """Node with the names of its endpoints, each list sorted."""
 
     name: str
     publishing: tuple[str, ...]
@@ -422,41 +421,41 @@ class NodeInfo:
 
 
 class GraphListings(ABC):
-    """Topics, services and actions that are seen: those of a graph, or of a client's view of it."""
+    """Visible topics, services and actions of a graph, or of a client's view of it."""
 
     @abstractmethod
     def topics(self) -> tuple[TopicInfo, ...]:
-        """Every topic, sorted by name."""
+        """Return all topics, sorted by name."""
 
     @abstractmethod
     def topic(self, name: str) -> TopicInfo | None:
-        """One topic, or None."""
+        """Return a topic; None if it does not exist."""
 
     @abstractmethod
     def services(self) -> tuple[ServiceInfo, ...]:
-        """Every service, sorted by name."""
+        """Return all services, sorted by name."""
 
     @abstractmethod
     def service(self, name: str) -> ServiceInfo | None:
-        """One service, or None."""
+        """Return a service; None if it does not exist."""
 
     @abstractmethod
     def actions(self) -> tuple[ActionInfo, ...]:
-        """Every action, sorted by name."""
+        """Return all actions, sorted by name."""
 
     @abstractmethod
     def action(self, name: str) -> ActionInfo | None:
-        """One action, or None."""
+        """Return an action; None if it does not exist."""
 
 
 class Graph(GraphListings):
-    """Topics, services, actions, parameters and nodes, wherever they are.
+    """Topics, services, actions, parameters and nodes, in one process or several.
 
     Attributes:
-        distro: the ROS distribution whose names and messages this graph speaks.
-        registry: the interfaces it knows.
+        distro: ROS distribution of the names and messages.
+        registry: known interfaces.
         clock: ROS time, steady time and timers.
-        parameters: the global tree of parameters: all of them on ROS 1; on ROS 2 those set without a node.
+        parameters: global tree of parameters: all of them on ROS 1; on ROS 2 those set without a node.
     """
 
     distro: Distro
@@ -466,46 +465,46 @@ class Graph(GraphListings):
 
     @abstractmethod
     def participant(self, name: str) -> Participant:
-        """Join as a node of that absolute name. A second node of one name is allowed, as in ROS 2."""
+        """Join as a node with that absolute name. Several nodes may have the same name, as in ROS 2."""
 
     @property
     @abstractmethod
     def version(self) -> int:
-        """A number that grows with every change of what is listed below, so that listings can be kept."""
+        """Number that grows with every change of the listings, so that they can be cached."""
 
     @abstractmethod
     def nodes(self) -> tuple[NodeInfo, ...]:
-        """Every node, sorted by name."""
+        """Return all nodes, sorted by name."""
 
     def observe_calls(self, observer: CallObserver | None) -> bool:
         """Let `observer` observe every call and goal from now on; None ends that.
 
         Returns:
-            Whether this backend can do that; one over a network does not see the calls of others.
+            True if the backend supports it; one over a network does not see the calls of others.
         """
         return False
 
     @property
     @abstractmethod
     def running(self) -> bool:
-        """Whether the graph is on an event loop now."""
+        """True if the graph is on an event loop now."""
 
     @abstractmethod
     def on_graph_thread(self) -> bool:
-        """Whether the graph may be touched from here: this is its thread, or no loop runs it."""
+        """True if this is the graph's thread, or no loop runs the graph."""
 
     @abstractmethod
     def run_on_graph(self, call: Callable[[], None]) -> None:
         """Run `call` on the graph's thread, soon and in order; safe from any thread.
 
-        While the graph is not running, `call` runs at once. What it raises is logged.
+        While the graph is not running, `call` runs at once. Its exceptions are logged.
         """
 
     @abstractmethod
     def spawn(self, task: Callable[[], Awaitable[None]], name: str) -> None:
-        """Run a coroutine function as a task of the graph; before the graph runs it is kept until then.
+        """Run a coroutine function as a task of the graph; it starts when the graph runs.
 
-        What it raises is logged and ends nothing else; it is cancelled when the graph is left.
+        Its exceptions are logged; it is cancelled when the graph is left.
 
         Raises:
             NotRunning: the graph was left already.

@@ -1,8 +1,8 @@
-"""ROS time, steady time and timers: by the wall, by a steady clock, or simulated.
+"""ROS time, steady time and timers: real or simulated.
 
-A clock owns one heap of timers. Wall and steady clocks are driven by a single task of the running graph
-(:meth:`Clock.drive`), whatever the number of timers; a simulated clock runs its timers from within
-:meth:`SimulatedClock.advance`, with no event loop at all.
+Each clock has one heap of timers. Those of wall and steady clocks are run by a single task of the running
+graph (:meth:`Clock.drive`); a simulated clock runs its timers within :meth:`SimulatedClock.advance`, without
+an event loop.
 
 Everything except `time_ns` and `monotonic` belongs to the graph's own thread.
 """
@@ -25,15 +25,15 @@ from rwt_participant.timers import LONGEST_DELAY, Timer
 
 logger = logging.getLogger(__name__)
 
-#: A heap is rebuilt without its cancelled timers when they are this many and more than half of it.
+#: Cancelled timers in a heap, above which it is rebuilt if they are more than half of it.
 COMPACT_AT = 64
 
-#: ROS time ends here, in nanoseconds: messages have 32 bits for its seconds, one of them for the sign.
+#: Maximum ROS time in nanoseconds: messages have a signed 32-bit field for its seconds.
 END_OF_TIME_NS: Final = 2**31 * NANOSECONDS
 
 
 class HeapTimer(Timer):
-    """One entry of a :class:`TimerHeap`; `due` is in the heap's own unit."""
+    """Entry of a :class:`TimerHeap`; `due` is in the heap's own unit."""
 
     __slots__ = ("call", "due", "heap", "order")
 
@@ -47,19 +47,18 @@ class HeapTimer(Timer):
         return (self.due, self.order) < (other.due, other.order)
 
     def cancel(self) -> None:
-        """Drop the call; the entry leaves the heap when it comes up, or when many are dead."""
+        """Drop the call. The entry is removed when it is due, or when the heap is rebuilt."""
         if self.call is not None:
             self.call = None
             self.heap.count_cancelled()
 
 
 _SHARE: Final = 0.005
-"""Seconds of one turn of the event loop in which timers are run that are due; the others wait for the
-next."""
+"""Maximum seconds per turn of the event loop for due timers; the others wait for the next turn."""
 
 
 class TimerHeap:
-    """Timers in the order they are due; those due together run in the order they were made."""
+    """Timers by due time; those due at the same time run in the order they were made."""
 
     def __init__(self) -> None:
         self._heap: list[HeapTimer] = []
@@ -77,7 +76,7 @@ class TimerHeap:
         return timer
 
     def count_cancelled(self) -> None:
-        """Count a cancelled entry, and rebuild the heap when there are too many."""
+        """Count a cancelled entry, and rebuild the heap if there are too many."""
         self._cancelled += 1
         if self._cancelled >= COMPACT_AT and self._cancelled * 2 > len(self._heap):
             self._heap = [timer for timer in self._heap if timer.call is not None]
@@ -85,14 +84,14 @@ class TimerHeap:
             self._cancelled = 0
 
     def next_due(self) -> float:
-        """When the next timer is due; infinity when there is none."""
+        """Return the time when the next timer is due; infinity if there is none."""
         while self._heap and self._heap[0].call is None:
             heappop(self._heap)
             self._cancelled -= 1
         return self._heap[0].due if self._heap else math.inf
 
     def run_next(self) -> None:
-        """Run the first timer. What its callback raises is logged."""
+        """Run the first timer. Exceptions of its callback are logged."""
         timer = heappop(self._heap)
         call, timer.call = timer.call, None
         if call is None:
@@ -109,43 +108,43 @@ def _bounded(seconds: float) -> float:
 
 
 class Playback(Protocol):
-    """A recording that a clock follows: what it does now. It is controlled by the services of its node."""
+    """Recording that a clock follows, and its state. It is controlled by the services of its node."""
 
     @property
     def node(self) -> str:
-        """The node that plays it, absolute."""
+        """Absolute name of the node that plays the recording."""
 
     @property
     def start_ns(self) -> int:
-        """Where playing begins, nanoseconds since the epoch."""
+        """Start of the recording, nanoseconds since the epoch."""
 
     @property
     def end_ns(self) -> int:
-        """Where it ends."""
+        """End of the recording, nanoseconds since the epoch."""
 
     @property
     def position_ns(self) -> int:
-        """Where it is now."""
+        """Current position, nanoseconds since the epoch."""
 
     @property
     def paused(self) -> bool:
-        """Whether time stands still."""
+        """True if it is paused."""
 
     @property
     def rate(self) -> float:
-        """Recorded seconds in a second."""
+        """Recorded seconds per second."""
 
     @property
     def seeks(self) -> int:
-        """How often it has jumped to another time."""
+        """Number of jumps to another time."""
 
 
 class Clock(ABC):
-    """The time of a graph: ROS time, steady time and timers.
+    """Clock of a graph: ROS time, steady time and timers.
 
     Attributes:
-        is_real: whether ROS time goes as the time of people does.
-        playback: the recording that ROS time is taken from; None where it is from none.
+        is_real: True if ROS time is real time.
+        playback: recording that ROS time is taken from; None without one.
     """
 
     is_real: bool = True
@@ -153,17 +152,17 @@ class Clock(ABC):
 
     @abstractmethod
     def time_ns(self) -> int:
-        """ROS time, nanoseconds since the epoch."""
+        """Return ROS time, nanoseconds since the epoch."""
 
     @abstractmethod
     def monotonic(self) -> float:
-        """Seconds since some moment; never goes back. Timers and timeouts are measured by it."""
+        """Return seconds of a monotonic clock, by which timers and timeouts are measured."""
 
     @abstractmethod
     def call_later(self, delay: float, call: Callable[[], None]) -> Timer:
         """Run `call` once, `delay` seconds from now, at most :data:`LONGEST_DELAY`.
 
-        At once, on the clock's next turn, is a delay of zero; so is one that is negative or no number.
+        A delay that is zero, negative or NaN means the clock's next turn.
         """
 
     @abstractmethod
@@ -172,7 +171,7 @@ class Clock(ABC):
 
     @contextmanager
     def within(self, seconds: float | None) -> Iterator[None]:
-        """Leave the block after so many seconds of this clock; None does not. In tasks only."""
+        """Leave the block after so many seconds of this clock; None sets no limit. In tasks only."""
         with anyio.CancelScope() as scope:
             timer = None if seconds is None else self.call_later(seconds, scope.cancel)
             try:
@@ -183,11 +182,11 @@ class Clock(ABC):
 
     @abstractmethod
     async def drive(self) -> None:
-        """Run due timers until cancelled. A running graph has one task in here."""
+        """Run due timers until cancelled; called by one task of a running graph."""
 
 
 class SteadyClock(Clock):
-    """Real time that never jumps: ROS time is the wall's at construction plus the time gone by since."""
+    """Real time that never jumps: the wall's time at construction plus the time elapsed since."""
 
     def __init__(self) -> None:
         self._timers = TimerHeap()
@@ -196,14 +195,14 @@ class SteadyClock(Clock):
         self._asleep_until = -math.inf
 
     def time_ns(self) -> int:
-        """ROS time, nanoseconds since the epoch."""
+        """Return ROS time, nanoseconds since the epoch."""
         return time.monotonic_ns() + self._offset_ns
 
-    #: The function itself: each message asks for it.
+    #: The function itself, for speed: each message calls it.
     monotonic = staticmethod(time.monotonic)
 
     def call_later(self, delay: float, call: Callable[[], None]) -> Timer:
-        """Run `call` once, `delay` seconds from now; nothing runs before the graph does."""
+        """Run `call` once, `delay` seconds from now; not before the graph runs."""
         timer = self._timers.push(self.monotonic() + _bounded(delay), call)
         if timer.due < self._asleep_until and self._wake is not None:
             self._wake.set()
@@ -214,12 +213,12 @@ class SteadyClock(Clock):
         await anyio.sleep(_bounded(seconds))
 
     async def drive(self) -> None:
-        """Run due timers until cancelled, sleeping from one to the next."""
+        """Run due timers until cancelled, sleeping in between."""
         try:
             while True:
                 now = self.monotonic()
-                # Bounded by `now`, so that a timer that re-arms itself at once cannot hold the loop, and in
-                # time, so that thousands that are due together cannot.
+                # Bounded by `now`, so that a timer that re-arms itself at once cannot block the loop, and in
+                # time, so that thousands of due timers cannot.
                 while self._timers.next_due() <= now:
                     self._timers.run_next()
                     if self.monotonic() - now > _SHARE:
@@ -239,15 +238,15 @@ class WallClock(SteadyClock):
     """Real time; ROS time follows the system's clock, jumps included."""
 
     def time_ns(self) -> int:
-        """`time.time_ns`."""
+        """Return the system's time, nanoseconds since the epoch."""
         return time.time_ns()
 
 
 class SimulatedClock(Clock):
-    """Time that moves only by :meth:`advance` and :meth:`set_time`.
+    """Time that changes only by :meth:`advance` and :meth:`set_time`.
 
     Attributes:
-        listeners: called with the new ROS time after each move; the graph publishes `/clock` from one.
+        listeners: called with the new ROS time after each change; the graph publishes `/clock` from one.
     """
 
     is_real = False
@@ -259,26 +258,26 @@ class SimulatedClock(Clock):
         self.listeners: list[Callable[[int], None]] = []
 
     def time_ns(self) -> int:
-        """ROS time, nanoseconds since the epoch."""
+        """Return ROS time, nanoseconds since the epoch."""
         return self._steady_ns + self._offset_ns
 
     def monotonic(self) -> float:
-        """Simulated seconds gone by."""
+        """Return elapsed simulated seconds."""
         return self._steady_ns / NANOSECONDS
 
     def call_later(self, delay: float, call: Callable[[], None]) -> Timer:
-        """Run `call` once, when the clock has been moved by `delay` seconds."""
+        """Run `call` once, when the clock has advanced by `delay` seconds."""
         return self._timers.push(self._steady_ns + round(_bounded(delay) * NANOSECONDS), call)
 
     def advance(self, seconds: float) -> None:
-        """Move time on, running what falls due on the way, each timer at its own time.
+        """Advance time; run the timers that become due on the way, each at its own time.
 
         Raises:
-            ValueError: `seconds` is negative (use :meth:`set_time` to go back) or leads beyond 2038, where
+            ValueError: `seconds` is negative (use :meth:`set_time` to go back), or leads beyond 2038, where
                 ROS time ends.
         """
         left = (END_OF_TIME_NS - self.time_ns()) / NANOSECONDS
-        # Written so that what is no number is refused too.
+        # Written so that NaN is rejected, too.
         if not 0 <= seconds < left:
             raise ValueError(f"time can be advanced by 0 to {left:.0f} s; set_time() moves it back")
         self._move(round(seconds * NANOSECONDS))
@@ -292,12 +291,12 @@ class SimulatedClock(Clock):
         self._announce()
 
     def until_next(self) -> float | None:
-        """Seconds until the next timer is due; None when there is none."""
+        """Return seconds until the next timer is due; None if there is none."""
         due = self._timers.next_due()
         return None if due == math.inf else max(0.0, (due - self._steady_ns) / NANOSECONDS)
 
     def set_time(self, time_ns: int) -> None:
-        """Set ROS time. Forwards is an :meth:`advance`; backwards leaves steady time and timers alone.
+        """Set ROS time. Forwards is an :meth:`advance`; backwards does not affect steady time and timers.
 
         Raises:
             ValueError: `time_ns` is negative, or beyond 2038, where ROS time ends.
@@ -317,7 +316,7 @@ class SimulatedClock(Clock):
             listener(now)
 
     async def sleep(self, seconds: float) -> None:
-        """Wait until the clock has been moved by `seconds`; with nothing to wait for, let others run."""
+        """Wait until the clock has advanced by `seconds`; for zero, let other tasks run."""
         if seconds <= 0:
             await anyio.lowlevel.checkpoint()
             return
@@ -329,5 +328,5 @@ class SimulatedClock(Clock):
             timer.cancel()
 
     async def drive(self) -> None:
-        """Nothing to do: `advance` runs the timers."""
+        """No-op: `advance` runs the timers."""
         await anyio.sleep_forever()

@@ -1,7 +1,7 @@
-"""What a service reveals of the graph, declared where the service is, so that a policy can read it as data.
+"""Declarations of what a service reveals of the graph, as data for access policies.
 
 A declaration is a tuple of these; the empty tuple reveals nothing of the robot (types, time, versions). A
-service without a declaration is one whose answers have not been considered.
+service without a declaration has not been assessed.
 """
 
 from __future__ import annotations
@@ -10,19 +10,19 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 Kind = Literal["topic", "service", "action", "node", "parameter"]
-"""What a name in a request or a response names."""
+"""Kind of a name in a request or a response."""
 
 
 @dataclass(frozen=True, slots=True)
 class Lists:
-    """The response lists names.
+    """Disclosure of names in the response.
 
     Attributes:
-        kind: what they name.
+        kind: kind of the names.
         fields: response fields aligned by index, the first of which holds the names; or one field that holds
             a single name.
-        of_node: whether the names are those of parameters of the service's own node, without its name before
-            them; the field is then a path such as ``result.names``.
+        of_node: True if the names are parameters of the service's own node, without the node's name as
+            prefix; the field is then a path such as ``result.names``.
     """
 
     kind: Kind
@@ -32,11 +32,11 @@ class Lists:
 
 @dataclass(frozen=True, slots=True)
 class AsksAbout:
-    """The request asks about one name; about a hidden one the answer is that of a name that does not exist.
+    """Request about one name; for a hidden one, the response is that for an unknown name.
 
     Attributes:
-        kind: what it names.
-        field: of the request.
+        kind: kind of the name.
+        field: field of the request.
     """
 
     kind: Kind
@@ -45,10 +45,10 @@ class AsksAbout:
 
 @dataclass(frozen=True, slots=True)
 class ListsProviders:
-    """The response lists the nodes that offer a service, which the request names or whose type it names.
+    """Disclosure of the nodes that offer a service; the request names the service or its type.
 
     Attributes:
-        field: of the request.
+        field: field of the request.
         lists: field of the response.
     """
 
@@ -58,10 +58,10 @@ class ListsProviders:
 
 @dataclass(frozen=True, slots=True)
 class Reads:
-    """The request reads parameters: of rosapi one full name, of a node's own service a list of names.
+    """Request that reads parameters: one full name for rosapi, a list of names for a node's own service.
 
     Attributes:
-        field: of the request.
+        field: field of the request.
     """
 
     field: str
@@ -69,17 +69,17 @@ class Reads:
 
 @dataclass(frozen=True, slots=True)
 class Writes:
-    """The request writes or deletes parameters; as :class:`Reads`.
+    """Request that writes or deletes parameters; as :class:`Reads`.
 
     Attributes:
-        field: of the request.
+        field: field of the request.
     """
 
     field: str
 
 
 Disclosure = tuple[Lists | ListsProviders | AsksAbout | Reads | Writes, ...]
-"""All that one service reveals and changes."""
+"""Everything that one service reveals and changes."""
 
 NOTHING: Final[Disclosure] = ()
-"""Of services that reveal nothing of the robot."""
+"""Disclosure of services that reveal nothing of the robot."""

@@ -2,12 +2,12 @@
 
 * :exc:`GraphError`
 
-  * :exc:`InvalidGraphName`: not a topic, service, action, node or parameter name that ROS allows.
+  * :exc:`InvalidGraphName`: ROS does not allow the name of a topic, service, action, node or parameter.
   * :exc:`TypeConflict`: the name is established with another type.
-  * :exc:`InvalidTransition`: the goal is in a state that forbids this.
-  * :exc:`NotRunning`: this needs an event loop, and the graph is not (or no longer) on one.
-  * :exc:`ZenohError`: the Zenoh session cannot be opened as asked.
-  * :exc:`WireError`: another program sent a key, token or attachment that is not rmw_zenoh's.
+  * :exc:`InvalidTransition`: the operation is not allowed in the goal's state.
+  * :exc:`NotRunning`: the graph is not, or no longer, on an event loop.
+  * :exc:`ZenohError`: the Zenoh session cannot be opened with these options.
+  * :exc:`WireError`: another program sent a key, token or attachment that rmw_zenoh would not.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ class GraphError(RobotError):
 
 
 class InvalidGraphName(GraphError, ValueError):
-    """A name that ROS does not allow."""
+    """ROS does not allow the name."""
 
 
 class TypeConflict(GraphError, ValueError):
     """The topic is already established with another type.
 
     Args:
-        topic: its name.
-        asked: the type that was asked for, as the robot's distribution spells it.
-        established: the type that it has.
+        topic: name of the topic.
+        asked: requested type, as the robot's distribution spells it.
+        established: type of the topic.
     """
 
     def __init__(self, topic: str, asked: str, established: str) -> None:
@@ -40,7 +40,7 @@ class TypeConflict(GraphError, ValueError):
 
 
 class InvalidTransition(GraphError, RuntimeError):
-    """The goal's state forbids this; see the table in :mod:`rwt_graph.memory.actions`."""
+    """The operation is not allowed in the goal's state; see :mod:`rwt_graph.memory.actions`."""
 
 
 class NotRunning(GraphError, RuntimeError):
@@ -48,8 +48,8 @@ class NotRunning(GraphError, RuntimeError):
 
 
 class ZenohError(GraphError):
-    """The Zenoh session cannot be opened as asked; the text says what to change."""
+    """The Zenoh session cannot be opened with these options; the text says what to change."""
 
 
 class WireError(GraphError, ValueError):
-    """A key, token or attachment that another program sent is not written as rmw_zenoh writes it."""
+    """Another program sent a key, token or attachment that does not have rmw_zenoh's form."""

@@ -1,9 +1,8 @@
 """Names of topics, services, actions, nodes and parameters.
 
-One rule serves both generations of ROS: a name is a sequence of tokens of letters, digits and underscores,
-separated by slashes. It is absolute (`/a/b`), relative to a namespace (`a/b`) or private to a node (`~/a`,
-and ROS 1's `~a`). Repeated and trailing slashes are dropped, as ROS 1 does. ROS 2 forbids a token to begin
-with a digit and ROS 1 does not; it is allowed here.
+One rule covers ROS 1 and ROS 2: a name is a sequence of tokens of letters, digits and underscores, separated
+by slashes. It is absolute (`/a/b`), relative to a namespace (`a/b`) or private to a node (`~/a`, and ROS 1's
+`~a`). Repeated and trailing slashes are dropped, as in ROS 1. Tokens may begin with a digit, as in ROS 1.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ _TOKEN = re.compile(r"[A-Za-z0-9_]+\Z")
 _NOT_IN_TOKEN = re.compile(r"[^A-Za-z0-9_]")
 _PARAMETER = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.\-/]*\Z")
 
-#: Longest name that is looked at: beyond it something is wrong, and the text would fill logs and errors.
+#: Maximum length of a name; longer ones would fill logs and errors.
 MAX_LENGTH = 512
 
 
@@ -40,16 +39,15 @@ def _tokens(name: str, path: str) -> list[str]:
 
 @lru_cache(maxsize=4096)
 def resolve(name: str, namespace: str = "/", node: str = "") -> str:
-    """The absolute form of `name`.
+    """Return the absolute form of `name`.
 
     Args:
         name: absolute (`/a`), relative (`a`) or private (`~/a`, `~a`).
-        namespace: what relative names are relative to.
+        namespace: namespace of relative names.
         node: absolute name of the node, for private names.
 
     Raises:
-        InvalidGraphName: a character that ROS does not allow, an empty name, or a private name without a
-        node.
+        InvalidGraphName: the name is empty, has an invalid character, or is private without a node.
     """
     if not name or len(name) > MAX_LENGTH:
         reason = "it is empty" if not name else f"it is longer than {MAX_LENGTH} characters"
@@ -68,10 +66,10 @@ def resolve(name: str, namespace: str = "/", node: str = "") -> str:
 
 
 def validate(name: str) -> str:
-    """`name` itself, when it is absolute and as :func:`resolve` writes it.
+    """Return `name`, which must be absolute and in the form of :func:`resolve`.
 
     Raises:
-        InvalidGraphName: it is not.
+        InvalidGraphName: it has another form.
     """
     resolved = resolve(name)
     if resolved != name:
@@ -80,10 +78,10 @@ def validate(name: str) -> str:
 
 
 def node_name(name: str, namespace: str = "/") -> str:
-    """The absolute name of a node.
+    """Return the absolute name of a node.
 
     Raises:
-        InvalidGraphName: `name` has a slash in it without being absolute, or a character that is not allowed.
+        InvalidGraphName: `name` has a slash but is not absolute, or has an invalid character.
     """
     if "/" in name and not name.startswith("/"):
         raise InvalidGraphName(
@@ -93,15 +91,15 @@ def node_name(name: str, namespace: str = "/") -> str:
 
 
 def namespace_of(name: str) -> str:
-    """The namespace of an absolute name: `/a` for `/a/b`, `/` for `/a`."""
+    """Return the namespace of an absolute name: `/a` for `/a/b`, `/` for `/a`."""
     return name.rpartition("/")[0] or "/"
 
 
 def parameter_name(name: str) -> str:
-    """`name` itself, when a node's parameter may be called so: tokens separated by dots or slashes.
+    """Return `name`, which must be valid for a node's parameter: tokens separated by dots or slashes.
 
     Raises:
-        InvalidGraphName: it may not.
+        InvalidGraphName: it is invalid.
     """
     if len(name) > MAX_LENGTH or not _PARAMETER.match(name):
         raise InvalidGraphName(
@@ -111,7 +109,7 @@ def parameter_name(name: str) -> str:
 
 
 def split_parameter(name: str) -> tuple[str, str] | None:
-    """`/node:param` → (`/node`, `param`); None when there is no colon (a name of the global tree).
+    """Split `/node:param` into (`/node`, `param`); None without a colon (a name of the global tree).
 
     Raises:
         InvalidGraphName: one of the two parts is not a valid name.

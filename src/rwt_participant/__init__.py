@@ -1,1 +1,1 @@
-"""The vocabulary of robot programs: what a program says alike in the graph and over a connection."""
+"""Contract and common parts of robot programs, in the graph and over a connection."""

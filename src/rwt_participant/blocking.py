@@ -185,7 +185,7 @@ class BlockingSubscription(BlockingHandle):
 
     @property
     def dropped(self) -> int:
-        """Messages that were dropped because nothing took them in time."""
+        """Number of messages that were dropped because they were not taken in time."""
         return self._inner.dropped
 
     def __iter__(self) -> Self:

@@ -1,4 +1,4 @@
-"""A robot's own account of its health: `/diagnostics`, as ROS's diagnostic_updater publishes it."""
+"""Self-diagnosis of a robot: publishes `/diagnostics` like ROS's diagnostic_updater."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ logger = logging.getLogger(__name__)
 
 
 class DiagnosticLevel(IntEnum):
-    """The levels of `diagnostic_msgs/DiagnosticStatus`."""
+    """Levels of `diagnostic_msgs/DiagnosticStatus`."""
 
     OK = 0
     WARN = 1
@@ -38,7 +38,7 @@ class DiagnosticStatus:
     values: Mapping[str, object] = field(default_factory=dict)
 
 
-#: Looks at one part of the robot; a plain function, which should be quick.
+#: Checks one part of the robot; a plain function, which should be fast.
 Check = Callable[[], DiagnosticStatus]
 
 
@@ -55,7 +55,7 @@ class _Timer(Protocol):
 
 
 class Reports(Protocol):
-    """A robot as the updater needs it: :class:`~rwt_participant.api.RobotApi`, or one whose verbs wait."""
+    """Robot for the updater: :class:`~rwt_participant.api.RobotApi`, or its blocking form."""
 
     def advertise(self, topic: str, type: str, /) -> _Publishes:
         """Become a publisher."""
@@ -65,20 +65,20 @@ class Reports(Protocol):
 
 
 class DiagnosticUpdater:
-    """Publishes a `diagnostic_msgs/DiagnosticArray` of all its checks every `period` seconds.
+    """Updater that publishes a `diagnostic_msgs/DiagnosticArray` of all its checks every `period` seconds.
 
     >>> updater = DiagnosticUpdater(robot, "base", hardware_id="chassis 7")
     >>> updater.add("battery", lambda: DiagnosticStatus(DiagnosticLevel.WARN, "low", {"charge": "12 %"}))
 
-    A check that raises is reported at level ERROR with the exception's text, and logged once until it is well
-    again. While a client has no connection, nothing is reported.
+    A check that raises is reported at level ERROR with the exception's text, and logged once until it
+    succeeds again. A client that is not connected reports nothing.
 
     Args:
-        robot: a node or a client, awaited or blocking.
-        name: whose health it is; each status is named `NAME: CHECK`.
-        hardware_id: which of several devices: a serial number, say.
+        robot: node or client, awaited or blocking.
+        name: prefix of each status, which is named `NAME: CHECK`.
+        hardware_id: identifier of the device, such as a serial number.
         period: seconds; of the graph's clock for a node.
-        topic: what it is published on.
+        topic: topic to publish on.
 
     Raises:
         ValueError: `period` is out of the range of timers.
@@ -101,22 +101,22 @@ class DiagnosticUpdater:
         self._publisher = robot.advertise(topic, "diagnostic_msgs/DiagnosticArray")
 
     def add(self, name: str, check: Check) -> None:
-        """Report what `check` finds from the next time on; one of the same name is replaced.
+        """Add a check, from the next report on; replaces one of the same name.
 
         Raises:
-            TypeError: `check` is no function, or a coroutine function.
+            TypeError: `check` is not a function, or is a coroutine function.
         """
         if not callable(check) or is_coroutine_function(check):
             raise TypeError(f"{name}: a check is a plain function that gives a status, got {check!r}")
         self._checks[name] = check
 
     def remove(self, name: str) -> None:
-        """Report it no more; a name that is not there is no error."""
+        """Remove a check. No-op if there is none of that name."""
         self._checks.pop(name, None)
         self._failing.discard(name)
 
     def update(self) -> None:
-        """Report now, beside the timer: when something has changed that should not wait.
+        """Report now, for changes that should not wait for the timer.
 
         Raises:
             NotConnected: of a client: there is no connection now.
@@ -125,7 +125,7 @@ class DiagnosticUpdater:
         self._publisher.publish({"status": statuses})
 
     def close(self) -> None:
-        """Report no more. May be called twice."""
+        """Stop reporting. No-op if it is closed."""
         self._timer.cancel()
         self._publisher.close()
 

@@ -44,7 +44,7 @@ class CallFailed(RobotError):
 
 
 class ServiceFailed(CallFailed):
-    """The provider ran and said that it failed. A handler raises it to say why to its caller."""
+    """The provider reported failure. A handler raises it to tell the caller the reason."""
 
 
 class TimedOut(RobotError, TimeoutError):
@@ -52,7 +52,7 @@ class TimedOut(RobotError, TimeoutError):
 
 
 class CallTimeout(CallFailed, TimedOut):
-    """There was no answer in time."""
+    """No answer arrived in time."""
 
 
 class ProviderGone(CallFailed):
@@ -60,7 +60,7 @@ class ProviderGone(CallFailed):
 
 
 class NotFound(RobotError, LookupError):
-    """There is no topic, service, action, node or parameter of that name."""
+    """The topic, service, action, node or parameter does not exist."""
 
 
 class ProviderNotFound(CallFailed, NotFound):

@@ -51,7 +51,7 @@ class Future(Generic[T]):
         return self._event is not None
 
     def set(self, value: T | Exception) -> None:
-        """Set the value, or the error to raise; later ones are ignored."""
+        """Set the value, or the error to raise. No-op if one is set."""
         if not self._values:
             self._values.append(value)
             if self._event is not None:

@@ -232,7 +232,7 @@ Execute: TypeAlias = Callable[[ReceivedGoal], Awaitable["MessageLike | None"]]
 
 
 async def run_goal(execute: Execute, goal: ReceivedGoal) -> tuple[GoalStatus, object, str]:
-    """Run an action's function on a goal; return the final status, the result and the reason for people.
+    """Run an action's function on a goal; return the final status, the result and the reason.
 
     Raises:
         Exception: exception of the function, other than GoalCanceled and GoalAborted.

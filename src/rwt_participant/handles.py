@@ -115,7 +115,7 @@ class MessageQueue(Generic[T]):
         return len(self._messages)
 
     def put(self, message: T, size: int) -> None:
-        """Queue a message of so many bytes; the oldest are dropped if there are too many."""
+        """Queue a message of `size` bytes; drop the oldest ones beyond the limits."""
         messages = self._messages
         self._bytes += size
         while messages and (len(messages) >= self._most or self._bytes > self._most_bytes):
@@ -157,9 +157,9 @@ class MessageQueue(Generic[T]):
 
 
 class Subscription(Handle):
-    """Messages of one topic, which go to a callback, or are queued for an iterator.
+    """Messages of one topic, which are passed to a callback, or queued for an iterator.
 
-    A subclass passes messages to a plain callback at once, and puts them into the queue otherwise.
+    A subclass passes messages to a plain callback at once, and queues them otherwise.
     """
 
     #: Errors after which an iteration ends; any other is raised.
@@ -173,7 +173,7 @@ class Subscription(Handle):
 
     @property
     def dropped(self) -> int:
-        """Messages that were dropped because nothing took them in time."""
+        """Number of messages that were dropped because they were not taken in time."""
         return 0 if self._queue is None else self._queue.dropped
 
     async def get(self, timeout: float | None = None) -> Message:

@@ -1,6 +1,6 @@
-"""Images of messages as numpy arrays and Pillow images, and back.
+"""Conversion between image messages and numpy arrays or Pillow images.
 
-numpy and Pillow are imported when they are first needed.
+numpy and Pillow are imported on first use.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """How an encoding lays out a pixel.
+    """Layout of a pixel in an encoding.
 
     Attributes:
         sample: numpy's type of one value, without byte order.
-        count: values of a pixel.
-        swapped: whether blue comes first, as in OpenCV.
+        count: number of values per pixel.
+        swapped: True if blue comes first, as in OpenCV.
         mode: Pillow's mode of such an image; empty if it has none.
     """
 
@@ -72,7 +72,7 @@ ENCODINGS: Final[Mapping[str, _Layout]] = {
         for pattern in ("rggb", "bggr", "gbrg", "grbg")
     },
 }
-"""The values of `encoding` (`sensor_msgs/image_encodings.hpp`) that can be read."""
+"""Supported values of `encoding` (`sensor_msgs/image_encodings.hpp`)."""
 
 _USUAL: Final = {
     ("u1", 1): "mono8",
@@ -83,29 +83,29 @@ _USUAL: Final = {
     ("u2", 4): "rgba16",
     ("f4", 1): "32FC1",
 }
-"""What an array is taken for if nothing else is said, by the type of its values and how many a pixel has."""
+"""Default encoding of an array, by the type of its values and their number per pixel."""
 
-#: Pillow's modes that are arrays of values; the others become red, green and blue.
+#: Pillow's modes that are converted without loss; others become RGB.
 _ARRAYS: Final = ("L", "RGB", "RGBA", "I", "I;16", "F")
 
-#: What is read: Pillow knows dozens more, and for one of them starts a PostScript interpreter.
+#: Accepted file formats. Pillow knows dozens more, and starts a PostScript interpreter for one of them.
 _FORMATS: Final = ("JPEG", "PNG", "TIFF", "WEBP", "BMP", "GIF", "PPM")
 
 
-# -- out of messages -----------------------------------------------------------------------------------------
+# -- from messages ----------------------------------------------------------------------------------------
 
 
 def image_to_numpy(message: Message) -> NDArray[Any]:
-    """The pixels of a `sensor_msgs/Image` or a `sensor_msgs/CompressedImage`.
+    """Return the pixels of a `sensor_msgs/Image` or a `sensor_msgs/CompressedImage`.
 
     Returns:
-        Rows x columns, and x values where a pixel has several. Of an Image they are as they come: `bgr8`
-        stays blue first, depths of `16UC1` are millimetres, of `32FC1` metres. The array may lie on the
-        message's own bytes, which cannot be written to: copy it first. Of a CompressedImage they are red
-        first.
+        Array of rows x columns, with a third dimension if a pixel has several values. Values of an Image are
+        not converted: `bgr8` stays blue first, depths of `16UC1` are millimetres, of `32FC1` metres. The
+            array
+        may be a read-only view of the message: copy it before you change it. A CompressedImage becomes RGB.
 
     Raises:
-        ImageFormat: the encoding is not known, or there are too few bytes for the picture.
+        ImageFormat: the encoding is unknown, or there are too few bytes for the image.
     """
     if hasattr(message, "format"):
         import numpy as np
@@ -118,12 +118,12 @@ def image_to_numpy(message: Message) -> NDArray[Any]:
 
 
 def image_to_pillow(message: Message) -> Image.Image:
-    """A `sensor_msgs/Image` or a `sensor_msgs/CompressedImage` as a Pillow image.
+    """Return a `sensor_msgs/Image` or a `sensor_msgs/CompressedImage` as a Pillow image.
 
-    Depth images become images of mode `I;16` (millimetres) or `F` (metres), as they come.
+    Depth images become images of mode `I;16` (millimetres) or `F` (metres).
 
     Raises:
-        ImageFormat: the encoding has no counterpart, or there are too few bytes for the picture.
+        ImageFormat: the encoding has no counterpart, or there are too few bytes for the image.
     """
     if hasattr(message, "format"):
         return open_compressed(message)
@@ -141,7 +141,7 @@ def image_to_pillow(message: Message) -> Image.Image:
 
 
 def read_samples(message: Message) -> NDArray[Any]:
-    """The values of a `sensor_msgs/Image` as they are: rows x columns x values of a pixel.
+    """Return the values of a `sensor_msgs/Image`, unconverted: rows x columns x values of a pixel.
 
     Raises:
         ImageFormat: the encoding is not one of :data:`ENCODINGS`, or there are too few bytes.
@@ -165,18 +165,18 @@ def read_samples(message: Message) -> NDArray[Any]:
 
 
 def open_compressed(message: Message, most_pixels: int | None = None) -> Image.Image:
-    """The picture of a `sensor_msgs/CompressedImage`, unpacked.
+    """Decompress a `sensor_msgs/CompressedImage`.
 
     Args:
-        most_pixels: refuse more before they are unpacked: a few kilobytes can unfold into gigabytes. None
-            leaves that to Pillow.
+        most_pixels: maximum number of pixels, checked before decompression: a few kilobytes can unfold into
+            gigabytes. None leaves the limit to Pillow.
 
     Raises:
-        ImageFormat: it is broken, too large, or of a kind that cannot be read.
+        ImageFormat: it is damaged, too large, or of an unsupported format.
     """
     from PIL import Image
 
-    # image_transport's compressedDepth puts a header of its own in front of the picture.
+    # image_transport's compressedDepth puts its own header in front of the image.
     data = bytes(message.data)
     start = max(data.find(b"\x89PNG"), 0) if "compressedDepth" in message.format else 0
     try:
@@ -191,23 +191,24 @@ def open_compressed(message: Message, most_pixels: int | None = None) -> Image.I
     return image
 
 
-# -- into messages -------------------------------------------------------------------------------------------
+# -- to messages ------------------------------------------------------------------------------------------
 
 
 def image_from_numpy(
     pixels: NDArray[Any], encoding: str | None = None, *, frame_id: str = "", stamp_ns: int | None = None
 ) -> dict[str, Any]:
-    """An array as a `sensor_msgs/Image` to publish.
+    """Return an array as a `sensor_msgs/Image` to publish.
 
     Args:
-        pixels: rows x columns, and x values where a pixel has several.
-        encoding: one of :data:`ENCODINGS`: `bgr8` for pictures of OpenCV, `16UC1` for depths in millimetres.
-            By default what fits the array: `mono8`, `rgb8`, `rgba8`, `mono16`, `rgb16`, `rgba16` or `32FC1`.
-        frame_id: of the header: the camera's optical frame.
-        stamp_ns: of the header, nanoseconds; None is the time of publishing.
+        pixels: rows x columns, with a third dimension if a pixel has several values.
+        encoding: one of :data:`ENCODINGS`: `bgr8` for images of OpenCV, `16UC1` for depths in millimetres.
+            By default the one that fits the array: `mono8`, `rgb8`, `rgba8`, `mono16`, `rgb16`, `rgba16` or
+            `32FC1`.
+        frame_id: frame of the header: the camera's optical frame.
+        stamp_ns: stamp of the header in nanoseconds; None: the time of publishing.
 
     Raises:
-        ImageFormat: the array does not fit the encoding, or there is none that it fits.
+        ImageFormat: the array does not fit the encoding, or no encoding fits it.
     """
     import numpy as np
 
@@ -242,11 +243,11 @@ def image_from_numpy(
 def image_from_pillow(
     image: Image.Image, *, frame_id: str = "", stamp_ns: int | None = None
 ) -> dict[str, Any]:
-    """A Pillow image as a `sensor_msgs/Image` to publish; modes that have no encoding become RGB.
+    """Return a Pillow image as a `sensor_msgs/Image` to publish; modes without an encoding become RGB.
 
     Args:
-        frame_id: of the header: the camera's optical frame.
-        stamp_ns: of the header, nanoseconds; None is the time of publishing.
+        frame_id: frame of the header: the camera's optical frame.
+        stamp_ns: stamp of the header in nanoseconds; None: the time of publishing.
     """
     import numpy as np
 
@@ -263,17 +264,17 @@ def compressed_image(
     stamp_ns: int | None = None,
     quality: int = 85,
 ) -> dict[str, Any]:
-    """A Pillow image or an array as a `sensor_msgs/CompressedImage` to publish.
+    """Compress a Pillow image or an array to a `sensor_msgs/CompressedImage` to publish.
 
     Args:
-        picture: an array is rows x columns of grey, or x 3 or 4 values, red first.
+        picture: image; an array has rows x columns of grey, or x 3 or 4 values, red first.
         kind: `jpeg` or `png`.
-        frame_id: of the header: the camera's optical frame.
-        stamp_ns: of the header, nanoseconds; None is the time of publishing.
-        quality: of JPEG, 1 to 95.
+        frame_id: frame of the header: the camera's optical frame.
+        stamp_ns: stamp of the header in nanoseconds; None: the time of publishing.
+        quality: JPEG quality, 1 to 95.
 
     Raises:
-        ImageFormat: no such kind, or an array that is no picture of bytes.
+        ImageFormat: the kind is unknown, or the array is not an image of bytes.
     """
     from PIL import Image
 

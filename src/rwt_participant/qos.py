@@ -9,10 +9,10 @@ from typing import Final
 
 from rwt_participant.errors import InvalidQoS
 
-#: The deepest history of a publisher or a subscription, in samples.
+#: Maximum history depth of a publisher or a subscription, in samples.
 MOST_DEPTH: Final = 1_000_000
 
-#: The longest deadline and lifespan, in seconds: what fits 64 bits of nanoseconds, as in rmw.
+#: Maximum deadline and lifespan in seconds: what fits 64 bits of nanoseconds, as in rmw.
 LONGEST_SECONDS: Final = 9_223_372_036
 
 
@@ -69,7 +69,7 @@ class QoS:
 def _require(policy: str, value: float, most: int, unit: str) -> None:
     # Written so that NaN is rejected, too.
     if not 0 <= value <= most:
-        # A whole number may be too large for every way to write it.
+        # An integer may be too large for every format.
         shown = "a very large number" if 2**63 < abs(value) < math.inf else f"{value:g}"
         raise InvalidQoS(f"{policy} is a number from 0 to {most} {unit}, not {shown}")
 

@@ -25,10 +25,10 @@ from rwt_participant.spelling import did_you_mean
 Ask: TypeAlias = Callable[[str, Mapping[str, object]], Awaitable[Any]]
 
 UNANSWERED: Final = (ServiceFailed, ProviderNotFound, CallTimeout)
-"""Errors of a question that the robot does not answer although there is a connection to it."""
+"""Errors of a request that the robot does not answer although it is connected."""
 
 ADVICE_SECONDS: Final = 1.0
-"""Seconds that an error waits for the names of which one may be meant."""
+"""Maximum delay of an error in seconds, to ask for names to suggest."""
 
 
 class RosapiParameters(Parameters):
@@ -77,7 +77,7 @@ class RosapiParameters(Parameters):
             try:
                 return did_you_mean(name, await self.names())
             except UNANSWERED:
-                pass  # The error is as good without the advice.
+                pass  # The suggestion is optional.
         return ""
 
     async def names(self) -> tuple[str, ...]:  # noqa: D102 - inherited
@@ -86,7 +86,6 @@ class RosapiParameters(Parameters):
     async def _asked(
         self, question: str, refused: type[RobotError] = ServiceFailed, **args: object
     ) -> dict[str, Any]:
-        """Return the response; raise `refused` with the robot's reason."""
         try:
             answer = await self._ask(question, args)
         except ServiceFailed as error:

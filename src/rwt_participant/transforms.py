@@ -26,20 +26,20 @@ from rwt_tf2 import (
 T = TypeVar("T")
 
 When = Any
-"""A time: nanoseconds, the stamp of a message, or None for the latest."""
+"""Time: nanoseconds, the stamp of a message, or None for the latest."""
 
 _MESSAGE: Final = "tf2_msgs/TFMessage"
 
 
 class SubscribeVerb(Protocol):
-    """Subscribes to a topic: the verb of :class:`~rwt_participant.api.RobotApi`."""
+    """Verb `subscribe` of :class:`~rwt_participant.api.RobotApi`."""
 
     def __call__(self, topic: str, callback: Callable[[Any], None], type: str, /) -> Handle:
         """Call `callback` with each message."""
 
 
 class AdvertiseVerb(Protocol):
-    """Becomes a publisher of a topic: the verb of :class:`~rwt_participant.api.RobotApi`."""
+    """Verb `advertise` of :class:`~rwt_participant.api.RobotApi`."""
 
     def __call__(self, topic: str, type: str, /, *, latch: bool = False) -> Publisher:
         """Advertise; `latch` keeps the last message for late joiners."""
@@ -49,14 +49,14 @@ class Transforms:
     """Tree of frames of a robot, kept up to date from the first lookup, and broadcaster of transforms.
 
     Args:
-        subscribe: how to hear `/tf` and `/tf_static`.
-        advertise: how to publish on them.
-        time_ns: the time for transforms that are given none.
-        timeout: seconds that a question waits for its answer by default; None waits as long as it takes.
-        within: the clock that bounds it.
+        subscribe: subscribes to `/tf` and `/tf_static`.
+        advertise: advertises them.
+        time_ns: returns the default time of transforms.
+        timeout: default timeout of lookups in seconds; None waits without limit.
+        within: clock of the timeout.
 
     Attributes:
-        buffer: all that was heard; :class:`rwt_tf2.Buffer`.
+        buffer: received transforms.
     """
 
     _topics: str = "/tf or /tf_static"
@@ -86,7 +86,7 @@ class Transforms:
     # -- listening -----------------------------------------------------------------------------------------
 
     async def start(self) -> None:
-        """Listen to `/tf` and `/tf_static`, unless that has begun. Every question does so by itself."""
+        """Subscribe to `/tf` and `/tf_static`; every lookup does so, too. No-op if it has started."""
         if self._subscriptions:
             return
         try:
@@ -97,7 +97,7 @@ class Transforms:
             raise
 
     def close(self) -> None:
-        """Listen no more and forget everything; the next question begins with nothing."""
+        """Unsubscribe and discard all transforms; the next lookup starts again."""
         self._unsubscribe()
         self.buffer = Buffer()
         self._feed = Feed(self.buffer)
@@ -119,7 +119,7 @@ class Transforms:
         self._subscriptions.clear()
 
     def end(self, error: CallFailed) -> None:
-        """No transform comes any more: questions that wait fail with `error`, and those to come."""
+        """Fail pending and future lookups with `error`: no more transforms will arrive."""
         self._ended = error
         self._wake()
 
@@ -133,30 +133,31 @@ class Transforms:
     def send_transform(
         self, parent: str, child: str, transform: Transform, time: When = None, *, static: bool = False
     ) -> None:
-        """Tell where a frame is, as ROS's transform broadcasters do.
+        """Broadcast the transform of a frame.
 
         Args:
-            parent: the frame that `transform` leads to, such as `odom`.
-            child: the frame that it leads from, such as `base_link`; each has one parent.
-            time: nanoseconds, or a message's stamp; None is now: by a node's clock, or by that of a client's
-                computer.
-            static: it does not move: sent once, on `/tf_static`, and kept there for late joiners with all
-                static ones of this program. What moves goes to `/tf`, and has to be sent again and again, ten
-                times a second or more.
+            parent: frame that `transform` leads to, such as `odom`.
+            child: frame that it leads from, such as `base_link`; each has one parent.
+            time: nanoseconds, or a message's stamp; None is now, by the clock of a node's graph or of a
+                client's computer.
+            static: publish once on `/tf_static`, where it is retained for late joiners with the other static
+                transforms of this program. Other transforms are published on `/tf`; repeat them at 10 Hz or
+                more.
 
         Raises:
-            InvalidMessage: an empty frame, a frame to itself, a number that is not finite, or a rotation that
-                is not a unit quaternion; says which frame.
-            NotConnected: of a client: there is no connection now. A static one is sent when there is again.
+            InvalidMessage: a frame is empty or its own parent, a number is not finite, or the rotation is not
+                a unit quaternion; the text names the frame.
+            NotConnected: of a client: there is no connection now. A static transform is sent after
+                reconnecting.
         """
         now = self._time_ns() if time is None else _nanoseconds(time)
         self.send_transforms([StampedTransform(parent, child, now or 0, transform)], static=static)
 
     def send_transforms(self, transforms: Iterable[StampedTransform], *, static: bool = False) -> None:
-        """Tell where several frames are, in one message; see :meth:`send_transform`.
+        """Broadcast several transforms in one message; see :meth:`send_transform`.
 
         Raises:
-            InvalidMessage: one of them cannot be sent, and none is.
+            InvalidMessage: one of them is invalid; none is sent.
             NotConnected: of a client: there is no connection now.
         """
         try:
@@ -172,30 +173,31 @@ class Transforms:
         self.send_static_again()
 
     def send_static_again(self) -> None:
-        """Publish what does not move once more, if there is anything."""
+        """Publish the static transforms again, if there are any."""
         if not self._fixed_transforms:
             return
         if self._fixed is None:
             self._fixed = self._advertise("/tf_static", _MESSAGE, latch=True)
         self._fixed.publish(_message(self._fixed_transforms.values()))
 
-    # -- questions -----------------------------------------------------------------------------------------
+    # -- lookups ---------------------------------------------------------------------------------------------
 
     async def lookup(
         self, target: str, source: str, time: When = None, *, timeout: Timeout = USUAL
     ) -> StampedTransform:
-        """What takes points of the frame `source` to the frame `target`; waits until it is known.
+        """Wait for the transform that takes points of the frame `source` to the frame `target`.
 
         Args:
-            time: nanoseconds, or a message's stamp; None for the latest that can be had.
-            timeout: seconds; None waits as long as it takes. By default what the node or connection has.
+            time: nanoseconds, or a message's stamp; None for the latest available.
+            timeout: seconds; None waits without limit. By default that of the node or the connection.
 
         Returns:
-            The transform, and of what time it is. `found.transform.apply(point)` takes a point,
+            Transform and its time. `found.transform.apply(point)` transforms a point,
             `found.transform.matrix()` is the 4 x 4 matrix.
 
         Raises:
-            TransformUnavailable: it did not become known in time, or the time asked for is over; says why.
+            TransformUnavailable: it did not become available in time, or `time` is older than the history;
+                with the reason.
             ConnectionLost: there will be no connection any more.
         """
         wanted = _nanoseconds(time)
@@ -211,7 +213,7 @@ class Transforms:
         *,
         timeout: Timeout = USUAL,
     ) -> StampedTransform:
-        """:meth:`lookup` between two times, by way of a frame that did not move between them.
+        """Look up a transform between two times, through a frame that did not move between them.
 
         Raises:
             TransformUnavailable: as :meth:`lookup`.
@@ -225,7 +227,7 @@ class Transforms:
         )
 
     async def can_transform(self, target: str, source: str, time: When = None) -> Verdict:
-        """Whether :meth:`lookup` would answer at once; the verdict is true or false and has a `reason`."""
+        """Return a verdict that is true if :meth:`lookup` would return at once, and has a `reason`."""
         await self.start()
         return self.buffer.can_transform(target, source, _nanoseconds(time))
 

@@ -112,7 +112,7 @@ exit codes: 0 success, 1 failure, 2 incorrect use, 3 no connection, 4 timeout, 1
 
 
 def _installed_commands() -> Iterator[Command]:
-    """The commands that other distributions add, which are not imported here."""
+    """Yield the commands of other distributions, without importing them."""
     from importlib.metadata import entry_points  # takes a while, and the commands of `rwt` need none of it
 
     for entry_point in sorted(entry_points(group=_GROUP), key=lambda each: each.name):

@@ -34,7 +34,7 @@ EXECUTE_FAILED = "the action failed; its program's log says why"
 
 
 class ActionServer(RemoteServer[ActionType]):
-    """An action that this program offers, until :meth:`close`; advertised again after a reconnection."""
+    """Action of this program, until :meth:`close`; advertised again after a reconnection."""
 
     def __init__(
         self,
@@ -51,7 +51,7 @@ class ActionServer(RemoteServer[ActionType]):
         self._tasks = tasks
 
     def release(self) -> None:
-        """Ask the running goals to end, and offer the action no more."""
+        """Request that running goals end, and withdraw the action."""
         self._cancel_all()
         super().release()
 
@@ -75,7 +75,7 @@ class ActionServer(RemoteServer[ActionType]):
     # -- goals -----------------------------------------------------------------------------------------------
 
     def on_goal(self, op: SendActionGoal) -> None:
-        """Somebody sends a goal (ACT-12)."""
+        """Run a received goal (ACT-12)."""
         try:
             request = request_of(self.type.goal, op.args)
         except InvalidMessage as error:
@@ -84,13 +84,13 @@ class ActionServer(RemoteServer[ActionType]):
         self._tasks.start_soon(self._run, goal)
 
     def on_cancel(self, op: CancelActionGoal) -> None:
-        """Somebody wants a goal to end early (ACT-13)."""
+        """Request that a goal be canceled (ACT-13)."""
         goal = self._goals.get(op.id)
         if goal is not None:
             goal.cancel_event.set()
 
     def _send_feedback(self, id: str | int | None, message: MessageLike) -> None:
-        """Tell of a goal that still runs; of any other there is nothing to tell."""
+        """Send feedback of a goal; no-op if it has ended."""
         values = RawJson(to_payload(self.type.feedback, message).json())
         if id in self._goals:
             self._session.send_if_connected(ActionFeedback(action=self.name, values=values, id=id))
@@ -112,21 +112,21 @@ class ActionServer(RemoteServer[ActionType]):
 
 
 class ActionServers:
-    """Passes goals to what this program offers.
+    """Dispatcher of goals to this program's actions.
 
     Attributes:
-        offered: that, by name.
+        offered: actions of this program, by name.
     """
 
     def __init__(self) -> None:
         self.offered: dict[str, ActionServer] = {}
 
     def on_goal(self, _: None, op: SendActionGoal) -> None:
-        """A goal has come."""
+        """Pass a goal to its action."""
         self._find(op.action).on_goal(op)
 
     def on_cancel(self, _: None, op: CancelActionGoal) -> None:
-        """A goal should end early."""
+        """Pass a cancel request to its action."""
         self._find(op.action).on_cancel(op)
 
     def _find(self, name: str) -> ActionServer:

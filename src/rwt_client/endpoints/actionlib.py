@@ -1,4 +1,4 @@
-"""Goals for the actions of ROS 1, which travel as messages on five topics (ALB-01)."""
+"""Goals for the actions of ROS 1, sent as messages on five topics (ALB-01)."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from rwt_participant.transforms import SubscribeVerb
 
 PREEMPTED, SUCCEEDED, ABORTED, REJECTED = 2, 3, 4, 5
-"""States of ``actionlib_msgs/GoalStatus``, whose numbers are not those of ROS 2 (ALB-08)."""
+"""States of ``actionlib_msgs/GoalStatus``, which differ from those of ROS 2 (ALB-08)."""
 
 _ENDED: Final = {
     PREEMPTED: GoalStatus.CANCELED,
-    8: GoalStatus.CANCELED,  # RECALLED: canceled before it was begun
+    8: GoalStatus.CANCELED,  # RECALLED: canceled before it started
     SUCCEEDED: GoalStatus.SUCCEEDED,
     ABORTED: GoalStatus.ABORTED,
 }
@@ -37,7 +37,7 @@ async def send_over_topics(
     action_type: ActionType,
     payload: Payload,
 ) -> Goal:
-    """Send a goal, once its feedback and result can be heard."""
+    """Send a goal, after subscribing to its feedback and result."""
     name = goal.action
     sent = _ActionlibGoal(goal)
     goal.channel = sent
@@ -52,7 +52,7 @@ async def send_over_topics(
 
 
 class _ActionlibGoal:
-    """One goal; satisfies :class:`rwt_participant.goals.GoalChannel`."""
+    """Goal of ROS 1 in flight; satisfies :class:`rwt_participant.goals.GoalChannel`."""
 
     def __init__(self, goal: Goal) -> None:
         self._goal = goal
@@ -61,12 +61,10 @@ class _ActionlibGoal:
         self.goals: Publisher | None = None
 
     def send_cancel(self) -> None:
-        """Ask that it end early (ALB-03)."""
         if self.cancel is not None:
             self.cancel.publish({"id": self._goal.id})
 
     def forget(self) -> None:
-        """Receive nothing more of this goal."""
         for topic in self.topics:
             topic.close()
         for publisher in (self.cancel, self.goals):
@@ -74,12 +72,12 @@ class _ActionlibGoal:
                 publisher.close()
 
     def on_feedback(self, message: Message) -> None:
-        """Feedback of this goal or another."""
+        """Pass on feedback of this goal; the topic carries that of all goals."""
         if message.status.goal_id.id == self._goal.id:
             self._goal.take_feedback(message.feedback)
 
     def on_result(self, message: Message) -> None:
-        """The result of this goal or another."""
+        """End the goal with its result; the topic carries those of all goals."""
         if message.status.goal_id.id != self._goal.id:
             return
         status = _ENDED.get(message.status.status)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger("rwt_client")
 
 _EARLY_KEPT: Final = 100
-"""Messages that wait while the robot is asked for the topic's type; of more the newest stay."""
+"""Maximum number of messages queued until the topic's type is known; beyond it, the oldest are dropped."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class AdvertiseOptions:
 
 
 def wire_qos(qos: QoS | Qos | None) -> Qos | None:
-    """Quality of service as the wire has it; a model of the wire, which may leave policies open, stays."""
+    """Return the QoS in the form of the wire; a model of the wire is returned unchanged."""
     if not isinstance(qos, QoS):
         return qos
     return Qos(
@@ -60,12 +60,12 @@ def wire_qos(qos: QoS | Qos | None) -> Qos | None:
 
 
 class RemotePublisher(RemoteHandle[MessageType], Publisher):
-    """Publishes on one topic until :meth:`close`; advertised again after a reconnection.
+    """Publisher of one topic until :meth:`close`; advertised again after a reconnection.
 
     Attributes:
-        sent: messages published so far.
-        dropped: those of them that were dropped because the network was too slow, or that came before the
-            robot had said what the topic's type is.
+        sent: number of messages published.
+        dropped: number of those that were dropped because the network was too slow, or the topic's type was
+            unknown for too long.
     """
 
     _message_type: MessageType
@@ -92,15 +92,15 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
         self._invalid: InvalidMessage | None = None
 
     def publish(self, message: MessageLike) -> None:
-        """Publish one message. Does not wait: where the network is slower, the oldest that wait are dropped.
+        """Publish one message without waiting; if the network is slower, the oldest queued ones are dropped.
 
         Args:
-            message: an instance of the type's class, a mapping or a dataclass instance. What a mapping or
-                dataclass does not have gets its default; a header without a stamp gets the time now.
+            message: an instance of the type's class, a mapping or a dataclass instance. Missing fields get
+                their defaults, a header without a stamp the current time.
 
         Raises:
-            InvalidMessage: it does not fit the type; when awaited, where the robot is still asked for it.
-            ServerRefused: the server has refused the advertisement; its text.
+            InvalidMessage: it does not fit the type; raised by `await` while the type is unknown.
+            ServerRefused: the server rejected the advertisement; with its text.
             NotConnected: there is no connection now.
             HandleClosed: this publisher was closed.
             ConnectionClosed: the connection was closed.
@@ -122,10 +122,10 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
         self._early.append(message)
 
     async def ready(self) -> None:
-        """Wait until the type is known and what was published before has been sent; see :class:`Handle`.
+        """Wait until the type is known and earlier messages were sent; see :class:`Handle`.
 
         Raises:
-            InvalidMessage: something that was published before does not fit the type.
+            InvalidMessage: an earlier message does not fit the type.
         """
         await super().ready()
         invalid, self._invalid = self._invalid, None
@@ -133,7 +133,7 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
             raise invalid
 
     async def drain(self) -> None:
-        """Wait until the network has taken everything that was published, to publish no faster than it."""
+        """Wait until the network has taken all published messages, to publish no faster than it."""
         await self._drained()
 
     def release(self) -> None:
@@ -147,15 +147,15 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
     def __repr__(self) -> str:
         return f"<Publisher {self.name}>"
 
-    # -- what the session says -------------------------------------------------------------------------------
+    # -- called by the session ------------------------------------------------------------------------------
 
     def take_type(self, type: MessageType) -> None:
-        """Note what messages are checked by."""
+        """Set the type that messages are checked by."""
         self._message_type = type
         self._wire_type = self._types.wire_name(type.name)
 
     def opened(self) -> None:
-        """Send what was published before the type was known."""
+        """Send the messages that were published before the type was known."""
         while self._early and self._flow is not None:
             try:
                 self.publish(self._early.popleft())
@@ -177,13 +177,13 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
         self._flow = self._session.flow(self.name, self._on_drop)
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
-        """A gap, of which :meth:`publish` tells, or the end."""
+        """Reject messages: with `error` if it is final, otherwise until the next connection."""
         self._flow = None
         if final:
             self.fail(error)
 
     def refused(self, text: str) -> None:
-        """The server does not take it."""
+        """Reject messages with the server's text."""
         self.fail(ServerRefused(text))
 
     def fail(self, error: RobotError) -> None:

@@ -1,4 +1,4 @@
-"""Subscriptions that do not decode: messages as their robot serialises them, with the server's stamps."""
+"""Subscriptions without decoding: serialised messages with the server's stamps."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ _MEMBERS = frozenset(("secs", "nsecs", "bytes"))
 
 
 class RawSubscription(RemoteHandle[MessageType]):
-    """The messages of one topic, serialised (`cbor-raw`, CBR-10 to CBR-12).
+    """Serialised messages of one topic (`cbor-raw`, CBR-10 to CBR-12).
 
-    From a server that does not offer this, messages come in JSON and are serialised here, without a stamp.
-    A connection that is lost and comes back is only a gap. A topic that is subscribed to in this way cannot
-    be subscribed to otherwise by the same client: a server sends a topic to a client in one encoding.
+    If the server does not support this, messages arrive as JSON and are serialised here, without a stamp. The
+    subscription survives reconnections. The same client cannot subscribe to the topic in another way as well:
+    a server sends a topic to a client in one encoding.
 
     Attributes:
-        received: messages that have arrived.
-        misfits: messages that could not be read; each is logged.
-        error: why nothing more comes; None while all is well.
+        received: number of received messages.
+        misfits: number of unreadable messages; each is logged.
+        error: error that ended the subscription; None while it is active.
     """
 
     _reader: MessageReader
@@ -53,7 +53,7 @@ class RawSubscription(RemoteHandle[MessageType]):
         self._compression: Literal["cbor-raw", "none"] = "cbor-raw" if table.cbor_offered else "none"
 
     def take_type(self, type: MessageType) -> None:
-        """Get ready to hear messages of that type."""
+        """Prepare to receive messages of that type."""
         self._reader = self._types.reader(type)
         self._serialise = type.serialise
         self._session.listen(self.name, self)
@@ -70,7 +70,7 @@ class RawSubscription(RemoteHandle[MessageType]):
         return Unsubscribe(topic=self.name, id=self.id)
 
     def deliver(self, arrived: UnparsedMessage, size: int) -> None:
-        """One message has arrived; satisfies :class:`rwt_client.wire.session.Destination`."""
+        """Pass on a received message; satisfies :class:`rwt_client.wire.session.Destination`."""
         self.received += 1
         try:
             self._callback(self._raw(arrived))
@@ -88,7 +88,7 @@ class RawSubscription(RemoteHandle[MessageType]):
                 return RawMessage(data, seconds * NANOSECONDS + nanoseconds, self.type)  # type: ignore[operator]  # ints
         return RawMessage(self._serialise(self._reader.read(arrived)), None, self.type)
 
-    # -- what the session says -------------------------------------------------------------------------------
+    # -- called by the session ------------------------------------------------------------------------------
 
     def restore(self) -> None:
         """Subscribe on a new connection."""
@@ -103,12 +103,12 @@ class RawSubscription(RemoteHandle[MessageType]):
         )
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
-        """A gap, or the end."""
+        """End the subscription if the loss is final."""
         if final:
             self.fail(error)
 
     def refused(self, text: str) -> None:
-        """The server does not serve it so; in JSON perhaps."""
+        """Subscribe in JSON if the server rejects `cbor-raw`; fail if it rejects that, too."""
         if self._compression == "cbor-raw":
             self._compression = "none"
             self.restore()
@@ -117,5 +117,5 @@ class RawSubscription(RemoteHandle[MessageType]):
             logger.warning("the subscription to %s was refused: %s", self.name, text)
 
     def fail(self, error: RobotError) -> None:
-        """No message comes any more, because of `error`."""
+        """End the subscription with `error`."""
         self.error = error

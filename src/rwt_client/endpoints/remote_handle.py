@@ -23,11 +23,11 @@ T = TypeVar("T")
 
 
 class RemoteHandle(Handle, Generic[T]):
-    """A handle of a client, which is restorable (:class:`rwt_client.wire.session.Restorable`).
+    """Handle of a client that is restored on each new connection.
 
     Attributes:
-        name: the topic, service or action.
-        id: its id on the wire.
+        name: name of the topic, service or action.
+        id: id on the wire.
     """
 
     def __init__(self, session: ReconnectingSession, kind: str, name: str) -> None:
@@ -40,13 +40,13 @@ class RemoteHandle(Handle, Generic[T]):
 
     @property
     def type(self) -> T:
-        """Type of it. Raises UnknownType while the robot is asked for it: await the handle first."""
+        """Type of the endpoint. Raises UnknownType until the robot has answered: await the handle first."""
         if self._type is None:
             raise UnknownType(f"the type of {self.name} is not known yet: await what is held of it first")
         return self._type
 
     def open(self, known: T | None, ask: Callable[[], Awaitable[T]], tasks: TaskStarter) -> Self:
-        """Use it with the known type, or once the robot has answered what its type is.
+        """Open the handle with the known type, or once the robot has answered.
 
         Raises:
             ConnectionLost: there will be no connection any more.
@@ -98,7 +98,7 @@ class RemoteHandle(Handle, Generic[T]):
             self._session.send_if_connected(self.withdrawal())
 
     def release(self) -> None:
-        """Release what this program holds for it; called once, when it is closed."""
+        """Release local resources; called once, by `close`."""
 
     @abstractmethod
     def withdrawal(self) -> Op:
@@ -153,7 +153,7 @@ class RemoteServer(RemoteHandle[T]):
         offered[name] = self
 
     def release(self) -> None:
-        """Offer the service or action no more."""
+        """Withdraw the service or action."""
         if self._offered.get(self.name) is self:
             del self._offered[self.name]
 
@@ -169,7 +169,7 @@ class RemoteServer(RemoteHandle[T]):
         self.close()
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
-        """No-op: the server has told all callers."""
+        """No-op: the server notifies all callers."""
 
     def refused(self, text: str) -> None:
         """Log that the server rejects it."""

@@ -1,4 +1,4 @@
-"""The types of the robot: from its live graph, and from the standard set where the graph does not say."""
+"""Types of the robot, from its live graph or the standard set."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ _LISTS: Final = {
     "service": ("services", "services"),
     "action": ("action_servers", "action_servers"),
 }
-"""The question of rosapi that all names of a kind answer, and the field of the answer that has them."""
+"""Query of rosapi for all names of a kind, and the field of its response."""
 
 _TIMES: Final = frozenset({"time", "duration"})
 
 
 class RemoteTypes:
-    """The types of one robot.
+    """Types of one robot.
 
     ``types["nav_msgs/Odometry"]`` is the class of that message; called without arguments it makes a complete
-    message. A type of the robot's own that nobody has named yet must be fetched first.
+    message. Types that are not in the standard set must be fetched first.
     """
 
     def __init__(self, ask: Ask) -> None:
@@ -55,10 +55,11 @@ class RemoteTypes:
         self._services: dict[str, str] = {}
         self._actions: dict[str, str] = {}
 
-    # -- what people use -------------------------------------------------------------------------------------
+    # -- for programs
+    # -----------------------------------------------------------------------------------------
 
     def __getitem__(self, name: str) -> type[msgspec.Struct]:
-        """The class of a message, or of a part of a service or action (``AddTwoInts_Request``).
+        """Return the class of a message, or of a part of a service or action (``AddTwoInts_Request``).
 
         Raises:
             UnknownType: it is not in the standard set and has not been fetched.
@@ -69,7 +70,7 @@ class RemoteTypes:
             raise UnknownType(f"{error}; a type of the robot's own comes with `await types.fetch`") from None
 
     async def fetch(self, name: str) -> type[msgspec.Struct]:
-        """The class of a message, asked of the robot where it is not known.
+        """Return the class of a message; asks the robot if it is unknown.
 
         Raises:
             UnknownType: the robot does not know it either.
@@ -77,10 +78,10 @@ class RemoteTypes:
         return (await self.message(name)).struct
 
     def add_text(self, text: str, name: str, kind: Literal["msg", "srv", "action"] = "msg") -> None:
-        """Add a definition of your own, as its file has it.
+        """Add a definition, in the form of its file.
 
         Raises:
-            UnknownType: the text or the name cannot be read.
+            UnknownType: the text or the name is invalid.
         """
         try:
             self._registry.add_text(text, name, kind)
@@ -89,7 +90,7 @@ class RemoteTypes:
 
     @property
     def registry(self) -> Registry:
-        """Every type that is known so far."""
+        """Registry of all types known so far."""
         return self._registry
 
     @property
@@ -97,17 +98,18 @@ class RemoteTypes:
         """ROS distribution of the robot; None while unknown."""
         return self._distro
 
-    # -- for the other parts of the client -------------------------------------------------------------------
+    # -- for the client
+    # ---------------------------------------------------------------------------------------
 
     def set_distro(self, distro: Distro | None) -> None:
-        """Use the names and times of that distribution; of the default one while it is not known."""
+        """Use the names and times of that distribution; None: of the default one."""
         self._distro = distro
         wanted = distro or JAZZY
         if wanted is not self._registry.distro:
             self._registry = Registry(wanted)
 
     def reader(self, message_type: MessageType, arrays: ArrayKind = "list") -> MessageReader:
-        """Reads messages of that type."""
+        """Return a reader for messages of that type."""
         return MessageReader(message_type, arrays, trusted=self._distro is not None)
 
     def wire_name(self, name: str) -> str:
@@ -115,55 +117,55 @@ class RemoteTypes:
         return name if self._distro is None else self._registry.type_name(self._registry.message(name))
 
     def full_text(self, name: str) -> str:
-        """The definition of a known message and of all it contains, as one text (API-06)."""
+        """Return the definition of a known message and all it contains, as one text (API-06)."""
         return self._registry.full_text(self._registry.message(name))
 
     def known_message(self, name: str | None) -> MessageType | None:
-        """The message type of that name, if it need not be asked for."""
+        """Return a message type if it is known without asking the robot."""
         return None if name is None else _found(self._registry.message, name)
 
     def known_service(self, name: str) -> ServiceType | None:
-        """The service type of that name, if it need not be asked for."""
+        """Return a service type if it is known without asking the robot."""
         return _found(self._registry.service, name)
 
     def known_action(self, name: str) -> ActionType | None:
-        """The action type of that name, if it need not be asked for."""
+        """Return an action type if it is known without asking the robot."""
         return _found(self._registry.action, name)
 
     async def message(self, name: str) -> MessageType:
-        """The message type of that name; raises UnknownType."""
+        """Return a message type; raises UnknownType."""
         return await self._known(name, self._registry.message, lambda: self._fetch_message(name))
 
     async def service(self, name: str) -> ServiceType:
-        """The service type of that name; raises UnknownType."""
+        """Return a service type; raises UnknownType."""
         parts: tuple[Part, ...] = ("request", "response")
         return await self._known(name, self._registry.service, lambda: self._fetch_parts(name, "srv", parts))
 
     async def action(self, name: str) -> ActionType:
-        """The action type of that name; raises UnknownType."""
+        """Return an action type; raises UnknownType."""
         parts: tuple[Part, ...] = ("goal", "result", "feedback")
         return await self._known(
             name, self._registry.action, lambda: self._fetch_parts(name, "action", parts)
         )
 
     async def of_topic(self, topic: str) -> str:
-        """The name of a topic's type; raises NotFound, and UnknownType when the robot does not tell."""
+        """Return the type name of a topic; raises NotFound, or UnknownType if the robot does not answer."""
         return await self._name_of("topic", topic, "topic_type")
 
     async def of_service(self, service: str) -> str:
-        """The name of a service's type; raises ProviderNotFound, or UnknownType as for topics."""
+        """Return the type name of a service; raises ProviderNotFound, or UnknownType as for topics."""
         if service not in self._services:
             self._services[service] = await self._name_of("service", service, "service_type")
         return self._services[service]
 
     async def of_action(self, action: str) -> str:
-        """The name of an action's type; raises ProviderNotFound, or UnknownType as for topics."""
+        """Return the type name of an action; raises ProviderNotFound, or UnknownType as for topics."""
         if action not in self._actions:
             self._actions[action] = await self._name_of("action", action, "action_type")
         return self._actions[action]
 
     async def refresh(self) -> None:
-        """Take the definitions of all topics of the live graph, which win over the standard ones (API-06)."""
+        """Fetch the definitions of all topics of the live graph; they replace the standard ones (API-06)."""
         answer = await self._ask("topics_and_raw_types", {})
         if not isinstance(answer, dict):
             return
@@ -183,7 +185,7 @@ class RemoteTypes:
             await fetch()
             return find(name)
         except (*UNANSWERED, InterfaceError) as error:
-            # A robot that knows what we know says the same once more.
+            # Later answers for this distribution are the same.
             answer = " the same" if str(error) == str(unknown) else f": {error}"
             raise UnknownType(f"{unknown}; asked for it, the robot says{answer}") from None
 
@@ -194,7 +196,7 @@ class RemoteTypes:
             raise UnknownType(f"the robot does not tell the type of {name}, so name it: {error}") from None
         found = answer.get("type") if isinstance(answer, dict) else None
         if not isinstance(found, str) or not found:
-            # A topic that somebody only waits for has a name, too.
+            # A topic that only has subscribers is listed, too.
             others = [each for each in await self._names(what) if each != name]
             meant = did_you_mean(name, others) or "; name its type if it will come"
             raise (NotFound if what == "topic" else ProviderNotFound)(
@@ -203,7 +205,7 @@ class RemoteTypes:
         return found
 
     async def meant(self, what: str, name: str) -> str:
-        """`; did you mean X?` with the nearest name of what the robot has; empty if it has `name` itself.
+        """Return `; did you mean X?` with the nearest name that the robot lists; empty if it lists `name`.
 
         Args:
             what: `topic`, `service` or `action`.
@@ -211,7 +213,7 @@ class RemoteTypes:
         return did_you_mean(name, await self._names(what))
 
     async def _names(self, what: str) -> list[str]:
-        """The names of the robot's topics, services or actions; none where it does not tell."""
+        """Return the listed names; empty if the robot does not answer."""
         question, key = _LISTS[what]
         answer: object = None
         with anyio.move_on_after(ADVICE_SECONDS):
@@ -228,7 +230,7 @@ class RemoteTypes:
             self._add_unknown(each, text)
 
     async def _fetch_parts(self, name: str, kind: Literal["srv", "action"], parts: tuple[Part, ...]) -> None:
-        """Put a service or action together from its parts, of which rosapi tells one at a time."""
+        """Assemble a service or action from its parts, which rosapi returns one at a time."""
         question = "service" if kind == "srv" else "action"
         sections: list[str] = []
         for part in parts:
@@ -246,7 +248,6 @@ class RemoteTypes:
             self._registry.add_text(text, name)
 
     def _add_full_text(self, name: str, text: str) -> None:
-        """Add what differs from what is known."""
         root, *nested = text.split(f"\n{_SEPARATOR}\n")
         try:
             package, _, short = parse_type_name(name)
@@ -274,7 +275,7 @@ def _found(find: Callable[[str], T], name: str) -> T | None:
 
 
 def _texts(typedefs: Any) -> dict[str, str]:
-    """The definitions that rosapi's typedefs describe, the asked one first (API-03)."""
+    """Return the definitions that rosapi's typedefs describe, the requested one first (API-03)."""
     found: dict[str, str] = {}
     for typedef in typedefs:
         name = typedef.get("type", "")

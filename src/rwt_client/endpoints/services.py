@@ -1,4 +1,4 @@
-"""Services: calling them, and offering them."""
+"""Services: calling and offering them."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ HANDLER_FAILED = "the service's handler failed; its program's log says why"
 
 
 class WireCall:
-    """One call on its way.
+    """Pending call.
 
     Attributes:
-        outcome: the response as JSON.
+        outcome: response as JSON.
     """
 
     def __init__(self, calls: Calls, service: str, args: RawJson, repeat: bool) -> None:
@@ -54,7 +54,7 @@ class WireCall:
         self._repeat = repeat
 
     def restore(self) -> None:
-        """Send it, for the first time or once more."""
+        """Send the call, for the first time or again."""
         if not self.outcome.done:
             self._calls.session.send(CallService(service=self._service, args=self._args, id=self.id))
 
@@ -64,12 +64,12 @@ class WireCall:
             self.outcome.set(type(error)(f"{error}, before {self._service} answered"))
 
     def refused(self, text: str) -> None:
-        """The server complains instead of answering."""
+        """Fail the call with the server's text."""
         self.outcome.set(call_error(text, self._service))
 
 
 class Calls:
-    """The calls that wait for their answers."""
+    """Pending calls of a client."""
 
     def __init__(self, session: ReconnectingSession) -> None:
         self.session = session
@@ -83,15 +83,16 @@ class Calls:
         *,
         repeat: bool = False,
     ) -> Encodable:
-        """Call a service; gives the response as it came.
+        """Call a service, and return the response undecoded.
 
         Args:
-            timeout: seconds; None waits as long as it takes.
-            repeat: wait for a connection where there is none, and call once more when it is lost meanwhile.
+            timeout: seconds; None waits without limit.
+            repeat: wait for a connection if there is none, and call again if it is lost before the answer.
 
         Raises:
-            ServiceFailed: the server said that it failed; its text. ProviderNotFound: that nobody offers it.
-            CallTimeout: none came in time.
+            ServiceFailed: the server reports failure; with its text. ProviderNotFound: the service does not
+                exist.
+            CallTimeout: there was no answer in time.
             ConnectionLost: the connection was lost first.
         """
         call = WireCall(self, service, args, repeat)
@@ -106,7 +107,7 @@ class Calls:
             self.session.remove(call.id)
 
     def on_response(self, _: None, op: ServiceResponse) -> None:
-        """An answer has come (SRV-14)."""
+        """End a call with its response (SRV-14)."""
         call = self._pending.get(op.id) if isinstance(op.id, str) else None
         if call is None:
             logger.debug("an answer of %s comes too late or was not asked for", op.service)
@@ -118,14 +119,14 @@ class Calls:
 
 
 def call_error(text: str, name: str, otherwise: type[CallFailed] = ServiceFailed) -> CallFailed:
-    """Why a call or a goal failed, by the two texts that rosbridge servers have in common (SRV-05)."""
+    """Return the error of a call or goal, derived from two texts that all rosbridge servers use (SRV-05)."""
     if text in (f"Service {name} does not exist", f"Action {name} does not exist"):
         return ProviderNotFound(text)
     return CallTimeout(text) if text == _TIMEOUT else otherwise(text)
 
 
 def failure_text(values: Encodable | str, otherwise: str) -> str:
-    """Why something failed, in the server's words (SRV-05)."""
+    """Return the server's reason for a failure (SRV-05)."""
     if isinstance(values, str):
         text = values
     elif isinstance(values, Decoded):
@@ -137,7 +138,7 @@ def failure_text(values: Encodable | str, otherwise: str) -> str:
 
 
 class ServiceServer(RemoteServer[ServiceType]):
-    """A service that this program offers, until :meth:`close`; advertised again after a reconnection."""
+    """Service of this program, until :meth:`close`; advertised again after a reconnection."""
 
     def __init__(
         self,
@@ -178,7 +179,6 @@ class ServiceServer(RemoteServer[ServiceType]):
         )
 
     def _fail(self, op: CallService, error: Exception) -> None:
-        """Tell the caller why, in the handler's words where it chose them (SVP-04)."""
         if not isinstance(error, ServiceFailed | InvalidMessage):
             logger.error("the handler of %s failed", self.name, exc_info=error)
         reason = str(error) if isinstance(error, RobotError) else HANDLER_FAILED
@@ -188,17 +188,17 @@ class ServiceServer(RemoteServer[ServiceType]):
 
 
 class ServiceServers:
-    """Passes calls to what this program offers.
+    """Dispatcher of calls to this program's services.
 
     Attributes:
-        offered: that, by name.
+        offered: services of this program, by name.
     """
 
     def __init__(self) -> None:
         self.offered: dict[str, ServiceServer] = {}
 
     def on_call(self, _: None, op: CallService) -> None:
-        """A call has come (SVP-01)."""
+        """Pass a call to its service (SVP-01)."""
         service = self.offered.get(op.service)
         if service is None:
             raise ServiceFailed(f"this client does not offer {op.service}")

@@ -36,17 +36,17 @@ class SubscribeOptions:
     """Options of a subscription.
 
     Attributes:
-        arrays: what numeric arrays become: ``list``, or ``numpy``.
-        compression: one of :data:`COMPRESSIONS`, or an entry point in `rwt.codecs`; ``auto`` asks for CBOR
-            where a message has big arrays and the server offers it.
-        throttle: least seconds between two messages, kept by the server; 0 for every message.
-        queue_size: messages that wait for an iterator or an asynchronous callback; of more the newest stay.
-        queue_bytes: the same bound in bytes; the newest message stays however big it is.
-        fragment_size: ask the server to split what is longer than this many characters.
-        qos: quality of service, where the server speaks ROS 2.
+        arrays: type of numeric arrays: ``list``, or ``numpy``.
+        compression: one of :data:`COMPRESSIONS`, or an entry point in `rwt.codecs`; ``auto`` requests CBOR
+            for messages with big arrays if the server supports it.
+        throttle: minimum interval between two messages in seconds, kept by the server; 0 for every message.
+        queue_size: messages queued for an iterator or a coroutine callback; the oldest are dropped beyond it.
+        queue_bytes: the same limit in bytes; the newest message is queued whatever its size.
+        fragment_size: maximum length of a message in characters; the server splits longer ones.
+        qos: quality of service, on ROS 2 servers.
 
     Raises:
-        ValueError: `arrays` or `compression` is another word.
+        ValueError: `arrays` or `compression` has another value.
     """
 
     arrays: ArrayKind = "list"
@@ -70,7 +70,7 @@ class SubscribeOptions:
 
 
 class TopicSubscriptions:
-    """The subscriptions to one topic; satisfies :class:`rwt_client.wire.session.Destination`."""
+    """Subscriptions to one topic; satisfies :class:`rwt_client.wire.session.Destination`."""
 
     __slots__ = ("subscriptions",)
 
@@ -102,13 +102,13 @@ class SubscriptionTable:
         self._topics: dict[str, TopicSubscriptions] = {}
 
     def add(self, subscription: RemoteSubscription) -> None:
-        """Pass the messages of its topic to a subscription."""
+        """Add a subscription to its topic."""
         topic = self._topics.setdefault(subscription.name, TopicSubscriptions())
         topic.subscriptions = (*topic.subscriptions, subscription)
         self.session.listen(subscription.name, topic)
 
     def remove(self, subscription: RemoteSubscription) -> None:
-        """Pass nothing more to a subscription."""
+        """Remove a subscription."""
         topic = self._topics[subscription.name]
         topic.subscriptions = tuple(each for each in topic.subscriptions if each is not subscription)
         if not topic.subscriptions:
@@ -127,15 +127,15 @@ class SubscriptionTable:
 
 
 class RemoteSubscription(RemoteHandle[MessageType], Subscription):
-    """The messages of one topic.
+    """Messages of one topic.
 
-    Iterate over it, or give it a callback. It lasts until :meth:`close`, the end of its ``async with``, or
-    the end of the connection to the robot; a connection that is lost and comes back is only a gap.
+    Iterate over it, or give it a callback. It is active until :meth:`close`, the end of its ``async with``,
+    or the final end of the connection; it survives reconnections.
 
     Attributes:
-        received: messages that have arrived.
-        received_bytes: their size as they came over the connection, in bytes.
-        misfits: messages that did not fit the type; each is logged.
+        received: number of received messages.
+        received_bytes: size of these on the connection, in bytes.
+        misfits: number of messages that did not fit the type; each is logged.
     """
 
     _reader: MessageReader
@@ -161,7 +161,7 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
         self._callback = callback
 
     def take_type(self, type: MessageType) -> None:
-        """Get ready to read messages of that type."""
+        """Prepare to read messages of that type."""
         self._compression = self._table.compression(self._options.compression, type)
         self._reader = self._table.types.reader(type, self._options.arrays)
         self._table.add(self)
@@ -184,7 +184,7 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
     # -- messages --------------------------------------------------------------------------------------------
 
     def take(self, arrived: UnparsedMessage, size: int) -> None:
-        """One message has arrived."""
+        """Decode a message, and pass it on."""
         self.received += 1
         self.received_bytes += size
         if self._queue is not None:
@@ -195,7 +195,7 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
             self._call_at_once(message)
 
     def _call_at_once(self, message: Message) -> None:
-        assert self._callback is not None  # Only those with a callback are direct.
+        assert self._callback is not None  # Only subscriptions with a callback are direct.
         try:
             self._callback(message)
         except Exception:
@@ -209,7 +209,7 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
             logger.warning("a message on %s is left out: not %s: %s", self.name, self.type.name, error)
             return None
 
-    # -- what the session says -------------------------------------------------------------------------------
+    # -- called by the session ------------------------------------------------------------------------------
 
     def restore(self) -> None:
         """Subscribe on a new connection."""
@@ -227,12 +227,12 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
         self._session.send(Subscribe(topic=self.name, type=wire_type, id=self.id, **given))
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
-        """A gap, or the end."""
+        """End the subscription if the loss is final."""
         if final:
             self.fail(error)
 
     def refused(self, text: str) -> None:
-        """The server does not serve it so; in CBOR perhaps, and then JSON is asked for."""
+        """Subscribe in JSON if the server rejects CBOR; fail if it rejects that, too."""
         if self._compression == "cbor" and self._options.compression == "auto":
             self._table.cbor_offered = False
             self._compression = "none"
@@ -241,7 +241,7 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
             self.fail(ServerRefused(text))
 
     def fail(self, error: RobotError) -> None:
-        """No message comes any more, because of `error`."""
+        """End the subscription with `error`."""
         if self._callback is not None and not isinstance(error, ConnectionLost):
             logger.warning("the subscription to %s was refused: %s", self.name, error)
         self._end(error)

@@ -1,4 +1,4 @@
-"""Where frames of the robot are: its transforms, or less of them from its tf2_web_republisher."""
+"""Transforms of the robot, or a compact form of them from its tf2_web_republisher."""
 
 from __future__ import annotations
 
@@ -29,20 +29,19 @@ class _Thresholds:
     angular: float
 
     def request(self) -> dict[str, object]:
-        """Without a target, which asks for the tree."""
         return {"rate": self.rate, "trans_thres": self.linear, "angular_thres": self.angular}
 
 
 class RemoteTransforms(Transforms):
-    """The robot's tree of frames, over a connection that may be lost and come back.
+    """Tree of frames of a robot, over a connection that may be lost and restored.
 
     Args:
-        subscribe: how to hear `/tf` and `/tf_static`.
-        subscribe_compact: how to hear the republisher: in CBOR, where the connection carries it.
-        advertise: how to publish on `/tf` and `/tf_static`.
-        call: how to call the republisher.
+        subscribe: subscribes to `/tf` and `/tf_static`.
+        subscribe_compact: subscribes to the republisher, in CBOR if the connection carries it.
+        advertise: advertises `/tf` and `/tf_static`.
+        call: calls the republisher.
         background: starts a task.
-        timeout: seconds that a question waits for its answer by default; None waits as long as it takes.
+        timeout: default timeout of lookups in seconds; None waits without limit.
     """
 
     def __init__(
@@ -66,16 +65,16 @@ class RemoteTransforms(Transforms):
         return subscribe(topic, callback, type)
 
     async def start_compact(self, rate: float = 10.0, linear: float = 0.01, angular: float = 0.01) -> None:
-        """Have the robot's tf2_web_republisher send what changes, in CBOR, instead of all of `/tf`.
+        """Receive only changes, from the robot's tf2_web_republisher, in place of `/tf`.
 
-        No frame, as seen from the root of its tree, is then off by more than the thresholds at the time of a
-        message. Only the latest transforms are known: answers are those, whatever time was asked for. This
-        needs a server of this project.
+        No frame, as seen from the root of its tree, differs by more than the thresholds at the time of a
+        message. Only the latest transforms are known, so lookups ignore the time. Requires a server of this
+        project.
 
         Args:
-            rate: messages a second, at most.
-            linear: metres.
-            angular: radians.
+            rate: maximum number of messages per second.
+            linear: threshold in metres.
+            angular: threshold in radians.
 
         Raises:
             ProviderNotFound: the server has no republisher.
@@ -90,24 +89,23 @@ class RemoteTransforms(Transforms):
             raise
 
     def close(self) -> None:
-        """Listen no more and forget everything; the next question begins with nothing."""
+        """Unsubscribe and discard all transforms; the next lookup starts again."""
         super().close()
         self._thresholds = None
         self._topics = Transforms._topics
 
     async def _follow(self) -> None:
-        """Ask for a topic of our own and subscribe to it."""
-        assert self._thresholds is not None  # Only the compact way follows.
+        assert self._thresholds is not None  # Only the compact form needs this.
         answer = await self._call(REPUBLISHER, self._thresholds.request(), "tf2_web_republisher/RepublishTFs")
         self._unsubscribe()
         await self._subscribe(answer.topic_name, _ARRAY, static=True)
 
     def on_event(self, event: ConnectionEvent) -> None:
-        """Something has happened to the connection."""
+        """Restore requests and static transforms on a new connection; fail lookups once it is closed."""
         if event.kind == "closed":
             self.end(ConnectionLost("the connection was closed before the transform was known"))
         elif event.kind == "restored":
-            # What was kept for late joiners has gone with the connection, and so has the republisher's topic.
+            # The server has released the retained transforms and the republisher's topic with the connection.
             self.send_static_again()
             if self._thresholds is not None:
                 self._background(self._follow_again)

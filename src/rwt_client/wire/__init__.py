@@ -1,1 +1,1 @@
-"""The client's connection: the reconnecting session, and what becomes of the bytes."""
+"""Connection of a client: the reconnecting session, and decoding."""

@@ -1,4 +1,4 @@
-"""Numeric arrays of messages as numpy arrays, and which messages have big ones."""
+"""Conversion of numeric arrays of messages to numpy, and detection of messages with big ones."""
 
 from __future__ import annotations
 
@@ -13,22 +13,21 @@ if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
 ArrayKind = Literal["list", "numpy"]
-"""What numeric arrays of a message become: lists (and `bytes` for octets), or numpy arrays."""
+"""Type of a message's numeric arrays: lists (and `bytes` for octets), or numpy arrays."""
 
 Convert = Callable[[Any], Any]
 
 
 def check_kind(arrays: str) -> None:
-    """Raise :exc:`ValueError` for what is no :data:`ArrayKind`."""
+    """Raise :exc:`ValueError` for a value that is not an :data:`ArrayKind`."""
     if arrays not in get_args(ArrayKind):
         raise ValueError(f"arrays: expected list or numpy, got {arrays!r}")
 
 
 def to_numpy(message_type: MessageType) -> Callable[[msgspec.Struct], msgspec.Struct] | None:
-    """A function that puts numpy arrays in the place of a message's numeric arrays; None if it has none.
+    """Return a function that replaces a message's numeric arrays by numpy arrays; None if it has none.
 
-    It changes the message that it is given. Octets become an array on the same memory, which cannot be
-    written to: copy it first.
+    The function changes its argument. Octets become a read-only array on the same memory.
     """
     if message_type.time is not None:
         return None
@@ -66,7 +65,7 @@ def _converter(field_type: field_types.FieldType) -> Convert | None:
 
 
 def octets_of(message_type: MessageType) -> tuple[tuple[str, str], ...]:
-    """Name and attribute of each field that holds any number of octets."""
+    """Return name and attribute of each field with an unlimited number of octets."""
     return tuple(
         (slot.name, slot.attribute)
         for slot in message_type.slots
@@ -75,20 +74,20 @@ def octets_of(message_type: MessageType) -> tuple[tuple[str, str], ...]:
 
 
 def _octets(data: bytes | memoryview) -> object:
-    import numpy  # heavy, and only for those who ask for it
+    import numpy  # slow import, needed only for numpy arrays
 
     return numpy.frombuffer(data, dtype=numpy.uint8)
 
 
 def _numbers(code: str) -> Convert:
-    import numpy  # heavy, and only for those who ask for it
+    import numpy  # slow import, needed only for numpy arrays
 
     dtype = numpy.dtype(code)
     return lambda items: numpy.asarray(items, dtype=dtype)
 
 
 def has_big_arrays(message_type: MessageType) -> bool:
-    """Whether a message of this type can hold much more in binary: octets or numbers without a bound."""
+    """Return True if the type has octets or numbers without a limit, which are much smaller in binary."""
     return any(_is_big(slot.type) for slot in message_type.slots)
 
 
@@ -105,8 +104,10 @@ def _is_big(field_type: field_types.FieldType) -> bool:
 
 
 def is_encoded_everywhere(message_type: MessageType) -> bool:
-    """Whether every server can encode it in CBOR: those of ROS 1 lose arrays of a fixed length, and of
-    strings, booleans or times (CBR-07)."""
+    """Return True if every server can encode the type in CBOR.
+
+    Those of ROS 1 lose arrays of fixed length, and of strings, booleans or times (CBR-07).
+    """
     return all(_is_simple(slot.type) for slot in message_type.slots)
 
 

@@ -1,4 +1,4 @@
-"""From what came on the wire to a message: JSON text or decoded CBOR in, a typed message out."""
+"""Decoding of messages: JSON text or decoded CBOR in, a typed message out."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
 SplitFrame = tuple[bytes, bytes]
-"""What looks like a message's JSON text in a frame, and the frame: decoding the one shows whether it is,
-and if not the other is read. A tuple, because nearly every message comes so."""
+"""Presumed JSON text of a message in a frame, and the frame, which is parsed if decoding the text fails.
+A tuple for speed: nearly every message arrives this way."""
 
 UnparsedMessage = SplitFrame | Encodable | dict[str, object]
-"""A message as it came: JSON text, or what a CBOR map held."""
+"""Received message: JSON text, or the value of a CBOR map."""
 
 _REJECTIONS = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, InvalidMessage)
 
 
 class MessageReader:
-    """Reads messages of one type.
+    """Reader for messages of one type.
 
     Args:
-        message_type: the type.
-        arrays: what numeric arrays become.
-        trusted: whether times are certainly spelled as the type's distribution spells them. Otherwise every
-            message takes the slower way that understands both spellings.
+        message_type: type of the messages.
+        arrays: type of numeric arrays.
+        trusted: True if times are certainly spelled as in the type's distribution. Otherwise both spellings
+            are accepted, which is slower.
     """
 
     __slots__ = ("_decode", "_finish", "_numpy", "_octets", "_trusted", "type")
@@ -52,7 +52,7 @@ class MessageReader:
         self._octets = octets_of(message_type) if self._numpy else ()
 
     def read(self, arrived: UnparsedMessage) -> Message:
-        """The message.
+        """Decode a message.
 
         Raises:
             InvalidMessage: it does not fit the type.
@@ -88,7 +88,7 @@ class MessageReader:
             raise InvalidMessage("", f"not {self.type.name}: {error}") from None
 
     def _from_plain(self, plain: dict[str, object]) -> msgspec.Struct:
-        # An image's pixels stay where they are: they are no part of what is checked and copied.
+        # An image's pixels are excluded from the check and the copy.
         views = {
             attribute: plain.pop(name)
             for name, attribute in self._octets
@@ -101,7 +101,7 @@ class MessageReader:
 
 
 def request_of(message_type: MessageType, args: Encodable) -> Message:
-    """The arguments of a call or a goal: an object by name, a list by position, or none (SRV-02).
+    """Return the arguments of a call or goal: an object by name, a list by position, or none (SRV-02).
 
     Raises:
         InvalidMessage: they do not fit.
@@ -114,7 +114,7 @@ def request_of(message_type: MessageType, args: Encodable) -> Message:
 
 
 class _Envelope(msgspec.Struct, gc=False):
-    """Op of a published message, of which only the message is decoded."""
+    """Op of a published message; only the message is decoded."""
 
     msg: msgspec.Raw = msgspec.Raw(b"{}")
 
@@ -123,7 +123,7 @@ _read_envelope = msgspec.json.Decoder(_Envelope).decode
 
 
 def _proven(cut: SplitFrame) -> RawJson:
-    """The message that a parse of the whole frame finds; what it cannot find is read as it was cut."""
+    """Return the message that parsing the whole frame finds; the cut text if it finds none."""
     try:
         return RawJson(bytes(_read_envelope(cut[1]).msg))
     except _REJECTIONS:
@@ -131,7 +131,6 @@ def _proven(cut: SplitFrame) -> RawJson:
 
 
 def _with_arrays(value: Any, numpy: bool) -> Any:
-    """`value` with its typed arrays as numpy arrays or as lists."""
     if isinstance(value, TypedArray):
         return value.numpy() if numpy and value.format != "<B" else value.plain()
     if isinstance(value, dict):

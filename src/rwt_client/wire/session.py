@@ -1,9 +1,8 @@
-"""The session with the server: one conversation over as many connections as it takes.
+"""Session with the server, which survives reconnections.
 
-What lasts longer than a connection (subscriptions, publishers, calls, goals, service and action servers) is
-restorable: it sends through the session and is registered with it, hears of it when a connection is lost, and
-says again what it wants when there is a new one. Everything here is synchronous and runs on the event loop's
-thread.
+Subscriptions, publishers, calls, goals and servers are restorable: they send through the session, are
+notified when a connection is lost, and are requested again on a new one. Everything here is synchronous and
+runs on the event loop's thread.
 """
 
 from __future__ import annotations
@@ -36,10 +35,10 @@ if TYPE_CHECKING:
 logger = logging.getLogger("rwt_client")
 
 SMALL: Final = 256
-"""JSON frames of fewer bytes are parsed twice, which costs less than looking for their payload."""
+"""JSON frames below this many bytes are parsed twice, which is faster than searching for the payload."""
 
 LARGE: Final = 32 * 1024
-"""JSON frames of more bytes are read by the session, which does not look at their payload."""
+"""JSON frames above this many bytes are read by the session, without inspecting the payload."""
 
 _CLOSING_BRACE: Final = ord("}")
 
@@ -47,23 +46,23 @@ _MAPS: Final = frozenset(CODECS["cbor"].first_bytes)
 
 
 class Restorable(Protocol):
-    """Something that lasts longer than one connection."""
+    """Endpoint or request that survives a connection."""
 
     def restore(self) -> None:
         """Request it again on a new connection."""
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
-        """The connection is gone; `final`: there will not be another. Never raises."""
+        """Handle the loss of the connection; `final`: there will not be another. Never raises."""
 
     def refused(self, text: str) -> None:
-        """The server complains of what was sent under its id. Never raises."""
+        """Handle the server's rejection of what was sent under its id. Never raises."""
 
 
 class Destination(Protocol):
     """Receiver of the messages of one topic."""
 
     def deliver(self, arrived: UnparsedMessage, size: int) -> None:
-        """Receive one message of so many bytes."""
+        """Receive one message of `size` bytes."""
 
 
 class _PublishEnvelope(msgspec.Struct, gc=False):
@@ -78,21 +77,21 @@ _read_envelope = msgspec.json.Decoder(_PublishEnvelope).decode
 _NOT_AN_ENVELOPE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 
 _match_head: Final = re.compile(rb'\{"op": ?"publish", ?"topic": ?"([^"\\]*)", ?"msg": ?').match
-"""How servers begin a published message. What follows up to the last brace is the message, if it is one JSON
-value: see :data:`rwt_client.wire.decoding.SplitFrame`."""
+"""Beginning of a published message. The rest up to the last brace is the message, if it is one JSON value:
+see :data:`rwt_client.wire.decoding.SplitFrame`."""
 
 
 class ReconnectingSession:
-    """What one client has to say and hear, whatever becomes of its connections.
+    """Session of one client, over any number of connections.
 
     Args:
-        level: of which complaints the server is asked to tell; None does not ask.
-        limits: what one message may hold.
+        level: minimum severity of status messages from the server; None does not request any.
+        limits: limits of one message.
 
     Attributes:
-        events: what happens to the connection.
-        dispatcher: what to do with everything but published messages.
-        raw_topics: how many topics are subscribed to in `cbor-raw`.
+        events: events of the connection.
+        dispatcher: handlers of all ops but published messages.
+        raw_topics: number of topics subscribed to in `cbor-raw`.
     """
 
     __slots__ = (
@@ -122,12 +121,13 @@ class ReconnectingSession:
         self._count = 0
         self._connect_count = 0
         self.events = Events()
-        # By the bytes of the topic's name, as frames have them.
+        # Keyed by the bytes of the topic's name, as in frames.
         self._destinations: dict[bytes, Destination] = {}
         self.dispatcher: Dispatcher[None] | None = None
         self.raw_topics = 0
 
-    # -- for what is restorable ------------------------------------------------------------------------------
+    # -- for restorables
+    # ---------------------------------------------------------------------------------------
 
     @property
     def connected(self) -> bool:
@@ -136,34 +136,34 @@ class ReconnectingSession:
 
     @property
     def backlog(self) -> int:
-        """Bytes that wait for the network."""
+        """Number of bytes queued for the network."""
         return 0 if self._sink is None else self._sink.backlog
 
     def next_id(self, kind: str, name: str) -> str:
-        """An id that no other message of this client has."""
+        """Return an id that is unique for this client."""
         self._count += 1
         return f"{kind}:{name}:{self._count}"
 
     def add(self, id: str, restorable: Restorable) -> None:  # as on the wire
-        """Restore `restorable` with every new connection, and tell it what is said of `id`.
+        """Restore `restorable` on each new connection, and notify it of status messages for `id`.
 
         Raises:
             ConnectionClosed: this program has closed the connection.
-            ConnectionLost: it was given up.
+            ConnectionLost: there will be no connection any more.
         """
         if self._closed is not None:
             raise self._closed
         self._restorables[id] = restorable
 
     def listen(self, topic: str, destination: Destination | None) -> None:
-        """Pass the messages of a topic, by its name on the wire, to `destination`; None: to nobody."""
+        """Pass the messages of a topic, by its name on the wire, to `destination`; None drops them."""
         if destination is None:
             self._destinations.pop(topic.encode(), None)
         else:
             self._destinations[topic.encode()] = destination
 
     def remove(self, id: str) -> None:  # as on the wire
-        """Forget the restorable of that id."""
+        """Remove the restorable of that id."""
         self._restorables.pop(id, None)
 
     def send(self, op: Op) -> None:
@@ -175,7 +175,7 @@ class ReconnectingSession:
         self._known_sink().send(self._session.encode(op))
 
     def flow(self, topic: str, on_drop: Callable[[DropReason], None]) -> Flow:
-        """A way for messages that are published, on the connection that there is now.
+        """Return a flow for published messages on the current connection.
 
         Raises:
             NotConnected: there is no connection now.
@@ -183,7 +183,7 @@ class ReconnectingSession:
         return self._known_sink().flow(topic, on_drop=on_drop)
 
     def not_connected(self) -> ConnectionLost:
-        """Why nothing can be sent."""
+        """Return the reason that nothing can be sent."""
         return self._closed or NotConnected("there is no connection to the server now; it is being retried")
 
     def _known_sink(self) -> Sink:
@@ -192,14 +192,15 @@ class ReconnectingSession:
         return self._sink
 
     def send_if_connected(self, op: Op) -> None:
-        """Send one op whose end of the connection is as good as its arrival: an unsubscription."""
+        """Send one op that is obsolete when the connection ends, such as an unsubscription."""
         if self._sink is not None:
             self._sink.send(self._session.encode(op))
 
-    # -- for what keeps the connection -----------------------------------------------------------------------
+    # -- for the connection
+    # ------------------------------------------------------------------------------------
 
     def accept(self, sink: Sink, peer: PeerInfo) -> _Endpoint:
-        """A connection has opened; everything is said again before anything else is sent."""
+        """Use a new connection; restorables are requested before anything else is sent."""
         self._sink = sink
         self._session = Session(COMPAT, Direction.TO_CLIENT, self._limits)
         self._ended = anyio.Event()
@@ -213,11 +214,11 @@ class ReconnectingSession:
         return _Endpoint(self)
 
     async def ended(self) -> None:
-        """Wait until the connection is gone."""
+        """Wait until the connection is lost."""
         await self._ended.wait()
 
     def hang_up(self, code: int, reason: str) -> None:
-        """The connection is gone."""
+        """Note that the connection is lost, and notify restorables."""
         if self._sink is None:
             return
         self._sink = None
@@ -245,10 +246,11 @@ class ReconnectingSession:
         for restorable in tuple(self._restorables.values()):
             restorable.lost(error, final)
 
-    # -- what arrives ----------------------------------------------------------------------------------------
+    # -- receiving
+    # --------------------------------------------------------------------------------------------
 
     def receive(self, data: bytes, binary: bool) -> None:
-        """One message has arrived."""
+        """Receive one message."""
         size = len(data)
         if SMALL < size <= LARGE:
             head = _match_head(data)
@@ -268,11 +270,11 @@ class ReconnectingSession:
             self._take(op)
 
     def _receive_small(self, data: bytes) -> bool:
-        """Take a published message in a small frame; False if it is anything else, or not valid."""
+        """Handle a published message in a small frame; False if it is anything else, or invalid."""
         try:
             found = _read_envelope(data)
         except _NOT_AN_ENVELOPE:
-            # Another op with a member of that name, perhaps: the session tells.
+            # Possibly another op with a member of that name; the full parser decides.
             return False
         if found.op != "publish" or not found.msg:
             return False
@@ -282,7 +284,7 @@ class ReconnectingSession:
         return True
 
     def _receive_raw(self, data: bytes) -> bool:
-        """Take a serialised message in CBOR; False if it is anything else."""
+        """Handle a serialised message in CBOR; False if it is anything else."""
         found = read_raw(data)
         destination = None if found is None else self._destinations.get(found[0])
         if found is None or destination is None:
@@ -291,7 +293,7 @@ class ReconnectingSession:
         return True
 
     def _receive_cbor(self, data: bytes) -> bool:
-        """Take a published message in CBOR; False if it is anything else."""
+        """Handle a published message in CBOR; False if it is anything else."""
         try:
             found = read_cbor(data)
         except Unreadable:
@@ -326,7 +328,7 @@ class ReconnectingSession:
             destination.deliver(op.msg, op.msg.size)
 
     def _take_status(self, op: Status) -> None:
-        """Pass a complaint to the restorable that it is about, or else tell of it as an event (STA-03)."""
+        """Pass a status message to the restorable that it is about, otherwise to the events (STA-03)."""
         restorable = self._restorables.get(op.id) if isinstance(op.id, str) else None
         if restorable is not None and op.level == "error":
             restorable.refused(op.msg)
@@ -336,7 +338,7 @@ class ReconnectingSession:
 
 
 class _Endpoint:
-    """The endpoint of one connection; satisfies :class:`rwt_transports.endpoint.Endpoint`."""
+    """Endpoint of one connection; satisfies :class:`rwt_transports.endpoint.Endpoint`."""
 
     __slots__ = ("_session", "receive")
 
@@ -345,5 +347,4 @@ class _Endpoint:
         self.receive: Callable[[bytes, bool], None] = session.receive
 
     def closed(self, code: int, reason: str) -> None:
-        """The connection has ended."""
         self._session.hang_up(code, reason)

@@ -65,7 +65,7 @@ class GoalEvent(Enum):
     LOSE = auto()
 
 
-#: (state, event) → state. What is not here is not allowed.
+#: (state, event) → state; other combinations are invalid.
 TRANSITIONS: dict[tuple[GoalStatus, GoalEvent], GoalStatus] = {
     (GoalStatus.UNKNOWN, GoalEvent.ACCEPT): GoalStatus.ACCEPTED,
     (GoalStatus.ACCEPTED, GoalEvent.EXECUTE): GoalStatus.EXECUTING,
@@ -84,7 +84,7 @@ TRANSITIONS: dict[tuple[GoalStatus, GoalEvent], GoalStatus] = {
     (GoalStatus.CANCELING, GoalEvent.LOSE): GoalStatus.ABORTED,
 }
 
-#: The event that ends a goal in a state.
+#: Event that ends a goal in a state.
 ENDINGS = {
     GoalStatus.SUCCEEDED: GoalEvent.SUCCEED,
     GoalStatus.CANCELED: GoalEvent.CANCELED,
@@ -93,58 +93,58 @@ ENDINGS = {
 
 
 class GoalWatcher(Protocol):
-    """Follows the goals of one action server of this process, for clients in others."""
+    """Observer of the goals of one action server, for clients in other processes."""
 
     @property
     def feedback_wanted(self) -> bool:
-        """Whether a client takes feedback now."""
+        """True if a client takes feedback now."""
         ...
 
     def changed(self, goal_id: str) -> None:
-        """A goal's state changed."""
+        """Called when a goal's state has changed."""
         ...
 
     def fed_back(self, goal_id: str, feedback: Payload) -> None:
-        """The server sent feedback on a goal."""
+        """Called when the server sent feedback on a goal."""
         ...
 
     def ended(self, goal_id: str, status: GoalStatus, result: Payload | None, reason: str) -> None:
-        """A goal ended; without a result when it was rejected or its server went away."""
+        """Called when a goal has ended; without a result if it was rejected or its server left."""
         ...
 
 
 class RemoteActions(Protocol):
-    """The actions of other processes."""
+    """Actions of other processes."""
 
     def info(self, name: str) -> ActionInfo | None:
-        """One action of another process, or None."""
+        """Return an action of another process; None if it does not exist."""
         ...
 
     def names(self) -> set[str]:
-        """The names of all actions of other processes."""
+        """Return the names of all actions of other processes."""
         ...
 
     def by_node(self) -> Iterator[tuple[str, str]]:
-        """Every node of another process with each action that it offers."""
+        """Yield each node of another process with each of its actions."""
         ...
 
     def send(
         self, action: str, payload: Payload, events: GoalEvents, goal_id: str, client: NodeResources
     ) -> ClientGoal | None:
-        """Send a goal to another process; None when no other process offers the action."""
+        """Send a goal to another process; None if no other process offers the action."""
         ...
 
     def cancel(self, action: str, goal_id: str, client: NodeResources) -> None:
-        """Ask another process to cancel a goal by its id."""
+        """Request cancellation of a goal in another process by its id."""
         ...
 
     def cancel_every(self, action: str, client: NodeResources) -> None:
-        """Ask another process to cancel all goals of an action."""
+        """Request cancellation of all goals of an action in another process."""
         ...
 
 
 class MemoryGoal(ServerGoal):
-    """One goal as its server sees it, and the goal's state."""
+    """Goal as its server sees it, with its state."""
 
     def __init__(
         self,
@@ -170,28 +170,28 @@ class MemoryGoal(ServerGoal):
 
     @property
     def goal(self) -> Payload:
-        """The goal's message, while its server is given it. Raises :exc:`InvalidTransition` later."""
+        """Message of the goal; raises :exc:`InvalidTransition` after the server's callback has returned."""
         if self._goal is None:
             raise InvalidTransition(f"goal {self.id} of {self.action} was taken: its message is not kept")
         return self._goal
 
     def taken(self) -> None:
-        """Forget the goal's message, which its server has been given."""
+        """Release the goal's message after the server's callback."""
         self._goal = None
 
     @property
     def status(self) -> GoalStatus:
-        """The state now."""
+        """Current state."""
         return self._status
 
     @property
     def cancel_requested(self) -> bool:
-        """Whether a cancel was asked for."""
+        """True if a cancel was requested."""
         return self._cancel_requested
 
     @property
     def feedback_wanted(self) -> bool:
-        """Whether the client, or a client in another process, takes feedback now."""
+        """True if the client, or one in another process, takes feedback now."""
         if self.listening and self._events is not None and self._events.on_feedback is not None:
             return True
         return self._server.watcher is not None and self._server.watcher.feedback_wanted
@@ -208,7 +208,7 @@ class MemoryGoal(ServerGoal):
             self._server.watcher.changed(self.id)
 
     def accept(self) -> None:
-        """UNKNOWN → ACCEPTED → EXECUTING; then a cancel that came early."""
+        """UNKNOWN → ACCEPTED → EXECUTING; then pass on an earlier cancel request."""
         self._step(GoalEvent.ACCEPT)
         self._step(GoalEvent.EXECUTE)
         if self._events is not None and self._events.on_accepted is not None:
@@ -245,7 +245,7 @@ class MemoryGoal(ServerGoal):
         self._end(result, reason)
 
     def lose(self) -> None:
-        """End the goal of a server that went away as ABORTED, and notify both sides."""
+        """End the goal as ABORTED because its server left, and notify both sides."""
         self._step(GoalEvent.LOSE)
         gone = ProviderGone(f"Action {self.action} was unadvertised")
         on_end = self.on_end
@@ -264,7 +264,7 @@ class MemoryGoal(ServerGoal):
             self._run_callback(lambda: events.on_result(self._status, outcome))
 
     def request_cancel(self) -> None:
-        """Ask the server to cancel, once, when the goal has been accepted (ACT-07)."""
+        """Pass a cancel request to the server, once, after the goal was accepted (ACT-07)."""
         if self._status.is_terminal or self.id not in self._server.goals:
             return
         self._cancel_requested = True
@@ -276,7 +276,7 @@ class MemoryGoal(ServerGoal):
             self._run_callback(self.on_cancel)
 
     def client_closed(self) -> None:
-        """End the callbacks of a client whose node leaves; the goal goes on running (ACT-19)."""
+        """Drop the callbacks of a client whose node leaves; the goal continues (ACT-19)."""
         events = self._events
         self.abandon()
         if events is not None:
@@ -284,7 +284,7 @@ class MemoryGoal(ServerGoal):
             self._run_callback(lambda: events.on_result(self._status, why))
 
     def abandon(self) -> None:
-        """Drop the client's callbacks; the goal goes on running."""
+        """Drop the client's callbacks; the goal continues."""
         self._events = None
         self._client.drop(self)
 
@@ -296,7 +296,7 @@ class MemoryGoal(ServerGoal):
 
 
 class MemoryClientGoal(ClientGoal):
-    """One goal as its client sees it; `goal` is None when there was no server."""
+    """Goal as its client sees it; `goal` is None if there was no server."""
 
     def __init__(self, goal_id: str, action: str, goal: MemoryGoal | None) -> None:
         self.id = goal_id
@@ -305,16 +305,16 @@ class MemoryClientGoal(ClientGoal):
 
     @property
     def status(self) -> GoalStatus:
-        """The state now; UNKNOWN when there was no server."""
+        """Current state; UNKNOWN if there was no server."""
         return GoalStatus.UNKNOWN if self._goal is None else self._goal.status
 
     @property
     def reason(self) -> str:
-        """Why the server ended the goal as it did."""
+        """Reason that the server gave for the end."""
         return "" if self._goal is None else self._goal.reason
 
     def cancel(self) -> None:
-        """Ask the server to cancel."""
+        """Request cancellation."""
         if self._goal is not None:
             self._goal.request_cancel()
 
@@ -324,18 +324,18 @@ class MemoryClientGoal(ClientGoal):
             self._goal.listening = wanted
 
     def abandon(self) -> None:
-        """Drop the client's callbacks; the goal goes on running."""
+        """Drop the client's callbacks; the goal continues."""
         if self._goal is not None:
             self._goal.abandon()
 
 
 class MemoryActionServer(Registration):
-    """One action that a node offers.
+    """Action that a node offers.
 
     Attributes:
-        goals: those that have not ended, by id.
-        on_close: withdraws the services and topics that ROS 2 has beside an action.
-        watcher: follows the goals for other processes.
+        goals: goals that have not ended, by id.
+        on_close: withdraws the services and topics of the action on ROS 2.
+        watcher: observer for other processes.
     """
 
     def __init__(
@@ -359,27 +359,27 @@ class MemoryActionServer(Registration):
         self.closed = True
         self._owner.drop(self)
         self._actions.withdrawn(self)
-        # It refers to this again: without it both are freed as soon as nobody knows them.
+        # Break the reference cycle, so that both are freed without the garbage collector.
         on_close, self.on_close = self.on_close, None
         if on_close is not None:
             on_close()
         self.lose_goals()
 
     def lose_goals(self) -> None:
-        """End the goals, which this server does not run any more."""
+        """End all goals: this server no longer runs them."""
         while self.goals:
             self.goals.popitem()[1].lose()
 
 
 class Actions:
-    """Every action of one graph.
+    """Actions of one graph.
 
     Attributes:
-        remote: the actions of other processes; None in a graph that has none.
-        observer: hears of every goal of an action of this process.
+        remote: actions of other processes; None in a graph of one process.
+        observer: observer of every goal of this process's actions.
 
     Args:
-        changes: hears of what joins and leaves in this process; what others offer are services, too.
+        changes: counter of changes in this process; actions of other processes count as services.
     """
 
     def __init__(self, changes: Changes) -> None:
@@ -391,7 +391,7 @@ class Actions:
     def advertise(
         self, name: str, interface: ActionType, owner: NodeResources, on_goal: OnGoal
     ) -> MemoryActionServer:
-        """Offer an action; a server of the same name is displaced (ACT-18) until this one has gone."""
+        """Offer an action; a server of the same name is displaced (ACT-18) until this one closes."""
         server = MemoryActionServer(self, name, interface, owner, on_goal)
         old = self._table.put(server)
         owner.add(server, server.close)
@@ -401,13 +401,13 @@ class Actions:
         return server
 
     def withdrawn(self, server: MemoryActionServer) -> None:
-        """Forget a server that closed; the one that it displaced takes goals again."""
+        """Remove a closed server; the one that it displaced receives goals again."""
         self._table.remove(server)
 
     def send(
         self, action: str, payload: Payload, events: GoalEvents, goal_id: str | None, client: NodeResources
     ) -> ClientGoal:
-        """Send a goal; a server of this process comes before those of others."""
+        """Send a goal; a server of this process has priority over others."""
         if goal_id is None:
             goal_id = uuid4().hex
         elif not _GOAL_ID.match(goal_id):
@@ -461,7 +461,7 @@ class Actions:
             return events
 
     def cancel(self, action: str, goal_id: str, client: NodeResources) -> None:
-        """Ask to cancel a goal of any client by its id."""
+        """Request cancellation of any client's goal by its id."""
         server = self._servers.get(action)
         goal = None if server is None else server.goals.get(goal_id)
         if goal is not None:
@@ -470,7 +470,7 @@ class Actions:
             self.remote.cancel(action, goal_id, client)
 
     def cancel_every(self, action: str, client: NodeResources) -> None:
-        """Ask to cancel the goals of an action, whoever sent them."""
+        """Request cancellation of all goals of an action."""
         server = self._servers.get(action)
         if server is not None:
             for goal in tuple(server.goals.values()):
@@ -479,20 +479,20 @@ class Actions:
             self.remote.cancel_every(action, client)
 
     def info(self, name: str) -> ActionInfo | None:
-        """A snapshot of one action."""
+        """Return a snapshot of one action."""
         server = self._servers.get(name)
         if server is not None:
             return ActionInfo(name, server.type, server.node)
         return None if self.remote is None else self.remote.info(name)
 
     def names(self) -> list[str]:
-        """Every action's name, sorted."""
+        """Return the names of all actions, sorted."""
         if self.remote is None:
             return sorted(self._servers)
         return sorted(self._servers.keys() | self.remote.names())
 
     def by_node(self) -> Iterator[tuple[str, str]]:
-        """Every node with each action that it offers."""
+        """Yield each node with each of its actions."""
         for server in self._table:
             yield server.node, server.name
         if self.remote is not None:

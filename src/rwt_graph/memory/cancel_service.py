@@ -1,4 +1,4 @@
-"""`<action>/_action/cancel_goal`: the service of ROS 2 that cancels one goal or all of them."""
+"""`<action>/_action/cancel_goal`: ROS 2's service that cancels one goal or all of them."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _EVERY_GOAL = bytes(16)
 
 
 def cancel_service(server: MemoryActionServer, type: ServiceType) -> Callable[[ServiceCall], None]:
-    """The handler of an action's cancel service.
+    """Return the handler of an action's cancel service.
 
-    A goal id cancels that goal, and without one all goals are cancelled. Cancelling by the time of acceptance
-    is refused with `ERROR_REJECTED`.
+    Without a goal id, all goals are cancelled. Cancelling by the time of acceptance is rejected with
+    `ERROR_REJECTED`.
     """
 
     def on_call(call: ServiceCall) -> None:

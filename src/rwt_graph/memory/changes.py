@@ -1,4 +1,4 @@
-"""What a graph lists is made once for each change, since clients may ask for it without end."""
+"""Cached listings of a graph, rebuilt once per change because clients may request them often."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ T = TypeVar("T")
 
 
 class Changes:
-    """Counts the changes of what a graph lists.
+    """Counter of changes to the listings of a graph.
 
     Attributes:
-        count: so far.
+        count: number of changes so far.
     """
 
     __slots__ = ("count",)
@@ -21,16 +21,16 @@ class Changes:
         self.count = 0
 
     def note(self) -> None:
-        """Something has changed."""
+        """Count a change."""
         self.count += 1
 
 
 class Kept(Generic[T]):
-    """A listing, made when it is asked for after a change.
+    """Listing that is rebuilt on the first request after a change.
 
     Args:
-        changes: of what is listed.
-        make: makes the listing.
+        changes: counter of changes.
+        make: builds the listing.
     """
 
     __slots__ = ("_at", "_changes", "_listing", "_make")
@@ -42,7 +42,7 @@ class Kept(Generic[T]):
         self._listing: T
 
     def __call__(self) -> T:
-        """The listing as it is now."""
+        """Return the current listing."""
         count = self._changes.count
         if self._at != count:
             self._listing = self._make()

@@ -1,4 +1,4 @@
-"""The graph in one process: tables of topics, services and actions, nodes, and an event loop."""
+"""Graph in one process: tables of topics, services and actions, nodes, and an event loop."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 
 class MemoryParticipant(Participant):
-    """One node of the graph; keeps what the node created until it is closed."""
+    """Node of the graph; owns what it created until it is closed."""
 
     def __init__(self, graph: MemoryGraph, name: str, *, private: bool = False) -> None:
         self.name = name
@@ -123,11 +123,11 @@ class MemoryParticipant(Participant):
         return self._graph.action_table.send(action, goal, events, goal_id, self.owner)
 
     def cancel_goal(self, action: str, goal_id: str) -> None:
-        """Ask to cancel a goal of any client by its id."""
+        """Request cancellation of any client's goal by its id."""
         self._graph.action_table.cancel(action, goal_id, self.owner)
 
     def cancel_every_goal(self, action: str) -> None:
-        """Ask to cancel the goals of an action, whoever sent them."""
+        """Request cancellation of all goals of an action."""
         self._graph.action_table.cancel_every(action, self.owner)
 
     def close(self) -> None:
@@ -139,9 +139,9 @@ class MemoryParticipant(Participant):
 
 
 class SystemTopics:
-    """What a graph publishes by itself: `/rosout` exists always, `/clock` when time is simulated.
+    """Topics of the graph itself: `/rosout`, and `/clock` if time is simulated.
 
-    Viewers decide by the type of `/rosout` which ROS they talk to, so it must exist before any node logs.
+    Viewers derive the ROS version from the type of `/rosout`, so it must exist before any node logs.
     """
 
     def __init__(self, graph: MemoryGraph) -> None:
@@ -158,17 +158,17 @@ class SystemTopics:
         self._clock.publish(Payload.from_value(self._clock.type, {"clock": self._distro.time(now_ns)}))
 
     def close(self) -> None:
-        """Stop following the clock, and leave."""
+        """Stop publishing the clock, and leave."""
         if self._tick in self._listeners:
             self._listeners.remove(self._tick)
         self._participant.close()
 
 
 class MemoryGraph(Graph):
-    """A graph whose nodes are all in this process.
+    """Graph with all nodes in this process.
 
     Args:
-        registry: the interfaces, and with them the distribution; the standard ones of jazzy by default.
+        registry: interfaces and distribution; the standard ones of jazzy by default.
         clock: the wall clock by default.
     """
 
@@ -193,35 +193,35 @@ class MemoryGraph(Graph):
         self._system = SystemTopics(self)
 
     def _tell_of_master(self, version: str) -> None:
-        """Set what ROS 1's core sets; the line ends are those of the commands that it asks."""
+        """Set the parameters that ROS 1's core sets; line ends are those of its commands."""
         self.parameters.set("/rosdistro", f"{self.distro.name}\n")
         self.parameters.set("/rosversion", f"{version}\n")
         self.parameters.set("/run_id", str(uuid.uuid1()))
 
     def participant(self, name: str) -> MemoryParticipant:
-        """Join as a node of that absolute name."""
+        """Join as a node with that absolute name."""
         participant = self.make_participant(validate(name))
         self._participants[participant] = None
         self.node_joined(name)
         return participant
 
     def make_participant(self, name: str) -> MemoryParticipant:
-        """What joins as a node; for graphs whose nodes do more."""
+        """Return a new participant; overridden by graphs whose nodes do more."""
         return MemoryParticipant(self, name)
 
     def left(self, participant: MemoryParticipant) -> None:
-        """Forget a participant that closed."""
+        """Remove a closed participant."""
         if participant in self._participants:
             del self._participants[participant]
             self.node_left(participant.name)
 
     def node_joined(self, name: str) -> None:
-        """Count one more participant of that name, in this process or another."""
+        """Count a new participant of that name, in this process or another."""
         self._nodes[name] += 1
         self.changes.note()
 
     def node_left(self, name: str) -> None:
-        """Count one participant of that name fewer."""
+        """Remove a participant of that name from the count."""
         self._nodes[name] -= 1
         self.changes.note()
         if not self._nodes[name]:
@@ -230,22 +230,22 @@ class MemoryGraph(Graph):
     def offer_action_services(
         self, participant: MemoryParticipant, server: MemoryActionServer
     ) -> Callable[[], None]:
-        """Offer the services and topics that ROS 2 has beside an action; returns what withdraws them."""
+        """Offer the services and topics of an action on ROS 2; returns a function that withdraws them."""
         cancel = self.registry.service("action_msgs/CancelGoal")
         name = f"{server.name}/_action/cancel_goal"
         return participant.advertise_service(name, cancel, cancel_service(server, cancel)).close
 
     def node(self, name: str, namespace: str = "/") -> Node:
-        """A :class:`~rwt_graph.nodes.node.Node` of this graph."""
+        """Return a new :class:`~rwt_graph.nodes.node.Node` of this graph."""
         return Node(self, name, namespace)
 
     @property
     def version(self) -> int:
-        """Grows with every change of what is listed."""
+        """Number that grows with every change of the listings."""
         return self.changes.count
 
     def topics(self) -> tuple[TopicInfo, ...]:
-        """Every topic, sorted by name."""
+        """Return all topics, sorted by name."""
         return self._topics()
 
     def _list_topics(self) -> tuple[TopicInfo, ...]:
@@ -253,11 +253,11 @@ class MemoryGraph(Graph):
         return tuple(info for name in table.names() if (info := table.info(name)))
 
     def topic(self, name: str) -> TopicInfo | None:
-        """One topic, or None."""
+        """Return a topic; None if it does not exist."""
         return self.topic_table.info(name)
 
     def services(self) -> tuple[ServiceInfo, ...]:
-        """Every service, sorted by name."""
+        """Return all services, sorted by name."""
         return self._services()
 
     def _list_services(self) -> tuple[ServiceInfo, ...]:
@@ -265,11 +265,11 @@ class MemoryGraph(Graph):
         return tuple(info for name in table.names() if (info := table.info(name)))
 
     def service(self, name: str) -> ServiceInfo | None:
-        """One service, or None."""
+        """Return a service; None if it does not exist."""
         return self.service_table.info(name)
 
     def actions(self) -> tuple[ActionInfo, ...]:
-        """Every action, sorted by name."""
+        """Return all actions, sorted by name."""
         return self._actions()
 
     def _list_actions(self) -> tuple[ActionInfo, ...]:
@@ -277,11 +277,11 @@ class MemoryGraph(Graph):
         return tuple(info for name in table.names() if (info := table.info(name)))
 
     def action(self, name: str) -> ActionInfo | None:
-        """One action, or None."""
+        """Return an action; None if it does not exist."""
         return self.action_table.info(name)
 
     def nodes(self) -> tuple[NodeInfo, ...]:
-        """Every node, sorted by name; participants of one name are one node."""
+        """Return all nodes, sorted by name; participants of one name are one node."""
         return self._node_infos()
 
     def _list_nodes(self) -> tuple[NodeInfo, ...]:
@@ -305,11 +305,11 @@ class MemoryGraph(Graph):
 
     @property
     def running(self) -> bool:
-        """Whether the graph is on an event loop now."""
+        """True if the graph is on an event loop now."""
         return self._runtime.running
 
     def on_graph_thread(self) -> bool:
-        """Whether the graph may be touched from here."""
+        """True if this is the graph's thread, or no loop runs the graph."""
         return self._runtime.on_graph_thread()
 
     def run_on_graph(self, call: Callable[[], None]) -> None:
@@ -317,7 +317,7 @@ class MemoryGraph(Graph):
         self._runtime.run_on_graph(call)
 
     def spawn(self, task: Callable[[], Awaitable[None]], name: str) -> None:
-        """Run a coroutine function as a task of the graph. Raises :exc:`NotRunning` once it was left."""
+        """Run a coroutine function as a task of the graph. Raises :exc:`NotRunning` after its end."""
         self._runtime.spawn(task, name)
 
     async def __aenter__(self) -> Self:
@@ -334,7 +334,6 @@ class MemoryGraph(Graph):
 
 
 def _by_node(pairs: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
-    """Names by the node that each comes with."""
     found: dict[str, list[str]] = {}
     for node, name in pairs:
         found.setdefault(node, []).append(name)

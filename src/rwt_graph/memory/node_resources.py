@@ -1,4 +1,4 @@
-"""The publishers, subscriptions, services and calls of a node, which end when it leaves."""
+"""Publishers, subscriptions, services and calls of a node, which end when it leaves."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from collections.abc import Callable
 
 
 class NodeResources:
-    """The resources of one node, each with the function that releases it.
+    """Resources of one node, each with the function that releases it.
 
     Attributes:
         name: absolute name of the node.
-        private: whether the node and what it makes stay unknown to other processes.
+        private: True if the node and its endpoints are hidden from other processes.
     """
 
     def __init__(self, name: str, *, private: bool = False) -> None:
@@ -26,7 +26,7 @@ class NodeResources:
         self._release[resource] = release
 
     def drop(self, resource: object) -> None:
-        """Forget a resource that was released."""
+        """Remove a released resource."""
         self._release.pop(resource, None)
 
     def release_all(self) -> None:

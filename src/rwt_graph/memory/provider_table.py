@@ -1,4 +1,4 @@
-"""Who provides what: the newest provider of a name answers, and an older one again when it has gone."""
+"""Providers by name: the newest answers, and after it closes, the previous one again."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rwt_graph.memory.changes import Changes
 
 
 class Provider(Protocol):
-    """A service or an action that a node offers."""
+    """Service or action that a node offers."""
 
     name: str
 
@@ -18,13 +18,13 @@ P = TypeVar("P", bound=Provider)
 
 
 class ProviderTable(Generic[P]):
-    """The provider of each name, and those that it has displaced.
+    """Current provider of each name, and those that it has displaced.
 
     Attributes:
-        current: the provider that answers, by name.
+        current: provider that answers, by name.
 
     Args:
-        changes: hears of those of `current`.
+        changes: counter of changes of `current`.
     """
 
     def __init__(self, changes: Changes) -> None:
@@ -36,7 +36,7 @@ class ProviderTable(Generic[P]):
         return iter(tuple(self.current.values()))
 
     def put(self, provider: P) -> P | None:
-        """Let a provider answer from now on; gives the one that it displaces."""
+        """Make a provider the current one; return the one that it displaces."""
         old = self.current.get(provider.name)
         self.current[provider.name] = provider
         self._changes.note()
@@ -45,7 +45,7 @@ class ProviderTable(Generic[P]):
         return old
 
     def remove(self, provider: P) -> P | None:
-        """Forget a provider; gives the one that answers again in its place."""
+        """Remove a provider; return the one that becomes current again."""
         name = provider.name
         self._changes.note()
         displaced = self._displaced.get(name, [])

@@ -1,7 +1,7 @@
-"""A graph on an event loop: one task group, one clock task, and a queue of calls from other threads.
+"""Execution of a graph on an event loop: one task group, one clock task, and a queue of calls from threads.
 
-Three states: *idle* (not entered yet: calls run where they are made, as tests and set-up code need it),
-*running*, and *over* (left).
+Three states: *idle* (not entered yet: calls run in the caller, as tests and set-up code need it), *running*,
+and *over* (left).
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ CallSoon = Callable[[Callable[[], object]], object]
 
 
 def call_soon_threadsafe() -> CallSoon:
-    """The way of the running event loop, asyncio's or trio's, to be called from threads and signals."""
+    """Return the thread-safe `call_soon` of the running event loop, asyncio's or trio's."""
     try:
         return asyncio.get_running_loop().call_soon_threadsafe
     except RuntimeError:
-        import trio  # Only a program that runs on trio has it.
+        import trio  # Available only in programs that run on trio.
 
         return trio.lowlevel.current_trio_token().run_sync_soon
 
 
 class Runtime:
-    """Runs the tasks and calls of one graph."""
+    """Runner of the tasks and calls of one graph."""
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
@@ -55,15 +55,15 @@ class Runtime:
 
     @property
     def running(self) -> bool:
-        """Whether the graph is on an event loop now."""
+        """True if the graph is on an event loop now."""
         return self._thread is not None
 
     def on_graph_thread(self) -> bool:
-        """Whether the graph may be touched from here: its own thread, or no loop runs it."""
+        """True if this is the graph's own thread, or no loop runs it."""
         return self._thread is None or self._thread == threading.get_ident()
 
     def run_on_graph(self, call: Callable[[], None]) -> None:
-        """Run `call` on the graph's thread, soon and in order; at once when the graph is not running."""
+        """Run `call` on the graph's thread, soon and in order; at once if the graph is not running."""
         call_soon = self._call_soon
         if call_soon is None:
             self._run(call)
@@ -80,12 +80,12 @@ class Runtime:
         try:
             call_soon(self._drain)
         except RuntimeError:
-            # The event loop was closed under the graph: the calls can only run here.
+            # The event loop was closed while the graph was running: the calls can only run here.
             self._drain_all()
 
     def _drain(self) -> None:
         self._waking = False
-        # Only what is queued now: threads that publish without pause must not block the loop's other work.
+        # Only calls that are queued now: threads that publish without pause must not block the loop.
         for _ in range(len(self._inbox)):
             self._run(self._inbox.popleft())
         if self._inbox and not self._waking and self._call_soon is not None:
@@ -108,11 +108,9 @@ class Runtime:
             logger.exception("a call handed over to the graph's thread failed")
 
     def spawn(self, task: Task, name: str) -> None:
-        """Start `task` in the graph's task group; before the graph runs it is kept until then.
+        """Start `task` in the graph's task group, in a copy of the caller's context, once the graph runs.
 
-        It runs in a copy of the caller's context.
-
-        What it raises is logged and ends nothing else.
+        Its exceptions are logged.
 
         Raises:
             NotRunning: the graph was left already.
@@ -124,10 +122,9 @@ class Runtime:
             self._wake.set()
 
     async def _start_tasks(self, group: anyio.abc.TaskGroup) -> None:
-        """Start what was spawned, in a task of its own.
+        """Start the spawned tasks, in a task of its own.
 
-        Most of what spawns is a callback of the event loop (a socket's, a timer's), where a task group cannot
-        start anything.
+        Most callers of `spawn` are callbacks of the event loop, where a task group cannot start anything.
         """
         while True:
             waiting, self._waiting = self._waiting, []
@@ -166,7 +163,7 @@ class Runtime:
             self._drain_all()
             group.cancel_scope.cancel()
             try:
-                # Not given the body's exception: it goes on by itself, unwrapped by any group.
+                # Not given the body's exception, which propagates unwrapped by the group.
                 await group.__aexit__(None, None, None)
             finally:
                 self._group = None
@@ -174,7 +171,7 @@ class Runtime:
                 self._thread = None
                 waiting, self._waiting = self._waiting, []
                 with anyio.CancelScope() as scope:
-                    # As a task group does with what starts in it after its end: whoever waits for it hears.
+                    # Like a task group with what is started after its end: waiting tasks receive an error.
                     scope.cancel()
                     for task, name, _ in waiting:
                         await _guarded(task, name)

@@ -1,11 +1,8 @@
 """Services in memory: a call is a function call, in both directions.
 
-A provider that answers at once costs no bookkeeping; only a call that is still open when its provider's
-callback returns is put on the provider's list and given a deadline.
-
-A call at full load lives microseconds and has a timeout of seconds. A heap entry for each would be most of
-the call's cost, and 100,000 calls a second would leave half a million dead entries behind. Instead a deadline
-is put in the set of its tick, and taken out when the call ends; one timer visits the ticks.
+Only a call that is still open when its provider's callback returns is added to the provider's list and given
+a deadline. Deadlines are kept in one set per tick, visited by one timer: a heap entry per call would be most
+of the call's cost, and at 100,000 calls per second half a million cancelled entries would remain.
 
 Services of other processes come through :class:`RemoteServices`, which only a backend over a network has.
 """
@@ -34,18 +31,18 @@ logger = logging.getLogger(__name__)
 
 OnCall = Callable[[ServiceCall], None]
 
-#: Ticks a second: a deadline is kept to within 1 / this, and never early.
+#: Ticks per second: a call expires up to 1 / this late, and never early.
 TICKS = 50
 
 
 class Answering(Protocol):
-    """A provider with its open calls, in this process or another."""
+    """Provider with its open calls, in this process or another."""
 
     open: set[MemoryCall]
 
 
 class MemoryCall(ServiceCall, PendingCall):
-    """One request, as both sides see it."""
+    """Request as both sides see it."""
 
     __slots__ = ("_caller", "_due", "_on_reply", "_provider", "request", "service")
 
@@ -59,11 +56,11 @@ class MemoryCall(ServiceCall, PendingCall):
 
     @property
     def done(self) -> bool:
-        """Whether the call was answered, timed out or was abandoned by its caller."""
+        """True if the call was answered, timed out or was abandoned by its caller."""
         return self._on_reply is None
 
     def wait(self, provider: Answering, caller: NodeResources, due: set[MemoryCall] | None) -> None:
-        """Keep the call open with its provider, its caller and, if it has one, its deadline."""
+        """Keep the call open: register it with its provider, its caller and its deadline, if any."""
         self._provider = provider
         self._caller = caller
         self._due = due
@@ -106,11 +103,11 @@ class MemoryCall(ServiceCall, PendingCall):
         self.end_with(CallTimeout("Timeout exceeded while waiting for service response"))
 
     def caller_closed(self) -> None:
-        """End the call, whose caller's node leaves."""
+        """End the call because its caller's node leaves."""
         self.end_with(CallFailed(f"node {self._caller.name} was closed"))
 
     def cancel(self) -> None:
-        """Forget the call: no reply callback comes after this."""
+        """Cancel the call: no reply callback is called after this."""
         self._end()
 
     def _call_back(self, on_reply: OnReply, answer: Payload | CallFailed) -> None:
@@ -121,7 +118,7 @@ class MemoryCall(ServiceCall, PendingCall):
 
 
 class Deadlines:
-    """The deadlines of all open calls."""
+    """Deadlines of all open calls."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -131,7 +128,7 @@ class Deadlines:
         self._armed_for = 0
 
     def add(self, call: MemoryCall, timeout: float) -> set[MemoryCall]:
-        """Expire `call` in `timeout` seconds; to prevent it, discard it from the set that is returned."""
+        """Expire `call` in `timeout` seconds; to prevent it, discard it from the returned set."""
         tick = math.ceil((self._clock.monotonic() + min(max(0.0, timeout), LONGEST_DELAY)) * TICKS)
         due = self._ticks.get(tick)
         if due is None:
@@ -161,37 +158,37 @@ class Deadlines:
 
 
 class RemoteServices(Protocol):
-    """The services of other processes, which are notified of those of this process."""
+    """Services of other processes, which are notified of those of this process."""
 
     def offered(self, provider: MemoryProvider) -> None:
-        """A service is offered in this process."""
+        """Called when a service is offered in this process."""
         ...
 
     def withdrawn(self, provider: MemoryProvider) -> None:
-        """A service of this process is withdrawn; its open calls have not ended yet."""
+        """Called when a service of this process is withdrawn, before its open calls end."""
         ...
 
     def info(self, name: str) -> ServiceInfo | None:
-        """One service of another process, or None."""
+        """Return a service of another process; None if it does not exist."""
         ...
 
     def names(self) -> set[str]:
-        """The names of all services of other processes."""
+        """Return the names of all services of other processes."""
         ...
 
     def by_node(self) -> Iterator[tuple[str, str]]:
-        """Every node of another process with each service that it offers."""
+        """Yield each node of another process with each of its services."""
         ...
 
     def call(
         self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources
     ) -> PendingCall | None:
-        """Call a service of another process; None when no other process offers it."""
+        """Call a service of another process; None if no other process offers it."""
         ...
 
 
 class MemoryProvider(Registration):
-    """One service that a node offers; `open` are its calls in flight."""
+    """Service that a node offers; `open` are its pending calls."""
 
     def __init__(
         self, services: Services, name: str, interface: ServiceType, owner: NodeResources, on_call: OnCall
@@ -199,7 +196,7 @@ class MemoryProvider(Registration):
         self.name = name
         self.type = interface
         self.node = owner.name
-        # Made once: a bridge asks for it before every call.
+        # Cached: a bridge reads it before every call.
         self.info = ServiceInfo(name, interface, owner.name)
         self.owner = owner
         self.on_call = on_call
@@ -208,7 +205,7 @@ class MemoryProvider(Registration):
         self._services = services
 
     def close(self) -> None:
-        """Withdraw the service; calls in flight fail (SVP-09)."""
+        """Withdraw the service; pending calls fail (SVP-09)."""
         if self.closed:
             return
         self.closed = True
@@ -217,22 +214,22 @@ class MemoryProvider(Registration):
         self.end_calls()
 
     def end_calls(self) -> None:
-        """End the calls in flight, which this provider does not answer any more."""
+        """End the pending calls: this provider no longer answers them."""
         while self.open:
             self.open.pop().end_with(self.gone())
 
     def gone(self) -> ProviderGone:
-        """The error with which calls in flight end."""
+        """Return the error with which pending calls end."""
         return ProviderGone(f"Service {self.name} was unadvertised")
 
 
 class Services:
-    """Every service of one graph.
+    """Services of one graph.
 
     Attributes:
-        remote: the services of other processes; None in a graph that has none.
-        observer: hears of every call of a service of this process.
-        changes: counts what joins and leaves, those of other processes included.
+        remote: services of other processes; None in a graph of one process.
+        observer: observer of every call of this process's services.
+        changes: counter of changes, including those of other processes.
     """
 
     def __init__(self, clock: Clock, changes: Changes) -> None:
@@ -246,7 +243,7 @@ class Services:
     def advertise(
         self, name: str, interface: ServiceType, owner: NodeResources, on_call: OnCall
     ) -> MemoryProvider:
-        """Offer a service; a provider of the same name is displaced (SVP-07) until this one has gone."""
+        """Offer a service; a provider of the same name is displaced (SVP-07) until this one closes."""
         provider = MemoryProvider(self, name, interface, owner, on_call)
         old = self._table.put(provider)
         owner.add(provider, provider.close)
@@ -260,7 +257,7 @@ class Services:
         return provider
 
     def withdrawn(self, provider: MemoryProvider) -> None:
-        """Forget a provider that closed; the one that it displaced answers again."""
+        """Remove a closed provider; the one that it displaced answers again."""
         restored = self._table.remove(provider)
         if self.remote is not None:
             self.remote.withdrawn(provider)
@@ -270,7 +267,7 @@ class Services:
     def call(
         self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources
     ) -> PendingCall:
-        """Call a service; one of this process comes before those of others."""
+        """Call a service; one of this process has priority over others."""
         provider = self._providers.get(name)
         if provider is None:
             return self._call_remote(name, request, on_reply, timeout, caller)
@@ -311,24 +308,24 @@ class Services:
             return on_reply
 
     def info(self, name: str) -> ServiceInfo | None:
-        """A snapshot of one service."""
+        """Return a snapshot of one service."""
         provider = self._providers.get(name)
         if provider is not None:
             return provider.info
         return None if self.remote is None else self.remote.info(name)
 
     def here(self) -> tuple[MemoryProvider, ...]:
-        """Every service of this process."""
+        """Return all services of this process."""
         return tuple(self._table)
 
     def names(self) -> list[str]:
-        """Every service's name, sorted."""
+        """Return the names of all services, sorted."""
         if self.remote is None:
             return sorted(self._providers)
         return sorted(self._providers.keys() | self.remote.names())
 
     def by_node(self) -> Iterator[tuple[str, str]]:
-        """Every node with each service that it offers."""
+        """Yield each node with each of its services."""
         for provider in self._table:
             yield provider.node, provider.name
         if self.remote is not None:

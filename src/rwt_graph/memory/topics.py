@@ -1,16 +1,15 @@
-"""Topics in memory: publishers, subscribers, and what is kept for late joiners.
+"""Topics in memory: publishers, subscribers, and samples retained for late joiners.
 
-A topic exists while it has an endpoint. Its type is established by the first publisher or typed subscriber
-and is free again when the last of those has left; a subscriber without a type takes what there is and holds
-nothing.
+A topic exists while it has an endpoint. Its type is established by the first publisher or typed subscriber,
+and is free again when the last of those has left. A subscriber without a type does not establish one.
 
 `publish` is the hot path of the whole server: one `Sample`, then one call per subscriber. The subscribers
-are a tuple that is replaced when one joins or leaves, so a callback may join and leave as it likes.
-Every reliability and deadline is met by a function call, so no combination of QoS is refused.
+are a tuple that is replaced when one joins or leaves, so callbacks may join and leave. A function call meets
+every reliability and deadline, so all combinations of QoS are compatible.
 
-A topic may have endpoints in other processes too (:class:`RemoteEndpoint`). Remote publishers hold its type
-as local ones do. Remote subscribers do not: they may have taken it from this process, and two processes would
-hold it for each other without end. They only keep a publisher of another type from being the first.
+A topic may have endpoints in other processes (:class:`RemoteEndpoint`). Remote publishers hold its type as
+local ones do. Remote subscribers do not: they may have taken it from this process, and two processes would
+keep each other's type established forever. They only prevent that the first publisher has another type.
 """
 
 from __future__ import annotations
@@ -37,31 +36,33 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-#: The resource limit of `History.KEEP_ALL` with transient-local durability, in samples per publisher.
+#: Maximum retained samples per publisher with `History.KEEP_ALL` and transient-local durability.
 KEEP_ALL_LIMIT = 1000
 
 OnSample = Callable[[Sample], None]
 
 
 def _ignore(_sample: Sample) -> None:
-    """The callback of a closed subscription, for a sample that was on its way."""
+    """Drop a sample that was in delivery when its subscription closed."""
 
 
-#: Bytes of large kept messages, as they came, whose other forms stay made for the next reader.
+#: Maximum serialised bytes of large retained messages whose converted forms are cached.
 _READ_BYTES = 16 * 1024 * 1024
 _LARGE = 64 * 1024
 
 
 class LatelyRead:
-    """The large kept messages that were read last. The others are kept in one form alone: a message that was
-    read in every encoding takes ten times the memory that it came with."""
+    """Large retained messages that were read last; all others keep only one form.
+
+    A message that was read in every encoding takes ten times its original memory.
+    """
 
     def __init__(self) -> None:
         self._payloads: dict[Payload, int] = {}
         self._size = 0
 
     def note(self, payload: Payload) -> None:
-        """A kept message is being read, or was made."""
+        """Note that a retained message was read or made."""
         known = self._payloads.pop(payload, None)
         if known is None:
             known = payload.kept_size
@@ -75,12 +76,12 @@ class LatelyRead:
             oldest.forget_forms()
 
     def forget(self, payload: Payload) -> None:
-        """A message is kept no more."""
+        """Remove a message that is no longer retained."""
         self._size -= self._payloads.pop(payload, 0)
 
 
 class TransientLocalCache:
-    """The samples that one transient-local publisher keeps for late joiners."""
+    """Samples that one transient-local publisher retains for late joiners."""
 
     def __init__(self, qos: QoS, clock: Clock, lately_read: LatelyRead | None = None) -> None:
         depth = KEEP_ALL_LIMIT if qos.history is History.KEEP_ALL else max(1, qos.depth)
@@ -89,7 +90,7 @@ class TransientLocalCache:
         self._clock = clock
 
     def add(self, sample: Sample) -> None:
-        """Keep a sample, apart from the receive buffer that it came in."""
+        """Retain a sample, detached from its receive buffer."""
         self._forget_expired()
         if len(self._samples) == self._samples.maxlen:
             self._lately_read.forget(self._samples.popleft().payload)
@@ -98,14 +99,14 @@ class TransientLocalCache:
         self._samples.append(kept)
 
     def samples(self) -> tuple[Sample, ...]:
-        """The kept samples that are not older than the lifespan, oldest first."""
+        """Return the retained samples within the lifespan, oldest first."""
         self._forget_expired()
         for sample in self._samples:
             self._lately_read.note(sample.payload)
         return tuple(self._samples)
 
     def clear(self) -> None:
-        """Keep nothing more."""
+        """Release all samples."""
         while self._samples:
             self._lately_read.forget(self._samples.popleft().payload)
 
@@ -117,13 +118,13 @@ class TransientLocalCache:
 
 @dataclass(eq=False, slots=True)
 class RemoteEndpoint:
-    """A publisher or subscription in another process.
+    """Publisher or subscription in another process.
 
     Attributes:
         node: absolute name of its node.
-        type_name: as the distribution writes it.
-        type: None when the registry does not know that type.
-        cache: the samples of a transient-local publisher, while this process subscribes to it.
+        type_name: name of its type, as the distribution writes it.
+        type: message type; None if the registry does not know it.
+        cache: samples of a transient-local publisher, while this process subscribes to it.
     """
 
     node: str
@@ -134,15 +135,15 @@ class RemoteEndpoint:
 
 
 class RemoteTopics(Protocol):
-    """Makes the topics of this process known to others."""
+    """Announcer of this process's topics to others."""
 
     def changed(self, topic: Topic) -> None:
-        """An endpoint of this process joined or left, or the topic's type changed."""
+        """Called when an endpoint of this process joined or left, or the topic's type changed."""
         ...
 
 
 class Topic:
-    """One name and its endpoints."""
+    """Topic with its endpoints."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -155,7 +156,7 @@ class Topic:
         self._info_of: tuple[object, ...] = ()
 
     def info(self, registry: Registry) -> TopicInfo:
-        """A snapshot, the same object until something changes: lists of a whole robot ask for every one."""
+        """Return a snapshot, cached until something changes: listings request all of them."""
         parts = (
             self.known_type,
             self.publishers,
@@ -182,28 +183,28 @@ class Topic:
 
     @property
     def empty(self) -> bool:
-        """Whether it has no endpoint left."""
+        """True if it has no endpoints."""
         return not (self.publishers or self.subscribers or self.remote_publishers or self.remote_subscribers)
 
     @property
     def known_type(self) -> MessageType | None:
-        """The type, or else that of a remote subscriber."""
+        """Return the type, or else that of a remote subscriber."""
         if self.type is not None:
             return self.type
         return next((s.type for s in self.remote_subscribers if s.type is not None), None)
 
     @property
     def all_publishers(self) -> tuple[MemoryPublisher | RemoteEndpoint, ...]:
-        """Those of this process and of others."""
+        """Publishers of this process and others."""
         return (*self.publishers, *self.remote_publishers)
 
     @property
     def all_subscribers(self) -> tuple[MemorySubscription | RemoteEndpoint, ...]:
-        """Those of this process and of others."""
+        """Subscribers of this process and others."""
         return (*self.subscribers, *self.remote_subscribers)
 
     def establish(self, wanted: MessageType, registry: Registry) -> None:
-        """Give the topic its type, or check it against the present one.
+        """Set the type of the topic, or check it against the present one.
 
         Raises:
             TypeConflict: the topic has another type.
@@ -215,7 +216,7 @@ class Topic:
             self.type = wanted
 
     def settle(self) -> None:
-        """Free the type when no local endpoint holds it, and take that of a remote publisher."""
+        """Release the type if no local endpoint holds it, and take that of a remote publisher."""
         if self.publishers or any(s.typed for s in self.subscribers):
             return
         held = [p.type for p in self.remote_publishers if p.type is not None]
@@ -224,11 +225,11 @@ class Topic:
 
 
 class MemoryPublisher(Publisher):
-    """A publisher of one topic.
+    """Publisher of one topic.
 
     Attributes:
-        cache: what it keeps for late joiners; None unless it is transient-local.
-        on_publish_remote: takes every sample to other processes; set by a backend that has some.
+        cache: samples retained for late joiners; None unless it is transient-local.
+        on_publish_remote: sends every sample to other processes; set by a backend over a network.
     """
 
     def __init__(
@@ -250,7 +251,7 @@ class MemoryPublisher(Publisher):
         self.on_publish_remote: OnSample | None = None
 
     def publish(self, payload: Payload) -> None:
-        """Hand one message to every subscriber, in the order of the calls."""
+        """Send a message to every subscriber, in the order of the calls."""
         state = self._state
         if state is None:
             return
@@ -271,12 +272,12 @@ class MemoryPublisher(Publisher):
 
     @property
     def subscriber_count(self) -> int:
-        """How many subscribers are known now."""
+        """Number of known subscribers."""
         state = self._state
         return 0 if state is None else len(state.subscribers) + len(state.remote_subscribers)
 
     def close(self) -> None:
-        """Leave the topic; samples kept for late joiners go with the publisher."""
+        """Leave the topic, with the samples that are retained for late joiners."""
         state, self._state = self._state, None
         if state is not None:
             if self.cache is not None:
@@ -288,10 +289,10 @@ class MemoryPublisher(Publisher):
 
 
 class MemorySubscription(Subscription):
-    """A subscriber of one topic.
+    """Subscriber of one topic.
 
     Attributes:
-        typed: whether it came with a type, and so holds the topic's.
+        typed: True if it was created with a type, and so holds the topic's.
     """
 
     def __init__(
@@ -308,11 +309,11 @@ class MemorySubscription(Subscription):
 
     @property
     def type(self) -> MessageType | None:
-        """The topic's type; None while there is none, and after `close`."""
+        """Type of the topic; None while there is none, and after `close`."""
         return None if self._state is None else self._state.type
 
     def history(self) -> tuple[Sample, ...]:
-        """What a transient-local subscriber that joins now would receive, in the order of publishing."""
+        """Return the samples that a transient-local subscriber would receive now, in order of publishing."""
         if self._state is None:
             return ()
         cached = [p.cache.samples() for p in self._state.publishers if p.cache is not None]
@@ -323,7 +324,7 @@ class MemorySubscription(Subscription):
 
     @property
     def wants_history(self) -> bool:
-        """Whether it receives what was published before it joined."""
+        """True if it receives samples from before it joined."""
         return self.qos.durability is not Durability.VOLATILE
 
     def replay(self) -> None:
@@ -333,14 +334,14 @@ class MemorySubscription(Subscription):
                 self.deliver(sample)
 
     def deliver(self, sample: Sample) -> None:
-        """Give the subscriber one sample."""
+        """Pass a sample to the subscriber."""
         try:
             self.on_sample(sample)
         except Exception:
             logger.exception("a subscriber of %s failed", self.topic)
 
     def close(self) -> None:
-        """Leave the topic; no callback comes after this."""
+        """Leave the topic; no callback is called after this."""
         state, self._state = self._state, None
         if state is not None:
             self.on_sample = _ignore
@@ -350,10 +351,10 @@ class MemorySubscription(Subscription):
 
 
 class Topics:
-    """Every topic of one graph.
+    """Topics of one graph.
 
     Attributes:
-        remote: makes them known to other processes; None in a graph that has none.
+        remote: announces them to other processes; None in a graph of one process.
     """
 
     def __init__(self, registry: Registry, clock: Clock, changes: Changes) -> None:
@@ -367,7 +368,7 @@ class Topics:
     def advertise(self, name: str, interface: MessageType, qos: QoS, owner: NodeResources) -> MemoryPublisher:
         """Add a publisher. Raises :exc:`TypeConflict`."""
         topic = self._topics.get(name) or Topic(name)
-        # Made first, so that the topic gets its type from nothing that could not be made.
+        # Created first, so that a failure does not establish the topic's type.
         publisher = MemoryPublisher(self, topic, interface, qos, owner)
         topic.establish(interface, self.registry)
         self._topics[name] = topic
@@ -399,7 +400,7 @@ class Topics:
         return subscription
 
     def left(self, topic: Topic) -> None:
-        """Settle the type of a topic that an endpoint has left, and forget a topic without any."""
+        """Settle the type of a topic that an endpoint has left; remove the topic if it is empty."""
         topic.settle()
         if topic.empty:
             self._topics.pop(topic.name, None)
@@ -411,7 +412,7 @@ class Topics:
             self.remote.changed(topic)
 
     def all(self) -> tuple[Topic, ...]:
-        """Every topic."""
+        """Return all topics."""
         return tuple(self._topics.values())
 
     def remote_joined(self, name: str, endpoint: RemoteEndpoint, *, publishes: bool) -> None:
@@ -443,10 +444,10 @@ class Topics:
             self._changed(topic)
 
     def info(self, name: str) -> TopicInfo | None:
-        """A snapshot of one topic."""
+        """Return a snapshot of one topic."""
         topic = self._topics.get(name)
         return None if topic is None else topic.info(self.registry)
 
     def names(self) -> list[str]:
-        """Every topic's name, sorted."""
+        """Return the names of all topics, sorted."""
         return sorted(self._topics)

@@ -1,8 +1,7 @@
 """Actions of ROS 1: goals, cancels, status, feedback and results as messages on five topics (ALB-01).
 
-On noetic each action of a node is served over topics beside the graph's own interface, which does the work:
-a goal that arrives as a message is sent as a goal of the graph, and its events are published as messages.
-Unlike with ROS 1's simple server, goals run side by side, as in the graph.
+On noetic each action of a node is also served over topics: a goal message is sent as a goal of the graph, and
+its events are published as messages. Unlike with ROS 1's simple server, goals run concurrently.
 """
 
 from __future__ import annotations
@@ -29,24 +28,24 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-#: Seconds between two status messages: clients wait 3 s for a first one (ALB-04, ALB-05).
+#: Interval of status messages in seconds: clients wait 3 s for the first one (ALB-04, ALB-05).
 STATUS_PERIOD = 0.5
 
-#: Seconds that an ended goal stays in the status messages, as in ROS 1.
+#: Seconds for which an ended goal stays in the status messages, as in ROS 1.
 ENDED_GOALS_STAY = 5.0
 
-#: Goals with which each change of one is told at once; with more, all of them are listed by the timer alone.
+#: Maximum number of goals with which each change is published at once; beyond it, only the timer publishes.
 FEW_GOALS = 50
 
-#: Ended goals that stay in the status messages; of more the oldest are left out earlier.
+#: Maximum number of ended goals in the status messages; beyond it, the oldest are removed early.
 MOST_ENDED = 100
 
-#: Characters of the id that a client gives a goal; ROS 1's own take fewer than a hundred.
+#: Maximum length of a client's goal id in characters; ROS 1's own have fewer than a hundred.
 LONGEST_ID = 256
 
 
 class ActionlibStatus(IntEnum):
-    """The numbers of `actionlib_msgs/GoalStatus`, which are not those of ROS 2 (ALB-08)."""
+    """States of `actionlib_msgs/GoalStatus`, which differ from those of ROS 2 (ALB-08)."""
 
     PENDING = 0
     ACTIVE = 1
@@ -70,14 +69,14 @@ STATUS: Mapping[GoalStatus, ActionlibStatus] = {
 
 @dataclass(slots=True)
 class Tracked:
-    """A goal that came as a message.
+    """Goal that was received as a message.
 
     Attributes:
-        id: the client's own text.
-        stamp_ns: the client's time of sending, or ours when it gave none.
-        ended: how it ended, once it has.
-        forget_at: when it leaves the status messages, by the steady clock.
-        release: ends what its client is charged while it runs.
+        id: id that the client gave.
+        stamp_ns: the client's time of sending; time of arrival if it gave none.
+        ended: final status, once it has ended.
+        forget_at: steady time at which it leaves the status messages.
+        release: releases the charge of its client.
     """
 
     id: str
@@ -90,19 +89,19 @@ class Tracked:
 
     @property
     def status(self) -> ActionlibStatus:
-        """The state now."""
+        """Current state."""
         if self.ended is not None:
             return self.ended
         return ActionlibStatus.ACTIVE if self.goal is None else STATUS[self.goal.status]
 
 
 class ActionlibServer:
-    """Serves one action of a node over topics.
+    """Server of one action of a node over topics.
 
     Args:
-        participant: the node, which owns the topics.
-        create_timer: makes a timer of the node.
-        idle_status: whether the status goes out without any goal, too; on ROS 1 clients wait for it.
+        participant: node that owns the topics.
+        create_timer: creates a timer of the node.
+        idle_status: True to publish the status without goals, too; ROS 1 clients wait for it.
     """
 
     def __init__(
@@ -146,18 +145,18 @@ class ActionlibServer:
         return self._participant.subscribe(f"{self._action}/{topic}", on_sample, message)
 
     def close(self) -> None:
-        """Leave the topics; by then the results of running goals have been sent."""
+        """Leave the topics; the results of running goals have been sent by then."""
         self._timer.cancel()
         for endpoint in (*self._subscriptions, self._feedback, self._result, self._status):
             endpoint.close()
 
     def _serving(self) -> bool:
-        """Whether the action is still this node's: a replaced one must not answer beside the new one."""
+        """Return True if the node still offers the action; a replaced one must not answer, too."""
         info = self._graph.action(self._action)
         return info is not None and info.node == self._node_name
 
     def _on_goal(self, message: Message) -> None:
-        """ALB-02: the client makes the id; without one it gets ROS 1's `node-count-time`."""
+        """Send a goal; without an id from the client it gets ROS 1's `node-count-time` (ALB-02)."""
         if not self._serving():
             return
         now = self._clock.time_ns()
@@ -188,7 +187,7 @@ class ActionlibServer:
         tracked.goal = self._participant.send_goal(self._action, payload, events)
 
     def _on_cancel(self, message: Message) -> None:
-        """ALB-07: all of them, the one named, and those sent no later than the stamp."""
+        """Cancel all goals, the named one, or those sent no later than the stamp (ALB-07)."""
         stamp = self._distro.time_ns(message.stamp)
         everything = not stamp and not message.id
         for tracked in tuple(self._goals.values()):

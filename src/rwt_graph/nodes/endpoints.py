@@ -1,4 +1,4 @@
-"""The publishers and subscriptions of a :class:`~rwt_graph.nodes.node.Node`, which take typed messages."""
+"""Publishers and subscriptions of a :class:`~rwt_graph.nodes.node.Node`, with typed messages."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class TopicPublisher(Publisher):
     def publish(self, message: MessageLike) -> None:
         """Send one message to every subscriber.
 
-        The message is checked here, in the caller's thread; from another thread than the graph's it is then
-        handed over, and messages of one thread stay in order.
+        The message is checked in the caller's thread, then passed to the graph's; messages of one thread stay
+        in order.
 
         Raises:
             InvalidMessage: the message does not fit the topic's type.
@@ -83,7 +83,7 @@ class TopicSubscription(Subscription):
     def _put(self, sample: Sample) -> None:
         queue = self._queue
         assert queue is not None  # Only subscriptions with a queue put samples into it.
-        # A sample that nothing waits before is taken at once, so its size is not computed.
+        # If no sample is queued, it is taken at once, so its size is not computed.
         queue.put(sample.detach(), sample.payload.kept_size if queue else 0)
 
     def _read(self, queued: Sample) -> Message | None:

@@ -1,4 +1,4 @@
-"""Actions for robot programs: a coroutine that runs a goal, and a handle on a goal that was sent."""
+"""Actions for robot programs: execution of goals by coroutines, and handles of sent goals."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 
-#: Looks at a goal's message before it is accepted: True accepts, False or a reason rejects.
+#: Checks a goal's message before it is accepted: True accepts, False or a reason rejects.
 AcceptGoal: TypeAlias = Callable[[Message], "bool | str"]
 
 
@@ -43,11 +43,11 @@ class ActionFunction:
         self._accept = accept
 
     def __call__(self, goal: ServerGoal) -> None:
-        """Take or refuse one goal."""
+        """Accept or reject a goal."""
         if not self._graph.running:
             goal.reject(f"action {self._action} cannot run: the graph is not running")
             return
-        # Read now: the goal may be a view of a receive buffer that is used again when this has returned.
+        # Read now: the goal may be a view of a receive buffer that is reused after this returns.
         request: Message = goal.goal.value()
         refusal = self._refusal(request)
         if refusal is not None:
@@ -70,7 +70,7 @@ class ActionFunction:
 
     async def _run(self, goal: ServerGoal, request: Message) -> None:
         with anyio.CancelScope() as scope:
-            # Two ends: the server is closed under the goal, or `execute` is done.
+            # Two ends: the server is closed while the goal runs, or `execute` returns.
             goal.on_end = lambda _gone: scope.cancel()
             if goal.status.is_terminal:
                 return
@@ -101,7 +101,7 @@ class ActionFunction:
 
     def _result(self, result: object) -> Payload:
         kind, now = self._interface.result, self._graph.clock.time_ns
-        # What an exception carries may be anything: a payload is checked by its type, the rest by value.
+        # A payload is checked by its type, any other result by its values.
         if isinstance(result, Payload):
             return to_payload(kind, result, now)
         return Payload.from_value(kind, {} if result is None else result, now)

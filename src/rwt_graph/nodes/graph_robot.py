@@ -192,7 +192,6 @@ class GraphVerbs(RobotApi):
         raise UnknownType(f"no message, service or action of the name {name} is known")
 
     def _meant(self, name: str, known: tuple[TopicInfo | ServiceInfo | ActionInfo, ...]) -> str:
-        """Return `; did you mean X?` with the nearest of the known names; empty if `name` is one of them."""
         return did_you_mean(self.resolve(name), (each.name for each in known))
 
     # Topics
@@ -225,7 +224,6 @@ class GraphVerbs(RobotApi):
         return info.type.name
 
     def _meant_topic(self, topic: str) -> str:
-        """Return `; did you mean X?` with a topic that has publishers; empty if `topic` is one."""
         return self._meant(topic, tuple(each for each in self._listings.topics() if each.publishers))
 
     def subscribe(  # noqa: D102 - inherited
@@ -473,7 +471,6 @@ class _TimerLoop:
         self._graph = graph
 
     def soon(self, call: Callable[[], None]) -> None:
-        """Run a plain function on the graph's thread: at once there, soon from elsewhere."""
         if self._graph.on_graph_thread():
             call()
         else:

@@ -1,4 +1,4 @@
-"""A node's log: `/rosout` for the graph, Python's logging for the process."""
+"""Log of a node: `/rosout` for the graph, Python's logging for the process."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rwt_interfaces.distro import Distro
     from rwt_participant.messages import Message
 
-#: What ROS 1 calls the levels, in its services.
+#: Names of the levels in ROS 1's services.
 _LEVEL_NAMES: Final = {
     "debug": logging.DEBUG,
     "info": logging.INFO,
@@ -25,31 +25,31 @@ _LEVEL_NAMES: Final = {
     "error": logging.ERROR,
     "fatal": logging.CRITICAL,
 }
-#: The one logger of a node, as rospy calls it.
+#: Name of a node's only logger, as in rospy.
 _LOGGER: Final = "rosout"
 
 DISCLOSURES: Final[Mapping[str, Disclosure]] = MappingProxyType(
     {"roscpp/GetLoggers": NOTHING, "roscpp/SetLoggerLevel": (Writes("logger"),)}
 )
-"""What the services about loggers reveal and change: who may set the parameter `/rosout` may set a level."""
+"""Disclosures of the logger services: permission to set the parameter `/rosout` allows setting a level."""
 
-#: Python's level → the number in `rosgraph_msgs/Log` (ROS 1); `rcl_interfaces/Log` uses Python's own numbers.
+#: Python's level → number in `rosgraph_msgs/Log` (ROS 1); `rcl_interfaces/Log` uses Python's own numbers.
 ROS_1_LEVELS = {logging.DEBUG: 1, logging.INFO: 2, logging.WARNING: 4, logging.ERROR: 8, logging.CRITICAL: 16}
 
 
 def rosout_qos(distro: Distro) -> QoS:
-    """The quality of service with which nodes advertise `/rosout`."""
+    """Return the QoS with which nodes advertise `/rosout`."""
     return QoS(
         depth=distro.rosout_depth, durability=Durability.TRANSIENT_LOCAL, lifespan=distro.rosout_lifespan
     )
 
 
 class NodeLog:
-    """Writes each line to `/rosout` and to the Python logger of the node's name. Safe from any thread."""
+    """Log that writes to `/rosout` and to the Python logger of the node's name. Safe from any thread."""
 
     def __init__(self, node: str, distro: Distro, publisher: TopicPublisher) -> None:
         self._node = node
-        # ROS 2 names a node's logger so; ROS 1 gives the node's name itself.
+        # Logger names of ROS 2; ROS 1 uses the node's name itself.
         self._name = node.strip("/").replace("/", ".")
         self._distro = distro
         self._publisher = publisher
@@ -65,7 +65,7 @@ class NodeLog:
         self._write(logging.INFO, text)
 
     def warning(self, text: str) -> None:
-        """Log something unexpected with which the node goes on as before."""
+        """Log an unexpected event that does not affect the node."""
         self._write(logging.WARNING, text)
 
     warn = warning
@@ -75,17 +75,16 @@ class NodeLog:
         self._write(logging.ERROR, text)
 
     def fatal(self, text: str) -> None:
-        """Log a failure after which the node cannot go on."""
+        """Log a failure after which the node cannot continue."""
         self._write(logging.CRITICAL, text)
 
     def loggers(self, _: object = None) -> Mapping[str, object]:
-        """The answer of `~get_loggers` (`roscpp/GetLoggers`): the node's one logger, and its level."""
+        """Answer `~get_loggers` (`roscpp/GetLoggers`): the node's only logger, and its level."""
         level = next(name for name, number in _LEVEL_NAMES.items() if number == self._least)
         return {"loggers": [{"name": _LOGGER, "level": level}]}
 
     def set_level(self, request: Message) -> Mapping[str, object]:
-        """The answer of `~set_logger_level` (`roscpp/SetLoggerLevel`): lines below that level are not written
-        any more.
+        """Answer `~set_logger_level` (`roscpp/SetLoggerLevel`): drop lines below that level.
 
         Raises:
             ServiceFailed: there is no such logger or level.

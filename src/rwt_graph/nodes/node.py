@@ -1,6 +1,6 @@
 """Nodes of robot programs: typed messages, coroutines and plain functions, safe from every thread.
 
-A node uses the contract of :mod:`rwt_graph.api` alone, so it works on every backend::
+A node depends only on the contract in :mod:`rwt_graph.api`, so it works on every backend::
 
     graph = MemoryGraph()
     node = Node(graph, "talker")
@@ -8,9 +8,9 @@ A node uses the contract of :mod:`rwt_graph.api` alone, so it works on every bac
     async with graph:
         chatter.publish({"data": "hello"})
 
-Threads: once the graph runs, every method that is not a coroutine may be called from any thread. Those that
-return something wait for the graph's thread; `publish` does not. A coroutine is awaited on the graph's event
-loop; from another thread, :meth:`Node.run_blocking` runs one there and waits for it.
+Threads: once the graph runs, every plain method may be called from any thread. Those that return something
+wait for the graph's thread; `publish` does not. Coroutines are awaited on the graph's event loop; from
+another thread, use :meth:`Node.run_blocking`.
 """
 
 from __future__ import annotations
@@ -185,7 +185,6 @@ class _GraphThread:
 
     @property
     def here(self) -> bool:
-        """True on the graph's thread, or if no loop runs it."""
         return self._graph.on_graph_thread()
 
 

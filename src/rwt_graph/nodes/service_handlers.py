@@ -1,4 +1,4 @@
-"""Service handlers of a program as callbacks of the graph, and calls that are awaited."""
+"""Service handlers of a program as callbacks of the graph, and awaitable calls."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class ServiceFunction:
 
     def __call__(self, call: ServiceCall) -> None:
         """Answer one call, now or from a task."""
-        # Read now: the request may be a view of a receive buffer that is used again when this has returned.
+        # Read now: the request may be a view of a receive buffer that is reused after this returns.
         request = call.request.value()
         if self._is_coroutine and not self._graph.running:
             call.fail(f"service {self._service} has a coroutine handler, and the graph is not running")

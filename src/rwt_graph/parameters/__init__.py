@@ -1,1 +1,1 @@
-"""Parameters: their values, each node's own, the global tree, and the services that serve them."""
+"""Parameters: values, those of nodes, the global tree, and the services for them."""

@@ -1,7 +1,7 @@
-"""On whose account parameters are kept.
+"""Accounts of clients for the parameters that they set.
 
-What sets a parameter for somebody else, as a service does for its caller, is run with :data:`ACCOUNT` set to
-that one's. Tasks that are started then keep it.
+A service that sets parameters for its caller runs with :data:`ACCOUNT` set to the caller's; tasks started
+meanwhile inherit it.
 """
 
 from __future__ import annotations
@@ -11,29 +11,29 @@ from typing import Final, Protocol
 
 
 class Charge(Protocol):
-    """Bytes that are kept on an account."""
+    """Bytes charged to an account."""
 
     def end(self) -> None:
-        """They are kept no more."""
+        """Release the bytes."""
 
 
 class Account(Protocol):
-    """Somebody on whose behalf parameters are set."""
+    """Account of a client that sets parameters."""
 
     def charge(self, amount: int, replaced: Charge | None) -> Charge:
-        """Keep so many bytes, in the place of those of an older charge if that is on this account too.
+        """Charge `amount` bytes, in place of an older charge if that is on this account too.
 
         Raises:
-            ParameterRejected: they are more than may be kept on it.
+            ParameterRejected: the account has no room for that many bytes.
         """
 
 
 ACCOUNT: Final[ContextVar[Account | None]] = ContextVar("parameter account", default=None)
-"""The account of who has a parameter set now; None where that is a program of the robot itself."""
+"""Account that parameters are set for now; None for the robot's own programs."""
 
 
 class Charges:
-    """What each of several values is charged to, by name."""
+    """Charges of several values, by name."""
 
     __slots__ = ("_by_name",)
 
@@ -41,10 +41,10 @@ class Charges:
         self._by_name: dict[str, Charge] = {}
 
     def put(self, name: str, amount: int) -> None:
-        """Charge a value of so many bytes to who sets it now, instead of to who had set the one before.
+        """Charge a value to the current account, and release the charge of the previous value.
 
         Raises:
-            ParameterRejected: the account has no room; nothing has changed then.
+            ParameterRejected: the account has no room; nothing has changed.
         """
         account = ACCOUNT.get()
         if account is None:
@@ -57,12 +57,12 @@ class Charges:
             self._by_name[name] = charge
 
     def drop(self, name: str) -> None:
-        """A value is kept no more."""
+        """Release the charge of a value."""
         charge = self._by_name.pop(name, None)
         if charge is not None:
             charge.end()
 
     def drop_below(self, prefix: str) -> None:
-        """All values whose names begin so are kept no more."""
+        """Release the charges of all values whose names begin with `prefix`."""
         for name in [name for name in self._by_name if name.startswith(prefix)]:
             self.drop(name)

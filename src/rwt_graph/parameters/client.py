@@ -1,8 +1,8 @@
 """Parameters of any node, by full name.
 
-One set of names serves both generations: `/node:param` is a node's parameter, which on ROS 1 is
-`/node/param` of the global tree; a name without a colon is one of the global tree. The tree exists on ROS 2
-too, so that programs written for ROS 1 find a place for theirs; there it is apart from the nodes' parameters.
+Names work for ROS 1 and ROS 2: `/node:param` is a node's parameter, on ROS 1 `/node/param` of the global
+tree; a name without a colon is in the global tree. The tree also exists on ROS 2, separate from the nodes'
+parameters, for programs written for ROS 1.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from rwt_participant.messages import Message, MessageLike, ParameterValue
 
 T = TypeVar("T")
 
-#: How long a node may take to answer for one of its parameters, in seconds.
+#: Timeout of a node's answer about its parameters, in seconds.
 ANSWER_TIMEOUT = 5.0
 
 Call: TypeAlias = Callable[[str, MessageLike, float], Awaitable[Message]]
@@ -28,7 +28,7 @@ _LIST = "/list_parameters"
 
 
 class ParameterClient(Parameters):
-    """Reads and sets parameters through a node's `call_service` and the graph's tree."""
+    """Client that accesses parameters through `call_service` and the graph's tree."""
 
     def __init__(self, graph: Graph, namespace: str, node: str, call: Call) -> None:
         self._graph = graph
@@ -37,7 +37,7 @@ class ParameterClient(Parameters):
         self._call = call
 
     def _place(self, name: str) -> tuple[str, str]:
-        """(node, parameter), the node empty for the tree."""
+        """Return (node, parameter); the node is empty for the tree."""
         split = split_parameter(name)
         if split is None:
             return "", resolve(name, self._namespace, self._node) if name.strip("/") else "/"
@@ -60,8 +60,9 @@ class ParameterClient(Parameters):
             return default
 
     async def read(self, name: str, read: Callable[[ParameterValue], T]) -> T:
-        """What a function makes of a parameter's value, which it must not change or keep: as large as the
-        graph's tree is, it is not copied.
+        """Return the result of a function of a parameter's value.
+
+        The value is not copied, because the tree may be large: the function must not change or keep it.
 
         Raises:
             RobotError: as :meth:`get`.

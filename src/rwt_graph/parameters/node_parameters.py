@@ -1,7 +1,7 @@
-"""The parameters that a node declares.
+"""Parameters that a node declares.
 
-On ROS 2 they live in the node; on ROS 1 in the graph's tree, below the node's name, and the node watches
-them.
+On ROS 2 they are stored in the node; on ROS 1 in the graph's tree, below the node's name, which the node
+watches.
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ logger = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-#: Called with a new value before it is stored; raises `ParameterRejected` to refuse it.
+#: Called with a new value before it is stored; raises `ParameterRejected` to reject it.
 OnChange: TypeAlias = Callable[[ParameterValue], None]
 
-#: Called with what was stored: name, old value (None when it is new), new value (None when it was deleted).
+#: Called after a change: name, old value (None for a new one), new value (None for a deleted one).
 OnStored: TypeAlias = Callable[[str, ParameterValue, ParameterValue], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Declaration:
-    """The declaration of one parameter of a node.
+    """Declaration of one parameter of a node.
 
     Attributes:
-        type: NOT_SET when the value may be of any type.
+        type: fixed type; NOT_SET if the value may be of any type.
     """
 
     name: str
@@ -46,10 +46,10 @@ class Declaration:
     on_change: OnChange | None
 
     def admitted(self, value: ParameterValue) -> ParameterValue:
-        """The value as it will be stored, after the node has agreed.
+        """Return the value to store, after the node's own check.
 
         Raises:
-            ParameterRejected: the parameter is read-only, of another type, or the node refused.
+            ParameterRejected: the parameter is read-only or of another type, or the node rejected the value.
         """
         if self.read_only:
             raise ParameterRejected(f"parameter {self.name} is read-only")
@@ -67,11 +67,11 @@ class Declaration:
 
 
 class Store(ABC):
-    """Where a node's parameters live; names are the node's own."""
+    """Storage of a node's parameters, by the node's own names."""
 
     @abstractmethod
     def declare(self, declaration: Declaration, default: ParameterValue) -> ParameterValue:
-        """Add a parameter; the value it has now."""
+        """Add a parameter; return its current value."""
 
     @abstractmethod
     def undeclare(self, name: str) -> None:
@@ -79,7 +79,7 @@ class Store(ABC):
 
     @abstractmethod
     def get(self, name: str) -> ParameterValue:
-        """The value of a parameter. Raises :exc:`NotFound`."""
+        """Return the value of a parameter. Raises :exc:`NotFound`."""
 
     @abstractmethod
     def set(self, declaration: Declaration, value: ParameterValue) -> None:
@@ -87,11 +87,11 @@ class Store(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """The node leaves."""
+        """Release the storage when the node leaves."""
 
 
 class NodeStore(Store):
-    """Parameters that live in the node (ROS 2)."""
+    """Storage in the node (ROS 2)."""
 
     def __init__(self, on_stored: OnStored) -> None:
         self._values: dict[str, ParameterValue] = {}
@@ -113,7 +113,7 @@ class NodeStore(Store):
         self._on_stored(name, self._values.pop(name), None)
 
     def get(self, name: str) -> ParameterValue:
-        """The value of a parameter."""
+        """Return the value of a parameter."""
         return self._values[name]
 
     def set(self, declaration: Declaration, value: ParameterValue) -> None:
@@ -124,13 +124,13 @@ class NodeStore(Store):
         self._on_stored(declaration.name, old, value)
 
     def close(self) -> None:
-        """Forget the values, without events: the parameters end with their node."""
+        """Discard the values, without events: the parameters end with their node."""
         self._values.clear()
         self._charges.drop_below("")
 
 
 class TreeStore(Store):
-    """Parameters in the tree, below the node's name (ROS 1). A value set before the node joined wins over its
+    """Storage in the tree, below the node's name (ROS 1). An earlier value takes precedence over the
     default."""
 
     def __init__(self, tree: ParameterTree, node: str) -> None:
@@ -152,11 +152,11 @@ class TreeStore(Store):
         return self._tree.get(full)
 
     def undeclare(self, name: str) -> None:
-        """Stop watching; the value stays, as values of ROS 1 outlive their nodes."""
+        """Stop watching; the value is kept, as ROS 1's values outlive their nodes."""
         self._unwatch.pop(name)()
 
     def get(self, name: str) -> ParameterValue:
-        """The value of a parameter. Raises :exc:`NotFound` when it was deleted from the tree."""
+        """Return the value of a parameter. Raises :exc:`NotFound` if it was deleted from the tree."""
         return self._tree.get(self._full(name))
 
     def set(self, declaration: Declaration, value: ParameterValue) -> None:
@@ -164,7 +164,7 @@ class TreeStore(Store):
         self._tree.set(self._full(declaration.name), value)
 
     def close(self) -> None:
-        """Stop watching; the values stay."""
+        """Stop watching; the values are kept."""
         for unwatch in self._unwatch.values():
             unwatch()
         self._unwatch.clear()
@@ -175,7 +175,7 @@ def _watch(declaration: Declaration, value: ParameterValue) -> None:
 
 
 class RunOnGraph(Protocol):
-    """Runs a function on the graph's thread and waits for what it returns or raises."""
+    """Runs a function on the graph's thread, and returns or raises its outcome."""
 
     def __call__(self, function: Callable[[], T], /) -> T:
         """Run it."""
@@ -183,11 +183,11 @@ class RunOnGraph(Protocol):
 
 
 class NodeParameters:
-    """A node's declared parameters; its methods may be called from any thread once the graph runs.
+    """Declared parameters of a node; methods may be called from any thread once the graph runs.
 
     Args:
         node: absolute name, for error texts.
-        dynamic: whether values that ROS 2 has no type for (dictionaries, mixed lists) are allowed (ROS 1).
+        dynamic: True to allow values without a type in ROS 2 (dictionaries, mixed lists), as on ROS 1.
         run: runs a function on the graph's thread and waits for it.
     """
 
@@ -210,18 +210,19 @@ class NodeParameters:
         """Add a parameter.
 
         Args:
-            name: the node's own name for it (`max_speed`, `arm.gain`).
-            default: its value; the type is fixed by it. None lets it be of any type (ROS 2), of none yet.
+            name: the node's own name of the parameter (`max_speed`, `arm.gain`).
+            default: default value, which fixes the type. With None the type is free on ROS 2, not yet fixed
+                on ROS 1.
             on_change: called with each new value before it is stored; raises :exc:`ParameterRejected` to
-                refuse. Not called with the default.
-            read_only: it cannot be set, not even by the node.
+                reject it. Not called with the default.
+            read_only: reject every change, even by the node.
 
         Returns:
-            The value now: the default, or on ROS 1 what was set before the node joined.
+            Current value: the default, or on ROS 1 a value that was set before the node joined.
 
         Raises:
-            ParameterRejected: the default is of no type that ROS 2 has.
-            GraphError: the node declared that name already.
+            ParameterRejected: ROS 2 has no type for the default.
+            GraphError: the node has already declared that name.
         """
         parameter_name(name)
         if name in self._declared:
@@ -255,18 +256,18 @@ class NodeParameters:
         self._run(undeclare)
 
     def declaration(self, name: str) -> Declaration:
-        """The declaration of a parameter. Raises :exc:`NotFound`."""
+        """Return the declaration of a parameter. Raises :exc:`NotFound`."""
         declaration = self._declared.get(name)
         if declaration is None:
             raise NotFound(f"node {self._node} has no parameter {name}")
         return declaration
 
     def has(self, name: str) -> bool:
-        """Whether the node declared a parameter."""
+        """Return True if the node declared the parameter."""
         return name in self._declared
 
     def get(self, name: str) -> ParameterValue:
-        """The value of a parameter. Raises :exc:`NotFound`."""
+        """Return the value of a parameter. Raises :exc:`NotFound`."""
         self.declaration(name)
         return self._store.get(name)
 
@@ -274,7 +275,7 @@ class NodeParameters:
         """Set a parameter.
 
         Raises:
-            ParameterRejected: not declared, read-only, of another type, or refused by the node.
+            ParameterRejected: it is undeclared, read-only or of another type, or the node rejected the value.
         """
         if name not in self._declared:
             raise ParameterRejected(f"parameter {name} cannot be set because it was not declared")
@@ -282,10 +283,10 @@ class NodeParameters:
         self._run(lambda: self._store.set(declaration, value))
 
     def delete(self, name: str) -> None:
-        """Delete a parameter, which must be of any type (ROS 2's rule).
+        """Delete a parameter, whose type must not be fixed (ROS 2's rule).
 
         Raises:
-            ParameterRejected: not declared, read-only or of a fixed type.
+            ParameterRejected: it is undeclared, read-only or of a fixed type.
         """
         if name not in self._declared:
             raise ParameterRejected(f"parameter {name} cannot be deleted because it was not declared")
@@ -296,10 +297,10 @@ class NodeParameters:
         self.undeclare(name)
 
     def set_all(self, values: Iterable[tuple[str, ParameterValue]]) -> None:
-        """Set several parameters or none: when one is refused, those before it get their old values back.
+        """Set several parameters atomically: if one is rejected, the others get their old values back.
 
         Raises:
-            ParameterRejected: one was refused.
+            ParameterRejected: one was rejected.
         """
         done: list[tuple[str, ParameterValue]] = []
         try:
@@ -313,10 +314,10 @@ class NodeParameters:
             raise
 
     def names(self) -> tuple[str, ...]:
-        """The names of the node's parameters, sorted."""
+        """Return the names of the node's parameters, sorted."""
         return tuple(sorted(self._declared))
 
     def close(self) -> None:
-        """Forget the declarations; the node leaves."""
+        """Discard the declarations when the node leaves."""
         self._declared.clear()
         self._store.close()

@@ -1,4 +1,4 @@
-"""The six standard parameter services of a ROS 2 node, and its `/parameter_events`."""
+"""Six standard parameter services of a ROS 2 node, and its `/parameter_events`."""
 
 from __future__ import annotations
 
@@ -25,18 +25,17 @@ EVENTS_QOS = QoS(depth=1000)
 
 
 class ParameterServices:
-    """Answers the services for one node."""
+    """Parameter services of one node."""
 
     def __init__(self, parameters: NodeParameters) -> None:
         self._parameters = parameters
 
     def handlers(self) -> Iterable[tuple[str, str, Callable[[Message], MessageLike]]]:
-        """Name below the node, type and handler of each service."""
+        """Yield name below the node, type and handler of each service."""
         for service in _SERVICES:
             yield service.name, f"{_PACKAGE}/{service.type}", partial(service.handler, self)
 
     def _value(self, name: str) -> ParameterValue:
-        """The value, None when there is no such parameter (`NOT_SET` on the wire)."""
         try:
             return self._parameters.get(name)
         except NotFound:
@@ -86,7 +85,7 @@ class ParameterServices:
 
 
 class _Service(NamedTuple):
-    """Name below the node, type in its package, handler, and what a client learns and changes by it."""
+    """Name below the node, type in its package, handler and disclosure of a service."""
 
     name: str
     type: str
@@ -116,11 +115,11 @@ _SERVICES: Final = (
 DISCLOSURES: Final[Mapping[str, Disclosure]] = MappingProxyType(
     {f"{_PACKAGE}/{service.type}": service.reveals for service in _SERVICES}
 )
-"""What each of the services reveals, by the two-part name of its type."""
+"""Disclosure of each service, by the two-part name of its type."""
 
 
 def _listed(name: str, prefixes: Iterable[str], depth: int) -> bool:
-    """Whether `list_parameters` names it: `depth` counts the levels below a prefix, 0 is all of them."""
+    """Return True if `list_parameters` includes the name; `depth` counts levels below a prefix, 0 for all."""
     wanted = tuple(prefixes)
     if not wanted:
         return depth == 0 or name.count(".") < depth
@@ -135,7 +134,6 @@ def _listed(name: str, prefixes: Iterable[str], depth: int) -> bool:
 
 
 def _outcome(change: Callable[[], None]) -> dict[str, object]:
-    """`rcl_interfaces/SetParametersResult` of a change."""
     try:
         change()
     except ParameterRejected as error:
@@ -144,7 +142,7 @@ def _outcome(change: Callable[[], None]) -> dict[str, object]:
 
 
 class ParameterEvents:
-    """Publishes one node's changes on `/parameter_events`."""
+    """Publisher of one node's changes on `/parameter_events`."""
 
     def __init__(self, node: str, distro: Distro, publisher: TopicPublisher) -> None:
         self._node = node
@@ -152,7 +150,7 @@ class ParameterEvents:
         self._publisher = publisher
 
     def stored(self, name: str, old: ParameterValue, new: ParameterValue) -> None:
-        """A value was stored: `old` None is a new parameter, `new` None a deleted one."""
+        """Publish a change: `old` is None for a new parameter, `new` for a deleted one."""
         if new is None and old is None:
             return  # Declared without a value.
         if new is None:

@@ -1,8 +1,7 @@
-"""The global tree of parameters: all parameters of ROS 1, and those of ROS 2 that were set without a node.
+"""Global tree of parameters: all parameters of ROS 1, and those of ROS 2 that were set without a node.
 
-A value is anything JSON can say. A dictionary is a branch: `/robot` set to `{"speed": 1}` makes
-`/robot/speed`, and the other way round. A node that declared a parameter watches its name, and may refuse a
-value.
+Values are JSON values. A dictionary is a branch: setting `/robot` to `{"speed": 1}` creates `/robot/speed`,
+and vice versa. A node that declared a parameter watches its name, and may reject a value.
 """
 
 from __future__ import annotations
@@ -24,37 +23,38 @@ from rwt_participant.messages import ParameterValue
 
 T = TypeVar("T")
 
-#: Sees a value before it is stored; raises `ParameterRejected` to refuse it.
+#: Called with a value before it is stored; raises `ParameterRejected` to reject it.
 Watch: TypeAlias = Callable[[ParameterValue], None]
 
 
-#: What a tree holds at most unless another bound is given: levels, names and bytes.
+#: Default limits of a tree: levels, names and bytes.
 MOST_DEPTH: Final = 32
 MOST_NAMES: Final = 20_000
 MOST_BYTES: Final = 8 * 1024 * 1024
 
-#: What each value that a client has set is charged with beside its size: so that nobody can take all names.
+#: Bytes charged for each value of a client in addition to its size, to limit the number of names.
 _SET: Final = 256
 
-#: What a value or a key is counted with besides its text, in bytes: about what Python takes for it.
+#: Overhead of a value or a key in bytes, about what Python needs for it.
 _NODE: Final = 64
 
 
 class _TooDeep(Exception):
-    """A value has more levels than may be."""
+    """The value has too many levels."""
 
 
 def measured(value: ParameterValue, most_depth: float = inf) -> tuple[int, int]:
-    """How many names are in a value, and how many bytes it counts. It is looked at level by level, since a
-    call for each of many small tables would take far longer.
+    """Return the number of names in a value, and its size in bytes.
+
+    The value is traversed level by level: a call for each of many small tables would be far slower.
 
     Args:
-        value: of dictionaries, lists and scalars.
-        most_depth: levels of tables and lists that it may have.
+        value: value of dictionaries, lists and scalars.
+        most_depth: maximum levels of tables and lists.
 
     Raises:
-        _TooDeep: it has more.
-        ParameterRejected: it has a number of more than 64 bits.
+        _TooDeep: it has more levels.
+        ParameterRejected: it has an integer beyond 64 bits.
     """
     names = size = depth = 0
     in_tables, in_lists = [value], list[ParameterValue]()
@@ -65,7 +65,7 @@ def measured(value: ParameterValue, most_depth: float = inf) -> tuple[int, int]:
             tables = [each for each in level if type(each) is dict]
             keys = list(chain.from_iterable(tables))
             size += _NODE * len(keys) + sum(map(_length, keys))
-            if not is_in_list:  # Tables in a list have keys, and no names.
+            if not is_in_list:  # Tables in a list have keys, but no names in the tree.
                 names += len(keys)
             deeper[is_in_list].extend(chain.from_iterable(table.values() for table in tables))
             lists = [each for each in level if type(each) is list]
@@ -78,7 +78,7 @@ def measured(value: ParameterValue, most_depth: float = inf) -> tuple[int, int]:
 
 
 def _texts_and_numbers(values: list[ParameterValue]) -> int:
-    """The length of texts and octets. Raises :exc:`ParameterRejected` for a number of more than 64 bits."""
+    """Return the size of strings and octets. Raises :exc:`ParameterRejected` for integers beyond 64 bits."""
     kinds = set(map(type, values))
     if int in kinds:
         numbers = [each for each in values if type(each) is int]
@@ -90,17 +90,16 @@ def _texts_and_numbers(values: list[ParameterValue]) -> int:
 
 
 def _copied(value: ParameterValue) -> ParameterValue:
-    """A value of dictionaries, lists and scalars, which shares nothing that can change with the one given."""
     if isinstance(value, str | int | float):
         return value
     try:
         return msgspec.to_builtins(value, builtin_types=_KEPT, str_keys=True)
-    except TypeError:  # A program of the robot has something that no text can say.
+    except TypeError:  # A program of the robot has set an object without a JSON form.
         return _copied_one_by_one(value)
 
 
 _KEPT: Final = (bytes, bytearray, datetime, Decimal, UUID)
-"""Scalars beside those of JSON that stay what they are."""
+"""Scalars besides those of JSON that are stored unchanged."""
 
 
 def _copied_one_by_one(value: ParameterValue) -> ParameterValue:
@@ -131,13 +130,13 @@ class ParameterTree:
     """Nested dictionaries behind slashed names, with watches.
 
     Args:
-        most_depth: levels of tables and lists that a value may be below the root, its name's included.
-        most_names: names that may be set at a time, those of branches too.
-        most_bytes: what the tree may count: the text in names and values, and 64 for each name and value.
+        most_depth: maximum levels of tables and lists below the root, including those of the name.
+        most_names: maximum number of names, including those of branches.
+        most_bytes: maximum size: the text in names and values, and 64 for each name and value.
 
     Attributes:
-        names_set: how many names are set.
-        bytes: what the tree counts.
+        names_set: current number of names.
+        bytes: current size.
     """
 
     def __init__(
@@ -165,7 +164,7 @@ class ParameterTree:
         return value
 
     def has(self, name: str) -> bool:
-        """Whether a value or a branch has that name."""
+        """Return True if a value or a branch has that name."""
         try:
             self._find(name)
         except NotFound:
@@ -173,7 +172,7 @@ class ParameterTree:
         return True
 
     def get(self, name: str) -> ParameterValue:
-        """The value, or a branch as a dictionary; a copy.
+        """Return a copy of a value, or of a branch as a dictionary.
 
         Raises:
             NotFound: it is not set.
@@ -181,7 +180,9 @@ class ParameterTree:
         return _copied(self._find(name))
 
     def read(self, name: str, read: Callable[[ParameterValue], T]) -> T:
-        """What a function makes of a value or a branch, which it gets uncopied, and must not change or keep.
+        """Return the result of a function of a value or branch.
+
+        The value is not copied: the function must not change or keep it.
 
         Raises:
             NotFound: it is not set.
@@ -192,8 +193,8 @@ class ParameterTree:
         """Set a value; a dictionary replaces the branch.
 
         Raises:
-            ParameterRejected: a node that watches it, or something below it, refused; the root would be no
-                table; or the tree would hold more than it may.
+            ParameterRejected: a node that watches it, or a name below it, rejected it; the root would not be
+                a table; or a limit of the tree would be exceeded.
         """
         parts = _parts(name)
         if not parts and not isinstance(value, Mapping):
@@ -212,7 +213,7 @@ class ParameterTree:
         for watched, new in affected:
             for watch in tuple(self._watches[watched]):
                 watch(new)
-        if affected:  # A watch may have set something itself.
+        if affected:  # A watch may have set a parameter itself.
             room = self._require_room(parts, taken)
         full = "/" + "/".join(parts)
         self._charges.put(full, _SET + 2 * _NODE + _length(full) + taken[1])
@@ -228,14 +229,12 @@ class ParameterTree:
         branch[missing[0]] = value
 
     def _is_branch(self, parts: list[str]) -> bool:
-        """Whether there are values below a name."""
         if not parts:
             return bool(self._root)
         branch, missing = self._deepest(parts)
         return len(missing) == 1 and isinstance(branch.get(missing[0]), dict)
 
     def _deepest(self, parts: list[str]) -> tuple[dict[str, ParameterValue], list[str]]:
-        """The last branch on the way to a name, and the part of the name that is below it."""
         branch = self._root
         for index, part in enumerate(parts[:-1]):
             deeper = branch.get(part)
@@ -245,14 +244,14 @@ class ParameterTree:
         return branch, parts[-1:]
 
     def _require_room(self, parts: list[str], taken: tuple[int, int]) -> tuple[int, int]:
-        """What the tree holds with a value of so many names and bytes. Raises :exc:`ParameterRejected`."""
+        """Return the totals with a value of that many names and bytes. Raises :exc:`ParameterRejected`."""
         count, size = taken
         if parts:
             branch, missing = self._deepest(parts)
             old = {missing[0]: branch[missing[0]]} if missing[0] in branch else {}
             less, freed = measured(old)
             count += self.names_set - less + len(missing)
-            # Each name is counted, and the table that holds it.
+            # Count each name, and the table that contains it.
             size += self.bytes - freed + sum(2 * _NODE + _length(name) for name in missing)
         for what, has, most in (("names", count, self._most_names), ("bytes", size, self._most_bytes)):
             if has > most:
@@ -263,7 +262,7 @@ class ParameterTree:
         return count, size
 
     def _affected(self, name: str, value: ParameterValue) -> list[tuple[str, ParameterValue]]:
-        """The watched names that `set` gives a value, and that value."""
+        """Return the watched names that `set` affects, with their new values."""
         prefix = "/" + "/".join(_parts(name))
         affected = []
         for watched in self._watches:
@@ -299,11 +298,11 @@ class ParameterTree:
         self.names_set, self.bytes = self.names_set - names, self.bytes + _NODE - freed
 
     def names(self) -> tuple[str, ...]:
-        """The full names of all values, sorted."""
+        """Return the full names of all values, sorted."""
         return tuple(sorted(_leaves("", self._root)))
 
     def watch(self, name: str, watch: Watch) -> Callable[[], None]:
-        """Call `watch` before a value of that name is stored; what is returned ends it."""
+        """Call `watch` before a value of that name is stored; returns a function that ends this."""
         watches = self._watches.setdefault(name, [])
         watches.append(watch)
 

@@ -1,4 +1,4 @@
-"""The types of ROS 2's parameters, and `rcl_interfaces/ParameterValue` from and to Python values."""
+"""Types of ROS 2's parameters, and conversion of `rcl_interfaces/ParameterValue`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ INT64_MIN, INT64_MAX = -(2**63), 2**63 - 1
 
 
 class ParameterType(IntEnum):
-    """The numbers of `rcl_interfaces/ParameterType`."""
+    """Numbers of `rcl_interfaces/ParameterType`."""
 
     NOT_SET = 0
     BOOL = 1
@@ -26,7 +26,7 @@ class ParameterType(IntEnum):
     STRING_ARRAY = 9
 
 
-#: Where `rcl_interfaces/ParameterValue` keeps a value of each type.
+#: Field of `rcl_interfaces/ParameterValue` for each type.
 FIELDS: Mapping[ParameterType, str] = {
     ParameterType.BOOL: "bool_value",
     ParameterType.INTEGER: "integer_value",
@@ -58,10 +58,10 @@ _LISTS = frozenset(_ARRAYS.values()) | {ParameterType.BYTE_ARRAY}
 
 
 def type_of(value: ParameterValue) -> ParameterType:
-    """The type of a Python value; an empty list counts as strings.
+    """Return the type of a Python value; an empty list counts as strings.
 
     Raises:
-        ParameterRejected: ROS 2 has no such parameters (dictionaries, mixed lists, integers beyond 64 bits).
+        ParameterRejected: ROS 2 has no such type (dictionaries, mixed lists, integers beyond 64 bits).
     """
     if value is None:
         return ParameterType.NOT_SET
@@ -84,8 +84,9 @@ def type_of(value: ParameterValue) -> ParameterType:
 
 
 def coerce(value: ParameterValue, wanted: ParameterType) -> ParameterValue:
-    """`value` as a parameter of the type `wanted`: integers may stand for doubles, lists of octets for bytes,
-    and an empty list for any array.
+    """Convert `value` to the type `wanted`.
+
+    Integers are accepted for doubles, lists of octets for bytes, and an empty list for any array.
 
     Raises:
         ParameterRejected: it is of another type.
@@ -110,10 +111,10 @@ def _named(kind: ParameterType) -> str:
 
 
 def encode(value: ParameterValue) -> dict[str, object]:
-    """A value as the fields of `rcl_interfaces/ParameterValue`; None is NOT_SET.
+    """Return a value as fields of `rcl_interfaces/ParameterValue`; None is NOT_SET.
 
     Raises:
-        ParameterRejected: ROS 2 has no such parameters.
+        ParameterRejected: ROS 2 has no such type.
     """
     kind = type_of(value)
     if kind is ParameterType.NOT_SET:
@@ -124,10 +125,10 @@ def encode(value: ParameterValue) -> dict[str, object]:
 
 
 def decode(message: Message) -> ParameterValue:
-    """The value in an `rcl_interfaces/ParameterValue`; None for NOT_SET.
+    """Return the value of an `rcl_interfaces/ParameterValue`; None for NOT_SET.
 
     Raises:
-        ParameterRejected: its type is a number that ROS 2 does not know.
+        ParameterRejected: its type is unknown to ROS 2.
     """
     try:
         kind = ParameterType(message.type)
@@ -138,5 +139,5 @@ def decode(message: Message) -> ParameterValue:
     value = getattr(message, FIELDS[kind])
     if kind is ParameterType.BYTE_ARRAY:
         return bytes(value)
-    # An array may be a numpy one; what goes to the program is Python's own.
+    # Convert numpy arrays to Python values.
     return value.tolist() if hasattr(value, "tolist") else value

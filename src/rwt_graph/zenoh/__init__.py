@@ -1,8 +1,7 @@
-"""The graph over Eclipse Zenoh, on the wire of ROS 2's rmw_zenoh: many processes and hosts, one graph.
+"""Graph over Eclipse Zenoh, compatible with ROS 2's rmw_zenoh: many processes and hosts, one graph.
 
-Needs the extra `zenoh`. A :class:`ZenohGraph` is what :class:`~rwt_graph.memory.graph.MemoryGraph` is to the
-programs in its process; whatever takes part in it is known to, and reached by, every other process that it is
-connected to::
+Needs the extra `zenoh`. A :class:`ZenohGraph` is used like a
+:class:`~rwt_graph.memory.graph.MemoryGraph`; its nodes and endpoints are visible to all connected processes::
 
     async with ZenohGraph(connect=["tcp/10.0.0.7:7447"]) as graph:
         node = graph.node("talker")

@@ -1,4 +1,4 @@
-"""A graph that spans processes and hosts: the one in memory, joined with others over Zenoh."""
+"""Graph that spans processes and hosts: the one in memory, connected to others over Zenoh."""
 
 from __future__ import annotations
 
@@ -33,27 +33,28 @@ logger = logging.getLogger(__name__)
 
 
 class ZenohGraph(MemoryGraph):
-    """A graph whose nodes are in this process and in others.
+    """Graph with nodes in this process and in others.
 
-    Nodes of one process talk in memory, as in a :class:`MemoryGraph`. The graph is alone until it is entered;
-    leaving it closes the Zenoh session in every case. The graph's own `/rosout` and `/clock` and the global
+    Nodes of one process communicate in memory, as in a :class:`MemoryGraph`. The graph connects when it is
+    entered; leaving it always closes the Zenoh session. The graph's own `/rosout` and `/clock` and the global
     tree of parameters stay in the process; the topics and parameters of its nodes do not.
 
-    Three differences to one process cannot be hidden. What other processes do is known a moment later. A
-    service or action that two processes offer is offered twice, and each process calls its own first. If two
-    processes establish a topic with different types at the same moment, both succeed, and they do not hear
-    each other.
+    Differences to one process:
+
+    * Changes in other processes are seen with a delay.
+    * A service or action of two processes exists twice, and each process calls its own first.
+    * If two processes establish a topic with different types at the same moment, both succeed, but receive
+      nothing from each other.
 
     Args:
-        registry: the interfaces; of a ROS 2 distribution, whose types they share with every other process.
+        registry: interfaces of a ROS 2 distribution, with the same types as in all other processes.
         clock: the wall clock by default.
         listen, connect, domain, multicast, config, mode: see :class:`ZenohOptions`.
-        namespace: what relative node names given to :meth:`node` are relative to: one for each robot of a
-            fleet.
+        namespace: namespace of relative node names given to :meth:`node`, such as one per robot of a fleet.
 
     Raises:
-        ZenohError: the registry is of ROS 1, which has no such wire.
-        InvalidGraphName: `namespace` is not one that ROS allows.
+        ZenohError: the registry is of ROS 1, which rmw_zenoh does not support.
+        InvalidGraphName: ROS does not allow `namespace`.
     """
 
     def __init__(
@@ -91,18 +92,18 @@ class ZenohGraph(MemoryGraph):
         )
 
     def node(self, name: str, namespace: str | None = None) -> Node:
-        """A :class:`~rwt_graph.nodes.node.Node` of this graph, in the graph's namespace by default."""
+        """Return a new :class:`~rwt_graph.nodes.node.Node`, in the graph's namespace by default."""
         return Node(self, name, self.namespace if namespace is None else namespace)
 
     def participant(self, name: str) -> MemoryParticipant:
-        """Join as a node of that absolute name."""
+        """Join as a node with that absolute name."""
         participant = super().participant(name)
         if self._link is not None:
             self._present[participant.owner] = self._link.declare_node(participant.owner)
         return participant
 
     def left(self, participant: MemoryParticipant) -> None:
-        """Forget a participant that closed."""
+        """Remove a closed participant."""
         super().left(participant)
         presence = self._present.pop(participant.owner, None)
         if presence is not None and self._link is not None:
@@ -112,11 +113,11 @@ class ZenohGraph(MemoryGraph):
     def offer_action_services(
         self, participant: MemoryParticipant, server: MemoryActionServer
     ) -> Callable[[], None]:
-        """Offer the services and topics that ROS 2 has beside an action; returns what withdraws them."""
+        """Offer the services and topics of an action on ROS 2; returns a function that withdraws them."""
         return Ros2ActionServer(participant, server, self.action_table, self.clock).close
 
     async def __aenter__(self) -> Self:
-        """Run on the current event loop, and join the other processes.
+        """Run on the current event loop, and connect to the other processes.
 
         Raises:
             ZenohError: an endpoint or the configuration file cannot be used.

@@ -1,4 +1,4 @@
-"""Calls of services in other processes: the request, its answer, and its end without one."""
+"""Calls of services in other processes."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ if TYPE_CHECKING:
     from rwt_graph.zenoh.rmw.tokens import Endpoint
     from rwt_interfaces.structs import MessageType
 
-#: The schema of an error reply's encoding: the provider failed, or it is gone.
+#: Schema of an error reply's encoding: the provider failed, or it left.
 FAILED, GONE = "failed", "gone"
 
-#: Seconds after which Zenoh itself gives up on a query. Timeouts are kept by the graph's clock.
+#: Timeout of Zenoh's own queries in seconds; timeouts of calls are kept by the graph's clock.
 _ZENOH_TIMEOUT = 10**8
 
 _NOTE = struct.Struct("<16sq")
 
 
 def abandoned_key(domain: int, session: str) -> str:
-    """The key on which a process receives the requests that their clients have abandoned.
+    """Return the key on which a process is notified of abandoned requests.
 
-    It is this project's own: rmw_zenoh's clients do not report that, and its providers answer in vain.
+    It is this project's own: rmw_zenoh's clients do not send these, and its providers answer in vain.
     """
     return f"@rwt/{domain}/abandoned/{session}"
 
 
 def read_abandoned(note: bytes) -> tuple[bytes, int]:
-    """The client's GID and the number of its request; an empty GID when the note is not one."""
+    """Return the client's GID and the number of its request; an empty GID if the note is invalid."""
     if len(note) != _NOTE.size:
         return b"", 0
     gid, number = _NOTE.unpack(note)
@@ -48,7 +48,7 @@ def read_abandoned(note: bytes) -> tuple[bytes, int]:
 
 
 class RemoteCall(MemoryCall):
-    """One request to another process, as its caller sees it."""
+    """Request to another process, as its caller sees it."""
 
     __slots__ = ("_failure", "_response", "abandon")
 
@@ -56,7 +56,7 @@ class RemoteCall(MemoryCall):
         super().__init__(service, request, on_reply)
         self._response = response
         self._failure: ProviderGone | None = None
-        #: Called when the call ends without an answer: timed out, cancelled, or its caller is gone.
+        #: Called when the call ends without an answer: timed out, cancelled, or the caller left.
         self.abandon: Callable[[], object] | None = None
 
     def _end(self) -> OnReply | None:
@@ -74,7 +74,7 @@ class RemoteCall(MemoryCall):
             self.fail(f"the answer of {self.service} is not a {self._response.name}")
 
     def refused(self, text: str, kind: str) -> None:
-        """End the call because a provider failed; when it only goes away, another may still answer."""
+        """End the call because a provider failed; if it only leaves, another may still answer."""
         if kind == GONE:
             self._failure = ProviderGone(text)
         else:
@@ -82,17 +82,17 @@ class RemoteCall(MemoryCall):
             self.fail(text)
 
     def over(self) -> None:
-        """End the call, to which every provider has replied or gone."""
+        """End the call after all providers have replied or left."""
         self.abandon = None
         text = f"Service {self.service} went away without an answer"
         self.end_with(self._failure or ProviderGone(text))
 
 
 class Client:
-    """One node's client of one service.
+    """Client of one node for one service.
 
-    The token of a service may arrive before its queryable. A request that is made in between waits for the
-    queryable; sent at once, it would have no answer.
+    The token of a service may arrive before its queryable. A request in between waits for the queryable; sent
+    at once, it would get no answer.
     """
 
     def __init__(self, link: Link, end: Endpoint, presence: Presence, time_ns: Callable[[], int]) -> None:
@@ -116,7 +116,7 @@ class Client:
         """Send a request.
 
         Args:
-            sessions: those that may answer, which are notified when the call is abandoned.
+            sessions: sessions that may answer, which are notified when the call is abandoned.
         """
         call = RemoteCall(service, request, on_reply, response)
         if self._somebody_answers():
@@ -139,7 +139,7 @@ class Client:
         self._send_waiting()
 
     def _matched(self, _status: zenoh.MatchingStatus) -> None:
-        """Runs on a thread of Zenoh's."""
+        """Called on a thread of Zenoh's."""
         self._link.run_on_graph(self._send_waiting)
 
     def _send_waiting(self) -> None:
@@ -160,7 +160,7 @@ class Client:
         )
 
     def _replied(self, call: RemoteCall, reply: zenoh.Reply) -> None:
-        """Runs on a thread of Zenoh's."""
+        """Called on a thread of Zenoh's."""
         error = reply.err
         if error is None:
             assert reply.ok is not None  # A reply is one of the two.
@@ -172,7 +172,7 @@ class Client:
         self._link.run_on_graph(partial(call.refused, text, kind))
 
     def _over(self, call: RemoteCall) -> None:
-        """Runs on a thread of Zenoh's."""
+        """Called on a thread of Zenoh's."""
         self._link.run_on_graph(call.over)
 
     def _abandon(self, number: int, token: zenoh.CancellationToken, sessions: set[str]) -> None:

@@ -1,4 +1,4 @@
-"""Liveliness tokens of other processes, as nodes, endpoints and services in the tables of this graph."""
+"""Discovery: liveliness tokens of other processes become nodes, endpoints and services of this graph."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-#: Transient-local publishers that are remembered after they left.
+#: Maximum number of departed transient-local publishers that are remembered.
 _MOST_GONE = 10_000
 
-#: Seconds that the first query for tokens may take.
+#: Timeout of the first query for tokens, in seconds.
 _QUERY_TIMEOUT = 2.0
 
 
 class Discovery:
-    """Keeps the tables of a graph in step with the tokens that are alive."""
+    """Discovery that keeps the tables of a graph in step with the live tokens."""
 
     def __init__(self, graph: MemoryGraph, topics: ZenohTopics, services: ZenohServices) -> None:
         self._graph = graph
@@ -43,14 +43,14 @@ class Discovery:
         self._zenoh_topics = topics
         self._services = services
         self._link: Link | None = None
-        # What to do when a token dies, by its key.
+        # Function to call when a token ends, by its key.
         self._alive: dict[str, Callable[[], None]] = {}
         self._warned: set[tuple[str, str]] = set()
-        # The GIDs of publishers that are gone, perhaps behind a cut of the link; the oldest are forgotten.
+        # GIDs of departed publishers, which may be behind a broken link; the oldest are removed.
         self._gone: dict[bytes, None] = {}
 
     def query_tokens(self, link: Link) -> list[str]:
-        """The keys of the tokens that are alive now; blocks until they are known, for two seconds at most."""
+        """Return the keys of all live tokens; blocks for at most two seconds."""
         alive: list[str] = []
         done = threading.Event()
 
@@ -58,18 +58,18 @@ class Discovery:
             if reply.ok is not None:
                 alive.append(str(reply.ok.key_expr))
 
-        # Not Zenoh's own channel, which holds 256 replies: here the calling thread would have to empty it.
+        # Zenoh's own channel holds only 256 replies, and this thread would have to empty it.
         handler = zenoh.handlers.Callback(note, done.set, indirect=False)
         link.session.liveliness().get(all_tokens(link.domain), handler, timeout=_QUERY_TIMEOUT)
         done.wait(_QUERY_TIMEOUT)
         return alive.copy()
 
     def open(self, link: Link, alive: list[str]) -> None:
-        """Add what :meth:`query_tokens` found, and follow the tokens that come and go from now on."""
+        """Add the result of :meth:`query_tokens`, and follow later changes."""
         self._link = link
         for key in alive:
             self._born(key)
-        # Called on Zenoh's receiving thread itself: a token must not be overtaken by its owner's samples.
+        # Called on Zenoh's receiving thread: samples must not overtake the token of their publisher.
         handler = zenoh.handlers.Callback(partial(self._heard, link), indirect=False)
         self._subscriber = link.session.liveliness().declare_subscriber(
             all_tokens(link.domain), handler, history=True
@@ -104,7 +104,7 @@ class Discovery:
             forget()
 
     def _add(self, token: Token, key: str) -> Callable[[], None]:
-        """Add what a token stands for to its table; returns what removes it."""
+        """Add the node or endpoint of a token to its table; returns a function that removes it."""
         end = token.endpoint
         if end is None:
             self._graph.node_joined(token.node)
@@ -141,7 +141,7 @@ class Discovery:
             del self._gone[next(iter(self._gone))]
 
     def _type_of(self, end: Endpoint, token: Token) -> tuple[str, MessageType | None]:
-        """The type's name, and the type if it is known here by the same definition."""
+        """Return the type's name, and the type if the registry has the same definition."""
         registry = self._topics.registry
         try:
             name = type_name(end.dds_type)

@@ -1,4 +1,4 @@
-"""An open Zenoh session, and the tokens by which this process is known on it."""
+"""Open Zenoh session, and the liveliness tokens of this process."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ if TYPE_CHECKING:
 
 
 class NodeNumbers:
-    """The numbers that tell the nodes and entities of a session apart."""
+    """Numbers of the nodes and entities of a session."""
 
     def __init__(self) -> None:
         self._next = count()
         self._nodes: dict[NodeResources, int] = {}
 
     def entity(self) -> int:
-        """A number for one more entity."""
+        """Return a new number for an entity."""
         return next(self._next)
 
     def node(self, owner: NodeResources) -> int:
-        """The number of a node, chosen at the first call."""
+        """Return the number of a node, assigned on the first call."""
         number = self._nodes.get(owner)
         if number is None:
             number = self._nodes[owner] = self.entity()
         return number
 
     def forget(self, owner: NodeResources) -> None:
-        """Free the number of a node that left."""
+        """Release the number of a node that left."""
         self._nodes.pop(owner, None)
 
 
 @dataclass(frozen=True, slots=True)
 class Presence:
-    """A declared liveliness token and its GID."""
+    """Declared liveliness token with its GID."""
 
     gid: bytes
     _token: zenoh.LivelinessToken
@@ -53,12 +53,11 @@ class Presence:
 
 
 class Link:
-    """One open session.
+    """Open session.
 
     Attributes:
-        id: the session's, as tokens write it.
-        own_gids: the GIDs of every entity declared here, by which a process leaves out its own samples that
-            come back from its own caches.
+        id: session id, as in tokens.
+        own_gids: GIDs of all entities declared here, to ignore the process's own samples from its caches.
     """
 
     def __init__(
@@ -73,7 +72,7 @@ class Link:
         self._liveliness = session.liveliness()
 
     def count_others(self) -> int:
-        """How many peers and routers this process is connected to."""
+        """Return the number of connected peers and routers."""
         info = self.session.info
         return len(info.peers_zid()) + len(info.routers_zid())
 

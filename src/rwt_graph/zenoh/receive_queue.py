@@ -1,8 +1,8 @@
-"""Received samples of one topic, from Zenoh's threads to the graph's.
+"""Received samples of one topic, passed from Zenoh's threads to the graph's.
 
-Zenoh calls back from a thread of its own for each subscriber. There a sample is only put in a queue. The
-graph's thread is woken for the first sample of a batch and takes the whole batch, so that the two threads do
-not wait for each other's turn with Python's lock once for each message.
+Zenoh calls back from a separate thread for each subscriber, which only queues the sample. The graph's thread
+is woken for the first sample of a batch and takes the whole batch, so that the threads do not contend for the
+GIL on each message.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-#: What may wait for the graph's thread, by topic; beyond it the oldest samples are dropped.
+#: Limits of queued samples per topic; beyond them, the oldest are dropped.
 MOST_SAMPLES, MOST_BYTES = 16_384, 128 * 1024 * 1024
 
-#: Samples handled in one go: a flood on one topic must not keep the event loop from the rest.
+#: Maximum samples per turn, so that a flood on one topic does not block the event loop.
 _BATCH = 256
 
 OnSample = Callable[[zenoh.Sample], None]
 
 
 class ReceiveQueue:
-    """A subscriber of one key.
+    """Subscriber of one key.
 
     Args:
         on_sample: called on the graph's thread with each sample.
-        history: also receive what transient-local publishers keep.
-        prompt: hand over from Zenoh's receiving thread itself: slower, but in the order in which samples,
-            replies and tokens came.
+        history: True to receive retained samples of transient-local publishers, too.
+        prompt: True to deliver from Zenoh's receiving thread itself: slower, but in the order in which
+            samples, replies and tokens arrived.
 
     Attributes:
-        dropped: samples that had no room.
+        dropped: number of samples dropped because the queue was full.
     """
 
     def __init__(self, link: Link, key: str, on_sample: OnSample, *, history: bool, prompt: bool) -> None:
@@ -56,7 +56,7 @@ class ReceiveQueue:
         self._undeclare = _declare(link.session, key, handler, history=history)
 
     def _receive(self, sample: zenoh.Sample) -> None:
-        """Runs on a thread of Zenoh's."""
+        """Called on a thread of Zenoh's."""
         waiting = self._waiting
         if len(waiting) >= 64:
             self._make_room(len(sample.payload))
@@ -71,20 +71,20 @@ class ReceiveQueue:
             try:
                 self._waiting.popleft()
             except IndexError:
-                return  # The graph's thread took the rest meanwhile.
+                return  # The graph's thread has taken the rest meanwhile.
             if not self.dropped:
                 logger.warning("samples on %s arrive faster than they are taken: some are dropped", self._key)
             self.dropped += 1
 
     def _handle(self) -> None:
-        """Runs on the graph's thread."""
+        """Called on the graph's thread."""
         self._scheduled = False
         waiting = self._waiting
         for _ in range(min(len(waiting), _BATCH)):
             try:
                 sample = waiting.popleft()
             except IndexError:
-                break  # It was dropped meanwhile, to make room.
+                break  # The sample was dropped meanwhile, to make room.
             if self._closed:
                 return
             self._on_sample(sample)
@@ -93,9 +93,9 @@ class ReceiveQueue:
             self._run_on_graph(self._handle)
 
     def query_history(self) -> None:
-        """Query the publishers' caches; their samples arrive as any sample does.
+        """Query the publishers' caches; their samples arrive like any other.
 
-        Zenoh's own subscriber also queries a publisher that reconnects, but leaves out what it had before.
+        Zenoh's own subscriber also queries a publisher that reconnects, but omits its earlier samples.
         """
         self._session.get(
             f"{self._key}/@adv/pub/**",
@@ -106,7 +106,7 @@ class ReceiveQueue:
         )
 
     def _on_reply(self, reply: zenoh.Reply) -> None:
-        """Runs on a thread of Zenoh's."""
+        """Called on a thread of Zenoh's."""
         sample = reply.ok
         if sample is not None:
             self._run_on_graph(partial(self._handle_cached, sample))
@@ -126,7 +126,6 @@ class ReceiveQueue:
 def _declare(
     session: zenoh.Session, key: str, handler: zenoh.handlers.Callback[zenoh.Sample], *, history: bool
 ) -> Callable[[], None]:
-    """Subscribe; returns what ends the subscription."""
     remote = zenoh.Locality.REMOTE
     if not history:
         return session.declare_subscriber(key, handler, allowed_origin=remote).undeclare

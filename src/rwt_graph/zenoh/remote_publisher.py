@@ -1,4 +1,4 @@
-"""The samples of one publisher of this process, sent to other processes."""
+"""Sending of a local publisher's samples to other processes."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ _GID_SIZE = 16
 
 
 class RemotePublisher:
-    """Sends a publisher's samples over Zenoh, numbered from 1 as rmw_zenoh does."""
+    """Sender of a publisher's samples over Zenoh, numbered from 1 as in rmw_zenoh."""
 
     def __init__(self, link: Link, key: str, publisher: MemoryPublisher, presence: Presence) -> None:
         self._presence = presence
         self._gid = presence.gid
         self._sequence = 0
-        # One of the two: a cache must have every sample, with and without subscribers.
+        # Only one is declared: a cache needs every sample, with and without subscribers.
         self._plain: zenoh.Publisher | None = None
         self._caching: zenoh.ext.AdvancedPublisher | None = None
         if publisher.cache is None:
@@ -38,7 +38,7 @@ class RemotePublisher:
         publisher.on_publish_remote = self._publish if self._plain is not None else self._publish_and_cache
 
     def _publish(self, sample: Sample) -> None:
-        # Without a remote subscriber nothing is encoded.
+        # Encode only for remote subscribers.
         if self._plain is not None and self._plain.matching_status.matching:  # type: ignore[attr-defined] # The stub says bool.
             self._send(self._plain, sample)
 
@@ -64,7 +64,7 @@ class RemotePublisher:
 
 
 def _flow(qos: QoS) -> tuple[zenoh.Reliability, zenoh.CongestionControl]:
-    """Reliability and congestion control as rmw_zenoh maps them: only keep-all waits for slow receivers."""
+    """Return reliability and congestion control as in rmw_zenoh: only keep-all waits for slow receivers."""
     if qos.reliability is Reliability.BEST_EFFORT:
         return zenoh.Reliability.BEST_EFFORT, zenoh.CongestionControl.DROP
     if qos.history is History.KEEP_ALL:

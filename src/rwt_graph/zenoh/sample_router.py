@@ -1,8 +1,8 @@
-"""The way of a received sample to the subscriptions of this process, each of which gets it once.
+"""Delivery of received samples to the subscriptions of this process, once each.
 
-The cache of a transient-local publisher is queried when the publisher is discovered, which happens again
-after every cut of the link. It then replays samples to subscriptions that have them already and to those that
-were made in between: a :class:`ReplayFilter` for each subscription tells the two apart.
+The cache of a transient-local publisher is queried whenever the publisher is discovered, also after each
+break of the link. It then replays samples that older subscriptions have received and newer ones have not: a
+:class:`ReplayFilter` for each subscription removes the duplicates.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
     from rwt_participant.qos import QoS
 
-#: Publishers that a subscription remembers.
+#: Maximum number of publishers that a subscription remembers.
 _MOST_REMEMBERED = 1000
 
 
 class RemoteHistory(TransientLocalCache):
-    """The samples of a remote transient-local publisher, kept here for subscriptions that join later.
+    """Samples of a remote transient-local publisher, kept for subscriptions that join later.
 
     Attributes:
-        gid: the publisher's.
-        last: the number of its last sample.
+        gid: GID of the publisher.
+        last: number of its last sample.
     """
 
     def __init__(self, qos: QoS, clock: Clock, gid: bytes) -> None:
@@ -44,17 +44,17 @@ class RemoteHistory(TransientLocalCache):
         self.last = -1
 
     def put(self, sample: Sample, number: int) -> None:
-        """Keep a sample that comes after the last one."""
+        """Keep a sample if it is newer than the last one."""
         if number > self.last:
             self.last = number
             self.add(sample)
 
 
 class ReplayFilter:
-    """The number of the last sample that a subscription received of each publisher, by the publisher's GID.
+    """Number of the last received sample of each publisher for one subscription, by GID.
 
     Args:
-        publishers: those whose history the subscription received when it was made.
+        publishers: publishers whose history the subscription received when it was made.
     """
 
     __slots__ = ("_last",)
@@ -64,7 +64,7 @@ class ReplayFilter:
         self._last = {each.gid: each.last for each in caches if isinstance(each, RemoteHistory)}
 
     def is_new(self, gid: bytes, number: int) -> bool:
-        """Whether a sample comes after the last one, which it then becomes."""
+        """Return True if a sample is newer than the last one, and note it as the last."""
         if number <= self._last.get(gid, -1):
             return False
         self._last[gid] = number
@@ -74,13 +74,12 @@ class ReplayFilter:
 
 
 class SampleRouter:
-    """Delivers the samples of one Zenoh subscriber to the subscriptions that it stands for.
+    """Router of one Zenoh subscriber's samples to its subscriptions.
 
     Args:
-        publishers: those of other processes, by their GID.
-        own_gids: those of this process, whose samples come back from its own caches.
-        filters: by subscription; None when the subscriber receives no history, and stands for the
-            subscriptions that want none.
+        publishers: publishers of other processes, by GID.
+        own_gids: GIDs of this process, whose samples come back from its own caches.
+        filters: filters by subscription; None if the Zenoh subscriber receives no history.
     """
 
     __slots__ = ("_clock", "_filters", "_own_gids", "_publishers", "_topic", "_type")
@@ -102,11 +101,11 @@ class SampleRouter:
         self._filters = filters
 
     def route(self, received: zenoh.Sample) -> None:
-        """Deliver one sample; on the graph's thread."""
+        """Deliver one sample, on the graph's thread."""
         raw = received.attachment
         data = b"" if raw is None else raw.to_bytes()
         if len(data) != attachment.SIZE:
-            # Not from a publisher of ROS 2, but from a program that knows the key and the type.
+            # Sent by a program other than ROS 2's that knows the key and the type.
             self._deliver(self._sample(received, self._clock.time_ns(), None))
             return
         number, stamp_ns, _, gid = attachment.unpack(data)
@@ -130,7 +129,7 @@ class SampleRouter:
         return Sample(self._topic.name, payload, stamp_ns, publisher.node, expires)
 
     def _only_publisher(self) -> RemoteEndpoint | None:
-        """The publisher of an unknown GID, from a program that does not make its GIDs as rmw_zenoh does."""
+        """Return the topic's only publisher, for an unknown GID that was not made as in rmw_zenoh."""
         publishers = self._topic.remote_publishers
         return publishers[0] if len(publishers) == 1 else None
 
@@ -148,7 +147,7 @@ class SampleRouter:
         gid: bytes,
         number: int,
     ) -> None:
-        """Deliver a sample of a transient-local publisher to whom it is new, and keep it for late joiners."""
+        """Deliver a transient-local sample where it is new, and keep it for late joiners."""
         if not isinstance(publisher.cache, RemoteHistory):
             publisher.cache = RemoteHistory(publisher.qos, self._clock, gid)
         publisher.cache.put(sample, number)

@@ -1,4 +1,4 @@
-"""Services across processes: those of this process as queryables, those of others through queries."""
+"""Services across processes: local ones as queryables, remote ones through queries."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """The token and the queryable of a service of this process."""
+    """Token and queryable of a service of this process."""
 
     presence: Presence
     queryable: zenoh.Queryable[None]
@@ -48,11 +48,11 @@ class Offer:
 
 @dataclass(eq=False, slots=True)
 class RemoteService:
-    """A service that one or more other processes offer.
+    """Service that one or more other processes offer.
 
     Attributes:
-        open: the calls that wait for an answer.
-        offers: its providers by the keys of their tokens, the oldest first.
+        open: pending calls.
+        offers: providers by the keys of their tokens, the oldest first.
     """
 
     open: set[MemoryCall] = field(default_factory=set)
@@ -60,7 +60,7 @@ class RemoteService:
 
     @property
     def first(self) -> tuple[Token, Endpoint, ServiceInfo]:
-        """The oldest provider, whose type and node stand for the service."""
+        """Return the oldest provider, which determines type and node of the service."""
         return next(iter(self.offers.values()))
 
 
@@ -74,7 +74,7 @@ class ZenohServices:
         self._link: Link | None = None
         self._offers: dict[MemoryProvider, Offer] = {}
         self._remote: dict[str, RemoteService] = {}
-        # Requests of other processes that are not answered yet, by client and number.
+        # Unanswered requests of other processes, by client and number.
         self._asked: dict[bytes, dict[int, MemoryCall]] = {}
         self._clients: dict[tuple[NodeResources, str, str], Client] = {}
         self._callers = NodeResources("/_remote", private=True)
@@ -91,7 +91,7 @@ class ZenohServices:
             self.offered(provider)
 
     def close(self) -> None:
-        """Declare no more services; those that are declared end with the session."""
+        """Declare no more services; those declared end with the session."""
         self._link = None
         for service in tuple(self._remote.values()):
             self._lose(service, "the connection to it was closed")
@@ -117,11 +117,11 @@ class ZenohServices:
         offer = self._offers.pop(provider, None)
         link = self._link
         if offer is not None and link is not None:
-            # After its open calls were answered, which is what follows now.
+            # Deferred until its open calls have ended, which the caller does next.
             link.run_on_graph(offer.end)
 
     def _on_query(self, link: Link, provider: MemoryProvider, key: str, query: zenoh.Query) -> None:
-        """Runs on a thread of Zenoh's."""
+        """Called on a thread of Zenoh's."""
         link.run_on_graph(partial(self._serve, provider, key, query))
 
     def _serve(self, provider: MemoryProvider, key: str, query: zenoh.Query) -> None:
@@ -138,7 +138,7 @@ class ZenohServices:
         if provider not in self._offers:
             answer(provider.gone())
             return
-        # A provider that is offered is the one that has the name in this process.
+        # Answer only with the current provider of the name in this process.
         call = self._services.call(provider.name, request, answer, None, self._callers)
         if isinstance(call, MemoryCall) and not call.done:
             self._asked.setdefault(sent.gid, {})[sent.sequence] = call
@@ -160,7 +160,7 @@ class ZenohServices:
                 del self._asked[sent.gid]
 
     def _on_abandoned(self, link: Link, sample: zenoh.Sample) -> None:
-        """Runs on a thread of Zenoh's."""
+        """Called on a thread of Zenoh's."""
         link.run_on_graph(partial(self._abandon, sample.payload.to_bytes()))
 
     def _abandon(self, note: bytes) -> None:
@@ -177,7 +177,7 @@ class ZenohServices:
     # Services of other processes
 
     def found(self, token: Token, end: Endpoint, key: str) -> Callable[[], None]:
-        """Add a provider of another process; returns what removes it."""
+        """Add a provider of another process; return a function that removes it."""
         try:
             type = self._registry.service(type_name(end.dds_type))
         except (WireError, InterfaceError):
@@ -205,16 +205,16 @@ class ZenohServices:
             service.open.pop().end_with(ProviderGone(why))
 
     def info(self, name: str) -> ServiceInfo | None:
-        """One service of another process, or None."""
+        """Return a service of another process; None if it does not exist."""
         service = self._remote.get(name)
         return None if service is None else service.first[2]
 
     def names(self) -> set[str]:
-        """The names of all services of other processes."""
+        """Return the names of all services of other processes."""
         return set(self._remote)
 
     def by_node(self) -> Iterator[tuple[str, str]]:
-        """Every node of another process with each service that it offers."""
+        """Yield each node of another process with each of its services."""
         for name, service in self._remote.items():
             for _, _, info in service.offers.values():
                 yield info.node, name
@@ -222,7 +222,7 @@ class ZenohServices:
     def call(
         self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources
     ) -> PendingCall | None:
-        """Call a service of another process; None when no other process offers it."""
+        """Call a service of another process; None if no other process offers it."""
         service, link = self._remote.get(name), self._link
         if service is None or link is None:
             return None

@@ -1,4 +1,4 @@
-"""The Zenoh session of a graph: its configuration, opening and closing."""
+"""Zenoh session of a graph: configuration, opening and closing."""
 
 from __future__ import annotations
 
@@ -23,40 +23,40 @@ Mode = Literal["peer", "client", "router"]
 #: samples whenever the receiving process is not scheduled for a moment; a link that stays full drops at once.
 _WAIT_BEFORE_DROP = 50_000
 
-#: This project's defaults where neither the caller nor the file gives a value: by key, its value and Zenoh's.
+#: This project's defaults where they differ from Zenoh's: by key, the value and Zenoh's.
 _DEFAULTS: dict[str, tuple[object, object]] = {
     "listen/endpoints": ([], {"router": ["tcp/[::]:7447"], "peer": ["tcp/[::]:0"]}),
     "scouting/multicast/enabled": (False, None),
-    # Zenoh's 1, 2 and then 4 seconds leave a link that was cut apart for long after it could be back.
+    # Zenoh's 1, 2 and then 4 seconds delay the reconnection of a broken link.
     "connect/retry": ({"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5}, None),
-    # Milliseconds after which a peer that says nothing is gone, and open calls to it fail: by Zenoh's 10 s a
-    # host that was cut off for five would leave its callers waiting.
+    # Milliseconds after which a silent peer is considered gone and its open calls fail. With Zenoh's 10 s,
+    # callers would wait too long for a host that is cut off for five.
     "transport/link/tx/lease": (3000, 10000),
     "transport/link/tx/queue/congestion_control/drop/wait_before_drop": (_WAIT_BEFORE_DROP, 1000),
-    # Batches of 64 KiB that wait on a link: Zenoh's 2 are full at once when the other side is not scheduled.
+    # Batches of 64 KiB queued per link: Zenoh's 2 are full at once while the receiver is not scheduled.
     "transport/link/tx/queue/size/data": (16, 2),
 }
 
-#: How long closing may take.
+#: Timeout of closing, in seconds.
 _CLOSE_SECONDS = 3.0
 
-#: The largest ROS_DOMAIN_ID that fits every DDS; rmw_zenoh has no limit of its own.
+#: Maximum ROS_DOMAIN_ID that fits every DDS; rmw_zenoh itself has no limit.
 _LARGEST_DOMAIN = 2**32 - 1
 
 
 @dataclass(frozen=True, slots=True)
 class ZenohOptions:
-    """How a process joins the graph of others.
+    """Options for joining a graph over Zenoh.
 
     Attributes:
-        listen: endpoints to be found at, `tcp/0.0.0.0:7447`; none by default.
-        connect: endpoints of peers or routers; one that is not there yet is tried again until it is.
-        mode: `peer` talks to each peer directly; `client` leaves that to the router or peer that it is
-            connected to; `router` passes on between all that are connected to it.
-        multicast: whether to look for peers on the local network.
-        config: a Zenoh configuration file (JSON5), for TLS, access control and the like. What is given here
-            wins over what is in it, and what is neither given nor in it has this project's defaults.
-        domain: ROS_DOMAIN_ID: graphs of different domains do not meet.
+        listen: endpoints to listen on, such as `tcp/0.0.0.0:7447`; none by default.
+        connect: endpoints of peers or routers; unreachable ones are retried.
+        mode: `peer` connects to each peer directly; `client` only to its routers or peers, which forward;
+            `router` forwards between all that are connected to it.
+        multicast: True to search for peers on the local network.
+        config: Zenoh configuration file (JSON5), for TLS, access control and the like. Options given here
+            take precedence over the file, and the file over this project's defaults.
+        domain: ROS_DOMAIN_ID: graphs of different domains are separate.
     """
 
     listen: tuple[str, ...] = ()
@@ -72,10 +72,10 @@ class ZenohOptions:
 
 
 def configuration(options: ZenohOptions) -> zenoh.Config:
-    """The session's configuration.
+    """Return the session's configuration.
 
     Raises:
-        ZenohError: the file cannot be read, or a value is not one that Zenoh takes.
+        ZenohError: the file cannot be read, or Zenoh rejects a value.
     """
     config = _from_file(options.config) if options.config is not None else zenoh.Config()
     for key, (own, zenohs) in _DEFAULTS.items():
@@ -86,7 +86,7 @@ def configuration(options: ZenohOptions) -> zenoh.Config:
         "listen/endpoints": list(options.listen) or None,
         "connect/endpoints": list(options.connect) or None,
         "scouting/multicast/enabled": options.multicast,
-        # The caches of transient-local publishers number their samples by time.
+        # Caches of transient-local publishers number samples by time.
         "timestamping/enabled": True,
     }
     for key, value in given.items():
@@ -99,7 +99,7 @@ def _from_file(path: str | PathLike[str]) -> zenoh.Config:
     name = fspath(path)
     try:
         return zenoh.Config.from_file(name)
-    except Exception as error:  # The binding raises its own, Python's and Rust's.
+    except Exception as error:  # The binding raises its own exceptions, Python's and Rust's.
         raise ZenohError(
             f"the Zenoh configuration {name} cannot be used: it is not there, or not JSON5 as Zenoh writes it"
         ) from error
@@ -113,20 +113,20 @@ def _insert(config: zenoh.Config, key: str, value: object) -> None:
 
 
 class ZenohSession:
-    """One session, which is closed in every case: a process with an open session never ends."""
+    """Session that is closed in every case: a process with an open session does not exit."""
 
     def __init__(self) -> None:
         self._session: zenoh.Session | None = None
         self._lock = threading.Lock()
 
     def open(self, options: ZenohOptions) -> zenoh.Session:
-        """Open the session; blocks for as long as it takes to connect.
+        """Open the session; blocks until it is connected.
 
         Raises:
             ZenohError: an endpoint cannot be used.
         """
         config = configuration(options)
-        # Before it is open, lest an exception between the two leave it so.
+        # Set before opening, so that an exception in between cannot leave the session open.
         atexit.register(self.close)
         try:
             self._session = zenoh.open(config)
@@ -136,10 +136,9 @@ class ZenohSession:
         return self._session
 
     def close(self) -> None:
-        """Close the session, and with it what was declared; from any thread.
+        """Close the session with everything declared on it, from any thread.
 
-        Blocks for a moment; for three seconds when a connected process cannot be reached. Zenoh would wait
-        for ten, for the link to take the goodbye.
+        Blocks briefly; for three seconds if a connected process is unreachable, where Zenoh itself takes ten.
         """
         with self._lock:
             session, self._session = self._session, None

@@ -1,7 +1,7 @@
-"""The topics of this process over Zenoh.
+"""Topics of this process over Zenoh.
 
-Each publisher of a topic has a Zenoh publisher. Of its subscriptions, those that want history share one Zenoh
-subscriber and the others another. Each publisher and subscription has a liveliness token.
+Each publisher has a Zenoh publisher. The subscriptions of a topic share two Zenoh subscribers: one for those
+with history, one for the others. Each publisher and subscription has a liveliness token.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 
 class Channel:
-    """The Zenoh entities of one topic.
+    """Zenoh entities of one topic.
 
     Attributes:
-        type: that of the declared subscribers.
-        publishers: the Zenoh publisher of each publisher.
-        queues: the Zenoh subscriber for history, and that for new samples only.
-        subscribers: the token of each subscription.
-        filters: which samples of caches each subscription has received.
+        type: type of the declared subscribers.
+        publishers: Zenoh publishers by publisher.
+        queues: Zenoh subscriber with history, and the one without.
+        subscribers: tokens by subscription.
+        filters: filters of replayed samples by subscription.
     """
 
     def __init__(self) -> None:
@@ -43,15 +43,15 @@ class Channel:
 
     @property
     def empty(self) -> bool:
-        """Whether nothing is declared or remembered."""
+        """True if nothing is declared or remembered."""
         return not (self.publishers or self.queues or self.subscribers or self.filters)
 
 
 class ZenohTopics:
-    """Declares the topics of this process, and receives those of others.
+    """Topics of this process, declared to others, and received samples of theirs.
 
     Attributes:
-        publishers: those of other processes, by their GID.
+        publishers: publishers of other processes, by GID.
     """
 
     def __init__(self, topics: Topics) -> None:
@@ -67,19 +67,18 @@ class ZenohTopics:
             self.changed(topic)
 
     def close(self) -> None:
-        """Declare no more endpoints; those that are declared end with the session."""
+        """Declare no more endpoints; those declared end with the session."""
         self._link = None
 
     def on_reconnected(self, name: str) -> None:
-        """Query the history of a transient-local publisher that was cut off and is connected again, for the
-        subscriptions that were made in between."""
+        """Query a reconnected transient-local publisher, for subscriptions that were made meanwhile."""
         channel = self._channels.get(name)
         queue = None if channel is None else channel.queues.get(True)
         if queue is not None:
             queue.query_history()
 
     def changed(self, topic: Topic) -> None:
-        """Declare what joined a topic, and undeclare what left it."""
+        """Declare new endpoints of a topic, and undeclare those that left."""
         link = self._link
         if link is None:
             return
@@ -119,14 +118,14 @@ class ZenohTopics:
             router = SampleRouter(topic, type, self._topics.clock, self.publishers, link.own_gids, filters)
             prompt = belongs_to_action(topic.name)
             channel.queues[history] = ReceiveQueue(link, key, router.route, history=history, prompt=prompt)
-        # Only now: a process that sees a subscription's token may count on its receiving samples.
+        # Declared last: a process that sees the token relies on the subscription's receiving samples.
         for subscription in wanted:
             if subscription not in channel.subscribers:
                 _, presence = self._declare(
                     link, Kind.SUBSCRIPTION, subscription.owner, topic, type, subscription.qos
                 )
                 channel.subscribers[subscription] = presence
-                # A subscription that is older than a cut of the link keeps its filter.
+                # A subscription that is older than a break of the link keeps its filter.
                 channel.filters.setdefault(subscription, ReplayFilter(topic.remote_publishers))
 
     def _declare(
@@ -143,7 +142,7 @@ def _unsubscribe(topic: Topic, channel: Channel, gone: list[MemorySubscription],
     for history in idle:
         channel.queues.pop(history).close()
         if history:
-            # These caches no longer follow the publishers, whose own are queried by the next subscriber.
+            # These caches no longer follow the publishers; the next subscriber queries the publishers' own.
             for publisher in topic.remote_publishers:
                 publisher.cache = None
 

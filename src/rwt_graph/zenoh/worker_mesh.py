@@ -1,4 +1,4 @@
-"""The mesh of Zenoh sessions by which the workers of one server share a graph."""
+"""Mesh of Zenoh sessions through which the workers of one server share a graph."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ _PORT = re.compile(r":\d+(?=$|[?#])")
 
 
 def mesh_options(options: ZenohOptions, folder: Path, number: int, count: int) -> ZenohOptions:
-    """The options of one worker, from those of the server.
+    """Return the options of one worker.
 
-    In mode `peer` the workers are a full mesh over Unix sockets in `folder`. To the outside each is a peer of
-    its own, because peers do not forward: the first listens where `options` say, the others at ports of their
-    own, which Zenoh's gossip makes known. In mode `router` the first worker is the router and the others are
-    its clients. In mode `client` the workers meet at the router that they all connect to.
+    In mode `peer` the workers are a full mesh over Unix sockets in `folder`. Outside, each is a separate
+    peer, because peers do not forward: the first listens at the endpoints of `options`, the others at ports
+    of their own, which Zenoh's gossip announces. In mode `router` the first worker is the router, the others
+    its clients. In mode `client` all workers connect to the same router.
 
     Args:
-        options: those of the server.
-        folder: for the sockets; only the server may have access to it.
-        number: of the worker, from 1, in the order of starting.
-        count: of workers.
+        options: options of the server.
+        folder: folder of the sockets; only the server may have access.
+        number: number of the worker, from 1, in the order of starting.
+        count: number of workers.
 
     Raises:
         ZenohError: the configuration file cannot be used.
@@ -40,7 +40,7 @@ def mesh_options(options: ZenohOptions, folder: Path, number: int, count: int) -
         return options
     if mode == "router" and number > 1:
         return replace(options, mode="client", listen=(), connect=(_endpoint(folder, 1),))
-    # A worker that is started again connects to the others, and need not wait until they retry.
+    # A restarted worker connects to the others, instead of waiting for their retries.
     there = [each for each in range(1, count + 1) if each < number or _socket(folder, each).exists()]
     others = [_endpoint(folder, each) for each in there if each != number and mode == "peer"]
     listen = _endpoints(config.get_json("listen/endpoints"), mode)
@@ -59,7 +59,7 @@ def _endpoint(folder: Path, number: int) -> str:
 
 
 def _endpoints(text: str, mode: str) -> list[str]:
-    """A list of a configuration, which may be one for each mode."""
+    """Return a list of a configuration, which may have one for each mode."""
     value = json.loads(text)
     if isinstance(value, dict):
         value = value.get(mode, [])

@@ -1,1 +1,1 @@
-"""The commands of `rwt`, a module each."""
+"""Commands of `rwt`, one module each."""

@@ -102,7 +102,6 @@ def _nothing(message: Any) -> None:
 
 
 async def _cancel(goal: Goal, robot: Robot, error: BaseException) -> None:
-    """Cancel a goal whose result is no longer awaited."""
     import anyio
 
     if goal.done or not robot.connected:

@@ -120,7 +120,6 @@ def _line(key: Key, value: object, source: str) -> str:
 
 
 def _part(name: str) -> str:
-    """Return one part of a key, quoted where TOML requires it."""
     return name if name.isascii() and name.replace("-", "_").isidentifier() else _toml(name)
 
 

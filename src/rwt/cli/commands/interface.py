@@ -50,7 +50,6 @@ def _run(run: Callable[[Arguments, Output], None], arguments: Arguments) -> int:
 
 
 def _add_source(parser: argparse.ArgumentParser) -> None:
-    """Add the options for the source of the definitions."""
     source = parser.add_argument_group("the definitions")
     source.add_argument(
         "--interfaces",
@@ -231,7 +230,6 @@ def _add_show(verbs: Commands) -> None:
 
 
 def _type(arguments: Arguments) -> tuple[Registry, InterfaceType]:
-    """Return the type of the arguments, with its registry."""
     if "/" not in arguments.type:
         raise CommandError(
             f"expected a type, for example geometry_msgs/msg/Twist, got {arguments.type!r}; "

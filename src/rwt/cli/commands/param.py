@@ -157,7 +157,6 @@ def _shown(value: ParameterValue, output: Output) -> str:
 
 
 def _kind(value: ParameterValue) -> str:
-    """Return ROS 2's name for the type of a value."""
     match value:
         case bool():
             return "Boolean"

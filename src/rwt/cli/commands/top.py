@@ -65,7 +65,6 @@ class _Counted:
     octets: int = 0
 
     def hear(self, message: RawMessage) -> None:
-        """Count one message."""
         if message.stamp_ns is None or message.stamp_ns >= self.since_ns:
             self.messages += 1
             self.octets += len(message.data)

@@ -1,1 +1,1 @@
-"""Actions across processes: goals as the services and topics that ROS 2 makes of them."""
+"""Actions across processes: goals as the services and topics of ROS 2."""

@@ -1,4 +1,4 @@
-"""The topics and services that carry an action on ROS 2: hidden, below `<action>/_action`."""
+"""Topics and services of an action on ROS 2: hidden, below `<action>/_action`."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ SEND_GOAL = f"{_PART}send_goal"
 
 @dataclass(frozen=True, slots=True)
 class ActionNames:
-    """The names that belong to one action.
+    """Names of the topics and services of one action.
 
-    `reasons` is a topic of this project's own: why a goal was rejected or ended as it did, for which ROS 2's
-    messages have no field. Each message is a `std_msgs/String`: the goal's id, a space, the reason.
+    `reasons` is a topic of this project: why a goal was rejected or ended, for which ROS 2's messages have no
+    field. Each message is a `std_msgs/String`: the goal's id, a space, the reason.
     """
 
     action: str
@@ -58,22 +58,22 @@ class ActionNames:
 
 
 def belongs_to_action(topic: str) -> bool:
-    """Whether a topic or service carries an action."""
+    """Return True if a topic or service belongs to an action."""
     return _PART in topic
 
 
 def part_type(action: ActionType, suffix: str) -> str:
-    """The name of the type that carries a part of an action: `Fibonacci` and `_SendGoal`."""
+    """Return the type name of a part of an action: `Fibonacci` and `_SendGoal`."""
     return f"{action.name}{suffix}"
 
 
 def struct_payload(type: MessageType, **fields: object) -> Payload:
-    """A payload of fields that are known to fit."""
+    """Return a payload from fields that are known to be valid."""
     return Payload(type, None, type.struct(**fields))
 
 
 def uuid_struct(type: MessageType, goal_id: str) -> msgspec.Struct:
-    """A goal's id as the `goal_id` of a message of that type."""
+    """Return a goal's id as the `goal_id` of a message of that type."""
     empty: Any = type.struct()
     uuid: msgspec.Struct = empty.goal_id.__class__(uuid=bytes.fromhex(goal_id))
     return uuid

@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-#: The id that ROS 2's cancel service takes for "all of them".
+#: Goal id that means all goals for ROS 2's cancel service.
 _EVERY_GOAL = "0" * 32
 
 _STATES = {status.value: status for status in GoalStatus}
 
 
 class ZenohActions:
-    """The actions of other processes: a node that offers `<action>/_action/send_goal` offers the action."""
+    """Actions of other processes: a node that offers `<action>/_action/send_goal` offers the action."""
 
     def __init__(
         self, topics: Topics, services: Services, remote: RemoteServices, registry: Registry
@@ -41,7 +41,7 @@ class ZenohActions:
         self._remote = remote
 
     def info(self, name: str) -> ActionInfo | None:
-        """One action, or None; also None when its type is not known here."""
+        """Return an action; None if it or its type is unknown."""
         service = self._remote.info(f"{name}{SEND_GOAL}")
         if service is None:
             return None
@@ -52,11 +52,11 @@ class ZenohActions:
         return ActionInfo(name, type, service.node)
 
     def names(self) -> set[str]:
-        """The names of all actions of other processes."""
+        """Return the names of all actions of other processes."""
         return {name.removesuffix(SEND_GOAL) for name in self._remote.names() if name.endswith(SEND_GOAL)}
 
     def by_node(self) -> Iterator[tuple[str, str]]:
-        """Every node of another process with each action that it offers."""
+        """Yield each node of another process with each of its actions."""
         for node, name in self._remote.by_node():
             if name.endswith(SEND_GOAL):
                 yield node, name.removesuffix(SEND_GOAL)
@@ -73,13 +73,13 @@ class ZenohActions:
         return goal
 
     def cancel(self, action: str, goal_id: str, client: NodeResources) -> None:
-        """Ask to cancel a goal by its id, without waiting for the answer."""
+        """Request cancellation of a goal by its id, without waiting for the answer."""
         if goal_id == _EVERY_GOAL:
-            return  # No goal's id: it would cancel every goal.
+            return  # The id of no goal: it would cancel every goal.
         self.ask_to_cancel(action, goal_id, client, lambda _: None)
 
     def cancel_every(self, action: str, client: NodeResources) -> None:
-        """Ask to cancel all goals of an action, without waiting for the answer."""
+        """Request cancellation of all goals of an action, without waiting for the answer."""
         self.ask_to_cancel(action, _EVERY_GOAL, client, lambda _: None)
 
     def ask_to_cancel(
@@ -97,7 +97,7 @@ class ZenohActions:
 
 
 class RemoteGoal(ClientGoal):
-    """One goal as its client sees it."""
+    """Goal as its client sees it."""
 
     def __init__(
         self, actions: ZenohActions, info: ActionInfo, events: GoalEvents, goal_id: str, client: NodeResources
@@ -117,12 +117,12 @@ class RemoteGoal(ClientGoal):
 
     @property
     def status(self) -> GoalStatus:
-        """The last state that the server reported."""
+        """Last state that the server reported."""
         return self._status
 
     @property
     def reason(self) -> str:
-        """Why the server ended the goal as it did; only servers of this project send reasons."""
+        """Reason that the server gave for the end; only servers of this project send reasons."""
         return self._reason
 
     def send(self, payload: Payload) -> None:
@@ -135,7 +135,7 @@ class RemoteGoal(ClientGoal):
         self._call(self._names.send_goal, goal, self._on_answer)
 
     def want_feedback(self, wanted: bool) -> None:
-        """Subscribe to the feedback, or end that: a server without subscribers sends none."""
+        """Subscribe to the feedback or unsubscribe: a server without subscribers sends none."""
         feedback = self._feedback
         if not wanted and feedback is not None:
             self._feedback = None
@@ -225,7 +225,7 @@ class RemoteGoal(ClientGoal):
     # Requests of the client
 
     def cancel(self) -> None:
-        """Ask the server to cancel."""
+        """Request cancellation."""
         if self._events is not None and not self._status.is_terminal:
             self._actions.ask_to_cancel(self.action, self.id, self._client, self._on_cancel_answer)
 
@@ -237,15 +237,15 @@ class RemoteGoal(ClientGoal):
             self._status = GoalStatus.CANCELING
 
     def abandon(self) -> None:
-        """Drop the goal's callbacks; the goal goes on running."""
+        """Drop the goal's callbacks; the goal continues."""
         pending = self._pending
         self._let_go()
         if pending is not None and self._status is not GoalStatus.UNKNOWN:
-            # An unanswered goal is left to be answered: a cancelled call might take it along.
+            # Let the call be answered: cancelling it might cancel the goal.
             pending.cancel()
 
     def client_closed(self) -> None:
-        """End the callbacks of a client whose node leaves; the goal goes on running (ACT-19)."""
+        """Drop the callbacks of a client whose node leaves; the goal continues (ACT-19)."""
         self._end(self._status, CallFailed(f"node {self._client.name} was closed"))
 
     def _let_go(self) -> None:

@@ -1,7 +1,7 @@
-"""An action server of this process, as the services and topics of ROS 2.
+"""Action server of this process, as the services and topics of ROS 2.
 
 Other processes see three services (send a goal, cancel goals, get a result), a topic of feedback and a
-latched one of states. Their goals are goals like any other, and the topics carry those of every client.
+latched one of states. The topics include the goals of local clients.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ if TYPE_CHECKING:
     from rwt_graph.api import Participant, ServiceCall
     from rwt_graph.memory.actions import Actions, MemoryActionServer
 
-#: How many results are kept for clients that ask after the goal has ended.
+#: Maximum number of results kept for clients that ask after the goal has ended.
 RESULTS_KEPT = 100
 
 
 class Ros2ActionServer:
-    """The services and topics of one action; they exist as long as its server."""
+    """Services and topics of one action; they exist as long as its server."""
 
     def __init__(
         self, participant: Participant, server: MemoryActionServer, actions: Actions, clock: Clock
@@ -56,7 +56,7 @@ class Ros2ActionServer:
         self._result_type = service(part_type(self._server.type, "_GetResult")).response
         send = service(part_type(self._server.type, "_SendGoal"))
         self._answer_type = send.response
-        # The goal service comes last: a client that sees it may count on the others.
+        # The goal service is last: clients that see it rely on the others.
         self._services = (
             participant.advertise_service(names.cancel_goal, cancel, cancel_service(self._server, cancel)),
             participant.advertise_service(
@@ -134,7 +134,7 @@ class Ros2ActionServer:
 
     @property
     def feedback_wanted(self) -> bool:
-        """Whether the feedback has subscribers, in any process."""
+        """True if the feedback has subscribers, in any process."""
         return bool(self._feedback.subscriber_count)
 
     def fed_back(self, goal_id: str, feedback: Payload) -> None:

@@ -1,5 +1,4 @@
-"""rmw_zenoh's wire, as ROS 2 speaks it since Jazzy: keys, tokens, attachments. Nothing here does I/O.
+"""Wire format of rmw_zenoh, as of ROS 2 Jazzy: keys, tokens, attachments. Without I/O.
 
-The format is that of the public design document of `ros2/rmw_zenoh`; the sections named in the docstrings are
-its sections.
+The format is that of the public design document of `ros2/rmw_zenoh`; docstrings name its sections.
 """

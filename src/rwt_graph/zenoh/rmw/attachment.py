@@ -1,4 +1,4 @@
-"""The attachment of every sample, request and reply: 33 bytes.
+"""Attachment of every sample, request and reply: 33 bytes.
 
 ====== ====== =========================================================================
 offset length field
@@ -19,33 +19,33 @@ from rwt_graph.errors import WireError
 
 _LAYOUT = struct.Struct("<qqB16s")
 
-#: Bytes of an attachment.
+#: Size of an attachment in bytes.
 SIZE = _LAYOUT.size
 
 _GID_SIZE = 16
 
-#: pack(sequence, stamp_ns, 16, gid): for the hot path, which calls nothing else.
+#: pack(sequence, stamp_ns, 16, gid): the hot path calls only this.
 pack = _LAYOUT.pack
 unpack = _LAYOUT.unpack
 
 
 class Attachment(NamedTuple):
-    """The fields of an attachment, see the table."""
+    """Fields of an attachment; see the table."""
 
     sequence: int
     stamp_ns: int
     gid: bytes
 
     def encode(self) -> bytes:
-        """The 33 bytes."""
+        """Return the 33 bytes."""
         return pack(self.sequence, self.stamp_ns, _GID_SIZE, self.gid)
 
 
 def decode(data: bytes) -> Attachment:
-    """Read an attachment.
+    """Decode an attachment.
 
     Raises:
-        WireError: not exactly 33 bytes, or the length byte is not 16; older ones (before 2025) were maps.
+        WireError: the size is not 33 bytes, or the length byte is not 16; versions before 2025 used maps.
     """
     if len(data) != SIZE:
         raise WireError(f"an attachment of {len(data)} bytes; rmw_zenoh's has {SIZE}")

@@ -1,29 +1,29 @@
-"""The keys of topics and services: `<domain>/<name>/<dds type>/<type hash>` (design, "Publishers")."""
+"""Keys of topics and services: `<domain>/<name>/<dds type>/<type hash>` (design, "Publishers")."""
 
 from __future__ import annotations
 
 from rwt_graph.errors import WireError
 
-#: What stands for `/` where a name must be one part of a key.
+#: Replacement of `/` in names that are one part of a key.
 SLASH = "%"
 
 _KINDS = ("msg", "srv", "action")
 
 
 def data_key(domain: int, name: str, dds_type: str, type_hash: str) -> str:
-    """The key that a topic's samples or a service's requests travel on.
+    """Return the key of a topic's samples or a service's requests.
 
     Args:
         domain: ROS_DOMAIN_ID.
         name: absolute name, `/chatter`.
-        dds_type: as :func:`dds_type` writes it.
+        dds_type: type in the form of :func:`dds_type`.
         type_hash: `RIHS01_` and 64 hexadecimal digits.
     """
     return f"{domain}/{name[1:]}/{dds_type}/{type_hash}"
 
 
 def dds_type(type_name: str) -> str:
-    """`std_msgs/msg/String` as `std_msgs::msg::dds_::String_`.
+    """Convert `std_msgs/msg/String` to `std_msgs::msg::dds_::String_`.
 
     Raises:
         WireError: not a three-part name.
@@ -36,10 +36,10 @@ def dds_type(type_name: str) -> str:
 
 
 def type_name(dds: str) -> str:
-    """`std_msgs::msg::dds_::String_` as `std_msgs/msg/String`.
+    """Convert `std_msgs::msg::dds_::String_` to `std_msgs/msg/String`.
 
     Raises:
-        WireError: it is not written so.
+        WireError: it has another form.
     """
     parts = dds.split("::")
     if (
@@ -55,10 +55,11 @@ def type_name(dds: str) -> str:
 
 
 def mangle(name: str) -> str:
-    """An absolute name as one part of a key: `%chatter` for `/chatter`, `%` for `/` and for nothing."""
+    """Return an absolute name as one part of a key: `%chatter` for `/chatter`, `%` for `/` and for an empty
+    name."""
     return name.replace("/", SLASH) or SLASH
 
 
 def demangle(part: str) -> str:
-    """The absolute name that :func:`mangle` made `part` of; `/` for `%`."""
+    """Return the absolute name for a result of :func:`mangle`; `/` for `%`."""
     return part.replace(SLASH, "/")

@@ -1,9 +1,9 @@
 """QoS in the text of liveliness tokens (design, "Graph Cache").
 
 `<reliability>:<durability>:<history>,<depth>:<deadline>:<lifespan>:<liveliness>,<lease>`, where the three
-durations are `<seconds>,<nanoseconds>`. Numbers are as in `rmw_qos_profile_t`, and there is nothing where the
-value is rmw_zenoh's default: reliable, volatile, keep-last 42, no deadline, no lifespan, automatic
-liveliness. ROS's default profile is `::,10:,:,:,,`.
+durations are `<seconds>,<nanoseconds>`. Numbers are those of `rmw_qos_profile_t`. Default values of rmw_zenoh
+are left empty: reliable, volatile, keep-last 42, no deadline, no lifespan, automatic liveliness. ROS's
+default profile is `::,10:,:,:,,`.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from rwt_graph.errors import WireError
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.qos import LONGEST_SECONDS, MOST_DEPTH, Durability, History, QoS, Reliability
 
-#: The depth that is written as nothing.
+#: Depth that is left empty.
 DEFAULT_DEPTH = 42
 
 _LARGEST = 10**18
@@ -28,7 +28,7 @@ _HISTORY = {"": History.KEEP_LAST, "0": History.KEEP_LAST, "1": History.KEEP_LAS
 
 
 def encode(qos: QoS) -> str:
-    """The text of a QoS; what is left to be chosen ("best available") is written as the default."""
+    """Encode a QoS; "best available" policies are written as the default."""
     reliability = "2" if qos.reliability is Reliability.BEST_EFFORT else ""
     durability = "1" if qos.durability is Durability.TRANSIENT_LOCAL else ""
     history = "2" if qos.history is History.KEEP_ALL else ""
@@ -39,10 +39,10 @@ def encode(qos: QoS) -> str:
 
 
 def decode(text: str) -> QoS:
-    """Read a QoS.
+    """Decode a QoS.
 
     Raises:
-        WireError: not six parts, a part without its commas, or a number that is none.
+        WireError: not six parts, a part without its commas, or an invalid number.
     """
     parts = text.split(":")
     fields = [part.split(",") for part in parts]

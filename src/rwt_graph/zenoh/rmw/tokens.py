@@ -1,7 +1,7 @@
-"""Liveliness tokens, by which nodes, publishers, subscriptions, services and clients are discovered.
+"""Liveliness tokens, for the discovery of nodes, publishers, subscriptions, services and clients.
 
 `@ros2_lv/<domain>/<session>/<node id>/<entity id>/<kind>/<enclave>/<namespace>/<node>`, and for everything
-but a node `/<name>/<dds type>/<type hash>/<qos>` (design, "Graph Cache"). In names `/` is written `%`.
+but a node `/<name>/<dds type>/<type hash>/<qos>` (design, "Graph Cache"). In names `/` is replaced by `%`.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from rwt_participant.qos import DEFAULT_QOS, QoS
 
 _PREFIX = "@ros2_lv"
 
-#: Parts of a node's token, and of every other.
+#: Number of parts of a node's token, and of all others.
 _NODE_PARTS, _ENDPOINT_PARTS = 9, 13
 
-#: Longest token that is looked at.
+#: Maximum length of a token in characters.
 MAX_LENGTH = 4096
 
 
 class Kind(Enum):
-    """What a token stands for."""
+    """Kind of entity of a token."""
 
     NODE = "NN"
     PUBLISHER = "MP"
@@ -35,7 +35,7 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
-    """An endpoint of a node: the topic or service, its type and its QoS.
+    """Endpoint of a node: topic or service, type and QoS.
 
     Attributes:
         name: absolute name of the topic or service.
@@ -51,12 +51,12 @@ class Endpoint:
 
 @dataclass(frozen=True, slots=True)
 class Token:
-    """One liveliness token.
+    """Liveliness token.
 
     Attributes:
         domain: ROS_DOMAIN_ID.
         session: the Zenoh session's id, as text.
-        node_id, entity_id: numbers of that session; the same for a node.
+        node_id, entity_id: numbers within the session; the same for a node.
         node: absolute name of the node.
         endpoint: None for a node.
     """
@@ -71,7 +71,7 @@ class Token:
     enclave: str = "/"
 
     def key(self) -> str:
-        """The key that is declared alive."""
+        """Key of the token."""
         namespace, _, name = self.node.rpartition("/")
         ids = f"{_PREFIX}/{self.domain}/{self.session}/{self.node_id}/{self.entity_id}/{self.kind.value}"
         key = f"{ids}/{mangle(self.enclave)}/{mangle(namespace)}/{name}"
@@ -83,23 +83,22 @@ class Token:
 
 
 def gid_of(token_key: str) -> bytes:
-    """The 16 bytes that identify an entity: XXH3-128 of its token, the lower 64 bits first, each
-    little-endian."""
-    import xxhash  # Comes with the extra `zenoh`; needed by nothing else.
+    """Return the GID of an entity: XXH3-128 of its token, lower 64 bits first, each half little-endian."""
+    import xxhash  # Installed with the extra `zenoh`; needed only here.
 
     return xxhash.xxh3_128(token_key.encode()).digest()[::-1]
 
 
 def all_tokens(domain: int) -> str:
-    """The key expression of every token of a domain."""
+    """Return the key expression of all tokens of a domain."""
     return f"{_PREFIX}/{domain}/**"
 
 
 def parse(key: str) -> Token:
-    """Read a token.
+    """Decode a token.
 
     Raises:
-        WireError: it is not one; says which part is wrong.
+        WireError: it is invalid; the text names the part.
     """
     if len(key) > MAX_LENGTH:
         raise WireError(f"a liveliness token of {len(key)} characters; the longest read is {MAX_LENGTH}")

@@ -159,7 +159,6 @@ def _latched(offered: tuple[QoS, ...]) -> str:
 
 
 def _date(time_ns: int) -> str:
-    """Format a time in UTC, to the nanosecond."""
     from rwt_interfaces.times import NANOSECONDS
 
     seconds, nanoseconds = divmod(time_ns, NANOSECONDS)

@@ -262,7 +262,6 @@ class _Examination:
         self._rosapi = False
 
     async def findings(self) -> AsyncIterator[Finding]:
-        """Run the checks in order, and yield their findings."""
         self._probe.send("set_level", level="error")
         yield await self._look_for_rosapi()
         if self._rosapi:

@@ -86,7 +86,6 @@ def _run(arguments: argparse.Namespace) -> int:
 def _selected(
     lines: Iterator[Mapping[str, object]], arguments: argparse.Namespace
 ) -> Iterator[Mapping[str, object]]:
-    """Yield the lines that match the options."""
     exact = {
         key: value
         for key in ("decision", "act", "client", "role")

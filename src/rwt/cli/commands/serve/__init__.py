@@ -103,7 +103,6 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
 
 
 def _add_robot_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options for the robot to serve, its names and types."""
     parser.add_argument("--demo", action="store_true", default=None, help="add a simulated mobile robot")
     parser.add_argument(
         "--script",
@@ -129,7 +128,6 @@ def _add_robot_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_graph_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that select a graph and connect it."""
     parser.add_argument(
         "--graph",
         metavar="{memory,zenoh}",
@@ -192,7 +190,6 @@ def command_errors() -> Iterator[None]:
 
 
 def _in_worker(number: int, serve: Callable[[], None]) -> int:
-    """Serve as one of several processes."""
     name_worker(number)
 
     def act() -> None:

@@ -167,7 +167,6 @@ async def _echo_raw(robot: Robot, name: str, kind: str, arguments: Arguments, ou
 
 
 def _printer(message_type: MessageType, arguments: Arguments, output: Output) -> Callable[[Any], None]:
-    """Return a function that prints one message."""
     from rwt.cli.console.yaml_text import block, flow
 
     formatting = _formatting(arguments, output)
