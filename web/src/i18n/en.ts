@@ -280,7 +280,7 @@ export const en = {
   "recorder.dropped": "{count} messages were lost: the disk is too slow.",
   "player.refused": "{name} was rejected.",
   "widget.robot": "The attribute robot must be a URL such as ws://robot:9090, not {written}.",
-  "widget.unreachable": "The robot at {url} is not reachable; retrying.",
+  "widget.unreachable": "The robot at {url} cannot be reached; retrying.",
   "widget.teleop.nothing": "The robot has no topic for driving.",
   "widget.teleop.legend": "Drive with {topic}",
   "widget.topic.unnamed": "The attribute topic is missing.",

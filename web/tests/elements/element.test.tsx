@@ -102,7 +102,7 @@ describe("what is wrong is said", () => {
   test("a robot that was never reached, and one that was lost", async () => {
     const robot = robotThat("lost");
     const element = make(robot);
-    expect(said(element)).toContain("The robot at ws://robot:9090 is not reachable");
+    expect(said(element)).toContain("The robot at ws://robot:9090 cannot be reached");
     robot.session.connections.value = 1;
     await settled();
     expect(said(element)).toContain("Connection lost, retrying");
