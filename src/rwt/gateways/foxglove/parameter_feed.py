@@ -21,7 +21,7 @@ _QOS: Final = QoS(depth=1000)
 
 
 class ParameterFeed:
-    """Tells of changes of parameters as long as anybody watches.
+    """Reports changes of watched parameters.
 
     Args:
         shared: the gateway's part in the graph.
@@ -37,7 +37,7 @@ class ParameterFeed:
         self._timer: Timer | None = None
 
     def watch(self, names: Iterable[str], *, everything: bool) -> None:
-        """Watch these parameters from now on, in place of those before.
+        """Watch these parameters instead of those before.
 
         Args:
             names: full names.

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class ServiceCalls:
-    """The calls of one client.
+    """Calls of one client.
 
     Args:
         graph: the graph as the client may see it.

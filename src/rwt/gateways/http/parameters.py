@@ -27,7 +27,7 @@ ANSWER_SECONDS: Final = 10.0
 
 
 class ParameterPages:
-    """The pages of parameters: ``/node:name`` on ROS 2, ``/name`` on ROS 1.
+    """Routes of parameters: ``/node:name`` on ROS 2, ``/name`` on ROS 1.
 
     Args:
         clients: who asks.

@@ -105,11 +105,11 @@ _OF_ERROR: Final[tuple[tuple[type[Exception], str], ...]] = (
     (NotFound, "not-found"),
     (CallFailed, "service-failed"),
 )
-"""From the first class that fits to a kind."""
+"""Kind of problem by error class; the first match counts."""
 
 
 class HttpProblem(Exception):
-    """A request that cannot be done.
+    """Request that cannot be fulfilled.
 
     Attributes:
         kind: one of :data:`KINDS`.
@@ -150,7 +150,7 @@ def problem_of(error: Exception) -> HttpProblem:
 
 
 def _pointer(path: str) -> str:
-    """``pose.covariance[3]`` as a JSON Pointer (RFC 6901), ``/pose/covariance/3``."""
+    """Return ``pose.covariance[3]`` as a JSON Pointer (RFC 6901), ``/pose/covariance/3``."""
     return "/" + path.replace("[", "/").replace("]", "").replace(".", "/") if path else ""
 
 

@@ -18,7 +18,7 @@ _MOST_QUESTIONS: Final = 256
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """One question, with those of the same act that have had their yes.
+    """Pending question, with approved actions of the same kind.
 
     Attributes:
         text: what is asked.
@@ -38,10 +38,9 @@ class _Asked:
 
 
 class Questions:
-    """Questions that were asked and whose answers come with another request.
+    """Questions whose answers come with a later request.
 
-    Each is for one act by one owner with the very same arguments, and is answered once: so that an answer
-    cannot be used again, or for something else.
+    Each is for one action by one owner with identical arguments, and is answered once.
     """
 
     def __init__(self) -> None:
@@ -50,7 +49,7 @@ class Questions:
     def ask(
         self, question: Question, owner: str, tool: str, arguments: Mapping[str, object], now: float
     ) -> str:
-        """Note a question; returns the word under which its answer comes.
+        """Note a question, and return the token under which its answer comes.
 
         Args:
             question: see there.
@@ -68,8 +67,7 @@ class Questions:
     def answered(
         self, word: str, owner: str, tool: str, arguments: Mapping[str, object], now: float
     ) -> Question | None:
-        """The question that an answer is for; None where none was asked just so. Arguments as of
-        :meth:`ask`."""
+        """Return the question of an answer with the same arguments as in :meth:`ask`; None if there is none."""
         asked = self._waiting.pop(word, None)
         if asked is None or asked.owner != owner or now > asked.until:
             return None

@@ -11,7 +11,7 @@ from rwt_participant.messages import Message
 
 @dataclass(frozen=True, slots=True)
 class RecordedTopicRow:
-    """One topic of a recording.
+    """Topic of a recording.
 
     Attributes:
         name: absolute name.
@@ -26,7 +26,7 @@ class RecordedTopicRow:
 
 @dataclass(frozen=True, slots=True)
 class RecordingInfo:
-    """One recording.
+    """Summary of one recording.
 
     Attributes:
         name: of its file.
@@ -59,7 +59,7 @@ class Recordings(Protocol):
         """
 
     def message(self, name: str, topic: str, seconds: float) -> tuple[Message, str, float]:
-        """The first message of a topic from so many seconds after the start of a recording on.
+        """Return the first message of a topic at or after an offset in seconds.
 
         Returns:
             The message, its type's name, and when it was recorded, in seconds after the start.

@@ -25,7 +25,7 @@ _LOG_LEVELS = {
 
 
 class Replies(ControlLane):
-    """Control lane to one rosbridge client: every op that is sent to it, besides samples.
+    """Control lane to one rosbridge client: all messages except samples.
 
     Attributes:
         session: wire state of the client.
