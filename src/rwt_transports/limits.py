@@ -13,7 +13,7 @@ READY_BYTES = 128 * KIB
 
 
 class Deflate(StrEnum):
-    """Whether a server compresses what it sends to clients that can inflate it."""
+    """Compression of messages to clients that support it."""
 
     OFF = "off"
     SHARED = "shared"

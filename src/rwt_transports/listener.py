@@ -39,8 +39,9 @@ class Listener:
         return len(self._state.connections)
 
     async def ended(self) -> None:
-        """Wait until nothing is left to serve: the end of standard input for ``stdio:``, otherwise the end of
-        the block."""
+        """Wait for the end of service: the end of standard input for ``stdio:``, otherwise the end of the
+        block.
+        """
         await self._state.ended.wait()
 
 
@@ -125,7 +126,7 @@ async def listen(
 
 @asynccontextmanager
 async def _serving(driver: Driver, bound: BindAddress, state: ListenerState) -> AsyncIterator[int]:
-    """Accept peers at an address within the block, whose value is the port; then close them."""
+    """Accept peers at an address within the block, yield the port, and close the peers at the end."""
     failure: Exception | None = None
     async with driver.serve(bound, state.attach) as port, state.serving():
         try:

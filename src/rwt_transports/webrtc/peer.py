@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger("rwt_transports.webrtc")
 
 READY_BYTES: Final = 16 * KIB
-"""What may wait in front of a channel's lanes, out of reach of what drops old messages."""
+"""Maximum bytes queued below a channel's lanes, where old messages can no longer be dropped."""
 FRESH_READY_BYTES: Final = 1 * KIB
 """The same for a channel without retransmission, where an old message is worth nothing."""
 
@@ -114,7 +114,7 @@ class Peer:
     # -- descriptions --------------------------------------------------------------------------------------
 
     async def take_description(self, description: Description, kind: str) -> None:
-        """Take the other side's description.
+        """Apply the other side's description.
 
         Args:
             description: what was read of it.
@@ -135,8 +135,7 @@ class Peer:
         self.prepare()
 
     def prepare(self) -> None:
-        """Put what this package needs into aiortc's objects that are there now; before candidates are
-        gathered."""
+        """Prepare aiortc's objects, before candidates are gathered."""
         connection = self.connection
         sctp = connection.sctp
         handshakes = {each.sender.transport for each in connection.getTransceivers()}
@@ -161,7 +160,7 @@ class Peer:
         return with_largest_message(self.connection.localDescription.sdp, self._terms.limits.message_bytes)
 
     async def add_candidates(self, candidates: tuple[RTCIceCandidate, ...]) -> None:
-        """Take further candidates of the other side.
+        """Add candidates of the other side.
 
         Raises:
             BadDescription: there are too many.
@@ -262,8 +261,7 @@ class Peer:
         self._when_ended.append(callback)
 
     async def close(self, code: int = GOING_AWAY, reason: str = "the server is going away") -> None:
-        """Close its connections, then itself. A channel that is closed is no error for the other side, where
-        one whose peer has ended is."""
+        """Close the channels before the peer connection: the reverse is an error for the other side."""
         if not self.closed:
             await asyncio.gather(*(state.end(code, reason) for state in self._states))
             self.fail(reason)

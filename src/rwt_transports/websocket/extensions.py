@@ -12,8 +12,7 @@ from websockets.extensions.permessage_deflate import PerMessageDeflate, ServerPe
 from rwt_transports.limits import Deflate
 
 WINDOW_BITS: Final = 12
-"""The window with which this side compresses in context: 4 KiB, enough for messages that resemble each
-other."""
+"""Window of this side's compression with context: 4 KiB, enough for similar messages."""
 
 
 @dataclass(frozen=True, slots=True)
