@@ -13,7 +13,7 @@ _CHECK_EVERY = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Chassis:
-    """The robot's body.
+    """Dimensions and limits of the robot's body.
 
     Attributes:
         radius: of the round body, metres.
@@ -53,7 +53,7 @@ STANDSTILL = Velocity()
 
 
 class DifferentialDrive:
-    """The robot's motion: pose, velocity and wheel angles, step by step.
+    """Motion of the robot, step by step: pose, velocity and wheel angles.
 
     Attributes:
         limits: may be changed at any time.

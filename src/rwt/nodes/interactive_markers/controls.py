@@ -187,7 +187,7 @@ def _arrows(axis: Axis, scale: float) -> Iterator[Shape]:
 
 
 def _ring(axis: Axis, scale: float) -> Shape:
-    """A flat ring, seen from both sides, around the control's x axis."""
+    """Return a flat ring, seen from both sides, around the control's x axis."""
     inner, outer = 0.4 * scale, 0.5 * scale
     corners: list[Point] = []
     for segment in range(_SEGMENTS):

@@ -10,7 +10,7 @@ from rwt_participant.api import ACTION_PARTS, SERVICE_EVENTS
 
 @dataclass(frozen=True, slots=True)
 class TopicSelection:
-    """A choice of topics.
+    """Selection of topics.
 
     Attributes:
         topics: patterns of the shell (``/camera/*``), of which one must fit; none stands for all.

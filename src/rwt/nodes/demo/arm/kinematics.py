@@ -10,7 +10,7 @@ from rwt.nodes.demo.arm.trajectory import Trajectory
 
 @dataclass(frozen=True, slots=True)
 class ArmJoint:
-    """A joint and the link that it turns, which is drawn as a cylinder along z.
+    """Joint and the link that it turns, drawn as a cylinder along z.
 
     Attributes:
         name: of the joint.
@@ -49,7 +49,7 @@ REST: Final = tuple(joint.rest for joint in ARM)
 
 
 class Arm:
-    """Where the joints are.
+    """Kinematics of the arm.
 
     Attributes:
         positions: radians, in the order of :data:`ARM`.
