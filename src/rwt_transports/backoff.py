@@ -20,7 +20,7 @@ class Backoff:
         longest: most seconds between two attempts.
         jitter: the part of a wait, 0 to 1, of which a random share is left out, so that many clients of one
             robot do not come back in the same moment.
-        attempts: how many attempts to make in a row; None never gives up.
+        attempts: number of attempts to make in a row; None never gives up.
     """
 
     first: float = 0.25

@@ -65,13 +65,13 @@ class Scheme:
         bson_wire: makes the wire of a client that speaks nothing but BSON; None: BSON cannot be spoken.
         driver: makes what listens.
         connector: makes what connects.
-        http: whether a connection begins as HTTP, and becomes a WebSocket by an upgrade.
-        tls: whether connections are encrypted.
-        binary: whether binary messages can be sent beside text.
-        unix: whether the address is the path of a Unix socket instead of host and port.
-        single: whether there is one peer, with which the listener ends; a URL to listen on has no address,
+        http: True if a connection begins as HTTP, and becomes a WebSocket by an upgrade.
+        tls: True if connections are encrypted.
+        binary: True if binary messages can be sent beside text.
+        unix: True if the address is the path of a Unix socket instead of host and port.
+        single: True if there is one peer, with which the listener ends; a URL to listen on has no address,
             one to connect to names a program.
-        expires: whether a silent peer counts as gone after a while, where connections have no end.
+        expires: True if a silent peer counts as gone after a while, where connections have no end.
         connect_port: the port where a URL to connect to names none.
         max_message_size: bytes of the largest message that can be sent; 0 for any.
     """

@@ -363,7 +363,7 @@ async def asgi_listener(
     Args:
         accept, routes, hosts, proxies, access_log, subprotocols, addresses, limits, buffers: as of
             :func:`rwt_transports.listener.listen`.
-        loopback: whether the clients' server is only reached from this machine.
+        loopback: True if the clients' server is only reached from this machine.
     """
     chosen = Limits() if limits is None else limits
     state = ListenerState(

@@ -87,7 +87,7 @@ class AsgiMount:
 
         Args:
             request: below the app's path.
-            secure: whether it came in TLS.
+            secure: True if it came in TLS.
         """
         secure = secure or request.headers.get("x-forwarded-proto") in ("https", "wss")
         target = f"{request.path}?{request.query}" if request.query else request.path

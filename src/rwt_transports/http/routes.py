@@ -252,7 +252,7 @@ class Hosts:
 
     Args:
         names: globs of further names, without port (the setting `origins.hosts`).
-        loopback: whether the listener is only reached from this machine.
+        loopback: True if the listener is only reached from this machine.
     """
 
     def __init__(self, names: Iterable[str], *, loopback: bool) -> None:
@@ -293,7 +293,7 @@ class Proxies:
         """Return the address and the prefix of the client behind a request, and reduce `headers` to its own.
 
         Args:
-            address: of the peer.
+            address: address of the peer.
             headers: names in lower case; changed in place.
         """
         given = {name: headers.pop(name, "") for name in ("forwarded", *_X_FORWARDED)}

@@ -135,7 +135,7 @@ async def dial(
 
 
 def _bounded(status: RelayStatus, accept: Accept, most: int) -> Accept:
-    """Return an accept function with the limits of a listener."""
+    """Return an accept function for at most `most` clients."""
 
     def accept_some(sink: Sink, info: PeerInfo) -> Endpoint:
         if status.clients > most:
@@ -277,7 +277,7 @@ class _IdleConnection:
 
     Attributes:
         address: the client's.
-        has_client: whether a client was assigned to it, let in or not.
+        has_client: True if a client was assigned to it, let in or not.
         code: with which code it ended, 0 if a client's endpoint took over.
         ending: the same with the reason.
     """

@@ -178,7 +178,7 @@ class PageInbox:
         """Return the robot's response, whose body is read as it arrives.
 
         Args:
-            head_only: whether the body is not asked for.
+            head_only: True if the body is not asked for.
             left: called once nobody reads any more, with a close code and why.
         """
         try:

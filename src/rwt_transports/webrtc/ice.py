@@ -110,7 +110,7 @@ def prepare(transport: RTCIceTransport, *, loopback: bool) -> None:
 
     Args:
         transport: one that has not gathered candidates yet.
-        loopback: whether the other side may be on this machine, so that its loopback address is a candidate.
+        loopback: True if the other side may be on this machine, so that its loopback address is a candidate.
     """
     more = (LOOPBACK,) if loopback else ()
     configure_ice(transport, _query_consent, lambda gather: partial(_gather, gather, more))

@@ -45,7 +45,7 @@ class PeerTerms:
     Attributes:
         limits: bounds of each channel's connection.
         buffers: where is counted what has come of large messages.
-        addresses: how many connections each address has; a channel is one.
+        addresses: number of connections by address; a channel counts as one.
         channels: data channels that a peer may have open.
         candidates: of the other side, in its description and afterwards.
         connect_seconds: how long it may take until the peers have found each other.
@@ -66,16 +66,16 @@ class Peer:
         terms: what it may take.
         servers: that help to find a path.
         accept: makes the endpoint of each data channel.
-        address: of the other side, as far as its signalling tells.
-        loopback: whether the other side may be on this machine.
+        address: address of the other side, as far as its signalling tells.
+        loopback: True if the other side may be on this machine.
         on_closed: called once when it has ended.
 
     Attributes:
         connection: aiortc's.
         network: that the other side counts as; empty on this machine.
         largest: bytes of the largest message that the other side takes; 0 for any.
-        connected: whether the peers have found each other.
-        closed: whether it has ended.
+        connected: True if the peers have found each other.
+        closed: True if it has ended.
         reason: why it has.
     """
 

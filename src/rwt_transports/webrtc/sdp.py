@@ -44,7 +44,7 @@ class Description:
         text: the description without what is not used here: candidates that are no UDP or that only multicast
             could resolve, and the end of candidates, after which aiortc would give up where none is left.
         media: the kinds of its sections, in order.
-        candidates: how many are left.
+        candidates: number of remaining candidates.
         ufrag: its ICE user name fragment.
         largest: bytes of the largest message to send on a data channel; 0 for any.
     """
@@ -61,7 +61,7 @@ def read_description(body: bytes, most_candidates: int = CANDIDATES) -> Descript
 
     Args:
         body: the description in UTF-8.
-        most_candidates: how many candidates of the other side are taken.
+        most_candidates: maximum number of remote candidates.
 
     Raises:
         BadDescription: it cannot be used; says why.
@@ -173,7 +173,7 @@ class Fragment:
     Attributes:
         ufrag: whose candidates they are; empty where it does not say.
         candidates: those that can be used.
-        left_out: how many cannot.
+        left_out: number of the others.
     """
 
     ufrag: str

@@ -98,7 +98,7 @@ class Peers:
 
         Args:
             accept: makes the endpoint of each of its data channels.
-            address: of the client.
+            address: address of the client.
             answer: brings the peer so far that it has an answer, which it returns.
 
         Returns:

@@ -109,7 +109,7 @@ class _Inflater:
     """Decompressor of messages.
 
     Args:
-        keep: whether each is in the context of those before it.
+        keep: True if each is in the context of those before it.
         most: bytes that one may have.
     """
 

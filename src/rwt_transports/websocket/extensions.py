@@ -20,7 +20,7 @@ class DeflateTerms:
     """Agreed parameters (RFC 7692 section 7.1).
 
     Attributes:
-        keeps_context: whether what this side sends is in the context of what it sent before.
+        keeps_context: True if what this side sends is in the context of what it sent before.
         peer_keeps_context: the same of the other side.
         window_bits: of this side's window.
     """

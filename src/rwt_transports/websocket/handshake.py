@@ -58,7 +58,7 @@ def answer_handshake(
 
     Args:
         path: what is asked for.
-        headers: of the request.
+        headers: headers of the request.
         deflate: what may be compressed.
         subprotocols: what is spoken besides rosbridge.
     """

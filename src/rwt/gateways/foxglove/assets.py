@@ -36,7 +36,7 @@ class Assets:
 
     Args:
         graph: the graph as the client may see it.
-        replies: how the client is answered.
+        replies: control lane to the client.
         pages: what has the files.
         settings: how large, and how many.
         address: the client's.

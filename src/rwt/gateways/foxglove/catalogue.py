@@ -27,9 +27,9 @@ class TopicChannel:
     Attributes:
         id: one that no other channel of the server has had.
         topic: absolute name.
-        type: of its messages.
+        type: type of its messages.
         announced: what is said of it, in JSON.
-        in_json: whether its messages are JSON, for viewers cannot read what the robot serialises.
+        in_json: True if its messages are JSON, for viewers cannot read what the robot serialises.
     """
 
     id: int

@@ -41,7 +41,7 @@ class ParameterFeed:
 
         Args:
             names: full names.
-            everything: whether all of the nodes' are watched, and those that the tree has now.
+            everything: True if all of the nodes' are watched, and those that the tree has now.
         """
         graph = self._shared.graph
         wanted = {name for name in names if ":" not in name}

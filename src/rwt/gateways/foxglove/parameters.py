@@ -114,7 +114,7 @@ class ParameterRequests:
 
     Args:
         graph: the graph as the client may see it.
-        replies: how the client is answered.
+        replies: control lane to the client.
         most_names: that it may ask for at once, or watch.
         turns: of the event loop, in which what it asks for is done.
     """

@@ -28,7 +28,7 @@ class PlaybackState(NamedTuple):
     Attributes:
         status: see :class:`~rwt.gateways.foxglove.wire.server_messages.PlaybackStatus`.
         speed: recorded seconds in a second.
-        seeks: how often it has jumped.
+        seeks: number of seeks.
     """
 
     status: PlaybackStatus
@@ -58,7 +58,7 @@ class PlaybackControl:
 
     Args:
         graph: the graph as the client may see it.
-        replies: how the client is answered.
+        replies: control lane to the client.
         playback: the recording.
     """
 

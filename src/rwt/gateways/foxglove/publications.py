@@ -32,7 +32,7 @@ class ClientChannels:
 
     Args:
         graph: the graph as the client may see it.
-        replies: how the client is answered.
+        replies: control lane to the client.
         structure: maximum number of brackets in its JSON.
     """
 

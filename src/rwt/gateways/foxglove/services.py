@@ -29,7 +29,7 @@ class ServiceCalls:
 
     Args:
         graph: the graph as the client may see it.
-        replies: how the client is answered.
+        replies: control lane to the client.
         structure: brackets that its JSON may have.
         timeout: seconds that a call may take; None for ever.
     """

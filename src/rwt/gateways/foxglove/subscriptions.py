@@ -131,7 +131,7 @@ class Subscriptions:
 
     Args:
         graph: the graph as the client may see it.
-        replies: how the client is answered.
+        replies: control lane to the client.
     """
 
     def __init__(self, graph: ClientGraph, replies: StatusLane) -> None:

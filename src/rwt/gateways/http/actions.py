@@ -49,7 +49,7 @@ class HttpGoal:
         client: whose goal it is.
         action: the action's absolute name.
         id: 32 hex digits; empty until the graph has given it.
-        ended: whether it has its end.
+        ended: True if it has its end.
         failure: why it ended without a result; None where it has one, or runs.
         readers: streams of its events.
     """
@@ -172,7 +172,7 @@ class GoalEventStream:
     """Event stream of one reader of a goal: ``state``, ``feedback`` and finally ``result``.
 
     Attributes:
-        queue: what waits for the reader.
+        queue: event queue of the reader.
 
     Args:
         client: whose stream it is.
@@ -218,8 +218,8 @@ class Goals:
         keep_seconds: how long one that has ended is kept.
 
     Args:
-        settings: of the gateway.
-        several_processes: whether another process may know a goal that this one does not.
+        settings: settings of the gateway.
+        several_processes: True if another process may know a goal that this one does not.
     """
 
     def __init__(self, settings: HttpSettings, *, several_processes: bool = False) -> None:
@@ -294,9 +294,9 @@ class ActionPages:
     """Routes of actions and goals.
 
     Args:
-        clients: who asks.
-        settings: of the gateway.
-        several_processes: whether a request may come to another process than the goal was sent to.
+        clients: clients of the gateway.
+        settings: settings of the gateway.
+        several_processes: True if a request may come to another process than the goal was sent to.
     """
 
     def __init__(self, clients: Clients, settings: HttpSettings, *, several_processes: bool = False) -> None:

@@ -30,7 +30,7 @@ class ParameterPages:
     """Routes of parameters: ``/node:name`` on ROS 2, ``/name`` on ROS 1.
 
     Args:
-        clients: who asks.
+        clients: clients of the gateway.
     """
 
     def __init__(self, clients: Clients) -> None:

@@ -37,7 +37,7 @@ class Schemas:
 
         Args:
             message: the type.
-            incoming: whether clients send it, and may leave fields out.
+            incoming: True if clients send it, and may leave fields out.
         """
         time = message.time
         if time is not None:

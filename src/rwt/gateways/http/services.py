@@ -30,8 +30,8 @@ class ServicePages:
     """Routes of services.
 
     Args:
-        clients: who asks.
-        settings: of the gateway.
+        clients: clients of the gateway.
+        settings: settings of the gateway.
     """
 
     def __init__(self, clients: Clients, settings: HttpSettings) -> None:

@@ -56,8 +56,8 @@ class TopicPages:
     """Routes of topics.
 
     Args:
-        clients: who asks.
-        settings: of the gateway.
+        clients: clients of the gateway.
+        settings: settings of the gateway.
         access: for the log.
     """
 
@@ -195,7 +195,7 @@ class TopicEvents:
     """Event stream of one reader of a topic.
 
     Attributes:
-        queue: what waits for the reader.
+        queue: event queue of the reader.
 
     Args:
         client: whose stream it is.

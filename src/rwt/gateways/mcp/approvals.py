@@ -52,10 +52,10 @@ class Questions:
         """Note a question, and return the token under which its answer comes.
 
         Args:
-            question: see there.
-            owner: who wants to act.
+            question: question to note.
+            owner: identity of the agent.
             tool: with which tool.
-            arguments: of the tool.
+            arguments: arguments of the tool.
             now: seconds on a clock that never goes back.
         """
         while len(self._waiting) >= _MOST_QUESTIONS:
@@ -67,7 +67,7 @@ class Questions:
     def answered(
         self, word: str, owner: str, tool: str, arguments: Mapping[str, object], now: float
     ) -> Question | None:
-        """Return the question of an answer with the same arguments as in :meth:`ask`; None if there is none."""
+        """Return the question of an answer, for the same arguments as in :meth:`ask`; None if unknown."""
         asked = self._waiting.pop(word, None)
         if asked is None or asked.owner != owner or now > asked.until:
             return None

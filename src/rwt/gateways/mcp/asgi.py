@@ -55,7 +55,7 @@ class Exchange:
         on_gone: called when nobody hears the answer any more, or it has ended.
         on_end: called once when the application has ended.
         charge: called with the seconds that the application works.
-        has_head: whether the head of the answer says something of its own, such as the id of a session: then
+        has_head: True if the head of the answer says something of its own, such as the id of a session: then
             it is waited for, however long it takes.
     """
 
@@ -219,7 +219,7 @@ class _LateBody(AsyncIterator[bytes]):
     Args:
         body: what the application writes.
         started: set when it is known what that is.
-        is_events: whether that is events.
+        is_events: True if it writes events.
     """
 
     def __init__(self, body: _ResponseBody, started: anyio.Event, is_events: Callable[[], bool]) -> None:

@@ -21,7 +21,7 @@ class AnswerNeeded(AgentError):
     """A person must be asked before a tool continues.
 
     Attributes:
-        question: what to ask.
+        question: question for the person.
         key: under which the answer is expected.
     """
 

@@ -40,7 +40,7 @@ class Person:
     answer. Older versions ask during the call.
 
     Args:
-        context: of the call.
+        context: context of the call.
         params: the call.
         questions: those that wait for their answers.
         now: seconds on a clock that never goes back.
@@ -64,7 +64,7 @@ class Person:
         """Ask for permission, unless it was granted already.
 
         Args:
-            owner: who wants to act.
+            owner: identity of the agent.
             what: what for.
 
         Raises:

@@ -15,7 +15,7 @@ class RecordedTopicRow:
 
     Attributes:
         name: absolute name.
-        type: of its messages.
+        type: type of its messages.
         count: messages; None where the file does not say.
     """
 
@@ -29,7 +29,7 @@ class RecordingInfo:
     """Summary of one recording.
 
     Attributes:
-        name: of its file.
+        name: name of its file.
         seconds: from its first message to its last.
         start_ns: log time of the first, nanoseconds since the epoch.
         topics: those that the reader may see.
@@ -52,7 +52,7 @@ class Recordings(Protocol):
 
         Args:
             name: one of :meth:`names`.
-            sees: whether the reader may see a topic.
+            sees: returns True if the reader may see a topic.
 
         Raises:
             ToolError: there is none of that name, or it cannot be read.

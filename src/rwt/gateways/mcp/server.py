@@ -44,7 +44,7 @@ class Host(Protocol):
     questions: Questions
 
     def agent(self, context: Context, allow: Allow | None = None) -> AbstractAsyncContextManager[Agent]:
-        """Return the sender of a request while it is handled; `allow` asks its user. Raises :exc:`ToolError`."""
+        """Return the sender of a request being handled; `allow` asks its user. Raises :exc:`ToolError`."""
 
     def asks_about(self, name: str) -> bool:
         """Return True if acts on this name require a person's approval."""

@@ -26,7 +26,7 @@ class NumpyLoading:
     """Imports numpy in a thread when the first message needs it.
 
     Attributes:
-        is_over: whether no message has to wait any more.
+        is_over: True if no message has to wait any more.
     """
 
     def __init__(self) -> None:

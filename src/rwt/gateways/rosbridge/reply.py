@@ -34,7 +34,7 @@ class Replies(ControlLane):
         bridge: gateway of the client.
         number: number of the client.
         sink: connection to the client.
-        info: what the transport knows of the client.
+        info: peer of the connection.
         session: wire state of the client.
     """
 

@@ -61,8 +61,8 @@ class DifferentialDrive:
         velocity: what the robot does now.
         left_angle: how far the left wheel has turned since the start, radians.
         right_angle: how far the right wheel has turned since the start, radians.
-        enabled: whether the motors have power.
-        bumped: whether the last step ended at something solid.
+        enabled: True if the motors have power.
+        bumped: True if the last step ended at something solid.
     """
 
     def __init__(self, world: World, chassis: Chassis, limits: Limits) -> None:

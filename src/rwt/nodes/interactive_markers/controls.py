@@ -112,7 +112,7 @@ def move_axis(
         shapes: what is dragged; two arrows without any.
         name: what feedback says; `move_x` and so on by default.
         scale: of the arrows: each ends that many metres from the middle.
-        fixed: whether the axes are those of the frame, however the marker is turned.
+        fixed: True if the axes are those of the frame, however the marker is turned.
     """
     chosen = _axis(axis)
     handles = shapes or tuple(_arrows(chosen, scale))

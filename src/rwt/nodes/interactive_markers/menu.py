@@ -20,7 +20,7 @@ class MenuEntry:
         number: what feedback names it by; from 1 on, unique in its menu.
         title: what the entry says.
         checked: with a check mark, without one, or None for an entry that has no place for one.
-        visible: whether it is shown, and what is under it.
+        visible: True if it is shown, and what is under it.
         on_select: called when it is chosen, in place of the marker's own callback.
     """
 

@@ -77,7 +77,7 @@ class RecoveryReport:
         summary: the index that the file should have had.
         damaged: chunks and records that could not be read.
         lost_bytes: bytes at the end that belong to no whole record.
-        is_unchunked: whether messages stand in the file itself rather than in chunks.
+        is_unchunked: True if messages stand in the file itself rather than in chunks.
     """
 
     summary: Summary

@@ -45,7 +45,7 @@ class RecordedMessage(Struct, frozen=True, gc=False):
     """Message of a recording.
 
     Attributes:
-        topic: of its topic.
+        topic: absolute name of the topic.
         type: the type's name as it was recorded.
         log_time: when it was recorded, nanoseconds since the epoch.
         publish_time: when it was published, likewise.
@@ -67,7 +67,7 @@ class Recording(ABC):
         distro: of its messages.
         topics: sorted by name; a topic of two types is there twice.
         start_ns, end_ns: log times of the first and the last message; both 0 when there is none.
-        complete: whether the file was ended properly. One that was not is read as far as it goes.
+        complete: True if the file was ended properly. One that was not is read as far as it goes.
     """
 
     paths: tuple[Path, ...]

@@ -58,7 +58,7 @@ class RecordedChannel:
 
     Attributes:
         form: what the file says of it.
-        messages: how many were taken.
+        messages: number of written messages.
         size: bytes of their content.
     """
 
@@ -79,8 +79,8 @@ class RecordingWriter:
     Args:
         path: the file; with `split` the first is `NAME_0000.mcap`.
         distro: whose messages these are.
-        encoding: of the channels, as the file's own note says it.
-        overwrite: whether a file that is there may be replaced.
+        encoding: encoding of the channels, as the file's own note says it.
+        overwrite: True if a file that is there may be replaced.
 
     Attributes:
         channels: what is recorded so far.
@@ -300,7 +300,7 @@ class _Files:
         return found
 
     def flush_if_due(self) -> None:
-        """Flush to the system once a second."""
+        """Flush to the system unless that was done within the last second."""
         now = time.monotonic()
         if self._dirty and now - self._flushed_at >= FLUSH_SECONDS:
             self._flush()

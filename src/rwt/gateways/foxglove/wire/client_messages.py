@@ -46,7 +46,7 @@ class ClientChannel(Struct, frozen=True, rename="camel"):
     Attributes:
         id: the client's.
         topic: name of the topic.
-        encoding: of its messages: ``cdr``, ``ros1`` or ``json``.
+        encoding: encoding of its messages: ``cdr``, ``ros1`` or ``json``.
         schema_name: the type of its messages.
     """
 
@@ -159,7 +159,7 @@ class PlaybackControlRequest(Struct, frozen=True):
     """Request to play, pause, seek, or change the speed of a playback.
 
     Attributes:
-        plays: whether it is to play; False pauses it.
+        plays: True if it is to play; False pauses it.
         speed: recorded seconds in a second.
         seek_ns: nanoseconds since the epoch; None stays.
         request_id: what the answer is to name.

@@ -134,7 +134,7 @@ _STATE: Final = Layout("<BBQfBI").pack
 
 
 def message_data(time_ns: int, payload: Sequence[Buffer]) -> GapFrame:
-    """Return a channel message that shares its payload, with a gap for the id (:func:`subscription_number`)."""
+    """Return a channel message with a shared payload and a gap for the id (:func:`subscription_number`)."""
     return GapFrame(_KIND_OF_MESSAGE, 4, _STAMP(time_ns), *payload, binary=True)
 
 
@@ -180,7 +180,7 @@ def playback_state(
         status: see :class:`PlaybackStatus`.
         time_ns: where it is, nanoseconds since the epoch.
         speed: recorded seconds in a second.
-        did_seek: whether it has jumped there.
+        did_seek: True if it has jumped there.
         request_id: of the request that this answers.
     """
     head = _STATE(PLAYBACK_STATE, status, time_ns, speed, did_seek, len(request_id))

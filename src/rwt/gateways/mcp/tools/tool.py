@@ -39,7 +39,7 @@ class Tool(Generic[A]):
         arguments: the model of what it is told.
         run: does it.
         act: the right that it needs, where it changes something at the robot; None for one that only looks.
-        reads_recordings: whether it is there only where recordings are.
+        reads_recordings: True if it is there only where recordings are.
     """
 
     name: str

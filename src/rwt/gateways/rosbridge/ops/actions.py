@@ -201,14 +201,14 @@ class PeerActions:
 
     Attributes:
         graph: the graph as the client may see it.
-        replies: how the client is answered.
+        replies: control lane to the client.
         now: ROS time in nanoseconds.
 
     Args:
         graph: see above.
         replies: see above.
         address: the client's.
-        offers: what all clients offer.
+        offers: offers of all clients.
         orphans: the goals of clients that have gone.
     """
 

@@ -81,9 +81,9 @@ class PeerServices:
 
     Args:
         graph: the graph as the client may see it.
-        replies: how the client is answered.
+        replies: control lane to the client.
         address: the client's.
-        offers: what all clients offer.
+        offers: offers of all clients.
         timeout: seconds that a call may take whose caller says nothing; 0 waits without end (SRV-10).
     """
 

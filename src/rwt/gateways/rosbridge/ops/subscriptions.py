@@ -53,7 +53,7 @@ class ClientSubscription:
     strongest requested encoding (SUB-08).
 
     Attributes:
-        fanout: of the topic.
+        fanout: fanout of the topic.
     """
 
     def __init__(self, graph: ClientGraph, replies: Replies, name: str, fanout: Fanout, room: Room) -> None:

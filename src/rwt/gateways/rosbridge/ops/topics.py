@@ -41,7 +41,7 @@ class PeerTopics:
 
     Args:
         graph: the graph as the client may see it.
-        replies: how the client is answered.
+        replies: control lane to the client.
         encoding_of: the encoding of a `compression`.
         queued: bytes that all throttled subscriptions together may keep in their queues.
     """

@@ -13,7 +13,7 @@ class ArmJoint:
     """Joint and the link that it turns, drawn as a cylinder along z.
 
     Attributes:
-        name: of the joint.
+        name: name of the joint.
         link: what it turns; the joint is at its origin.
         height: of the joint on the link before it, along that one's z, metres.
         axis: what it turns about.

@@ -61,7 +61,7 @@ class _Interface:
     Attributes:
         target: where a goal leads.
         pose_field: the field of the feedback that holds where the robot is.
-        has_progress: whether feedback and result have more than that.
+        has_progress: True if feedback and result have more than that.
     """
 
     target: Callable[[Any], _PoseStamped]
