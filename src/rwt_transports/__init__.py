@@ -1,7 +1,7 @@
-"""Transports: bytes and frames over WebSocket with plain HTTP beside it, over TCP, Unix sockets, UDP and
-standard input and output. Knows no op of the protocol.
+"""Transports: WebSocket with HTTP, TCP, Unix sockets, UDP, WebRTC and standard streams. They know no op of
+the protocol.
 
-Nothing is imported before its name is used.
+Names are imported on first use.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _HOMES: Final = {
     }.items()
     for name in names.split()
 }
-"""Where each name is defined."""
+"""Module of each public name."""
 
 __all__ = [
     "listen",

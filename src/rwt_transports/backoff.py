@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 _MOST_EXPONENT = 64
-"""Further failures make no wait longer: the bound has long been reached, and a power of floats has an end."""
+"""Limit of the exponent, against overflow of floats; the maximum delay is reached long before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +20,7 @@ class Backoff:
         longest: most seconds between two attempts.
         jitter: the part of a wait, 0 to 1, of which a random share is left out, so that many clients of one
             robot do not come back in the same moment.
-        attempts: how many attempts to make in a row; None never gives up.
+        attempts: number of attempts to make in a row; None never gives up.
     """
 
     first: float = 0.25
@@ -30,8 +30,9 @@ class Backoff:
     attempts: int | None = None
 
     def delay(self, failures: int) -> float | None:
-        """Seconds to wait after the last of `failures` in a row, 1 or more; None when all attempts are used
-        up."""
+        """Return the delay after `failures` (1 or more) in a row, in seconds; None if all attempts are used
+        up.
+        """
         if self.attempts is not None and failures > self.attempts:
             return None
         delay = self.first * self.factor ** min(failures - 1, _MOST_EXPONENT)

@@ -113,7 +113,6 @@ class _Handshaking:
         link.wake()
 
     def receive(self, data: bytes) -> None:
-        """Bytes arrived."""
         try:
             rest = self._handshake.feed(data)
         except TransportError as error:
@@ -129,10 +128,9 @@ class _Handshaking:
         """Return None: the response needs no buffer of its own."""
 
     def buffer_updated(self, count: int) -> None:
-        """No-op: there is no buffer."""
+        """No-op."""
 
     def take(self) -> bytes | None:
-        """Return the request, once."""
         request, self._request = self._request, None
         return request
 
@@ -140,7 +138,6 @@ class _Handshaking:
         """No-op: the handshake has a timeout."""
 
     def eof(self) -> None:
-        """Fail: the server sends nothing more."""
         try:
             self._handshake.eof()
         except TransportError as error:
@@ -148,7 +145,6 @@ class _Handshaking:
         self._link.abort()
 
     def lost(self) -> None:
-        """Fail: the link is gone."""
         address = self._outgoing.target.address
         self._outgoing.fail(ConnectError(f"{address} hung up before the connection was open"))
 
@@ -244,11 +240,11 @@ _TLS_REASONS: Final = {
     "RECORD_LAYER_FAILURE": _NO_TLS,
     "HTTP_REQUEST": _NO_TLS,
 }
-"""OpenSSL's names of what happens where something else than TLS answers."""
+"""OpenSSL's reasons of errors when the peer does not use TLS."""
 
 
 def _explained(target: ConnectUrl, error: OSError) -> ConnectError:
-    """Return the error that says in one line why there is no connection."""
+    """Return an error with the reason in one line."""
     if isinstance(error, ssl.SSLError):
         reason = getattr(error, "verify_message", "") or _TLS_REASONS.get(error.reason or "", error.reason)
         text = f"cannot connect to {target.address} in TLS: {reason or 'the handshake failed'}"

@@ -551,11 +551,9 @@ class _NoWire:
         """No-op."""
 
     def close(self, code: int, reason: str) -> bytes:
-        """Return nothing to send."""
         return b""
 
     def ping(self) -> bytes:
-        """Return nothing to send."""
         return b""
 
 

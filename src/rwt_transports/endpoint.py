@@ -19,11 +19,11 @@ class DropReason(StrEnum):
     BACKLOG = "backlog"
     """The peer reads too slowly for what all its topics together may have waiting."""
     LIFESPAN = "lifespan"
-    """It was older than its lifespan when its turn came."""
+    """Older than its lifespan."""
     SIZE = "size"
-    """It was larger than what may be sent to a client."""
+    """Larger than the limit for a client."""
     THROTTLE = "throttle"
-    """It came sooner after the one before than the subscriber wants."""
+    """Sooner than the subscriber's throttle rate allows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,11 +54,12 @@ class Flow(Protocol):
         """Queue one message of one frame."""
 
     def join(self, burst: Burst) -> bool:
-        """Queue what a burst holds and will hold when it is sealed. False, and nothing is queued, where each
-        of its frames has to be sent by itself."""
+        """Queue the frames of a burst, also later ones until it is sealed. Returns False, without effect, if
+        each frame must be sent by itself.
+        """
 
     def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
-        """Queue one message in one or more frames: all of them are sent in the end, or none.
+        """Queue one message of one or more frames: all of them are sent, or none.
 
         Args:
             pieces: the frames, in order; messages of other flows may come between them.
@@ -75,7 +76,7 @@ class Flow(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class PeerInfo:
-    """Peer of a connection, as the transport knows it at the beginning.
+    """Peer of a connection, as known when it opens.
 
     Attributes:
         transport: URL scheme, for example ``ws``.
@@ -98,7 +99,7 @@ class PeerInfo:
 
 @dataclass(frozen=True, slots=True)
 class Traffic:
-    """Counts of a connection: what was sent, what waits and what was dropped.
+    """Counters of a connection: sent, queued and dropped.
 
     Attributes:
         messages: frames handed to the writer.
@@ -120,14 +121,14 @@ class Traffic:
 class Sink(Protocol):
     """Output of an endpoint: one control lane, and a data lane with one flow per topic.
 
-    All is synchronous, does not block, and is called on the loop's thread.
+    Methods are synchronous, do not block, and are called on the loop's thread.
     """
 
     def send(self, frame: Frame) -> None:
-        """Queue one frame in the control lane: replies, requests, goals, status. None is ever dropped; too
-        much of it ends the connection, saying why.
+        """Queue one frame in the control lane: replies, requests, goals, status.
 
-        After :meth:`close` or the loss of the connection this does nothing.
+        Frames are never dropped; too many end the connection with a reason. No-op after :meth:`close` or
+        connection loss.
         """
 
     def flow(
@@ -151,16 +152,15 @@ class Sink(Protocol):
         """Close the connection after what the control lane holds. RFC 6455 section 7.4 names the codes."""
 
     def hand_over(self, endpoint: Endpoint) -> None:
-        """Feed `endpoint` from the next message on: it takes the place of the present endpoint.
+        """Replace the present endpoint by `endpoint` from the next message on.
 
-        The present endpoint is not called again, not even its `closed`. If the connection has ended already,
+        The replaced endpoint is not called again, not even its `closed`. If the connection has ended,
         `endpoint` is closed at once. Not for use within the accept function, which returns an endpoint.
         """
 
     @property
     def received(self) -> int:
-        """Bytes that have come from the peer, with all of the read whose messages are being handed over: what
-        tells one read from the next."""
+        """Number of received bytes, including the whole current read; identifies the read of a message."""
 
     @property
     def backlog(self) -> int:

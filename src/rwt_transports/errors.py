@@ -51,7 +51,7 @@ class ConnectError(TransportError):
 
 
 class Refused(TransportError):
-    """Raised by an accept function to turn a peer away before its connection opens.
+    """Raised by an accept function to reject a peer before its connection opens.
 
     Attributes:
         status: HTTP status of the answer, where the transport has one (4xx or 5xx).
@@ -67,10 +67,10 @@ class Refused(TransportError):
 
 
 def log_exception(text: str, *parts: object) -> None:
-    """Log the exception that is being handled, where none may be raised.
+    """Log the current exception without raising another.
 
-    A log handler that raises, because its disk is full or its server away, must not take other connections
-    or the listener with it: what it was given is lost.
+    A failing log handler (disk full, server away) must not affect connections or the listener; its record is
+    lost.
     """
     with contextlib.suppress(Exception):
         logger.exception(text, *parts)

@@ -13,7 +13,7 @@ READY_BYTES = 128 * KIB
 
 
 class Deflate(StrEnum):
-    """Whether a server compresses what it sends to clients that can inflate it."""
+    """Compression of messages to clients that support it."""
 
     OFF = "off"
     SHARED = "shared"
@@ -63,7 +63,7 @@ class Limits:
         control_bytes: bytes queued in one connection's control lane. Reached, the connection is closed with
             1008.
         control_frames: the same bound as a number of frames.
-        deflate: whether WebSocket peers that ask for it get compressed messages (RFC 7692).
+        deflate: True if WebSocket peers that ask for it get compressed messages (RFC 7692).
     """
 
     message_bytes: int = 64 * MIB

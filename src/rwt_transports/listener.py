@@ -39,8 +39,9 @@ class Listener:
         return len(self._state.connections)
 
     async def ended(self) -> None:
-        """Wait until nothing is left to serve: the end of standard input for ``stdio:``, otherwise the end of
-        the block."""
+        """Wait for the end of service: the end of standard input for ``stdio:``, otherwise the end of the
+        block.
+        """
         await self._state.ended.wait()
 
 
@@ -72,7 +73,7 @@ async def listen(
         routes: plain HTTP requests that the same port answers.
         hosts: names by which it may be addressed; see :class:`~rwt_transports.http.routes.Hosts`.
         proxies: whose word about their clients counts.
-        access_log: whether each HTTP request is logged, to ``rwt_transports.access``.
+        access_log: True if each HTTP request is logged, to ``rwt_transports.access``.
         subprotocols: what WebSockets may speak besides rosbridge; a client that offers one gets it, and
             `accept` is told (:class:`~rwt_transports.endpoint.PeerInfo`).
         addresses: counts the connections of each address; one of its own by default.
@@ -80,8 +81,8 @@ async def listen(
         buffers: what large messages are received in, shared with others that keep ``limits.incoming_bytes``
             together; of its own by default.
         tls: certificate and key for the schemes that encrypt (``wss``, ``tcps``).
-        bson: whether every message is a BSON document; on a stream it says itself where it ends (BSN-03).
-        shared: whether other processes listen on the same TCP port, see
+        bson: True if every message is a BSON document; on a stream it says itself where it ends (BSN-03).
+        shared: True if other processes listen on the same TCP port, see
             :func:`rwt_transports.shared_port.hold_port`.
         driver: what moves the bytes; by default the fastest one for the scheme and the running event loop.
 
@@ -125,7 +126,7 @@ async def listen(
 
 @asynccontextmanager
 async def _serving(driver: Driver, bound: BindAddress, state: ListenerState) -> AsyncIterator[int]:
-    """Accept peers at an address within the block, whose value is the port; then close them."""
+    """Accept peers at an address within the block, yield the port, and close the peers at the end."""
     failure: Exception | None = None
     async with driver.serve(bound, state.attach) as port, state.serving():
         try:

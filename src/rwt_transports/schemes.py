@@ -1,6 +1,6 @@
-"""URL schemes: for both directions, which driver moves the bytes and which wire they are.
+"""URL schemes: driver and wire for listening and connecting.
 
-A scheme of another distribution is an entry point in the group `rwt.transports`.
+Other distributions add schemes by entry points of the group `rwt.transports`.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def stream_driver() -> AnyioDriver | AsyncioDriver:
 
 
 def _data_channel() -> Connector:
-    """What connects over WebRTC; raises :exc:`~rwt_transports.errors.ConnectError` where it cannot."""
+    """Return the WebRTC connector. Raises ConnectError if it is not installed."""
     try:
         from rwt_transports.webrtc.connector import DataChannelConnector  # An extra that few need.
     except ImportError as missing:
@@ -65,13 +65,13 @@ class Scheme:
         bson_wire: makes the wire of a client that speaks nothing but BSON; None: BSON cannot be spoken.
         driver: makes what listens.
         connector: makes what connects.
-        http: whether a connection begins as HTTP, and becomes a WebSocket by an upgrade.
-        tls: whether connections are encrypted.
-        binary: whether binary messages can be sent beside text.
-        unix: whether the address is the path of a Unix socket instead of host and port.
-        single: whether there is one peer, with which the listener ends; a URL to listen on has no address,
+        http: True if a connection begins as HTTP, and becomes a WebSocket by an upgrade.
+        tls: True if connections are encrypted.
+        binary: True if binary messages can be sent beside text.
+        unix: True if the address is the path of a Unix socket instead of host and port.
+        single: True if there is one peer, with which the listener ends; a URL to listen on has no address,
             one to connect to names a program.
-        expires: whether a silent peer counts as gone after a while, where connections have no end.
+        expires: True if a silent peer counts as gone after a while, where connections have no end.
         connect_port: the port where a URL to connect to names none.
         max_message_size: bytes of the largest message that can be sent; 0 for any.
     """
@@ -122,8 +122,8 @@ SCHEMES = {
 
 
 def scheme_of(url: str) -> Scheme | None:
-    """Return the scheme of a URL: a row of the table, or an entry point in the group `rwt.transports`, which
-    is imported and becomes a row; None if there is neither.
+    """Return the scheme of a URL, from the table or an entry point in the group `rwt.transports`; None if
+    unknown.
 
     Raises:
         BadUrl: the entry point cannot be imported, or is not a :class:`Scheme`.
@@ -148,7 +148,7 @@ def _known_forms(*, connect: bool = False) -> str:
 
 
 def url_forms(*, connect: bool = False) -> str:
-    """How URLs to listen on, or to connect to, begin: ``ws://, wss://, …``, for help and errors."""
+    """Return the supported URL prefixes for help and errors: ``ws://, wss://, …``."""
     rows = [(name, row) for name, row in SCHEMES.items() if (row.client_wire if connect else row.wire)]
     return ", ".join(f"{name}:" if row.single else f"{name}://" for name, row in rows)
 
@@ -184,7 +184,7 @@ class ListenUrl:
 
 
 def parse_listen_url(url: str, tls: SSLContext | None = None) -> ListenUrl:
-    """Take a URL to listen on apart.
+    """Parse a URL to listen on.
 
     Args:
         url: for example ``ws://127.0.0.1:9090``.
@@ -258,7 +258,7 @@ class ConnectUrl:
 
 
 def parse_connect_url(url: str) -> ConnectUrl:
-    """Take a URL to connect to apart.
+    """Parse a URL to connect to.
 
     Raises:
         BadUrl: naming what is wrong, with an example.

@@ -22,7 +22,7 @@ def can_share(url: str, tls: SSLContext | None = None) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class HeldPort:
-    """Port that no other program can bind, even while no process listens on it.
+    """Port reserved for this program, even while no process listens on it.
 
     Attributes:
         url: where processes of this user listen with ``shared=True``, with the port that there is.
@@ -38,7 +38,7 @@ class HeldPort:
 
 
 async def hold_port(url: str, tls: SSLContext | None = None) -> HeldPort:
-    """Hold the port of a URL, without listening; a free one where port 0 is asked for.
+    """Reserve the port of a URL without listening; port 0 picks a free one.
 
     Raises:
         BadUrl: it is not one to listen on.

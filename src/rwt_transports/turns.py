@@ -53,9 +53,11 @@ TOPICS_SECONDS: Final = 0.005
 """Encoding deferred samples, over all topics of a gateway."""
 
 RETRY_SECONDS: Final = 0.005
-"""Pause before work that waits for something else than a turn is tried again. Without a pause, waiting fills
-every turn: under `lists_at_once` of tests/faults/attacks the event loop is then delayed up to twice as
-long."""
+"""Delay before retrying work that waits for something other than a turn.
+
+Without it, retries would fill every turn and double the delay of the loop in `lists_at_once` of
+tests/faults/attacks.
+"""
 
 CallSoon = Callable[[Callable[[], None]], object]
 """Function that calls another in the event loop's next turn."""

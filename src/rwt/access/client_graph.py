@@ -109,7 +109,6 @@ class _Call:
         self._on_reply(outcome)
 
     def cancel(self) -> None:
-        """Cancel the call: its client is leaving."""
         if self.pending is not None:
             self.pending.cancel()
         self._release()

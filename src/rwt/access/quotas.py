@@ -13,21 +13,21 @@ if TYPE_CHECKING:
 
 
 class Quota:
-    """Quota of a client for one kind of thing: what it holds, and what it may hold.
+    """Quota of a client for one kind of thing: used and maximum amount.
 
     What outlives the client, as a publisher that lingers, stays charged to its address: clients from there
     may leave behind a few times as much as one may hold.
 
     Attributes:
-        held: how much it holds now.
+        held: amount in use.
 
     Args:
         setting: the key below `limits` that says how much it may hold.
-        most: how much it may hold.
+        most: maximum amount.
         outlived: what earlier clients of the same address have left behind.
         times: how much that may be, with this client's, as a multiple of `most`.
-        noun: what is counted; the setting's own name by default.
-        together: whether what the other clients of the address hold counts there too.
+        noun: noun for error texts; the setting's own name by default.
+        together: True if what the other clients of the address hold counts there too.
     """
 
     __slots__ = (
@@ -54,7 +54,7 @@ class Quota:
         self.held = 0
 
     def take(self, amount: int = 1) -> Charge:
-        """Count some more, until the charge ends.
+        """Count an amount until the charge ends.
 
         Raises:
             QuotaExceeded: the client holds as much as it may.
@@ -63,7 +63,7 @@ class Quota:
         return Charge(self, amount)
 
     def exchange(self, old: object, amount: int) -> Charge:
-        """Count something in the place of what an older charge counts, if that is one of this quota.
+        """Count an amount in place of an older charge of this quota.
 
         Raises:
             QuotaExceeded: the client holds as much as it may; the older charge stays.
@@ -75,7 +75,7 @@ class Quota:
         return Charge(self, amount)
 
     def add(self, amount: int) -> None:
-        """Count some more, until :meth:`give_back`.
+        """Count an amount until :meth:`give_back`.
 
         Raises:
             QuotaExceeded: the client holds as much as it may.
@@ -113,7 +113,7 @@ class Quota:
 
 
 class Charge:
-    """Something that counts towards a quota until it ends.
+    """Amount that counts towards a quota until it ends.
 
     Attributes:
         quota: None after its end.
@@ -140,7 +140,7 @@ WORK_KINDS: Final[tuple[WorkKind, ...]] = get_args(WorkKind)
 
 
 class WorkTotals:
-    """The work of all clients of a server.
+    """Work of all clients of a server.
 
     Attributes:
         seconds: by what it was for.
@@ -157,14 +157,12 @@ class WorkTotals:
 
 
 class Work:
-    """The work that the server does for a client, or for all clients of an address, in seconds of one
-    processor.
+    """Work for a client, or for all clients of an address, in seconds of processor time.
 
-    It is counted after it is done, whatever it was: a message that takes long to read counts like a thousand
-    that do not. Who is beyond its rate is not refused for that: its next work waits until it does not keep
-    others waiting, and only pages over HTTP are refused, since nothing else there can wait.
+    Work is counted after it is done. Beyond the rate, a client's next work waits until it does not delay
+    others; only pages over HTTP are rejected, because they cannot wait.
 
-    The rate is a token bucket kept as one time: the moment at which all work so far is within the rate.
+    The rate is a token bucket, stored as the time at which all work so far is within the rate.
 
     Attributes:
         seconds: so far.
@@ -235,7 +233,7 @@ class Work:
 
 
 class AddressQuotas:
-    """Quotas of one address: what earlier clients have left behind, and the work of all of them.
+    """Quotas of one address: leftovers of earlier clients, and the work of all.
 
     Both count towards the quotas of the next clients.
 
@@ -243,7 +241,7 @@ class AddressQuotas:
         clients: that are connected from there.
 
     Args:
-        work: of all clients of the address.
+        work: work of all clients of the address.
     """
 
     def __init__(self, work: Work) -> None:
@@ -261,7 +259,7 @@ class AddressQuotas:
 
 
 class ClientQuotas:
-    """Everything that one client may hold, and the work that it may cause.
+    """Quotas of one client.
 
     Attributes:
         subscriptions: by topic and id.
@@ -300,9 +298,9 @@ class ClientQuotas:
 
 
 class RateLimit:
-    """Counts events: `burst` at once, and `rate` a second in the long run.
+    """Rate limit of events: a burst, and `rate` per second in the long run.
 
-    It is a token bucket kept as one time: the moment at which the bucket would be full again.
+    The token bucket is stored as the time at which it is full again.
     """
 
     __slots__ = ("_full", "_interval", "_tolerance")

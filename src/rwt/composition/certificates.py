@@ -20,15 +20,14 @@ logger = logging.getLogger(__name__)
 
 AUTHORITY_PATH: Final = "/tls/authority.crt"
 _PERIOD: Final = 3600.0
-"""Seconds between two looks: also at the addresses of the machine, and at a clock that has been set since."""
+"""Interval of checks in seconds; they also cover the machine's addresses, and changes of its clock."""
 
 
 class CertificateRenewal:
-    """Looks every hour whether the certificate still holds and names the machine, and shows a new one where
-    it does not. Reading it again takes about a millisecond.
+    """Replaces the certificate if it expires or no longer names the machine; checks every hour.
 
     Args:
-        clock: of the event loop.
+        clock: clock of the event loop.
         context: what the listeners encrypt by.
         settings: where the certificate is.
     """

@@ -11,7 +11,7 @@ from rwt_protocol.extensions import ExtensionError, load_extension
 
 
 def extension_for(setting: str, group: str, name: str, builtin: Iterable[str]) -> Any:
-    """Import what a setting names and no table has; see :func:`rwt_protocol.extensions.load_extension`.
+    """Import an extension that a setting names, see :func:`rwt_protocol.extensions.load_extension`.
 
     Raises:
         SettingsError: it is not installed, or cannot be imported.

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rwt_transports.http.routes import HttpExtension, HttpRequest
 
 _PACKAGES: Final = "/packages/"
-"""Below it nodes serve the files that robots' descriptions name."""
+"""Path of the files that robot descriptions name."""
 
 
 def _foxglove(graph: Graph, settings: Settings, access: Access, http: Sequence[HttpExtension]) -> Gateway:
@@ -62,16 +62,13 @@ def _mcp(graph: Graph, settings: Settings, access: Access, http: Sequence[HttpEx
 GATEWAYS: Final[Mapping[str, Callable[[Graph, Settings, Access, Sequence[HttpExtension]], Gateway]]] = (
     MappingProxyType({"foxglove": _foxglove, "http": _http, "mcp": _mcp})
 )
-"""Built-in gateways that the setting `gateways` may name; each is also given the pages of the nodes. A row
-imports its package when it is called, since not every server uses it."""
+"""Built-in gateways by name. A row imports its package when it is called, because few servers use all."""
 
 
 def make_gateway(
     name: str, graph: Graph, settings: Settings, access: Access, http: Sequence[HttpExtension]
 ) -> Gateway:
-    """Make the gateway that the settings name: a built-in one, or that of an entry point in `rwt.gateways`.
-
-    The entry point is what a program would pass to :class:`~rwt.server.Server` as one of `gateways`.
+    """Create a gateway from the settings: a built-in one, or that of an entry point in `rwt.gateways`.
 
     Raises:
         SettingsError: it needs a package that is not installed, or cannot be imported.

@@ -23,7 +23,7 @@ MakeGraph: TypeAlias = "Callable[[Registry, Clock | None], Graph]"
 
 
 def make_registry(settings: Settings) -> Registry:
-    """The interfaces of a distribution, and those of the folders in the settings.
+    """Return the interfaces of a distribution, and of the folders in the settings.
 
     Raises:
         SettingsError: a folder or a file in it cannot be used.
@@ -48,10 +48,10 @@ def make_graph(
     clock: Clock | None,
     worker: WorkerContext | None,
 ) -> Graph:
-    """The graph that the settings ask for, not entered.
+    """Return the graph of the settings, not entered.
 
     Args:
-        settings: of the server.
+        settings: settings of the server.
         make: what makes it, instead of the setting `graph`.
         registry: the interfaces; None for those that the settings name.
         clock: None for the wall clock.
@@ -104,7 +104,7 @@ def make_graph(
 
 
 def check_graph(graph: Graph, settings: Settings, registry: Registry | None, clock: Clock | None) -> None:
-    """Check that a graph which exists already is what else is asked for.
+    """Check that an existing graph matches the other settings.
 
     Raises:
         SettingsError: it is not.

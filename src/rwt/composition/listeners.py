@@ -35,22 +35,22 @@ if TYPE_CHECKING:
 
 
 class Listeners:
-    """The ways into one server, which share their counts, bounds and pages.
+    """Listeners of one server, which share counts, limits and pages.
 
     Args:
-        settings: of the server.
+        settings: settings of the server.
         bridge: takes in clients whose WebSocket has no other subprotocol.
         gateways: what takes in the others, by subprotocol.
-        metrics: what the pages show.
+        metrics: metrics of the server.
         tls: certificate and key of listeners that encrypt.
-        http: what nodes and gateways bring.
+        http: extensions of nodes and gateways.
         middleware: stand between the transports and the gateways, the outermost last.
         worker: the process that this is, of several with the same ports.
         mounts: apps of others below paths of their own.
 
     Attributes:
         limits: the bounds that the transports keep.
-        addresses: how many connections each address has.
+        addresses: number of connections by address.
         buffers: what they all receive large messages in.
         peers: what takes in clients over WebRTC, where there is such a thing.
         media: the routes by which they send and get pictures.
@@ -108,7 +108,7 @@ class Listeners:
         """Accept clients of an ASGI server within the block.
 
         Args:
-            loopback: whether it is only reached from this machine.
+            loopback: True if it is only reached from this machine.
         """
         from rwt_transports.asgi import asgi_listener  # Few servers are mounted in an app.
 
@@ -167,7 +167,7 @@ class Listeners:
         return found
 
     def _webrtc(self, url: str) -> Iterator[HttpExtension[GraphView]]:
-        """The pages by which WebRTC is signalled; its clients come in as those of the listener do."""
+        """Return the WebRTC signalling routes; their clients join like the listener's."""
         if self.peers is not None:
             from rwt_transports.webrtc.signalling import data_routes  # An extra that few need.
 
@@ -175,7 +175,7 @@ class Listeners:
 
 
 def _with_mounts(accept: Accept, mounts: Iterable[AsgiMount]) -> Accept:
-    """Lets apps take the WebSockets below their paths."""
+    """Return an accept function that passes WebSockets below an app's path to the app."""
 
     def accept_any(sink: Sink, info: PeerInfo) -> Endpoint:
         for mount in mounts:
@@ -187,7 +187,7 @@ def _with_mounts(accept: Accept, mounts: Iterable[AsgiMount]) -> Accept:
 
 
 def _add_mount(routes: Routes, mount: AsgiMount, *, secure: bool) -> None:
-    """Let an app answer what is below its path, by every method.
+    """Pass all requests below an app's path to the app.
 
     Raises:
         SettingsError: the server has pages there.
@@ -205,7 +205,7 @@ def _add_mount(routes: Routes, mount: AsgiMount, *, secure: bool) -> None:
 
 
 def _limits(settings: Settings) -> Limits:
-    """The bounds that the transports keep."""
+    """Return the limits of the transports."""
     limits = settings.limits
     return Limits(
         message_bytes=settings.max_message_size,

@@ -64,10 +64,7 @@ ON_EVERY_WORKER: Final[frozenset[str]] = frozenset({"web_video_server"})
 
 
 def _make_node(name: str, graph: Graph, settings: Settings) -> ReadyNode:
-    """Make the node that the settings name: a built-in one, or that of an entry point in `rwt.nodes`.
-
-    The entry point is what a program would pass to :class:`~rwt.server.Server` as one of `extra_nodes`.
-    """
+    """Create a node from the settings: a built-in one, or that of an entry point in `rwt.nodes`."""
     builtin = NODES.get(name)
     if builtin is not None:
         return builtin(graph, settings)
@@ -80,7 +77,7 @@ class StartedNodes(NamedTuple):
 
     Attributes:
         http: to HTTP, with the robot's page.
-        video: what encodes pictures, where there is such a node.
+        video: video server, where there is such a node.
     """
 
     http: list[HttpExtension]
@@ -88,7 +85,7 @@ class StartedNodes(NamedTuple):
 
 
 def start_nodes(graph: Graph, settings: Settings, stack: ExitStack) -> StartedNodes:
-    """Start what the settings name and `stack` closes.
+    """Start the nodes of the settings, until `stack` is closed.
 
     Raises:
         SettingsError: there are no packages in a folder of the setting `packages`, a node of another
@@ -109,7 +106,7 @@ def start_nodes(graph: Graph, settings: Settings, stack: ExitStack) -> StartedNo
 
 
 def _web_page(settings: Settings) -> Iterator[HttpExtension]:
-    """The robot's page, or, where it is not built, what the index says of that."""
+    """Return the dashboard or, if it is not built, a note for the index."""
     if not settings.web.enabled:
         return
     from rwt.web import MISSING, WebPage, WebPageError, find_static_files
@@ -146,13 +143,12 @@ def _mesh_files(settings: Settings) -> MeshFiles:
 
 
 def start_gateway_node(graph: Graph, urls: Sequence[str], settings: Settings) -> Node:
-    """The node as which all clients act, with what every node has, and where it listens as ROS's has it:
-    `port`, which was asked for, and `actual_port` (CFG-01).
+    """Start the node of all clients, with its parameters `port` (requested) and `actual_port` (CFG-01).
 
     Args:
         graph: the robot.
         urls: where the server listens, with the ports it has got.
-        settings: of the server.
+        settings: settings of the server.
     """
     node = Node(graph, GATEWAY_NODE)
     for name, each in (("port", settings.listen), ("actual_port", urls)):
@@ -164,13 +160,13 @@ def start_gateway_node(graph: Graph, urls: Sequence[str], settings: Settings) ->
 
 
 def start_recording(graph: Graph, file: Path | None, stack: ExitStack, *, introspection: bool) -> None:
-    """Record a graph until `stack` is closed, publish its calls and goals on topics of their own, or both.
+    """Start recording, introspection or both, until `stack` is closed.
 
     Args:
-        graph: what is recorded.
+        graph: graph to record.
         file: MCAP; None records nothing.
         stack: closes the recorder; then what the last messages could not be written for is raised.
-        introspection: whether calls and goals are published, and recorded if anything is.
+        introspection: True if calls and goals are published, and recorded if anything is.
 
     Raises:
         SettingsError: introspection on ROS 1.
@@ -206,7 +202,7 @@ def _finish(recorder: Recorder) -> None:
 def start_script(
     graph: Graph, file: Path, settings: Settings, stack: ExitStack
 ) -> Callable[[Accept], Accept]:
-    """Start the scripted robot of a file, which `stack` closes.
+    """Start the scripted robot of a file, until `stack` is closed.
 
     Returns:
         Middleware between the transports and the bridge, which injects the script's faults.

@@ -60,16 +60,15 @@ def routes(
     loopback: bool = True,
     gather: Gather | None = None,
 ) -> Routes:
-    """The routes of every server, and those of its nodes and gateways.
+    """Return the routes of the server, its nodes and gateways.
 
-    Those of the server win, but for ``/``, which shows the list at ``/index`` unless an extension brings a
-    page for it.
+    The server's win, except that an extension may replace ``/``, which otherwise shows ``/index``.
 
     Args:
         bridge: whose graph and clients the pages show.
-        metrics: what is counted.
-        extensions: what nodes and gateways bring.
-        loopback: whether the listener is only reached from this machine.
+        metrics: metrics of the server.
+        extensions: extensions of nodes and gateways.
+        loopback: True if the listener is only reached from this machine.
         gather: joins the metrics with those of other processes on the same port.
     """
     extensions = tuple(extensions)
@@ -128,7 +127,7 @@ def _foreign(origin: str) -> Refused:
 
 
 def _admitted(access: Access, audience: Audience, request: HttpRequest) -> GraphView:
-    """The graph as whoever sent a request may see it.
+    """Return the graph as the sender of a request may see it.
 
     Raises:
         Refused: they are none of the audience, or their address is beyond its rate of work.
@@ -208,7 +207,7 @@ def guarded(
 async def _in_turn(
     turns: Turns, answer: Callable[[], HttpResponse | Awaitable[HttpResponse]]
 ) -> HttpResponse:
-    """Answer in a turn of the event loop of its own, after those who wait already."""
+    """Respond in a later turn of the event loop, in order of arrival."""
     turn = anyio.Event()
     turns.wait(turn.set)
     await turn.wait()
@@ -231,7 +230,7 @@ def _index(
     request: HttpRequest,
     reader: GraphView,
 ) -> HttpResponse:
-    """The index page: what is running, and how to connect."""
+    """Return the index page: what is running, and how to connect."""
     headers = request.headers
     address = headers.get("host", "localhost:9090")
     scheme = "wss" if headers.get("x-forwarded-proto") in ("https", "wss") else "ws"
@@ -260,7 +259,7 @@ def _index(
 
 
 def _host_and_port(address: str) -> tuple[str, str]:
-    """The two parts of a ``Host`` (RFC 9110 section 7.2); a proxy at HTTP's own port leaves the port out."""
+    """Split a ``Host`` header (RFC 9110 section 7.2); the port may be missing behind a proxy."""
     host, colon, port = address.rpartition(":")
     return (host, port) if colon and port.isdecimal() else (address, "80")
 
@@ -306,7 +305,7 @@ def _role(features: Sequence[str], request: HttpRequest, reader: GraphView) -> H
 
 
 def _health(bridge: Bridge, metrics: ServerMetrics) -> HttpResponse:
-    """That the server answers, and how busy it is, for load balancers and supervisors."""
+    """Report liveness and load, for load balancers and supervisors."""
     running = bridge.shared.graph.running
     body = {
         "status": "ok" if running else "stopped",

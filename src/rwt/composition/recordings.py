@@ -23,7 +23,7 @@ _SECOND = 1_000_000_000
 
 
 class RecordingFolder(Recordings):
-    """The recordings of one folder: its MCAP files, bags of ROS 1, and folders that are bags of ROS 2.
+    """Recordings of one folder: MCAP files, bags of ROS 1, and folders of ROS 2 bags.
 
     Args:
         folder: see above; what is below its folders is not looked at.

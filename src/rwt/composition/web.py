@@ -22,7 +22,7 @@ _HERE_IS_NO_ROBOT: Final = "there is no robot here: this port serves the page al
 
 
 class _Nobody:
-    """A reader for pages that reveal nothing of a robot, and are files."""
+    """Reader of static pages, which reveal nothing of the robot."""
 
     work = Work(0.0, 0.0, WorkTotals(), time.monotonic)
 
@@ -31,7 +31,7 @@ class _Nobody:
         return False
 
     def while_allowed(self, topics: Iterable[str], end: Callable[[str], None]) -> NoReturn:
-        """Files are answers that end by themselves."""
+        """Reject the request: static pages have no topics."""
         raise Refused(403, _HERE_IS_NO_ROBOT)
 
 

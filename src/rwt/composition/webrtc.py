@@ -34,7 +34,7 @@ async def webrtc_peers(
     Args:
         settings: what the operator has set.
         limits: bounds of each connection.
-        addresses: how many connections each address has.
+        addresses: number of connections by address.
         buffers: what all clients of the server receive large messages in.
 
     Raises:
@@ -95,11 +95,11 @@ def webrtc_media(
 def media_routes(
     peers: Peers, video: WebVideoServer | None, media: tuple[IncomingMedia, AudioTopics] | None
 ) -> tuple[Route[GraphView], ...]:
-    """The routes by which peers get and send pictures and sound.
+    """Return the routes of media to and from peers.
 
     Args:
         peers: that are accepted.
-        video: what encodes pictures; None where the settings name no such node.
+        video: video server; None where the settings name no such node.
         media: of :func:`webrtc_media`.
     """
     if media is None:

@@ -16,10 +16,7 @@ _SAME_MOMENT: Final = 1e-6
 
 
 class DeadlineWatch:
-    """Calls `on_missed` once for each period of `seconds` in which :meth:`met` was not called.
-
-    The first period begins with the watch.
-    """
+    """Calls `on_missed` once for each period of `seconds` without a call of :meth:`met`."""
 
     __slots__ = ("_clock", "_last", "_on_missed", "_seconds", "_timer")
 

@@ -34,8 +34,8 @@ class DropNotices:
 
     Args:
         topic: as the client spells it.
-        counts: of the topic.
-        counters: of the gateway.
+        counts: counts of the topic.
+        counters: counters of the gateway.
         clock: the graph's.
         notify: tells the client.
         log: writes a line of the log.

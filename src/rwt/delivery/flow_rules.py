@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def rules_as_published(publishers: Iterable[EndpointInfo]) -> FlowRules:
-    """Sensor streams, which may be lost anyway, keep their newest; everything else keeps what fits (SUB-17).
+    """Return the queue rules of a topic: sensor streams keep the newest, all others what fits (SUB-17).
 
     Args:
         publishers: those of the topic now.

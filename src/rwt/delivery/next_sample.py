@@ -13,8 +13,7 @@ if TYPE_CHECKING:
 
 
 class NextSample:
-    """A gate that keeps the first sample it is offered, undecoded and not encoded, and none after it;
-    satisfies :class:`rwt.delivery.throttle.Gate`.
+    """Gate that keeps only the first sample, undecoded and not encoded.
 
     Attributes:
         sample: that one, None before it has come.

@@ -181,7 +181,7 @@ class Throttle:
             self._withheld(DropReason.THROTTLE)
 
     def _enqueue(self, encoded: Encoded) -> None:
-        """Keep a sample for later; older ones of its topic give way to it, those of other topics not."""
+        """Queue a sample; older ones of its topic are dropped to make room."""
         size = encoded.sample.payload.kept_size
         full = len(self._queue) == self._queue.maxlen
         while self._queue and (full or self._room.left < size):

@@ -48,7 +48,7 @@ class AcceptPeer(Protocol):
 
         Args:
             sink: connection to the client.
-            info: what the transport knows of the client.
+            info: peer of the connection.
             loopback: True if the listener can only be reached from this machine.
 
         Raises:
@@ -135,7 +135,7 @@ class ConnectionGateway(Gateway, Generic[C]):
 
         Args:
             role: role of the client.
-            info: what the transport knows of the client.
+            info: peer of the connection.
             make: makes the client from its number and the graph as it may see it.
         """
         self._count += 1
@@ -240,7 +240,7 @@ class ConnectedClient(TakesTurns[T | UnreadFrame]):
     Args:
         gateway: gateway of the client.
         number: number of the client, unique in the gateway.
-        info: what the transport knows of the client.
+        info: peer of the connection.
         graph: the graph as the client may see it.
         replies: control lane to the client.
     """

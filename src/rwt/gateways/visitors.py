@@ -121,7 +121,7 @@ class Visitors(Generic[V]):
 
 
 class Metered(Awaitable[T]):
-    """An awaitable whose work is charged, each time that it waits and at its end.
+    """Awaitable that charges its work at each suspension and at its end.
 
     Args:
         awaitable: the work.

@@ -249,12 +249,10 @@ class _WatchedGoal:
         self._result: _Open | None = None
 
     def sent(self, goal: Payload) -> None:
-        """Called when the goal is sent."""
         request: dict[str, object] = {"goal_id": uuid(self._id), "goal": goal.value()}
         self._sending = self._introspection.begin_step(self._action, "send_goal", "SendGoal", request)
 
     def accepted(self) -> None:
-        """Called when the goal is accepted; ROS 2 clients then request the result."""
         self._answer(accepted=True)
         self._introspection.publish_status(self._action, self._id, GoalStatus.EXECUTING)
         asked: dict[str, object] = {"goal_id": uuid(self._id)}
@@ -263,13 +261,11 @@ class _WatchedGoal:
             self._events.on_accepted()
 
     def fed_back(self, feedback: Payload) -> None:
-        """Called when the action server has sent feedback."""
         self._introspection.publish_feedback(self._action, self._id, feedback)
         if self._events.on_feedback is not None:
             self._events.on_feedback(feedback)
 
     def ended(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
-        """Called when the goal has ended, with or without a result."""
         if self._result is None:
             self._answer(accepted=False)
         else:

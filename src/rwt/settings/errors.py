@@ -43,7 +43,7 @@ def known_settings(model: type[BaseModel] = Settings, above: Key = ()) -> Iterat
 
 
 def table_at(key: Sequence[str]) -> type[BaseModel]:
-    """The model of a table; of one under a chosen name, whatever the name.
+    """Return the model of a table; user-defined table names have the same model.
 
     Raises:
         KeyError: there is no such table.
@@ -86,7 +86,7 @@ def explain(error: ValidationError) -> tuple[Key, str]:
 
 
 def _instead(key: Key) -> str:
-    """The nearest known key: beside it, or of the same name in another table."""
+    """Return the nearest known key: in the same table, or with this name in another."""
     above, name = key[:-1], key[-1]
     model = model_in(annotation_at(Settings, above))
     beside = tuple(model.model_fields) if model else ()

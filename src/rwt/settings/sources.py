@@ -24,12 +24,12 @@ CLIENT_VARIABLES: Final = frozenset({"RWT_URL", "RWT_TOKEN"})
 DEFAULT: Final = "default"
 
 _DEEPEST: Final = 16
-"""Tables within each other; no setting is as deep."""
+"""Maximum nesting of tables; no setting is as deep."""
 
 
 @dataclass(frozen=True, slots=True)
 class Given:
-    """One value that somebody set.
+    """Value of a setting, with its source.
 
     Attributes:
         key: the way to the setting.
@@ -44,7 +44,7 @@ class Given:
 
 @dataclass(frozen=True, slots=True)
 class LoadedSettings:
-    """Settings, and where they came from.
+    """Settings with the sources of their values.
 
     Attributes:
         settings: the outcome.
@@ -64,7 +64,7 @@ def load_settings(
     environment: Mapping[str, str] | None = None,
     command_line: tuple[Given, ...] = (),
 ) -> LoadedSettings:
-    """Put the settings of every source together.
+    """Merge the settings of all sources.
 
     Args:
         file: a TOML file; without it the variable ``RWT_CONFIG`` may name one.
@@ -93,7 +93,7 @@ def load_settings(
 
 
 def with_changes(settings: Settings | None, changes: Mapping[str, object]) -> Settings:
-    """Settings of a program, some of them changed.
+    """Return settings with some changes.
 
     Args:
         settings: None for the defaults.
@@ -115,7 +115,7 @@ def with_changes(settings: Settings | None, changes: Mapping[str, object]) -> Se
 
 
 def read_settings(path: Path) -> Settings:
-    """Read a TOML file alone.
+    """Read a single TOML file.
 
     Raises:
         SettingsError: the file cannot be read, is not TOML, or holds an unknown key or a wrong value.
@@ -124,7 +124,7 @@ def read_settings(path: Path) -> Settings:
 
 
 def from_text(dotted: str, text: str, source: str) -> Given:
-    """A setting written as text, for example ``limits.connections`` and ``20``.
+    """Parse a setting from text, for example ``limits.connections`` and ``20``.
 
     Raises:
         SettingsError: the text begins like a list, and is none.
@@ -173,7 +173,7 @@ def _in_environment(variables: Mapping[str, str]) -> Iterator[Given]:
 
 
 def _put(values: dict[str, object], key: Key, value: object) -> None:
-    """Set one value in nested tables; an empty table only makes sure that it is there."""
+    """Set one value in nested tables; an empty table is only created."""
     *tables, name = key
     for table in tables:
         inner = values.get(table)
@@ -185,7 +185,7 @@ def _put(values: dict[str, object], key: Key, value: object) -> None:
 
 
 def _where(key: Key, sources: Mapping[Key, str]) -> str:
-    """The source that is to blame for what is wrong at `key`: of that, of what is in it, or of all."""
+    """Return the source of an invalid value at `key`: its own, that of a nested value, or all."""
     for length in range(len(key), 0, -1):
         if key[:length] in sources:
             return sources[key[:length]]

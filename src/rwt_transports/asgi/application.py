@@ -161,7 +161,7 @@ class AsgiListener:
         return HttpRequest(method, path, query, headers, b"", address, prefix + mounted)
 
     def _refused(self, request: HttpRequest) -> HttpResponse | None:
-        """Why a request is not even looked at; None where it is."""
+        """Return the rejection of a request, before it is read; None if it is acceptable."""
         host = request.headers.get("host", "")
         try:
             if not self._state.hosts.include(host):
@@ -307,7 +307,7 @@ async def _respond(request: HttpRequest, response: HttpResponse, receive: Receiv
 
 
 async def _stream(chunks: AsyncIterator[bytes], receive: Receive, send: Send) -> None:
-    """Send chunks as they come, until they end or the client goes away."""
+    """Send chunks until they end or the client disconnects."""
     async with anyio.create_task_group() as tasks:
 
         async def watch() -> None:
@@ -331,8 +331,7 @@ def _lower(headers: Mapping[str, str]) -> dict[str, str]:
 
 
 async def _refuse(scope: Scope, send: Send, response: HttpResponse) -> None:
-    """Turn a WebSocket away, with a response where the server can send one (the extension
-    `websocket.http.response`)."""
+    """Reject a WebSocket, with a response if the server supports `websocket.http.response`."""
     reason = response.body if isinstance(response.body, bytes) else b""
     if "websocket.http.response" not in (scope.get("extensions") or {}):
         text = reason.decode("utf-8", "replace").strip()[:120]
@@ -364,7 +363,7 @@ async def asgi_listener(
     Args:
         accept, routes, hosts, proxies, access_log, subprotocols, addresses, limits, buffers: as of
             :func:`rwt_transports.listener.listen`.
-        loopback: whether the clients' server is only reached from this machine.
+        loopback: True if the clients' server is only reached from this machine.
     """
     chosen = Limits() if limits is None else limits
     state = ListenerState(
@@ -391,14 +390,14 @@ async def asgi_listener(
 
 
 Lifespan = Callable[[], AbstractAsyncContextManager[object]]
-"""What begins and ends with an app."""
+"""Factory of the context in which an app runs."""
 
 
 class AsgiApplication:
     """ASGI 3 application of a server: HTTP, server-sent events and WebSocket, below any path.
 
-    It serves while it has listeners. Whoever runs it as the whole app has it start and stop what it belongs
-    to by the lifespan protocol.
+    It serves while it has listeners. If it is the whole app, the lifespan protocol starts and stops its
+    server.
 
     Args:
         lifespan: what the lifespan of the ASGI server begins and ends.
@@ -440,7 +439,7 @@ class AsgiApplication:
 
 
 async def _live(lifespan: Lifespan, receive: Receive, send: Send) -> None:
-    """Speak the lifespan protocol around a block."""
+    """Run the lifespan protocol around a block."""
     if (await receive())["type"] != "lifespan.startup":
         return
     began = False

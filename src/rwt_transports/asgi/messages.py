@@ -1,7 +1,7 @@
 """Wire of a WebSocket behind an ASGI server: whole messages, marked as text or binary.
 
-Between a connection and its driver each message follows a header that never leaves the process, so that the
-outbox may join messages, and cut large ones, as for every other driver.
+Between connection and driver, a process-internal header precedes each message, so that the outbox can join
+and split messages as for other drivers.
 """
 
 from __future__ import annotations
@@ -46,8 +46,7 @@ FRAMING: Final = Framing(lambda frame: b"".join(_pieces(frame)), _pieces)
 
 
 class AsgiWire:
-    """One WebSocket's messages; satisfies :class:`rwt_transports.api.Wire`. Its driver feeds it a header, and
-    then a whole message.
+    """Messages of one WebSocket. The driver feeds a header, then a whole message.
 
     Args:
         events: what the wire reports to, messages excepted.
@@ -115,7 +114,7 @@ def _message(kind: int, data: bytes) -> bytes:
 
 
 def _ignore(_data: bytes, _binary: bool) -> None:
-    """Drop a message: there is no endpoint yet, or the connection is closing."""
+    """Drop a message: the endpoint is missing or closing."""
 
 
 def asgi_messages(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> AsgiWire:

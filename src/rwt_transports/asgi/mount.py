@@ -25,16 +25,16 @@ logger = logging.getLogger("rwt_transports.asgi")
 METHODS: Final = ("GET", "POST", "PUT", "PATCH", "DELETE", "OPTIONS")
 
 _UNREAD_BYTES: Final = 1024 * 1024
-"""Bytes of messages that an app has not taken; beyond it their sender is held back."""
+"""Maximum unread bytes of an app; beyond it, reading from the client pauses."""
 
 _EVENT_BYTES: Final = 256
-"""What a message counts beside its bytes."""
+"""Overhead counted for each message, in bytes."""
 
 _UNSENT_BYTES: Final = 256 * 1024
-"""Bytes that wait for a client; beyond it the app is."""
+"""Maximum unsent bytes of a client; beyond it, the app waits."""
 
 _OURS: Final = frozenset({"content-length", "transfer-encoding", "connection", "date", "content-type"})
-"""Headers that the port writes itself."""
+"""Headers that the server writes itself."""
 
 
 class AsgiMount:
@@ -58,7 +58,7 @@ class AsgiMount:
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[AsgiMount]:
-        """Run the app's lifespan, and let it answer, within the block.
+        """Run the app's lifespan and accept requests within the block.
 
         Raises:
             RuntimeError: the app said that it could not start.
@@ -83,11 +83,11 @@ class AsgiMount:
     # -- HTTP ----------------------------------------------------------------------------------------------
 
     async def handle(self, request: HttpRequest, *, secure: bool = False) -> HttpResponse:
-        """Let the app answer a request.
+        """Pass a request to the app.
 
         Args:
             request: below the app's path.
-            secure: whether it came in TLS.
+            secure: True if it came in TLS.
         """
         secure = secure or request.headers.get("x-forwarded-proto") in ("https", "wss")
         target = f"{request.path}?{request.query}" if request.query else request.path
@@ -129,8 +129,7 @@ class AsgiMount:
     # -- WebSocket -----------------------------------------------------------------------------------------
 
     def accept(self, sink: Sink, info: PeerInfo) -> Endpoint:
-        """Let the app speak to a WebSocket. The handshake is answered already: an app that does not accept it
-        closes it."""
+        """Pass a WebSocket to the app. The handshake is already done; an app that rejects it closes it."""
         scope = self._scope("websocket", info.transport, info.path, info.headers, info.address, info.port)
         scope["subprotocols"] = [info.subprotocol] if info.subprotocol else []
         socket = _Socket(self._app, scope, sink)
@@ -282,8 +281,7 @@ class _Exchange:
 
 
 def _is_leave(error: BaseException) -> bool:
-    """Whether an error, or all of a group of them, is what an app was told of its client's leave; frameworks
-    turn it into an exception of their own, whose cause it is."""
+    """Return True if an error, its cause or a whole group comes from the client's disconnection."""
     if isinstance(error, BaseExceptionGroup):
         return all(map(_is_leave, error.exceptions))
     known = (error, error.__cause__, error.__context__)
@@ -308,11 +306,10 @@ class _Socket:
     # -- the connection's side -----------------------------------------------------------------------------
 
     def set_flow_control(self, flow_control: FlowControl) -> None:
-        """Hold the client back by `flow_control` while the app does not read."""
+        """Pause the client by `flow_control` while the app does not read."""
         self._flow_control = flow_control
 
     def receive(self, data: bytes, binary: bool) -> None:
-        """Keep a message until the app takes it."""
         event: Event = {"type": "websocket.receive"}
         if binary:
             event["bytes"] = data
@@ -327,7 +324,6 @@ class _Socket:
         self._awake.set()
 
     def closed(self, code: int, reason: str) -> None:
-        """Tell the app that the connection has ended."""
         self._over = True
         self._unread.append(({"type": "websocket.disconnect", "code": code, "reason": reason}, 0))
         self._awake.set()
@@ -367,7 +363,7 @@ class _Socket:
             await self._room()
 
     async def _room(self) -> None:
-        """Wait while much is unsent, unless the client has gone."""
+        """Wait for room in the send queue, unless the client has disconnected."""
         while self._sink.backlog > _UNSENT_BYTES and not self._over and self._flow_control is not None:
             self._drained = anyio.Event()
             self._flow_control.when_empty(self._drained.set)

@@ -56,7 +56,7 @@ WATCHED_BYTES = 4096
 """Bytes of an incomplete write that go to asyncio's transport, which copies them and watches the socket."""
 
 SEGMENT_BYTES = 64 * 1024
-"""How far the kernel may exceed its bound of unsent bytes: it accepts whole segments."""
+"""Bytes by which the kernel may exceed its limit of unsent bytes: it accepts whole segments."""
 
 
 class _LoopShare:
@@ -87,11 +87,11 @@ class _LoopShare:
 _shares: Final[WeakValueDictionary[tuple[asyncio.AbstractEventLoop, Callable[[], bool]], _LoopShare]] = (
     WeakValueDictionary()
 )
-"""By event loop and hold-back function; an entry ends with its last user."""
+"""Shares by event loop and hold-back function; an entry ends with its last user."""
 
 
 def _share_of(is_held_back: Callable[[], bool]) -> _LoopShare:
-    """Return what all listeners of the running event loop with this hold-back function share."""
+    """Return the share of the running event loop and this hold-back function."""
     return _shares.setdefault((asyncio.get_running_loop(), is_held_back), _LoopShare(is_held_back))
 
 

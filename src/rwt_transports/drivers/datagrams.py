@@ -1,8 +1,7 @@
-"""UDP, on asyncio or trio: one socket, and a session for each address that datagrams come from (UDP-01).
+"""UDP on asyncio or trio: one socket, and a session for each peer address (UDP-01).
 
-A session begins with the first datagram from an address and ends by silence, since nothing says that the peer
-has gone. Datagrams are neither encrypted nor acknowledged, and their sender can be forged: for networks that
-one trusts.
+A session begins with the first datagram of an address and ends after silence. Datagrams are neither encrypted
+nor acknowledged, and their sender can be forged: only for trusted networks.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ class _Sessions:
         self._awake = anyio.Event()
 
     async def read(self) -> None:
-        """Hand each datagram to the session of its sender."""
+        """Deliver each datagram to the session of its sender."""
         async for data, (host, port) in self._socket:
             link = self._links.get((host, port)) or self._begin(host, port)
             if not link.over:
@@ -49,7 +48,7 @@ class _Sessions:
         return link
 
     async def write(self) -> None:
-        """Send what links have been woken for, each message as one datagram."""
+        """Send the data of woken links, each message as one datagram."""
         while True:
             await self._awake.wait()
             self._awake = anyio.Event()
@@ -63,17 +62,16 @@ class _Sessions:
                     link.abort()
 
     def wake(self, link: _Link) -> None:
-        """Schedule a flush of `link`."""
         self._waiting.append(link)
         self._awake.set()
 
     def forget(self, link: _Link) -> None:
-        """Remove a session that is over; the next datagram from its address begins another."""
+        """Remove an ended session; the next datagram of its address begins another."""
         if self._links.get(link.address) is link:
             del self._links[link.address]
 
     def close(self) -> None:
-        """End all sessions: the socket closes."""
+        """End all sessions."""
         for link in tuple(self._links.values()):
             link.abort()
 
@@ -90,11 +88,9 @@ class _Link:
         self.over = False
 
     def set_callbacks(self, callbacks: DriverCallbacks) -> None:
-        """Call `callbacks` from now on."""
         self.callbacks = callbacks
 
     def wake(self) -> None:
-        """Ask the writing task to take what there is."""
         self._sessions.wake(self)
 
     def finish(self) -> None:
@@ -102,25 +98,23 @@ class _Link:
         self.close()
 
     def close(self) -> None:
-        """End the session once what there is has been sent."""
+        """End the session after sending queued data."""
         self.closing = True
         self._sessions.wake(self)
 
     def abort(self) -> None:
-        """End the session."""
         if not self.over:
             self.over = True
             self._sessions.forget(self)
             self.callbacks.lost()
 
     def pause(self) -> None:
-        """Does nothing: nothing holds back datagrams."""
+        """No-op: datagrams cannot be held back."""
 
     def resume(self) -> None:
-        """Does nothing, as :meth:`pause` does."""
+        """No-op, as :meth:`pause`."""
 
     async def flush(self, socket: UDPSocket) -> None:
-        """Send what the connection has for the peer."""
         host, port = self.address
         while not self.over and (data := self.callbacks.take()) is not None:
             for message in bytes(data).split(END):

@@ -1,5 +1,4 @@
-"""Two endpoints in one process, joined without bytes: what one sends, the other receives one loop turn
-later."""
+"""Pair of endpoints in one process: each receives the other's frames one loop turn later, unencoded."""
 
 from __future__ import annotations
 
@@ -75,11 +74,11 @@ class _End:
         return Traffic(queued_messages=len(self._frames), queued_bytes=self._size)
 
     def watch(self, awake: anyio.Event) -> None:
-        """Set `awake` from now on when there is something to hand over."""
+        """Set `awake` when there is something to deliver."""
         self._awake = awake
 
     def deliver(self) -> tuple[int, str] | None:
-        """Hand over what was sent; returns code and reason once this side has closed."""
+        """Deliver what was sent; return code and reason once this side is closed."""
         self.opposite.received += self._size
         for _ in range(len(self._frames)):
             frame = self._frames.popleft()
@@ -90,8 +89,7 @@ class _End:
 
 
 class _EndFlow:
-    """One topic's way to the other side, which is never slow; satisfies
-    :class:`rwt_transports.endpoint.Flow`."""
+    """Flow of one topic to the other side, which is never slow."""
 
     __slots__ = ("_end",)
 
@@ -109,7 +107,7 @@ class _EndFlow:
             self._end.send(frame)
 
     def configure(self, rules: FlowRules) -> None:
-        """Rules are for slow readers."""
+        """No-op: rules only apply to slow readers."""
 
     def close(self) -> None:
         """No-op: nothing is dropped."""
@@ -117,10 +115,10 @@ class _EndFlow:
 
 @asynccontextmanager
 async def connect_in_process(near: Accept, far: Accept) -> AsyncIterator[None]:
-    """Join the endpoints that two accept functions make, for the length of the block.
+    """Connect the endpoints of two accept functions for the length of the block.
 
-    The block goes on when either side closes, which calls the `closed` of both endpoints. Leaving it closes
-    with 1000.
+    The block continues when a side closes, which calls the `closed` of both endpoints. Leaving it closes with
+    1000.
 
     Args:
         near: the side that connects.

@@ -57,7 +57,7 @@ def hang_up_of(file: int) -> HangUp:
 class Handshakes:
     """TLS handshakes of one listener: beyond the maximum, the oldest is cancelled.
 
-    One that its peer goes on with takes milliseconds, so that the oldest is one that nobody goes on with.
+    An active handshake takes milliseconds, so the oldest is most likely abandoned.
     """
 
     def __init__(self, most: int = MAX_HANDSHAKES) -> None:
@@ -123,7 +123,7 @@ def raise_descriptor_limit() -> None:
 
 
 async def bind_tcp(host: str, port: int, *, shared: bool = False) -> list[socket.socket]:
-    """Sockets bound to every address of `host`, all on one port; port 0 picks a free one.
+    """Return sockets bound to every address of `host` on one port; port 0 picks a free one.
 
     Args:
         host: a name or an address.

@@ -1,8 +1,7 @@
-"""Driver for standard input and output, for a server that another program has started.
+"""Driver for standard input and output, for a server started by another program.
 
-While it is served, nothing but the protocol reaches the real standard output: descriptor 1 is turned to
-standard error, so that a `print` anywhere in the program, in C too, cannot break the stream, and descriptor 0
-reads as empty. Both are given back at the end.
+While it serves, descriptor 1 leads to standard error, so that a `print` cannot break the stream, and
+descriptor 0 reads as empty. Both are restored at the end.
 """
 
 from __future__ import annotations
@@ -27,10 +26,10 @@ _STDIN, _STDOUT, _STDERR = 0, 1, 2
 
 
 class DescriptorStream(ByteStream):
-    """Two file descriptors, one read from and one written to, as a stream.
+    """Pair of file descriptors as a stream.
 
-    Pipes, sockets and terminals are waited for; files and devices never block, and an event loop would not
-    take them.
+    Pipes, sockets and terminals are polled; files and devices never block, and event loops do not support
+    them.
     """
 
     def __init__(self, read_from: int, write_to: int) -> None:
@@ -75,8 +74,7 @@ class DescriptorStream(ByteStream):
 
 
 class StandardStreamsDriver:
-    """Serves the one peer at the other end of standard input and output, or runs a program and is that peer;
-    satisfies :class:`rwt_transports.api.Driver` and :class:`rwt_transports.api.Connector`.
+    """Serves the peer at standard input and output, or runs a program as the peer.
 
     Args:
         descriptors: where to read and where to write in place of standard input and output; the caller
@@ -91,8 +89,7 @@ class StandardStreamsDriver:
         return self._serve(attach)
 
     async def connect(self, address: RemoteAddress, attach: Attach, tasks: TaskGroup) -> None:
-        """Run a command; what it writes to standard error goes where this program's goes. It ends with the
-        connection."""
+        """Run a command for the life of the connection; its standard error is this program's."""
         process = await anyio.open_process(shlex.split(address.path), stderr=None)
         tasks.start_soon(_serve_process, attach, process)
 
@@ -151,7 +148,7 @@ def _as_they_are(read_from: int, write_to: int) -> Iterator[tuple[int, int]]:
 
 
 class _Claim:
-    """True if standard input and output are served: a process has them once."""
+    """True while standard input and output are in use; only one listener can."""
 
     held = False
 

@@ -1,8 +1,7 @@
 """Memory of TLS connections on asyncio.
 
-asyncio gives each connection a buffer of 256 KiB for what comes from the network, and lets another 256 KiB
-wait undeciphered where nobody reads, in a buffer that never shrinks again. For a server that many may connect
-to, that is half a megabyte for each of them, whether they say anything or not.
+asyncio reserves 256 KiB of receive buffer per connection, and buffers another 256 KiB of unread bytes that it
+never shrinks: half a megabyte for each connection, even if it is idle.
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ _buffers: Final[WeakKeyDictionary[asyncio.AbstractEventLoop, memoryview]] = Weak
 
 
 def spare_buffers(transport: asyncio.Transport) -> None:
-    """Let a connection whose handshake is done receive in a buffer that all of its event loop share, and read
-    nothing more from the network while something waits undeciphered.
+    """Share one receive buffer in an event loop after the handshake, and pause reading while bytes wait
+    undecrypted.
 
-    The protocol that asyncio puts beneath the transport is no public part of it: where it is another one, as
-    on uvloop, or where its loop fills buffers while others run, as on Windows, the connection keeps its own.
+    asyncio's protocol below the transport is private: other implementations (uvloop, Windows) keep their own
+    buffer.
     """
     loop = asyncio.get_running_loop()
     protocol = getattr(transport, "_ssl_protocol", None)

@@ -10,10 +10,10 @@ from rwt_transports.http.routes import NO_PROXIES, Proxies, is_local
 
 
 class AddressCount:
-    """How many connections are open from each address, over all listeners that share it.
+    """Number of open connections by address, over all listeners that share it.
 
-    From the first byte on: handshakes in TLS, plain HTTP and streams count like every other. This machine's
-    own addresses are not counted; what counts as one is :func:`network_of` it.
+    Connections count from the first byte on: TLS handshakes, plain HTTP and streams, too. Local addresses do
+    not count; IPv6 counts by :func:`network_of`.
 
     Args:
         most: connections of one address; 0 for any number.
@@ -38,7 +38,7 @@ class AddressCount:
                 del self._open[key]
 
     def check(self, address: str) -> None:
-        """Look at a connection that is counted already.
+        """Check the limit for a connection that is already counted.
 
         Raises:
             Refused: the address has more than it may have, with status 429; the text names the setting.
@@ -48,7 +48,7 @@ class AddressCount:
             raise Refused(429, text, {"Connection": "close"})
 
     def is_flooding(self, address: str) -> bool:
-        """Whether the address has twice what it may have, so that it does not even get an answer."""
+        """True if the address has twice its limit of connections, so that it gets no response."""
         return self._open[self._key(address)] > 2 * self._most
 
     def _key(self, address: str) -> str:
@@ -58,8 +58,7 @@ class AddressCount:
 
 
 def network_of(address: str) -> str:
-    """What counts as one address: a network of 64 bits for IPv6, since whoever has one of its addresses has
-    all of them."""
+    """Return the unit of counting: for IPv6 the /64 network, because its holder has all of its addresses."""
     if ":" not in address:
         return address
     try:

@@ -409,7 +409,7 @@ class HttpConnection:
             tasks.start_soon(self._respond_in_scope, response)
 
     def _taken_whole(self) -> None:
-        """Continue behind the request whose answer the network has accepted."""
+        """Continue with the next request: the network has accepted the response."""
         self._become(_HttpState.READING)
         try:
             self._responded()

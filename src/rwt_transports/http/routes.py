@@ -76,13 +76,11 @@ class Work(Protocol):
         """Seconds until they are within their rate again; 0.0 where they are."""
 
     def add(self, seconds: float, kind: Literal["pages", "pictures"]) -> None:
-        """Count seconds of one processor that were worked for them: pages by themselves are counted already,
-        so this is for what goes on after them, and in threads."""
+        """Add seconds of processor time of work outside the page itself, such as in threads or streams."""
 
 
 class Reader(Protocol):
-    """Who asks for a page, as far as pages need to know: what of the robot they may see, and what they
-    cost."""
+    """Sender of a request for a page: visible graph and charged work."""
 
     @property
     def work(self) -> Work:
@@ -92,8 +90,8 @@ class Reader(Protocol):
         """Return True if the reader may subscribe to `topic`, an absolute name after remapping."""
 
     def while_allowed(self, topics: Iterable[str], end: Callable[[str], None]) -> Callable[[], None]:
-        """Begin an answer that lasts, and is to end when the settings are read again and do not let the
-        reader in any more, or not subscribe to one of the topics.
+        """Begin an open response, which ends if reloaded settings no longer admit the reader, or forbid one
+        of the topics.
 
         Args:
             topics: absolute names; none for what shows no topic.
@@ -108,10 +106,10 @@ class Reader(Protocol):
 
 
 Page = Callable[[HttpRequest, Reader], HttpResponse | Awaitable[HttpResponse]]
-"""What answers the requests of a node's route; it shows what its reader may see."""
+"""Handler of a node's route; shows what its reader may see."""
 
 AnyReader = TypeVar("AnyReader", default=Reader, contravariant=True)
-"""What a page needs to know of who asks: a page of a gateway more than that of a node."""
+"""Reader as a page needs it; gateways' pages need more than nodes'."""
 
 
 def refusal_as_text(request: HttpRequest, refused: Refused) -> HttpResponse:
@@ -168,8 +166,7 @@ class MetricFamily(NamedTuple):
 
 @dataclass(frozen=True)
 class HttpExtension(Generic[AnyReader]):
-    """What a node or a gateway brings to the server's HTTP port. A node that brings something has it as its
-    `http`.
+    """HTTP routes and metrics that a node or a gateway adds to the server. A node has it as its `http`.
 
     Attributes:
         routes: its pages.
@@ -185,8 +182,7 @@ class HttpExtension(Generic[AnyReader]):
 def page_policy(script: str = "") -> Mapping[str, str]:
     """Return the header that restricts an HTML page to what it needs (CSP Level 3).
 
-    It shows itself and pictures and videos of this server. No name in it can become a script, and no other
-    site can put it in a frame.
+    Only images and videos of this server are allowed, no inline scripts, and no framing by other sites.
 
     Args:
         script: the text of its one script, if it has one.
@@ -203,9 +199,9 @@ _PAGE_POLICY: Final = (
 
 
 class Routes:
-    """Method and path → handler. ``HEAD`` is answered by what answers ``GET``.
+    """Method and path → handler. ``HEAD`` uses the handler of ``GET``.
 
-    A path that ends in ``/*`` takes everything below it; the longest such path wins, an exact one before all.
+    A path ending in ``/*`` matches everything below it. Exact paths win, then the longest.
     """
 
     def __init__(self) -> None:
@@ -256,7 +252,7 @@ class Hosts:
 
     Args:
         names: globs of further names, without port (the setting `origins.hosts`).
-        loopback: whether the listener is only reached from this machine.
+        loopback: True if the listener is only reached from this machine.
     """
 
     def __init__(self, names: Iterable[str], *, loopback: bool) -> None:
@@ -276,8 +272,8 @@ class Hosts:
 
 
 class Proxies:
-    """Reverse proxies that are believed what they say of their clients, by ``Forwarded`` (RFC 7239) or the
-    usual ``X-Forwarded-For``, ``-Proto``, ``-Host`` and ``-Prefix``. Of all others these headers are dropped.
+    """Trusted reverse proxies, whose ``Forwarded`` (RFC 7239) or ``X-Forwarded-For``, ``-Proto``, ``-Host``
+    and ``-Prefix`` apply. From others these headers are dropped.
 
     Args:
         networks: their addresses, or networks such as ``10.0.0.0/8``.
@@ -297,7 +293,7 @@ class Proxies:
         """Return the address and the prefix of the client behind a request, and reduce `headers` to its own.
 
         Args:
-            address: of the peer.
+            address: address of the peer.
             headers: names in lower case; changed in place.
         """
         given = {name: headers.pop(name, "") for name in ("forwarded", *_X_FORWARDED)}

@@ -1,7 +1,7 @@
-"""Dial-out: a robot behind a NAT opens the connections, and serves over them as if clients had come to it.
+"""Dial-out: a robot behind a NAT opens the connections and serves clients over them.
 
-The other end is a :mod:`rwt.hub.hub`. A few connections are kept waiting there; each serves
-one client from its assignment to its end, and another takes its place among those that wait.
+The other end is a :mod:`rwt.hub.hub`. Idle connections are kept open there; each is assigned to one client
+and then replaced by another.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ async def dial(
     tls: SSLContext | None = None,
     backoff: Backoff = BACKOFF,
 ) -> AsyncIterator[RelayStatus]:
-    """Serve the clients that a hub passes on, within the block; the hub may come and go meanwhile.
+    """Serve the clients of a hub within the block; reconnects if the hub is unavailable.
 
     Args:
         url: ``wss://HUB/robots/NAME`` or ``ws://HUB/robots/NAME``; NAME is what clients call the robot.
@@ -135,7 +135,7 @@ async def dial(
 
 
 def _bounded(status: RelayStatus, accept: Accept, most: int) -> Accept:
-    """Takes in no more clients than a listener would."""
+    """Return an accept function for at most `most` clients."""
 
     def accept_some(sink: Sink, info: PeerInfo) -> Endpoint:
         if status.clients > most:
@@ -146,7 +146,7 @@ def _bounded(status: RelayStatus, accept: Accept, most: int) -> Accept:
 
 
 def check_dial_url(url: str) -> str:
-    """Return the name under which a robot dials in.
+    """Return the robot's name in a dial-out URL.
 
     Raises:
         BadUrl: naming what is wrong, with an example.
@@ -171,7 +171,7 @@ _ConnectOne = Callable[[Accept], AbstractAsyncContextManager[OutgoingConnection]
 
 
 class _Robot:
-    """Keeps the connections of one dial-out."""
+    """Connections of one dial-out."""
 
     def __init__(
         self,
@@ -194,12 +194,12 @@ class _Robot:
         self._shaky = 0  # failures before the connections that have not lasted yet
 
     async def run(self, tasks: TaskGroup) -> None:
-        """Open a connection whenever too few wait."""
+        """Open connections as long as too few are idle."""
         with self._running:
             await self._keep(tasks)
 
     async def leave(self) -> None:
-        """Open no more, close what is open, and wait for that."""
+        """Close all connections, and wait for their end."""
         self._running.cancel()
         connections = tuple(self._open)
         for connection in connections:
@@ -225,7 +225,6 @@ class _Robot:
                 self._failed(str(error))
 
     async def _serve(self, *, task_status: TaskStatus[None]) -> None:
-        """Serve one connection, from the handshake to its end."""
         idle = _IdleConnection(self._accept, self._serve_page, self._assigned, self._addresses)
         async with self._connect_one(idle.open) as connection:
             opened = anyio.current_time()
@@ -278,7 +277,7 @@ class _IdleConnection:
 
     Attributes:
         address: the client's.
-        has_client: whether a client was assigned to it, let in or not.
+        has_client: True if a client was assigned to it, let in or not.
         code: with which code it ended, 0 if a client's endpoint took over.
         ending: the same with the reason.
     """
@@ -296,12 +295,12 @@ class _IdleConnection:
         self.ending = ""
 
     def open(self, sink: Sink, info: PeerInfo) -> Endpoint:
-        """Note that the connection is open, as its accept function."""
+        """Note that the connection is open; its accept function."""
         self._sink = sink
         return self
 
     def receive(self, data: bytes, binary: bool) -> None:
-        """Take the first message, which is the assignment of a client."""
+        """Read the assignment of a client from the first message."""
         sink = self._sink
         try:
             info = decode_assignment(data)
@@ -325,10 +324,8 @@ class _IdleConnection:
             sink.close(INTERNAL_ERROR, "internal error")
 
     def oversized(self, size: int, limit: int, head: bytes) -> None:
-        """Close: the message is too large to be an assignment."""
         self._sink.close(TOO_BIG, f"a message of {size} bytes; the limit is {limit} (message_bytes)")
 
     def closed(self, code: int, reason: str) -> None:
-        """Note that the connection has ended."""
         self.code = code
         self.ending = f"{code} {reason}".strip()

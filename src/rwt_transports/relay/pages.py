@@ -113,7 +113,7 @@ class PageServer:
             await close_iterator(body)
 
     async def _send_piece(self, data: bytes) -> None:
-        """Send some of the body, no more at a time than the hub has taken."""
+        """Send a piece of the body, limited by the hub's reading."""
         for begin in range(0, len(data), PIECE_BYTES):
             self._sink.send(Frame(data[begin : begin + PIECE_BYTES], binary=True))
             taken = anyio.Event()
@@ -126,7 +126,7 @@ class PageServer:
 
 
 class PageInbox:
-    """What comes of one page, as the sink of a client that it stands for, and its flow control."""
+    """Receiver of one page, as the sink and flow control of its client."""
 
     def __init__(self) -> None:
         self._frames: deque[Frame] = deque()
@@ -178,7 +178,7 @@ class PageInbox:
         """Return the robot's response, whose body is read as it arrives.
 
         Args:
-            head_only: whether the body is not asked for.
+            head_only: True if the body is not asked for.
             left: called once nobody reads any more, with a close code and why.
         """
         try:
@@ -205,7 +205,7 @@ class PageInbox:
 
 
 class _Body(AsyncIterator[bytes]):
-    """Body of a page, which its reader may leave at any time, even before it has begun."""
+    """Body of a page; can be closed at any time."""
 
     def __init__(self, inbox: PageInbox, left: Callable[[int, str], None]) -> None:
         self._inbox = inbox
@@ -221,5 +221,5 @@ class _Body(AsyncIterator[bytes]):
         raise StopAsyncIteration
 
     async def aclose(self) -> None:
-        """Let the robot go."""
+        """Stop the response."""
         self._left(NORMAL, "")

@@ -34,7 +34,7 @@ REPLACED: Final = 4009
 """Close code for a robot whose name another program has taken."""
 
 TRANSPORT: Final = "dial"
-"""What a robot calls the transport of clients that come through a hub."""
+"""Name of the transport of clients behind a hub."""
 
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 _TAKEN: Final = frozenset({"robots", "healthz", "metrics"})
@@ -121,7 +121,7 @@ def encode_head(status: int, content_type: str, headers: dict[str, str]) -> byte
 
 
 def decode_head(data: bytes) -> tuple[int, str, dict[str, str]]:
-    """Status, content type and headers of a page.
+    """Return status, content type and headers of a page.
 
     Raises:
         BadAssignment: the message is something else, or a header has a line break.

@@ -61,14 +61,15 @@ logger = logging.getLogger("rwt_transports.webrtc")
 STREAMS: Final = 1024
 """Streams each way: numbers of channels below this."""
 WINDOW_BYTES: Final = 1024 * 1024
-"""What a peer may have under way (RFC 9260's receiver window); a single message may be larger."""
+"""Receiver window (RFC 9260) of a peer, in bytes; a single message may be larger."""
 MISORDERED: Final = 2048
 """Fragments after a gap that are noted; a further one counts as lost, and is sent again."""
 FRESH_TURNS: Final = 8
 """Messages of channels without retransmission in a row, after which one of the others has a turn."""
 RTO_SECONDS: Final = 0.3
-"""Shortest time-out of a retransmission; RFC 9260 recommends a second, which is long for a robot, and
-browsers use less than half of it too."""
+"""Minimum retransmission timeout. RFC 9260 recommends one second, too long for a robot; browsers use less,
+too.
+"""
 HANDSHAKE_RTO_SECONDS: Final = 1.0
 
 _OPEN: Final = bytes([DATA_CHANNEL_OPEN])
@@ -76,10 +77,9 @@ _ACK: Final = bytes([DATA_CHANNEL_ACK])
 
 
 CWND_BYTES: Final = 128 * 1024
-"""Most that is under way. More would only wait, here or in the network, in front of what is fresh; it is
-2.5 MB/s at 50 ms there and back."""
+"""Maximum bytes in flight: 2.5 MB/s at a round trip of 50 ms. More would only delay fresh data."""
 BURST_BYTES: Final = 4 * USERDATA_MAX_LENGTH
-"""What aiortc sends at a time at most (RFC 9260 section 6.1 D)."""
+"""Maximum bytes that aiortc sends at once (RFC 9260 section 6.1 D)."""
 
 _DATA_HEADER_BYTES: Final = SCTP_DATA_CHUNK_HEADER_LENGTH
 _PACKET_BYTES: Final = SCTP_MAX_PACKET_LENGTH - SCTP_COMMON_HEADER_LENGTH
@@ -200,9 +200,8 @@ class Association(RTCSctpTransport):
         self._wakeup.set()
 
     def count_unread(self, change: int) -> None:
-        """Change the number of bytes that wait for paused endpoints.
-
-        The window that the peer is told shrinks by it, so that one that goes by the window stops.
+        """Change the number of unread bytes of paused endpoints, which reduces the window advertised to the
+        peer.
         """
         self.unread_bytes += change
         self._set_window()
@@ -215,7 +214,7 @@ class Association(RTCSctpTransport):
         self._fail(reason)
 
     async def _send_awaited(self) -> None:
-        """Send what receivers were woken for, each turn of the event loop in one go, until cancelled."""
+        """Send the data of woken receivers once per turn of the event loop, until cancelled."""
         while True:
             await self._wakeup.wait()
             self._wakeup.clear()
@@ -231,7 +230,7 @@ class Association(RTCSctpTransport):
                 return
 
     async def _fill(self) -> None:
-        """Take messages as long as all that were taken have left."""
+        """Take messages while all taken ones are sent."""
         if self._filling:
             return
         self._filling = True
@@ -249,7 +248,7 @@ class Association(RTCSctpTransport):
             self._filling = False
 
     async def _collect(self) -> bool:
-        """Put as much to what is sent next as may leave now, and one message at least, if there is one."""
+        """Collect data to send now, at least one message if there is one."""
         room = max(min(BURST_BYTES, self._cwnd - self._flight_size), 1)
         taken = False
         while room > 0 and (receiver := self._next_receiver()) is not None:
@@ -358,7 +357,7 @@ class Association(RTCSctpTransport):
         return stream
 
     def _hold(self, change: int) -> None:
-        """Count what is kept of messages whose end has not come."""
+        """Count the bytes of incomplete messages."""
         self.held_bytes += change
         most = 2 * self._limits.message_bytes + WINDOW_BYTES
         if self.held_bytes > most:
@@ -407,7 +406,7 @@ class Association(RTCSctpTransport):
             receiver.message(b"", pp_id == WEBRTC_BINARY_EMPTY)
 
     async def _receive_control(self, stream_id: int, data: bytes) -> None:
-        """Handle a message of the protocol that opens channels (RFC 8832)."""
+        """Handle a message of the channel establishment protocol (RFC 8832)."""
         known = stream_id in self._data_channels
         if isinstance(data, Truncated) or (known and data[:1] == _OPEN):
             raise BrokenAssociation(f"a message about channel {stream_id} that has no place there")

@@ -76,7 +76,6 @@ class ChannelLink:
             self.channel.close()
 
     def _closed(self) -> None:
-        """Report that the channel is closed."""
         if self._over:
             return
         self._over = True

@@ -35,9 +35,7 @@ PATH_PART: Final = 0.7
 
 
 class DataChannelConnector:
-    """Opens a data channel to a server; satisfies :class:`rwt_transports.api.Connector`.
-
-    The channel is ordered and loses nothing.
+    """Opens an ordered, reliable data channel to a server.
 
     Attributes:
         path: how the server was found, in words.
@@ -46,7 +44,7 @@ class DataChannelConnector:
     path = ""
 
     async def connect(self, address: RemoteAddress, attach: Attach, tasks: TaskGroup) -> None:
-        """Reach the server by HTTP, find a path to it, and attach the channel once it is open.
+        """Negotiate over HTTP, find a path, and attach the channel once it is open.
 
         Raises:
             OSError: nobody answers by HTTP.
@@ -126,7 +124,7 @@ async def _hold(peer: Peer, ended: anyio.Event) -> None:
 
 
 async def find_servers(address: RemoteAddress) -> tuple[IceServer, ...]:
-    """Return the STUN and TURN servers to use: the given ones, or else those that the robot names.
+    """Return the STUN and TURN servers: the given ones, or those of the robot.
 
     Raises:
         OSError: nobody answers by HTTP.
@@ -143,7 +141,7 @@ async def find_servers(address: RemoteAddress) -> tuple[IceServer, ...]:
 
 
 def _post(address: RemoteAddress, offer: bytes) -> bytes:
-    """Send an offer; returns the answer. Blocks; raises OSError and ConnectError."""
+    """Send an offer and return the answer. Blocks. Raises OSError and ConnectError."""
     status, body = _ask(address, "POST", offer)
     if status != 201:
         text = f"{address} refuses the offer: {_why(status, body)}"
@@ -152,7 +150,7 @@ def _post(address: RemoteAddress, offer: bytes) -> bytes:
 
 
 def _ask(address: RemoteAddress, method: str, content: bytes | None) -> tuple[int, bytes]:
-    """Ask the server's ``/webrtc``: the status and the answer. Blocks; raises OSError and ConnectError."""
+    """Query the server's ``/webrtc`` and return status and body. Blocks. Raises OSError and ConnectError."""
     path, _, query = address.target.partition("?")
     target = f"{path.rstrip('/')}/{PATH}" + (f"?{query}" if query else "")
     connection = (

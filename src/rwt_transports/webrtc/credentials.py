@@ -1,8 +1,7 @@
-"""The STUN and TURN servers of a new peer, where a credential for a while is asked of a command or a URL.
+"""STUN and TURN servers of a new peer, with temporary credentials from a command or a URL.
 
-What they answer is JSON as TURN's REST API has it (draft-uberti-behave-turn-rest):
-``{"username": "…", "password": "…", "ttl": 86400, "uris": ["turn:…"]}``; `uris` may be left out where the
-settings name the servers.
+Responses are JSON as in TURN's REST API (draft-uberti-behave-turn-rest): ``{"username": "…", "password": "…",
+"ttl": 86400, "uris": ["turn:…"]}``; `uris` is optional if the settings name the servers.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
 
 ANSWER_BYTES: Final = 16 * 1024
 SECONDS: Final = 5.0
-"""How long a command or a URL may take."""
+"""Timeout of a command or URL in seconds."""
 REUSED: Final = 0.5
 """The part of its life in which a credential is given to further peers."""
 MOST_SERVERS: Final = 8
@@ -52,7 +51,7 @@ class IceSource:
 
 
 class IceServers:
-    """Tells the servers of a new peer; a credential is asked for again when half of its life is over.
+    """Servers of new peers; credentials are renewed after half of their lifetime.
 
     Args:
         source: where they come from.

@@ -1,5 +1,4 @@
-"""How two peers find a path to each other (ICE, RFC 8445): servers that help, addresses, and whether the
-other side is still there."""
+"""Connectivity between peers (ICE, RFC 8445): servers, addresses and consent."""
 
 from __future__ import annotations
 
@@ -28,14 +27,18 @@ if TYPE_CHECKING:
 logger = logging.getLogger("rwt_transports.webrtc")
 
 CONSENT_SECONDS: Final = 0.7
-"""How often the other side is asked whether it still wants to be sent anything (RFC 7675)."""
+"""Interval of consent checks (RFC 7675) in seconds."""
 CONSENT_EXPIRES_SECONDS: Final = 3.6
 """Without an answer for so long it counts as gone. RFC 7675 allows 30 s, in which a robot drives far."""
 CONSENT_ASKED: Final = 3
-"""It must have been asked so often without an answer: a process that stood still itself has not listened."""
+"""Consent checks without response before the peer is lost; a count, because a suspended process cannot
+receive.
+"""
 LOOPBACK: Final = "127.0.0.1"
 GATHER_SECONDS: Final = 2
-"""How long STUN and TURN servers have: one that does not answer must not hold up those who need none."""
+"""Timeout of STUN and TURN servers in seconds, so that an unreachable one does not delay peers that need
+none.
+"""
 
 
 class BadIceServer(TransportError):
@@ -103,11 +106,11 @@ def configuration(servers: tuple[IceServer, ...]) -> RTCConfiguration:
 
 
 def prepare(transport: RTCIceTransport, *, loopback: bool) -> None:
-    """Let an ICE transport notice soon that the other side has gone.
+    """Make an ICE transport detect a lost peer quickly.
 
     Args:
         transport: one that has not gathered candidates yet.
-        loopback: whether the other side may be on this machine, so that its loopback address is a candidate.
+        loopback: True if the other side may be on this machine, so that its loopback address is a candidate.
     """
     more = (LOOPBACK,) if loopback else ()
     configure_ice(transport, _query_consent, lambda gather: partial(_gather, gather, more))
@@ -120,8 +123,7 @@ async def _gather(
     addresses: list[str],
     timeout: int = GATHER_SECONDS,  # noqa: ASYNC109 - the signature is aioice's
 ) -> list[Candidate]:
-    """The candidates of further addresses of this machine too, such as its loopback's, which aioice leaves
-    out; and without its five seconds for servers that do not answer."""
+    """Gather further candidates such as loopback, which aioice omits, without its timeout of five seconds."""
     return await gather(component, [*addresses, *more], timeout)
 
 
@@ -170,8 +172,9 @@ def describe(transport: RTCIceTransport) -> Mapping[str, str]:
 
 
 def way(transport: RTCIceTransport) -> str:
-    """How the two sides have found each other: ``directly``, ``through a NAT (STUN)`` or ``by a relay
-    (TURN)``; empty before they have."""
+    """Return the kind of path: ``directly``, ``through a NAT (STUN)`` or ``by a relay (TURN)``; empty before
+    there is one.
+    """
     path = describe(transport)
     if not path:
         return ""

@@ -1,5 +1,4 @@
-"""Whether STUN and TURN servers do what they are named for, and reading the lists that name them (asyncio
-only)."""
+"""Probes of STUN and TURN servers, and parsers of server lists (asyncio only)."""
 
 from __future__ import annotations
 
@@ -17,7 +16,7 @@ from rwt_transports.webrtc.ice import BadIceServer, IceServer, check_ice_url
 
 MOST_SERVERS: Final = 8
 SECONDS: Final = 3.0
-"""How long a server has for its answer."""
+"""Timeout of a server in seconds."""
 ASKED_EVERY: Final = 0.5
 """Seconds from one question to the next: a datagram may be lost."""
 
@@ -40,7 +39,7 @@ class Probe:
 
 
 def read_ice_servers(listed: Sequence[Mapping[str, object]]) -> tuple[IceServer, ...]:
-    """Return the servers of a list of the W3C's ``RTCIceServer``.
+    """Parse a list of the W3C's ``RTCIceServer``.
 
     Raises:
         BadIceServer: the list cannot be used; says why.
@@ -61,7 +60,7 @@ def read_ice_servers(listed: Sequence[Mapping[str, object]]) -> tuple[IceServer,
 
 
 def read_configuration(text: bytes) -> tuple[IceServer, ...]:
-    """Return the servers of a JSON ``RTCConfiguration``, as ``GET /webrtc`` answers.
+    """Parse a JSON ``RTCConfiguration``, as returned by ``GET /webrtc``.
 
     Raises:
         BadIceServer: it is none, or its servers cannot be used.
@@ -106,7 +105,7 @@ def _refusal(refused: stun.TransactionFailed, server: IceServer) -> str:
 
 
 class _Answers(asyncio.DatagramProtocol):
-    """Answers to a socket that queries one server."""
+    """Responses to a socket that queries one server."""
 
     def __init__(self) -> None:
         self.first: asyncio.Future[tuple[str, int]] = asyncio.get_running_loop().create_future()

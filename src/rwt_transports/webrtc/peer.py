@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger("rwt_transports.webrtc")
 
 READY_BYTES: Final = 16 * KIB
-"""What may wait in front of a channel's lanes, out of reach of what drops old messages."""
+"""Maximum bytes queued below a channel's lanes, where old messages can no longer be dropped."""
 FRESH_READY_BYTES: Final = 1 * KIB
 """The same for a channel without retransmission, where an old message is worth nothing."""
 
@@ -45,7 +45,7 @@ class PeerTerms:
     Attributes:
         limits: bounds of each channel's connection.
         buffers: where is counted what has come of large messages.
-        addresses: how many connections each address has; a channel is one.
+        addresses: number of connections by address; a channel counts as one.
         channels: data channels that a peer may have open.
         candidates: of the other side, in its description and afterwards.
         connect_seconds: how long it may take until the peers have found each other.
@@ -66,16 +66,16 @@ class Peer:
         terms: what it may take.
         servers: that help to find a path.
         accept: makes the endpoint of each data channel.
-        address: of the other side, as far as its signalling tells.
-        loopback: whether the other side may be on this machine.
+        address: address of the other side, as far as its signalling tells.
+        loopback: True if the other side may be on this machine.
         on_closed: called once when it has ended.
 
     Attributes:
         connection: aiortc's.
         network: that the other side counts as; empty on this machine.
         largest: bytes of the largest message that the other side takes; 0 for any.
-        connected: whether the peers have found each other.
-        closed: whether it has ended.
+        connected: True if the peers have found each other.
+        closed: True if it has ended.
         reason: why it has.
     """
 
@@ -114,7 +114,7 @@ class Peer:
     # -- descriptions --------------------------------------------------------------------------------------
 
     async def take_description(self, description: Description, kind: str) -> None:
-        """Take the other side's description.
+        """Apply the other side's description.
 
         Args:
             description: what was read of it.
@@ -135,8 +135,7 @@ class Peer:
         self.prepare()
 
     def prepare(self) -> None:
-        """Put what this package needs into aiortc's objects that are there now; before candidates are
-        gathered."""
+        """Prepare aiortc's objects, before candidates are gathered."""
         connection = self.connection
         sctp = connection.sctp
         handshakes = {each.sender.transport for each in connection.getTransceivers()}
@@ -161,7 +160,7 @@ class Peer:
         return with_largest_message(self.connection.localDescription.sdp, self._terms.limits.message_bytes)
 
     async def add_candidates(self, candidates: tuple[RTCIceCandidate, ...]) -> None:
-        """Take further candidates of the other side.
+        """Add candidates of the other side.
 
         Raises:
             BadDescription: there are too many.
@@ -262,8 +261,7 @@ class Peer:
         self._when_ended.append(callback)
 
     async def close(self, code: int = GOING_AWAY, reason: str = "the server is going away") -> None:
-        """Close its connections, then itself. A channel that is closed is no error for the other side, where
-        one whose peer has ended is."""
+        """Close the channels before the peer connection: the reverse is an error for the other side."""
         if not self.closed:
             await asyncio.gather(*(state.end(code, reason) for state in self._states))
             self.fail(reason)

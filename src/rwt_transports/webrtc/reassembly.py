@@ -1,8 +1,7 @@
-"""Messages of one SCTP stream, out of the fragments that arrive (RFC 9260 section 6.9, RFC 8831).
+"""Reassembly of messages of one SCTP stream (RFC 9260 section 6.9, RFC 8831).
 
-aiortc looks through all fragments of a message whenever one more arrives, which for a picture of a megabyte
-takes longer than to receive it, and keeps whatever a peer sends without ever ending it. Here a fragment costs
-the same however many there are, and what is kept is counted.
+aiortc scans all fragments of a message on each arrival, which is slow for large messages, and keeps endless
+messages. Here the cost per fragment is constant, and memory is limited.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ UNORDERED: Final = 0x04
 """Flags of a DATA chunk (RFC 9260 section 3.3.1)."""
 
 CHUNK_BYTES: Final = 256
-"""What is counted of a fragment besides its data: the objects that hold it."""
+"""Overhead of the objects of a fragment, counted in addition to its data."""
 
 _TSN: Final = 2**32
 _SEQUENCE: Final = 2**16
@@ -69,7 +68,7 @@ class _Run:
         self.charge = self.size + CHUNK_BYTES
 
     def truncate(self) -> None:
-        """Keep no more than the beginning."""
+        """Keep only the beginning."""
         if self.pieces is not None:
             self.head = b"".join(self.pieces)[:HEAD_BYTES] if self.has_first else b""
             self.pieces = None
@@ -173,8 +172,9 @@ class Reassembly:
                 self._hold(-replaced.charge)
 
     def pop_messages(self) -> Iterator[tuple[int, int, bytes]]:
-        """Messages that are whole and whose turn it is: the stream, the protocol and the data, a
-        :class:`Truncated` where it was too large."""
+        """Return the complete messages in order: stream, protocol and data; a :class:`Truncated` if too
+        large.
+        """
         ready, self._ready = self._ready, []
         for run in ready:
             yield self._released(run)
@@ -187,9 +187,11 @@ class Reassembly:
         return self._stream_id, run.protocol, run.message()
 
     def prune_chunks(self, tsn: int) -> int:
-        """Drop what its sender has given up: fragments up to `tsn` of messages that have a gap there. A
-        message that lacks nothing up to there is kept (RFC 3758 section 3.6). Returns 0: the window is not
-        counted here."""
+        """Drop fragments up to `tsn` of incomplete messages, which the sender abandoned (RFC 3758 section
+        3.6).
+
+        Returns 0: the window is not counted here.
+        """
         for run in tuple(self._starts.values()):
             if not is_later(run.start, tsn) and not (run.has_first and not is_later(tsn, run.end)):
                 self._forget(run)

@@ -26,7 +26,7 @@ WILDCARDS: Final = 16
 FRAGMENT_BYTES: Final = 16 * 1024
 """Largest body of a PATCH with candidates."""
 LIBWEBRTC_BYTES: Final = 256 * 1024
-"""What Chromium, Safari and aiortc say is the largest message they take, though they take larger ones."""
+"""Maximum message size announced by Chromium, Safari and aiortc, although they accept more."""
 
 UNSAID_BYTES: Final = 64 * 1024
 """Largest message of who says nothing about it (RFC 8841 section 6.1)."""
@@ -44,7 +44,7 @@ class Description:
         text: the description without what is not used here: candidates that are no UDP or that only multicast
             could resolve, and the end of candidates, after which aiortc would give up where none is left.
         media: the kinds of its sections, in order.
-        candidates: how many are left.
+        candidates: number of remaining candidates.
         ufrag: its ICE user name fragment.
         largest: bytes of the largest message to send on a data channel; 0 for any.
     """
@@ -57,11 +57,11 @@ class Description:
 
 
 def read_description(body: bytes, most_candidates: int = CANDIDATES) -> Description:
-    """Read an offer, or an answer.
+    """Parse an offer or an answer.
 
     Args:
         body: the description in UTF-8.
-        most_candidates: how many candidates of the other side are taken.
+        most_candidates: maximum number of remote candidates.
 
     Raises:
         BadDescription: it cannot be used; says why.
@@ -97,7 +97,7 @@ def read_description(body: bytes, most_candidates: int = CANDIDATES) -> Descript
 
 
 def _check_counts(lines: list[str]) -> None:
-    """Refuse more of a kind than any browser writes: what is made of them grows faster than they do."""
+    """Reject more items of a kind than browsers send: their objects grow faster than the text."""
     counts = Counter(line.partition(":")[0] for line in lines if line.startswith("a="))
     del counts["a=candidate"]
     for name, count in counts.most_common(1):
@@ -144,17 +144,15 @@ def _number(line: str) -> int:
 def _largest_message(said: int) -> int:
     """Return the maximum size of a message to send (RFC 8841 section 6).
 
-    libwebrtc says 256 KiB whatever it takes, and takes megabytes; roslib, which joins no fragments, relies on
-    that. Others are believed.
+    libwebrtc always announces 256 KiB but accepts megabytes, on which roslib relies.
     """
     return 0 if said == LIBWEBRTC_BYTES else said
 
 
 def _is_usable(attribute: str) -> bool:
-    """Return True if a candidate (RFC 8839 section 5.1) uses UDP at an address.
+    """Return True if a candidate (RFC 8839 section 5.1) uses UDP and an address.
 
-    Names in `.local` would have to be asked for by multicast; who has one finds this side without being
-    asked, since what arrives from there makes a candidate by itself.
+    Names in `.local` would need multicast; such peers are found by their own checks.
     """
     parts = attribute.split()
     if len(parts) < 8 or parts[2].lower() != "udp" or parts[6] != "typ":
@@ -175,7 +173,7 @@ class Fragment:
     Attributes:
         ufrag: whose candidates they are; empty where it does not say.
         candidates: those that can be used.
-        left_out: how many cannot.
+        left_out: number of the others.
     """
 
     ufrag: str
@@ -184,7 +182,7 @@ class Fragment:
 
 
 def read_fragment(body: bytes) -> Fragment:
-    """Read a piece of a description that brings further candidates.
+    """Parse a fragment of a description with further candidates.
 
     Raises:
         BadDescription: it cannot be used; says why.

@@ -98,7 +98,7 @@ class Peers:
 
         Args:
             accept: makes the endpoint of each of its data channels.
-            address: of the client.
+            address: address of the client.
             answer: brings the peer so far that it has an answer, which it returns.
 
         Returns:
@@ -164,7 +164,7 @@ class Peers:
             )
 
     def _check_share(self, network: str, count: int, most: int, setting: str) -> None:
-        """Leave something for others than one network."""
+        """Reserve peers for other networks."""
         share = max(1, 3 * most // 4)
         if count >= share:
             self._refused += 1
@@ -257,7 +257,7 @@ def data_routes(peers: Peers, accept: Accept) -> tuple[Route[Reader], ...]:
 
 
 def _on_behalf(request: HttpRequest, accept: Accept) -> Accept:
-    """Let channels in as whoever has sent the offer: with the same token, from the same page."""
+    """Accept channels with the credentials of the offer: same token, same origin."""
 
     def accept_channel(sink: Sink, info: PeerInfo) -> Endpoint:
         target = f"{request.path}?{request.query}" if request.query else request.path

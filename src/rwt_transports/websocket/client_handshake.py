@@ -44,7 +44,7 @@ class ClientHandshake:
         self._refusal = False
 
     def feed(self, data: bytes) -> bytes | None:
-        """Take what arrived.
+        """Read received bytes.
 
         Returns:
             None while the answer is not complete; then what follows it, which belongs to the wire.

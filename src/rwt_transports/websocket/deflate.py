@@ -37,16 +37,16 @@ from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 _COMPRESSED: Final = 0x40
 """The bit RSV1 in the first byte of a message's first frame (RFC 7692 section 6)."""
 _TAIL: Final = b"\x00\x00\xff\xff"
-"""What ends a flushed block, and is left out of a message (section 7.2.1)."""
+"""End of a flushed block, omitted from messages (section 7.2.1)."""
 _WINDOW: Final = 32 * 1024
 _SMALL: Final = 1024
-"""Bytes of a compressed message that is inflated at once: it comes to a megabyte at most."""
+"""Maximum size of compressed messages that are inflated at once, to a megabyte at most."""
 _AT_ONCE: Final = 2
-"""Steps in which most messages are inflated."""
+"""Number of steps in which most messages are inflated."""
 _STEP: Final = 64 * 1024
-"""Bytes that are inflated at once, and that are made at once."""
+"""Bytes of input and output of a step."""
 _MOST_BLOCKS: Final = 16
-"""Final blocks within one message; known compressors make one at most."""
+"""Maximum number of final blocks in a message; known compressors write at most one."""
 
 SMALLEST: Final = 100
 """Bytes below which a message without context does not become smaller."""
@@ -54,11 +54,11 @@ LARGEST: Final = 1024 * 1024
 """Bytes above which a message goes out as it is: compressing it would hold up all other peers for long."""
 _LEVEL: Final = 3
 _MEMORY: Final = 5
-"""Of zlib, 1 to 9: with 5 and a window of 12 bits a connection's context takes 32 KiB."""
+"""Memory level of zlib, 1 to 9: at 5, with a window of 12 bits, a context takes 32 KiB."""
 
 
 class _Deflater:
-    """Compresses messages, each in the context of those before it."""
+    """Compressor with context across messages."""
 
     __slots__ = ("_packer",)
 
@@ -106,10 +106,10 @@ def _framing_with_context(bits: int) -> Framing:
 
 
 class _Inflater:
-    """Inflates messages.
+    """Decompressor of messages.
 
     Args:
-        keep: whether each is in the context of those before it.
+        keep: True if each is in the context of those before it.
         most: bytes that one may have.
     """
 
@@ -121,7 +121,7 @@ class _Inflater:
         self._unpacker = zlib.decompressobj(-15)
 
     def unpack(self, payload: bytes) -> Generator[None, None, bytes]:
-        """Inflate a message, in steps of some ten thousand bytes.
+        """Inflate a message in steps of some ten thousand bytes.
 
         Raises:
             ProtocolViolation: it is damaged, or too large.

@@ -12,8 +12,7 @@ from websockets.extensions.permessage_deflate import PerMessageDeflate, ServerPe
 from rwt_transports.limits import Deflate
 
 WINDOW_BITS: Final = 12
-"""The window with which this side compresses in context: 4 KiB, enough for messages that resemble each
-other."""
+"""Window of this side's compression with context: 4 KiB, enough for similar messages."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +20,7 @@ class DeflateTerms:
     """Agreed parameters (RFC 7692 section 7.1).
 
     Attributes:
-        keeps_context: whether what this side sends is in the context of what it sent before.
+        keeps_context: True if what this side sends is in the context of what it sent before.
         peer_keeps_context: the same of the other side.
         window_bits: of this side's window.
     """

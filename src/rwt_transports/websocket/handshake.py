@@ -16,7 +16,7 @@ from rwt_transports.limits import Deflate
 from rwt_transports.websocket.extensions import DeflateTerms, agreed_terms, extension_factories
 
 SUBPROTOCOL = Subprotocol("rwt")
-"""What a client offers that wants the server to confirm what is spoken; it may offer others beside it."""
+"""Subprotocol that clients may offer for confirmation of the protocol."""
 
 _quiet = logging.getLogger("rwt_transports.websocket.handshake")
 
@@ -41,8 +41,7 @@ class HandshakeAnswer:
 
 
 def wants_websocket(headers: Iterable[tuple[str, str]]) -> bool:
-    """Whether a request asks to become a WebSocket: its ``Upgrade`` header names it (RFC 6455 section
-    4.1)."""
+    """Return True if a request's ``Upgrade`` header names WebSocket (RFC 6455 section 4.1)."""
     return any(
         name.lower() == "upgrade" and "websocket" in [token.strip().lower() for token in value.split(",")]
         for name, value in headers
@@ -55,11 +54,11 @@ def answer_handshake(
     deflate: Deflate = Deflate.OFF,
     subprotocols: Collection[str] = (),
 ) -> HandshakeAnswer:
-    """Check the upgrade request and make the answer (RFC 6455 section 4.2).
+    """Check an upgrade request and return the response (RFC 6455 section 4.2).
 
     Args:
         path: what is asked for.
-        headers: of the request.
+        headers: headers of the request.
         deflate: what may be compressed.
         subprotocols: what is spoken besides rosbridge.
     """
@@ -88,10 +87,7 @@ def answer_handshake(
 def _selector(
     spoken: Collection[str],
 ) -> Callable[[ServerProtocol, Sequence[Subprotocol]], Subprotocol | None]:
-    """Return a function that chooses the first supported subprotocol (RFC 6455 section 4.2.2), or none.
-
-    Clients that offer only others get none, and go on or not as they please.
-    """
+    """Return a function that selects the first supported subprotocol, or none (RFC 6455 section 4.2.2)."""
 
     def select(_: ServerProtocol, offered: Sequence[Subprotocol]) -> Subprotocol | None:
         chosen = choose_subprotocol(offered, spoken)

@@ -1,8 +1,7 @@
-"""BSON documents one after the other on a stream of bytes, as a wire (BSN-03).
+"""Wire of consecutive BSON documents (BSN-03).
 
-A document begins with its own length, a little-endian int32 that counts itself, so nothing else is needed to
-tell where it ends. A length that no document can have leaves no way to find the next one, and ends the
-connection. Text frames have no place on this wire: one is logged and left out.
+Each begins with its length, a little-endian int32 that counts itself. An invalid length ends the connection,
+because the next document cannot be found. Text frames are logged and dropped.
 """
 
 from __future__ import annotations
@@ -53,7 +52,7 @@ class BsonStreamWire(StreamWire):
         self._count_held()
 
     def _step(self) -> bool:
-        """Take one document, or skip what has arrived of one; False when more bytes are needed."""
+        """Take or skip one document; return False if more bytes are needed."""
         buffer = self._buffer
         if self._to_skip:
             skipped = min(self._to_skip, len(buffer))

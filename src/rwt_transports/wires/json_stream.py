@@ -23,7 +23,7 @@ from rwt_transports.wires.stream import StreamWire
 logger = logging.getLogger("rwt_transports.json_stream")
 
 STRAY_BYTES = 1024
-"""How much of what stands between objects is handed over at once."""
+"""Maximum bytes between objects that are delivered at once."""
 
 #: How a browser begins. Any web page can send an HTTP request to any port, with a body of its choice: what it
 #: holds must not run, since no one asked where the page is from.
@@ -80,7 +80,7 @@ class JsonStreamWire(StreamWire):
         self._in_string = self._skipping = False
 
     def _step(self) -> bool:
-        """Go on to the next brace or quote; False when more bytes are needed."""
+        """Continue to the next brace or quote; return False if more bytes are needed."""
         if self._depth == 0:
             return self._between()
         match = (_IN_STRING if self._in_string else _STRUCTURE).search(self._buffer, self._scanned)
@@ -104,7 +104,7 @@ class JsonStreamWire(StreamWire):
         return True
 
     def _between(self) -> bool:
-        """Outside of any object: hand over what is not blank, up to the next opening brace or line."""
+        """Deliver non-blank bytes outside of objects, up to the next opening brace or line."""
         buffer = self._buffer
         start = buffer.find(b"{")
         line = buffer.find(b"\n") + 1
@@ -137,7 +137,7 @@ class JsonStreamWire(StreamWire):
         self._fresh = False
 
     def _too_large(self) -> None:
-        """Drop what has arrived of an object over the limit, and go on counting its braces."""
+        """Drop the beginning of an object over the limit, and continue counting its braces."""
         if not self._skipping:
             self._report(len(self._buffer), bytes(self._buffer[:HEAD_BYTES]))
             self._skipping = True

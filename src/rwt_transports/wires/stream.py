@@ -55,7 +55,7 @@ class StreamWire(ABC):
         self._events.ended(POLICY, reason, agreed=False)
 
     def _count_held(self) -> None:
-        """Count what has come of a message whose end has not."""
+        """Count the bytes of an incomplete message."""
         size = len(self._buffer)
         if size >= STAGING_BYTES:
             self._part = self._part or bytearray(PART_BYTES)
@@ -69,8 +69,7 @@ class StreamWire(ABC):
         return b""
 
     def get_buffer(self) -> memoryview | None:
-        """Return the buffer for the next bytes of a large message, which is then received when there is time
-        and room for it."""
+        """Return the buffer for the next bytes of a large message, if time and memory allow."""
         return None if self._part is None else memoryview(self._part)
 
     def buffer_updated(self, count: int) -> None:
@@ -90,4 +89,4 @@ class StreamWire(ABC):
 
 
 def _ignore(_data: bytes, _binary: bool) -> None:
-    """Drop a message: there is no endpoint yet, or the connection is closing."""
+    """Drop a message: the endpoint is missing or closing."""

@@ -22,7 +22,7 @@ from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from rwt_transports.wires.stream import StreamWire
 
 HEADER: Final = Struct(">?I")
-"""Whether a message is binary, and its size in bytes."""
+"""Header of a message: binary flag and size in bytes."""
 
 
 def _pieces(frame: Frame) -> tuple[Buffer, ...]:
@@ -59,7 +59,7 @@ class MessageWire(StreamWire):
         self._count_held()
 
     def _step(self) -> bool:
-        """Take a header or a message; False when more bytes are needed."""
+        """Take a header or a message; return False if more bytes are needed."""
         wanted = HEADER.size if self._wanted < 0 else self._wanted
         if len(self._buffer) < wanted:
             return False
@@ -92,7 +92,7 @@ def whole_messages(events: WireEvents, limits: Limits, buffers: ReceiveBufferPoo
 
 
 class MessageCutter:
-    """Takes the messages apart that a connection has for its driver.
+    """Splits the connection's bytes into messages for its driver.
 
     Args:
         take: gives the next bytes of the connection, None when there are none for now.

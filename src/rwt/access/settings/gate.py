@@ -1,4 +1,4 @@
-"""What an operator can set about the gate: the models alone."""
+"""Settings of the gate, as models without behaviour."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ def _check_rate(seconds: float) -> float:
 
 
 _LEAST_RATE: Final = 0.001
-"""A client that may cause less work than that is one that is not served at all."""
+"""Minimum rate of work; a client with less could not be served."""
 
 WorkRate = Annotated[float, Field(ge=0, le=1000, allow_inf_nan=False), AfterValidator(_check_rate)]
 """Seconds of work each second; 0 for any."""
@@ -139,7 +139,7 @@ _SHA256: Final = re.compile(r"[0-9A-Fa-f]{64}")
 
 
 def _written_as(pattern: re.Pattern[str], expected: str) -> AfterValidator:
-    """Checks a secret without ever quoting it."""
+    """Validate the spelling of a secret without quoting it."""
 
     def check(secret: SecretStr) -> SecretStr:
         if pattern.fullmatch(secret.get_secret_value()) is None:

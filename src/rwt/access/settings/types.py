@@ -28,7 +28,7 @@ _HOST_NAME: Final = re.compile(rf"{_LABEL}(?:\.{_LABEL})*")
 
 
 def is_host_name(text: str) -> bool:
-    """Whether a text is a name as DNS has them (RFC 1123 section 2.1); an IPv4 address looks like one."""
+    """Return True if a text is a DNS name (RFC 1123 section 2.1); IPv4 addresses look like one."""
     return len(text) <= 253 and _HOST_NAME.fullmatch(text) is not None
 
 

@@ -32,11 +32,11 @@ Pages = Callable[[HttpRequest, "GraphView"], "HttpResponse | Awaitable[HttpRespo
 
 
 class Assets:
-    """The files that one client has asked for, one after the other.
+    """Files that one client requests, sent one after the other.
 
     Args:
         graph: the graph as the client may see it.
-        replies: how the client is answered.
+        replies: control lane to the client.
         pages: what has the files.
         settings: how large, and how many.
         address: the client's.
@@ -55,7 +55,7 @@ class Assets:
         self._closed = False
 
     def fetch(self, asked: FetchAsset, spawn: Callable[[Callable[[], Awaitable[None]], str], None]) -> None:
-        """Answer with a file, or with why it cannot be had.
+        """Answer with a file, or with the reason why it is not available.
 
         Args:
             asked: which.
@@ -95,7 +95,7 @@ class Assets:
             self._runs = False
 
     async def _read(self, path: str) -> list[bytes]:
-        """The content of a file.
+        """Return the content of a file.
 
         Raises:
             NotPossible: there is none, it is none that is served, or it is too large.

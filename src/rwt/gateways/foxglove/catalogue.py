@@ -22,14 +22,14 @@ SCHEMA_ENCODINGS: Final[Mapping[str, str]] = {"cdr": "ros2msg", "ros1": "ros1msg
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TopicChannel:
-    """A topic as clients subscribe to it.
+    """Topic as clients subscribe to it.
 
     Attributes:
         id: one that no other channel of the server has had.
         topic: absolute name.
-        type: of its messages.
+        type: type of its messages.
         announced: what is said of it, in JSON.
-        in_json: whether its messages are JSON, for viewers cannot read what the robot serialises.
+        in_json: True if its messages are JSON, for viewers cannot read what the robot serialises.
     """
 
     id: int
@@ -41,7 +41,7 @@ class TopicChannel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OfferedService:
-    """A service as clients call it.
+    """Service as clients call it.
 
     Attributes:
         id: one that no other service of the server has had.
@@ -57,9 +57,9 @@ class OfferedService:
 
 
 class Catalogue:
-    """The channels and services that any role is shown, each under one id for all clients.
+    """Channels and services visible to any role, each under one id for all clients.
 
-    A topic that goes and comes back, or comes back with another type, is another channel.
+    A topic that returns, or changes its type, gets a new id.
 
     Args:
         node: the gateway's own node, whose subscriptions do not make a topic.
@@ -72,8 +72,9 @@ class Catalogue:
         self._count = 0
 
     def channel(self, topic: TopicInfo) -> TopicChannel | None:
-        """The channel of a topic; None for one whose type is not known, or that only clients of this gateway
-        listen to."""
+        """Return the channel of a topic; None if its type is unknown or only clients of this gateway
+        subscribe to it.
+        """
         if topic.type is None:
             return None
         if not topic.publishers and all(each.node == self._node for each in topic.subscribers):
@@ -113,8 +114,7 @@ class Catalogue:
 
 
 def _schema(type: MessageType) -> dict[str, str]:
-    """A type as Foxglove's protocol describes it: its definition with all that it contains, as in MCAP; or as
-    JSON Schema."""
+    """Return a type's schema: its definition with all nested types, as in MCAP, or JSON Schema."""
     registry = type.registry
     json_schema = schema_where_needed(type)
     if json_schema is not None:
@@ -163,7 +163,7 @@ class Connections(NamedTuple):
 def _changed(
     now: Mapping[str, tuple[str, ...]], before: Mapping[str, tuple[str, ...]], kept: Iterable[str], ids: str
 ) -> list[dict[str, object]]:
-    """The names whose nodes are others than before; one that has none any more, if it is kept."""
+    """Return the names whose nodes have changed."""
     return [
         {"name": name, ids: now.get(name, ())}
         for name in sorted(kept)

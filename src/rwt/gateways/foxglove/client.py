@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from rwt_transports.endpoint import PeerInfo, Sink
 
 _MOST_REASONS: Final = 5
-"""Refusals of one message, of many things, that a client is told; of the others it is told the number."""
+"""Maximum number of errors reported for one message; of the others, only the number is reported."""
 
 _REFUSALS: Final = (RobotError, AccessError, FoxgloveError)
 
@@ -98,7 +98,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
                 self._run(_refusing(self, op, steps))
 
     def _run(self, steps: Iterator[None]) -> None:
-        """Take steps of a message, and those that there is no time for in later turns."""
+        """Take steps of a message now, and the rest in later turns."""
         for _ in steps:
             if not self._has_time():
                 self._wait(steps)
@@ -207,7 +207,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
 
 
 def _refusing(client: FoxgloveClient, op: str, steps: Iterator[None]) -> Iterator[None]:
-    """The steps of a message, of which the client is told why they cannot be taken."""
+    """Run the steps of a message, and report rejections to the client."""
     try:
         yield from steps
     except Exception as error:

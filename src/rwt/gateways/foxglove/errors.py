@@ -1,8 +1,8 @@
 """Errors of the Foxglove gateway; their texts are sent to the client.
 
 - :exc:`FoxgloveError`
-    - :exc:`InvalidFrame`: a frame that is no message of the protocol
-    - :exc:`NotPossible`: a message that asks for what is not there, or not now
+    - :exc:`InvalidFrame`: the frame is no message of the protocol
+    - :exc:`NotPossible`: the requested thing does not exist, or not now
 """
 
 from __future__ import annotations

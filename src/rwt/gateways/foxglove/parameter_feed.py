@@ -21,7 +21,7 @@ _QOS: Final = QoS(depth=1000)
 
 
 class ParameterFeed:
-    """Tells of changes of parameters as long as anybody watches.
+    """Reports changes of watched parameters.
 
     Args:
         shared: the gateway's part in the graph.
@@ -37,11 +37,11 @@ class ParameterFeed:
         self._timer: Timer | None = None
 
     def watch(self, names: Iterable[str], *, everything: bool) -> None:
-        """Watch these parameters from now on, in place of those before.
+        """Watch these parameters instead of those before.
 
         Args:
             names: full names.
-            everything: whether all of the nodes' are watched, and those that the tree has now.
+            everything: True if all of the nodes' are watched, and those that the tree has now.
         """
         graph = self._shared.graph
         wanted = {name for name in names if ":" not in name}

@@ -1,7 +1,7 @@
-"""Parameters in Foxglove's protocol: read and set through rosapi's services, and watched as they change.
+"""Parameters in Foxglove's protocol: read, set and watched through rosapi's services.
 
-A node's parameter is called `/node.name`, as Foxglove's own bridge for ROS 2 calls it, and one of the global
-tree `/name`. What a client may read and set is decided where its calls of rosapi are.
+A node's parameter is called `/node.name`, as in Foxglove's own bridge for ROS 2, and a global one `/name`.
+Access is checked in the client's calls of rosapi.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ SET: Final = "/rosapi/set_param"
 DELETE: Final = "/rosapi/delete_param"
 
 _AT_ONCE: Final = 8
-"""Calls of rosapi that are under way for one client."""
+"""Maximum number of concurrent rosapi calls per client."""
 
 _MOST_REQUESTS: Final = 16
-"""Requests of one client that wait for their answers."""
+"""Maximum number of pending requests per client."""
 
 Done = Callable[["Payload | str"], None]
 """Is given the answer of a service, or why there is none."""
@@ -74,7 +74,7 @@ def _kind(value: object) -> str:
 
 
 def _plain(value: object) -> object:
-    """A value that JSON has: bytes as numbers, as rosapi writes them, and null for what is no number."""
+    """Return a value as JSON: bytes as numbers, as in rosapi, and null for NaN and infinity."""
     if isinstance(value, bytes | bytearray):
         return list(value)
     if isinstance(value, float) and not math.isfinite(value):
@@ -85,7 +85,7 @@ def _plain(value: object) -> object:
 
 
 def wanted_value(parameter: Parameter) -> object:
-    """The value that a client sets; UNSET to delete the parameter.
+    """Return the value to set; UNSET to delete the parameter.
 
     Raises:
         NotPossible: it is not of the type that the client says.
@@ -114,7 +114,7 @@ class ParameterRequests:
 
     Args:
         graph: the graph as the client may see it.
-        replies: how the client is answered.
+        replies: control lane to the client.
         most_names: that it may ask for at once, or watch.
         turns: of the event loop, in which what it asks for is done.
     """
@@ -135,7 +135,7 @@ class ParameterRequests:
     # -- reading and setting -------------------------------------------------------------------------------
 
     def get(self, asked: GetParameters) -> None:
-        """Tell the client values, of all parameters where it names none.
+        """Send the client the values of these parameters, or of all if it names none.
 
         Raises:
             NotPossible: it has asked for too much.
@@ -157,7 +157,7 @@ class ParameterRequests:
         self._call(LIST, {}, listed)
 
     def set(self, asked: SetParameters) -> None:
-        """Set parameters, and tell the client their values then if it gives an id.
+        """Set parameters, and send the client the new values if it gives an id.
 
         Raises:
             NotPossible: it sets too many, or a value is not of the type that it says.
@@ -191,7 +191,7 @@ class ParameterRequests:
                 self._call(SET, {"name": name, "value": json.dumps(value)}, partial(done, name))
 
     def _read(self, names: Sequence[str], on_values: Callable[[Mapping[str, object]], None]) -> None:
-        """Read parameters; those that do not exist, or may not be read, are left out."""
+        """Read parameters; those that do not exist or are not readable are left out."""
         names = tuple(dict.fromkeys(names))
         values: dict[str, object] = {}
         left = len(names)
@@ -244,8 +244,7 @@ class ParameterRequests:
     # -- calls ---------------------------------------------------------------------------------------------
 
     def _call(self, service: str, request: Mapping[str, object], done: Done) -> None:
-        """Call a service of rosapi in a turn of the event loop in which fewer than :data:`_AT_ONCE` calls are
-        under way: values may be large, and a client may ask for a thousand at a time."""
+        """Call a service of rosapi once fewer than :data:`_AT_ONCE` calls of the client are pending."""
         self._due.append(partial(self._call_now, service, request, done))
         self._want_turn()
 
@@ -290,7 +289,7 @@ class ParameterRequests:
     # -- watching ------------------------------------------------------------------------------------------
 
     def watch(self, names: Sequence[str]) -> None:
-        """Tell the client when these parameters change, or any where it names none.
+        """Notify the client when these parameters change, or any parameter if it names none.
 
         Raises:
             NotPossible: it watches as many as it may.
@@ -333,7 +332,7 @@ class ParameterRequests:
 
 
 def _failure(outcome: Payload | str) -> str:
-    """Why a service of rosapi did not do what was asked; empty if it did."""
+    """Return the reason why a service of rosapi failed; empty if it succeeded."""
     if isinstance(outcome, str):
         return outcome
     answer = outcome.value()

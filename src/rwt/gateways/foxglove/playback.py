@@ -1,7 +1,4 @@
-"""A recording that is played, as Foxglove's protocol shows and controls it.
-
-It is controlled by the services of the node that plays it, so a client may do what its role may call.
-"""
+"""Control of a playback in Foxglove's protocol, through the services of the player's node."""
 
 from __future__ import annotations
 
@@ -31,7 +28,7 @@ class PlaybackState(NamedTuple):
     Attributes:
         status: see :class:`~rwt.gateways.foxglove.wire.server_messages.PlaybackStatus`.
         speed: recorded seconds in a second.
-        seeks: how often it has jumped.
+        seeks: number of seeks.
     """
 
     status: PlaybackStatus
@@ -61,7 +58,7 @@ class PlaybackControl:
 
     Args:
         graph: the graph as the client may see it.
-        replies: how the client is answered.
+        replies: control lane to the client.
         playback: the recording.
     """
 
@@ -90,7 +87,7 @@ class PlaybackControl:
         go_on()
 
     def _calls(self, asked: PlaybackControlRequest) -> Iterator[tuple[str, Mapping[str, object]]]:
-        """The calls of the player's services that do what is asked for, with their requests."""
+        """Return the player's services to call, with their requests."""
         playback = self._playback
         if not asked.plays and not playback.paused:
             yield "pause", {}

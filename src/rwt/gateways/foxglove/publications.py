@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class _Announced(NamedTuple):
-    """A channel of a client, and what publishes on it."""
+    """Channel of a client, with its publisher."""
 
     channel: ClientChannel
     topic: str
@@ -28,11 +28,11 @@ class _Announced(NamedTuple):
 
 
 class ClientChannels:
-    """The channels that one client has announced, by its ids.
+    """Channels that one client has advertised, by its ids.
 
     Args:
         graph: the graph as the client may see it.
-        replies: how the client is answered.
+        replies: control lane to the client.
         structure: maximum number of brackets in its JSON.
     """
 
@@ -44,7 +44,7 @@ class ClientChannels:
         self._by_id: dict[int, _Announced] = {}
 
     def advertise(self, channel: ClientChannel) -> None:
-        """Let the client publish on a topic.
+        """Advertise a topic for the client.
 
         Raises:
             NotPossible: the id is in use, or the encoding is none that can be taken.
@@ -64,7 +64,7 @@ class ClientChannels:
         self._by_id[channel.id] = _Announced(channel, topic, publisher)
 
     def unadvertise(self, id: int) -> None:
-        """Take a channel back.
+        """Withdraw a channel.
 
         Raises:
             NotPossible: the client has none of that id.
@@ -75,7 +75,7 @@ class ClientChannels:
         self._graph.unadvertise(announced.topic, id)
 
     def publish(self, message: MessageData) -> Generator[None] | None:
-        """Check a message once and hand it to the graph.
+        """Validate a message once and publish it.
 
         Returns:
             What does it in steps, if it is long and in JSON.
@@ -123,8 +123,9 @@ class ClientChannels:
         announced.publisher.publish(payload)
 
     def ask_again(self) -> None:
-        """Ask again for the right to publish on each channel, since the client's role is another one; those
-        that it does not allow end."""
+        """Check the right to publish on each channel after a change of role, and close those that are not
+        allowed.
+        """
         for id, announced in tuple(self._by_id.items()):
             del self._by_id[id]
             try:

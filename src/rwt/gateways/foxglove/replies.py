@@ -32,10 +32,7 @@ class StatusLane(ControlLane):
 
 
 class Notice:
-    """Warnings about one topic, in a flow of depth one: at most one waits for a client that does not read.
-
-    A warning is not repeated, because viewers list every text.
-    """
+    """Warnings about one topic, in a flow of depth one: at most one waits for a client that does not read."""
 
     __slots__ = ("_flow", "_said", "_sink", "_topic")
 

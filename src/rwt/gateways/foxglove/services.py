@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 
 
 class ServiceCalls:
-    """The calls of one client.
+    """Calls of one client.
 
     Args:
         graph: the graph as the client may see it.
-        replies: how the client is answered.
+        replies: control lane to the client.
         structure: brackets that its JSON may have.
         timeout: seconds that a call may take; None for ever.
     """

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class MessageEncoding:
-    """Samples as messages of a channel, whose subscriptions all share a frame with a gap for their ids.
+    """Encoding of samples as channel messages; all subscriptions share a frame with a gap for their ids.
 
     Attributes:
         name: as metrics call it.
@@ -46,8 +46,7 @@ class MessageEncoding:
 
 
 class _NumberedFlow:
-    """A topic's way to one client, on which its subscription's id is put into what all share; satisfies
-    :class:`rwt_transports.endpoint.Flow`."""
+    """Flow of a topic to one client, which fills the subscription's id into the shared frame."""
 
     __slots__ = ("_flow", "_number", "close", "configure")
 
@@ -83,7 +82,7 @@ def _reason(reason: DropReason, count: int) -> str:
 
 
 class _Delivery:
-    """One subscription of a client."""
+    """Subscription of a client."""
 
     def __init__(
         self, graph: ClientGraph, replies: StatusLane, id: int, channel: TopicChannel, fanout: Fanout
@@ -111,14 +110,14 @@ class _Delivery:
         self._gate = Throttle(clock, self._flow, self._drops.withheld, self._drops.dropped, Room(0))
 
     def begin(self) -> None:
-        """Let samples flow, those that are kept for late readers first."""
+        """Start the flow of samples, latched ones first."""
         stream = self._fanout.join(self._gate, self.channel.topic, self._encoding)
         kept = self._fanout.subscription.history() + self._graph.startup_samples(self._fanout)
         for sample in kept:
             stream.replay(sample, self._gate)
 
     def end(self) -> None:
-        """Let none flow any more."""
+        """Stop the flow of samples."""
         self._gate.close()
         self._flow.close()
         self._drops.close()
@@ -132,7 +131,7 @@ class Subscriptions:
 
     Args:
         graph: the graph as the client may see it.
-        replies: how the client is answered.
+        replies: control lane to the client.
     """
 
     def __init__(self, graph: ClientGraph, replies: StatusLane) -> None:
@@ -142,7 +141,7 @@ class Subscriptions:
         self._channels: set[int] = set()
 
     def subscribe(self, asked: Subscription, channels: Mapping[int, TopicChannel]) -> None:
-        """Let the messages of a channel flow.
+        """Subscribe to a channel.
 
         Raises:
             NotPossible: there is no such channel, or the client has the id or the channel already.
@@ -162,8 +161,9 @@ class Subscriptions:
         delivery.begin()
 
     def unsubscribe(self, id: int) -> None:
-        """End a subscription. One that does not exist is none of a client's mistakes: it ends with its
-        channel, of which the client may not have heard yet."""
+        """End a subscription. An unknown id is no error: the channel may have gone before the client learned
+        of it.
+        """
         delivery = self._by_id.pop(id, None)
         if delivery is not None:
             self._channels.discard(delivery.channel.id)

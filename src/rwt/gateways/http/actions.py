@@ -43,13 +43,13 @@ _RESULT_ID: Final = "result"
 
 
 class HttpGoal:
-    """One goal, from when it was sent until it is forgotten.
+    """Goal, from sending it until it is forgotten.
 
     Attributes:
         client: whose goal it is.
         action: the action's absolute name.
         id: 32 hex digits; empty until the graph has given it.
-        ended: whether it has its end.
+        ended: True if it has its end.
         failure: why it ended without a result; None where it has one, or runs.
         readers: streams of its events.
     """
@@ -72,7 +72,7 @@ class HttpGoal:
         client.hold()
 
     def send(self, type: ActionType, payload: Payload) -> None:
-        """Send it.
+        """Send the goal.
 
         Raises:
             RobotError, AccessError: as :meth:`rwt.access.client_graph.ClientGraph.send_goal`.
@@ -138,7 +138,7 @@ class HttpGoal:
         return event({name: body[name] for name in ("state", "result", "reason")}, "result", _RESULT_ID)
 
     def _keep(self, what: str, payload: Payload) -> bool:
-        """Charge the client for what is kept of its goal; whether it may have it."""
+        """Charge the client for the stored goal; return False if its quota is exceeded."""
         charge = self._charges.pop(what, None)
         if charge is not None:
             charge.end()
@@ -169,11 +169,10 @@ class HttpGoal:
 
 
 class GoalEventStream:
-    """One reader's stream of a goal: ``state``, ``feedback`` and at last ``result``; satisfies
-    :class:`rwt.gateways.http.clients.Stream`.
+    """Event stream of one reader of a goal: ``state``, ``feedback`` and finally ``result``.
 
     Attributes:
-        queue: what waits for the reader.
+        queue: event queue of the reader.
 
     Args:
         client: whose stream it is.
@@ -213,14 +212,14 @@ class GoalEventStream:
 
 
 class Goals:
-    """Every goal that clients of the gateway have.
+    """Goals of all clients of the gateway.
 
     Attributes:
         keep_seconds: how long one that has ended is kept.
 
     Args:
-        settings: of the gateway.
-        several_processes: whether another process may know a goal that this one does not.
+        settings: settings of the gateway.
+        several_processes: True if another process may know a goal that this one does not.
     """
 
     def __init__(self, settings: HttpSettings, *, several_processes: bool = False) -> None:
@@ -234,7 +233,7 @@ class Goals:
         return len(self._known)
 
     def find(self, action: str, id: str) -> HttpGoal:
-        """A goal by the action's name and its id.
+        """Return a goal by the action's name and its id.
 
         Raises:
             HttpProblem: there is none, or it has been forgotten.
@@ -254,7 +253,7 @@ class Goals:
         return goal
 
     def make_room(self, client: HttpClient) -> None:
-        """Forget the client's oldest goal that has ended, where it has as many as it may.
+        """Remove the client's oldest finished goal if its limit is reached.
 
         Raises:
             QuotaExceeded: all of them run.
@@ -292,12 +291,12 @@ class Goals:
 
 
 class ActionPages:
-    """The pages of actions and goals.
+    """Routes of actions and goals.
 
     Args:
-        clients: who asks.
-        settings: of the gateway.
-        several_processes: whether a request may come to another process than the goal was sent to.
+        clients: clients of the gateway.
+        settings: settings of the gateway.
+        several_processes: True if a request may come to another process than the goal was sent to.
     """
 
     def __init__(self, clients: Clients, settings: HttpSettings, *, several_processes: bool = False) -> None:
@@ -393,5 +392,5 @@ class ActionPages:
 
 
 def _action_of(request: HttpRequest, end: int) -> str:
-    """The action's absolute name, of a path cut at `end`."""
+    """Return the action's absolute name from a path cut at `end`."""
     return name_below(replace(request, path=request.path[:end]), PATH, "action")

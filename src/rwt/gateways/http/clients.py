@@ -36,8 +36,7 @@ class Stream(Protocol):
 class HttpClient(Visitor):
     """Clients of one role and one address; see :class:`~rwt.gateways.visitors.Visitor` for the life cycle.
 
-    Requests, streams and goals hold it, and quotas count for all of them together. When it leaves, so do its
-    publishers and its leases at the gate.
+    Quotas apply to all of them together. When the client leaves, its publishers and leases are released.
 
     Attributes:
         graph: the graph as the clients may see it.
@@ -106,10 +105,7 @@ class Clients(Visitors[HttpClient]):
             client.release()
 
     def reload_roles(self) -> None:
-        """Give each client its role as the settings define it now, and end what that role does not allow.
-
-        A stream also ends if its own request would have another role now.
-        """
+        """Apply the current roles of the settings, and end what they do not allow."""
         admission = self._gateway.access.admission
         for client in self.present:
             client.hold()  # Ending its last stream must not let it leave meanwhile.
@@ -138,11 +134,7 @@ class Clients(Visitors[HttpClient]):
 
 
 def page(handler: Handler) -> Handler:
-    """Return a handler as the page of a route.
-
-    Errors that the client should know become problem documents, here only. Work that the handler does after
-    it has waited is charged, too.
-    """
+    """Return a handler as the page of a route; only here do errors become problem documents."""
 
     def answer(request: HttpRequest, reader: GraphView) -> HttpResponse | Awaitable[HttpResponse]:
         try:

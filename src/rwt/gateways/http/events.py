@@ -49,8 +49,7 @@ def payload_event(payload: Payload, name: str) -> bytes:
 
 
 def _sample_encoder(topic: str) -> Callable[[Sample], Frame]:
-    """Makes the event of a sample, which all readers share; its id is the time of publishing in
-    nanoseconds."""
+    """Return the encoder of samples as events; the event id is the time of publishing in nanoseconds."""
 
     def encode(sample: Sample) -> Frame:
         head = b"id: %d\ndata: " % sample.stamp_ns
@@ -64,10 +63,9 @@ SAMPLES: Final = Encoding("events", 0, _sample_encoder)
 
 
 class EventQueue:
-    """The events that wait for one reader; an asynchronous iterator of what to send, and as a
-    :class:`rwt_transports.endpoint.Flow` where samples go.
+    """Queue of events for one reader: a :class:`rwt_transports.endpoint.Flow` and an asynchronous iterator.
 
-    The oldest give way. What is no sample (notices, ends) is not dropped, and its maker bounds it.
+    When it is full, the oldest samples are dropped; notices and ends are not.
 
     Args:
         depth: samples that may wait.

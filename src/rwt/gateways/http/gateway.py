@@ -43,7 +43,7 @@ _TYPES: Final = "/api/types/"
 
 
 class HttpGateway(Gateway):
-    """The robot over plain HTTP, as the node `/http_bridge`.
+    """HTTP gateway to the robot, as the node `/http_bridge`.
 
     Args:
         graph: the robot.
@@ -126,7 +126,7 @@ class HttpGateway(Gateway):
         return handler(request, reader)
 
     def _version(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        """Version and capabilities of the server, for programs that need them before they connect."""
+        """Return version and capabilities of the server."""
         Query(request)
         body = {
             "name": "robot-web-tools",
@@ -141,7 +141,7 @@ class HttpGateway(Gateway):
         return value_response(request, body)
 
     def _api(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        """The page for people, and for programs where to go on."""
+        """Return the API page for browsers, or links for programs."""
         if chosen(request, (JSON, CBOR, HTML)) == HTML:
             return try_page()
         Query(request)
@@ -150,7 +150,7 @@ class HttpGateway(Gateway):
         return value_response(request, {**links, "openapi": f"{request.prefix}/api/openapi.json"})
 
     def _openapi(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        """The document, made anew when what it describes has changed."""
+        """Return the OpenAPI document, rebuilt after changes."""
         Query(request)
         media = chosen(request, (JSON, OPENAPI_JSON.partition(";")[0]))
         key = (reader.role.name, request.prefix)
@@ -194,7 +194,7 @@ class HttpGateway(Gateway):
 
 
 _MOST_DOCUMENTS: Final = 50
-"""Documents that are kept, one for each role and prefix."""
+"""Maximum number of cached documents, one for each role and prefix."""
 
 
 def _unknown(request: HttpRequest, reader: GraphView) -> HttpResponse:
@@ -204,7 +204,7 @@ def _unknown(request: HttpRequest, reader: GraphView) -> HttpResponse:
 
 
 def _type(request: HttpRequest, reader: GraphView) -> HttpResponse:
-    """The JSON Schema of a message type."""
+    """Return the JSON Schema of a message type."""
     Query(request)
     message = reader.registry.message(text_below(request, _TYPES, "type"))
     return value_response(request, document(message), media=SCHEMA_JSON)

@@ -34,8 +34,9 @@ _ANY_VALUE: Final[Schema] = {
 }
 
 _EVENTS: Final = "x-events"
-"""Marks what answers `Accept: text/event-stream` with events. It is no response of its own here: in the types
-of generated clients each answer would be a text, too."""
+"""Marker of operations that answer `Accept: text/event-stream` with events. A response of its own would make
+generated clients type each answer as a string, too.
+"""
 
 _SHARED: Final[Schema] = {
     "responses": {
@@ -65,13 +66,13 @@ _PROBLEM_SCHEMA: Final[Schema] = {
 
 
 def describe(reader: GraphView, settings: HttpSettings, prefix: str, title: str) -> Schema:
-    """The document for one reader: what its role may do, of what it is shown.
+    """Return the document for one reader, with the operations that its role allows.
 
     Args:
-        reader: who asks.
-        settings: of the gateway.
+        reader: sender of the request.
+        settings: settings of the gateway.
         prefix: the path below which a proxy shows the server, without a slash at its end.
-        title: of the document.
+        title: title of the document.
     """
     description = _Description(reader, settings)
     return {
@@ -93,7 +94,7 @@ def describe(reader: GraphView, settings: HttpSettings, prefix: str, title: str)
 
 
 class _Description:
-    """The paths of one document, and the schemas that they need."""
+    """Paths of one document, and their schemas."""
 
     def __init__(self, reader: GraphView, settings: HttpSettings) -> None:
         self._reader = reader
@@ -144,7 +145,7 @@ class _Description:
         return operation
 
     def _unused(self, id: str) -> str:
-        """An id that no other operation has: `/a_b` and `/a/b` are two topics."""
+        """Return an unused operation id: `/a_b` and `/a/b` are two topics."""
         wanted = found = _NOT_IN_ID.sub("_", id)
         count = 1
         while found in self._ids:
@@ -287,10 +288,10 @@ def _query(name: str, schema: Mapping[str, object], description: str) -> Schema:
 
 
 def _written(schema: Mapping[str, object]) -> dict[str, Schema]:
-    """The content of what is written and read in either form."""
+    """Return the content of a body in JSON or CBOR."""
     return {JSON: {"schema": schema}, CBOR: {"schema": schema}}
 
 
 def _ok(schema: Mapping[str, object]) -> Schema:
-    """The responses of what answers with a value."""
+    """Return the responses of an operation that returns a value."""
     return {"200": {"description": "as asked for", "content": _written(schema)}}

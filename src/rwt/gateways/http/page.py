@@ -16,7 +16,7 @@ _PLACE: Final = "<!-- problems -->"
 
 @lru_cache(maxsize=1)
 def _made() -> tuple[bytes, Mapping[str, str]]:
-    """The page, and the headers that let it do no more than it was made for."""
+    """Return the page with restrictive headers."""
     problems = "".join(
         f'<tr id="{name}"><td><code>{name}</code><td>{kind.status}<td>{html.escape(kind.title)}'
         f"<td>{html.escape(kind.instead)}"

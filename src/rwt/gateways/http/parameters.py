@@ -27,10 +27,10 @@ ANSWER_SECONDS: Final = 10.0
 
 
 class ParameterPages:
-    """The pages of parameters: ``/node:name`` on ROS 2, ``/name`` on ROS 1.
+    """Routes of parameters: ``/node:name`` on ROS 2, ``/name`` on ROS 1.
 
     Args:
-        clients: who asks.
+        clients: clients of the gateway.
     """
 
     def __init__(self, clients: Clients) -> None:

@@ -105,18 +105,18 @@ _OF_ERROR: Final[tuple[tuple[type[Exception], str], ...]] = (
     (NotFound, "not-found"),
     (CallFailed, "service-failed"),
 )
-"""From the first class that fits to a kind."""
+"""Kind of problem by error class; the first match counts."""
 
 
 class HttpProblem(Exception):
-    """A request that cannot be done.
+    """Request that cannot be fulfilled.
 
     Attributes:
         kind: one of :data:`KINDS`.
         detail: what is wrong, and where.
         instead: what to do; that of the kind by default.
         where: what of the request the problem is about, as a JSON Pointer into its body or a query's name.
-        headers: of the answer.
+        headers: headers of the answer.
     """
 
     def __init__(
@@ -150,7 +150,7 @@ def problem_of(error: Exception) -> HttpProblem:
 
 
 def _pointer(path: str) -> str:
-    """``pose.covariance[3]`` as a JSON Pointer (RFC 6901), ``/pose/covariance/3``."""
+    """Return ``pose.covariance[3]`` as a JSON Pointer (RFC 6901), ``/pose/covariance/3``."""
     return "/" + path.replace("[", "/").replace("]", "").replace(".", "/") if path else ""
 
 

@@ -1,4 +1,4 @@
-"""How an answer is written: JSON or CBOR as the request accepts, with an entity tag."""
+"""Representations of responses: JSON or CBOR as the request accepts, with an entity tag."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ VALUES: Final = (JSON, CBOR)
 
 
 def chosen(request: HttpRequest, offered: Sequence[str] = VALUES) -> str:
-    """The media type of `offered` that a request prefers (RFC 9110 section 12.5.1).
+    """Return the media type of `offered` that a request prefers (RFC 9110 section 12.5.1).
 
     Raises:
         HttpProblem: it accepts none of them.
@@ -62,7 +62,7 @@ def _ranges(accept: str) -> Iterable[tuple[str, float]]:
 
 
 def _quality(media: str, ranges: Iterable[tuple[str, float]]) -> float:
-    """That of the most specific range that fits."""
+    """Return the quality of the most specific matching range."""
     found, specific = 0.0, -1
     for pattern, quality in ranges:
         fits = {media: 2, f"{media.partition('/')[0]}/*": 1, "*/*": 0}.get(pattern, -1)
@@ -79,7 +79,7 @@ def value_response(
     *,
     media: str = JSON,
 ) -> HttpResponse:
-    """A value of plain objects and payloads, in the form that the request accepts.
+    """Return a response with a plain value in the form that the request accepts.
 
     Args:
         request: what is answered.
@@ -106,7 +106,7 @@ def json_of(value: object) -> bytes:
 def payload_response(
     request: HttpRequest, payload: Payload, headers: Mapping[str, str] | None = None
 ) -> HttpResponse:
-    """A message by itself, in the form that the request accepts: the bytes that all clients of it share.
+    """Return a response with a message in the form that the request accepts, as shared bytes.
 
     Raises:
         HttpProblem: it accepts neither JSON nor CBOR.
@@ -126,7 +126,7 @@ def tagged_bytes(
 def _tagged(
     request: HttpRequest, body: bytes, status: int, media: str, headers: Mapping[str, str] | None
 ) -> HttpResponse:
-    """A response with its entity tag; without its body where the client has it (RFC 9110 section 13.1.2)."""
+    """Add an entity tag; drop the body if the client has it (RFC 9110 section 13.1.2)."""
     all_headers = {"Cache-Control": "no-cache", "Vary": "Accept", **(headers or {})}
     if status != 200 or request.method not in ("GET", "HEAD"):
         return HttpResponse(body, status, media, all_headers)

@@ -1,4 +1,4 @@
-"""What a request asks for: the name in its path, its query, and its body as a message."""
+"""Parts of a request: the name in its path, its query, and its body as a message."""
 
 from __future__ import annotations
 
@@ -30,8 +30,9 @@ IN_STEPS: Final = LARGE_BYTES
 """Bytes from which a body is read in steps."""
 
 _MOST_BRACKETS: Final = 32 * 1024
-"""Objects and arrays of a larger body, unless it has every field of its type as ROS writes it: each becomes
-an object in memory many times its size."""
+"""Maximum number of objects and arrays in a larger body that is not complete in ROS's own order of fields:
+each needs many times its size in memory.
+"""
 
 _CBOR_LIMITS: Final = WireLimits(max_depth=100, structure_bytes=64 * 1024)
 
@@ -39,7 +40,7 @@ _MOST_PARAMETERS: Final = 20
 
 
 def name_below(request: HttpRequest, prefix: str, what: str) -> str:
-    """The absolute name that the path names after a prefix; a slash in it may be percent-encoded or not.
+    """Return the absolute name after a prefix of the path; its slashes may be percent-encoded.
 
     Raises:
         HttpProblem: there is none, or its encoding is broken.
@@ -49,7 +50,7 @@ def name_below(request: HttpRequest, prefix: str, what: str) -> str:
 
 
 def text_below(request: HttpRequest, prefix: str, what: str) -> str:
-    """What the path says after a prefix, without slashes around it.
+    """Return the rest of the path after a prefix, without enclosing slashes.
 
     Raises:
         HttpProblem: nothing, or its encoding is broken.
@@ -64,7 +65,7 @@ def text_below(request: HttpRequest, prefix: str, what: str) -> str:
 
 
 class Query:
-    """The query of a request, of which every name is known.
+    """Query of a request; unknown names are rejected.
 
     Args:
         request: whose query it is.
@@ -98,7 +99,7 @@ class Query:
         return self._given.get(name) or None
 
     def flag(self, name: str) -> bool:
-        """Whether a flag is set: ``true`` or ``1``.
+        """Return True if a flag is ``true`` or ``1``.
 
         Raises:
             HttpProblem: it is something else.
@@ -111,7 +112,7 @@ class Query:
         return value in ("true", "1")
 
     def seconds(self, name: str, default: float, most: float) -> float:
-        """A time in seconds, at most `most`.
+        """Return a time in seconds, at most `most`.
 
         Raises:
             HttpProblem: it is no number, or out of range.
@@ -119,7 +120,7 @@ class Query:
         return self._number(name, default, most, float)
 
     def count(self, name: str, default: int, most: int) -> int:
-        """A whole number from 1 to `most`.
+        """Return a whole number from 1 to `most`.
 
         Raises:
             HttpProblem: it is no number, or out of range.
@@ -143,9 +144,7 @@ class Query:
 
 
 async def payload_of(type: MessageType, request: HttpRequest, now: Callable[[], int]) -> Payload:
-    """The body of a request as a message of a type; a large one is read in steps, between which others run.
-
-    An empty body is a message of defaults.
+    """Return the body as a message, decoded in steps if it is large; an empty body is a message of defaults.
 
     Raises:
         HttpProblem: it is in a form that is not read here, or not well formed.
@@ -170,7 +169,7 @@ async def payload_of(type: MessageType, request: HttpRequest, now: Callable[[], 
 
 
 def value_of(request: HttpRequest) -> object:
-    """The body of a request as a plain value.
+    """Return the body as a plain value.
 
     Raises:
         HttpProblem: it is in a form that is not read here, not well formed, or too large.
@@ -191,7 +190,7 @@ def value_of(request: HttpRequest) -> object:
 
 
 def media_of(request: HttpRequest) -> str:
-    """The media type of the body; JSON where the request does not say, or says what forms and curl say.
+    """Return the media type of the body; JSON if it is missing, or the default of forms and curl.
 
     Raises:
         HttpProblem: another.

@@ -19,7 +19,7 @@ INCOMING: Final = ".Input"
 
 
 class Schemas:
-    """The schemas of the types that were asked for, and of those within them.
+    """Schemas of the requested types, and of their nested types.
 
     Attributes:
         found: by name; a name is that of the type with a dot for its slash.
@@ -33,11 +33,11 @@ class Schemas:
         self._place = place
 
     def reference(self, message: MessageType, *, incoming: bool = False) -> Schema:
-        """A reference to the schema of a message.
+        """Return a reference to the schema of a message.
 
         Args:
             message: the type.
-            incoming: whether clients send it, and may leave fields out.
+            incoming: True if clients send it, and may leave fields out.
         """
         time = message.time
         if time is not None:

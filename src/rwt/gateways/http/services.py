@@ -27,11 +27,11 @@ CALL_SECONDS: Final = 10.0
 
 
 class ServicePages:
-    """The pages of services.
+    """Routes of services.
 
     Args:
-        clients: who asks.
-        settings: of the gateway.
+        clients: clients of the gateway.
+        settings: settings of the gateway.
     """
 
     def __init__(self, clients: Clients, settings: HttpSettings) -> None:
@@ -74,7 +74,7 @@ class ServicePages:
 
 
 async def call(graph: ClientGraph, name: str, payload: Payload, seconds: float) -> Payload:
-    """Call a service, and wait for its response.
+    """Call a service and return its response.
 
     Raises:
         RobotError, AccessError: as :meth:`rwt.access.client_graph.ClientGraph.call_service`, and what the

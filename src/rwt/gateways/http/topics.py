@@ -37,7 +37,7 @@ WAIT_SECONDS: Final = 5.0
 """Default time to wait for the next message if none is retained, in seconds."""
 
 _MARK: Final = object()
-"""Under which a client of the gateway advertises what it publishes on."""
+"""Mark under which a client of the gateway advertises its topics."""
 
 MOST_THROTTLE: Final = 3600.0
 """Seconds between two events at most."""
@@ -46,18 +46,18 @@ MOST_EVENTS: Final = 10_000
 """Events that may wait for a reader at most."""
 
 _EVENTS: Final = 100
-"""Events that may wait for a reader that says nothing about it."""
+"""Default size of a reader's event queue."""
 
 
 _INSTEAD: Final = "read faster, ask for fewer with ?throttle=SECONDS, or let more wait with ?queue=COUNT"
 
 
 class TopicPages:
-    """The pages of topics.
+    """Routes of topics.
 
     Args:
-        clients: who asks.
-        settings: of the gateway.
+        clients: clients of the gateway.
+        settings: settings of the gateway.
         access: for the log.
     """
 
@@ -77,9 +77,9 @@ class TopicPages:
         return value_response(request, topics)
 
     def get(self, request: HttpRequest, reader: GraphView) -> HttpResponse | Awaitable[HttpResponse]:
-        """The message that is kept, the next one, or all of them as events.
+        """Return the latched message, the next one, or all messages as events.
 
-        With ``?wait=SECONDS`` it is the next one, whatever is kept; with ``?wait=0`` what is kept alone.
+        ``?wait=SECONDS`` waits for the next message; ``?wait=0`` only returns a latched one.
         """
         name = name_below(request, PATH, "topic")
         media = chosen(request, (JSON, CBOR, EVENTS))
@@ -104,7 +104,7 @@ class TopicPages:
     async def _next(
         self, request: HttpRequest, reader: GraphView, name: str, type: str | None, seconds: float
     ) -> HttpResponse:
-        """The next message."""
+        """Return the next message."""
         with self._clients.client_of(request, reader) as client:
             sample = await _next_sample(client.graph, name, type, seconds)
         if sample is None:
@@ -153,7 +153,7 @@ class TopicPages:
 
 
 def _publisher(graph: ClientGraph, name: str, type: str | None, is_latched: bool) -> ClientPublisher:
-    """Return a publisher for a topic, which lasts as long as the client is present.
+    """Return a publisher for a topic, kept as long as the client is present.
 
     Raises:
         RobotError, AccessError: as :meth:`rwt.access.client_graph.ClientGraph.publisher`.
@@ -175,7 +175,7 @@ def _message(request: HttpRequest, reader: GraphView, sample: Sample) -> HttpRes
 
 
 async def _next_sample(graph: ClientGraph, name: str, type: str | None, seconds: float) -> Sample | None:
-    """The next message of a topic; None where none comes in time."""
+    """Return the next message of a topic; None on timeout."""
     fanout = graph.subscribe(name, type)
     came = anyio.Event()
     gate = NextSample(came.set)
@@ -192,10 +192,10 @@ async def _next_sample(graph: ClientGraph, name: str, type: str | None, seconds:
 
 
 class TopicEvents:
-    """One reader's stream of a topic; satisfies :class:`rwt.gateways.http.clients.Stream`.
+    """Event stream of one reader of a topic.
 
     Attributes:
-        queue: what waits for the reader.
+        queue: event queue of the reader.
 
     Args:
         client: whose stream it is.

@@ -1,5 +1,5 @@
-"""The gateway for agents: language models use the robot through the tools, resources and prompts of MCP.
+"""Gateway for agents: language models use the robot through tools, resources and prompts of MCP.
 
-The Model Context Protocol itself is spoken by its official SDK, which is the extra `mcp`. Nothing imports it
-before a gateway is made, so the tools can be listed and described without it.
+The protocol is implemented by its official SDK (extra `mcp`), imported when a gateway is created; listing the
+tools does not need it.
 """

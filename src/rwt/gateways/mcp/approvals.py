@@ -18,7 +18,7 @@ _MOST_QUESTIONS: Final = 256
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """One question, with those of the same act that have had their yes.
+    """Pending question, with approved actions of the same kind.
 
     Attributes:
         text: what is asked.
@@ -38,10 +38,9 @@ class _Asked:
 
 
 class Questions:
-    """Questions that were asked and whose answers come with another request.
+    """Questions whose answers come with a later request.
 
-    Each is for one act by one owner with the very same arguments, and is answered once: so that an answer
-    cannot be used again, or for something else.
+    Each is for one action by one owner with identical arguments, and is answered once.
     """
 
     def __init__(self) -> None:
@@ -50,13 +49,13 @@ class Questions:
     def ask(
         self, question: Question, owner: str, tool: str, arguments: Mapping[str, object], now: float
     ) -> str:
-        """Note a question; returns the word under which its answer comes.
+        """Note a question, and return the token under which its answer comes.
 
         Args:
-            question: see there.
-            owner: who wants to act.
+            question: question to note.
+            owner: identity of the agent.
             tool: with which tool.
-            arguments: of the tool.
+            arguments: arguments of the tool.
             now: seconds on a clock that never goes back.
         """
         while len(self._waiting) >= _MOST_QUESTIONS:
@@ -68,8 +67,7 @@ class Questions:
     def answered(
         self, word: str, owner: str, tool: str, arguments: Mapping[str, object], now: float
     ) -> Question | None:
-        """The question that an answer is for; None where none was asked just so. Arguments as of
-        :meth:`ask`."""
+        """Return the question of an answer, for the same arguments as in :meth:`ask`; None if unknown."""
         asked = self._waiting.pop(word, None)
         if asked is None or asked.owner != owner or now > asked.until:
             return None

@@ -46,10 +46,7 @@ _PATIENCE: Final = 0.25
 
 
 class Exchange:
-    """One request that an application answers, in a task of its own.
-
-    The answer goes on for as long as somebody reads it: when the client is gone the application is told, and
-    cancelled.
+    """Request that an ASGI application answers in a task of its own; cancelled when the client disconnects.
 
     Args:
         application: what answers.
@@ -58,7 +55,7 @@ class Exchange:
         on_gone: called when nobody hears the answer any more, or it has ended.
         on_end: called once when the application has ended.
         charge: called with the seconds that the application works.
-        has_head: whether the head of the answer says something of its own, such as the id of a session: then
+        has_head: True if the head of the answer says something of its own, such as the id of a session: then
             it is waited for, however long it takes.
     """
 
@@ -88,7 +85,7 @@ class Exchange:
         self._cancel = anyio.CancelScope()
 
     async def respond(self, tasks: TaskGroup) -> HttpResponse:
-        """The answer, as soon as its head is known.
+        """Return the response once its head is known.
 
         Args:
             tasks: where the application runs.
@@ -127,7 +124,7 @@ class Exchange:
 
     @property
     def _kind(self) -> str:
-        """The type of what the application sends, without parameters; once its head is there."""
+        """Return the content type without parameters, once the head is known."""
         pairs = () if self._head is None else self._head[1]
         kinds = [value.decode("latin-1") for name, value in pairs if name.lower() == b"content-type"]
         return kinds[0].partition(";")[0].strip() if kinds else TEXT
@@ -210,19 +207,19 @@ class _ResponseBody(AsyncIterator[bytes]):
             raise StopAsyncIteration from None
 
     async def aclose(self) -> None:
-        """Hear no more of it."""
+        """Stop reading."""
         if not self._is_over:
             self._is_over = True
             self._leave()
 
 
 class _LateBody(AsyncIterator[bytes]):
-    """The events of an answer that was not there soon: those of the application, or its one answer as one.
+    """Events of a late response: those of the application, or its single answer as one event.
 
     Args:
         body: what the application writes.
         started: set when it is known what that is.
-        is_events: whether that is events.
+        is_events: True if it writes events.
     """
 
     def __init__(self, body: _ResponseBody, started: anyio.Event, is_events: Callable[[], bool]) -> None:
@@ -245,5 +242,5 @@ class _LateBody(AsyncIterator[bytes]):
         return b"event: message\r\ndata: " + lines + b"\r\n\r\n"
 
     async def aclose(self) -> None:
-        """Hear no more of it."""
+        """Stop reading."""
         await self._body.aclose()

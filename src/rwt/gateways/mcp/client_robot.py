@@ -39,8 +39,7 @@ _ACCEPT_SECONDS: Final = 30.0
 
 
 class ClientRobot(GraphVerbs):
-    """Robot in this process as one client may see it: every verb passes :class:`ClientGraph`, with its roles,
-    quotas and gate.
+    """Robot in this process as one client may see it: every verb passes :class:`ClientGraph`.
 
     Args:
         graph: graph of the robot, for its clock, thread and tasks.
@@ -66,7 +65,7 @@ class ClientRobot(GraphVerbs):
         return resolve(name)  # A client has no node, so no private names.
 
     async def pass_gate(self, seconds: float = 0.0) -> bool:
-        """Ask for approval of what the gate holds back, if the person at the agent's program may give it.
+        """Request approval of what the gate holds back, if the agent's user may give it.
 
         Args:
             seconds: time for which the approval should hold, if the gate allows that.
@@ -80,10 +79,7 @@ class ClientRobot(GraphVerbs):
         return self._ask_for_approval is not None and await self._ask_for_approval(seconds)
 
     async def lease_seconds(self, topic: str) -> float | None:
-        """Return the silence after which the client loses the gate's lease of a topic; None without one.
-
-        The first message takes the lease, or is rejected.
-        """
+        """Return the timeout of the gate's lease of a topic in seconds; None without a lease."""
         return self._client.lease_seconds(topic)
 
     def _advertise(self, topic: str, type: MessageType, qos: QoS) -> api.Publisher:

@@ -18,10 +18,10 @@ class ToolError(AgentError):
 
 
 class AnswerNeeded(AgentError):
-    """A person has to be asked before a tool goes on.
+    """A person must be asked before a tool continues.
 
     Attributes:
-        question: what to ask.
+        question: question for the person.
         key: under which the answer is expected.
     """
 

@@ -86,7 +86,7 @@ _CALLER: Final = "rwt.caller"
 
 @dataclass(eq=False, slots=True)
 class _Caller:
-    """Sender of one request, until the response is complete or nobody reads it any more.
+    """Sender of one request, until the response is complete or abandoned.
 
     Attributes:
         info: the request as admission knows connections.
@@ -108,17 +108,16 @@ class _Caller:
         return f"{self.role.name}@{network_of(self.info.address)}"
 
     def leave(self) -> None:
-        """Cancel what runs for the request."""
+        """Cancel the work of the request."""
         for end in self.at_end:
             end()
 
 
 @dataclass(slots=True)
 class _Session:
-    """Session of an older protocol version.
+    """Session of an older protocol version, in use during requests and otherwise idle.
 
-    It is **in use** while requests of it are in flight, and then **idle** until the next one; the SDK ends it
-    after `mcp.session_idle_seconds`, which :meth:`McpGateway._forget_ended_sessions` follows.
+    The SDK ends it after `mcp.session_idle_seconds`; see :meth:`McpGateway._forget_ended_sessions`.
 
     Attributes:
         network: network of the address that opened it.
@@ -255,7 +254,7 @@ class McpGateway(Gateway):
         return answer
 
     def _role(self, info: PeerInfo) -> Role:
-        """The role of an agent: of its token, or that of agents without one.
+        """Return the role of an agent, from its token or the default for agents without one.
 
         Raises:
             Refused: its token is not known, or the settings name a role that is not there any more.
@@ -368,8 +367,7 @@ class McpGateway(Gateway):
     async def _ask_for_leave(
         self, gate: Gate, client: ClientGraph, caller: _Caller, allow: Allow, seconds: float
     ) -> bool:
-        """Ask the person at an agent's program for what waits for a yes at the gate, where the role may
-        answer such requests; where it may not, others have to."""
+        """Ask the agent's user for pending approvals, if the role may answer them."""
         given = False
         while (asked := _asked_by(gate, client)) is not None:
             settings = asked.rule.settings.approval
@@ -458,12 +456,12 @@ def _name_of(context: ServerRequestContext[Any, Any]) -> str:
 
 
 def _asked_by(gate: Gate, client: ClientGraph) -> Approval | None:
-    """The oldest of what waits for a yes to a client."""
+    """Return the oldest pending approval of a client."""
     return next((each for each in gate.approvals.pending if each.client.name == client.gate_name), None)
 
 
 def _acts(role: Role) -> frozenset[Act]:
-    """Return the acts that a role allows at all; the services of rosapi, open to all, do not count."""
+    """Return the actions that a role allows, except rosapi's services, which are open to all."""
     acts: tuple[Act, ...] = ("publish", "call", "goals", "set_param")
     return frozenset(act for act in acts if any(not glob.startswith("/rosapi/") for glob in role.globs[act]))
 
@@ -476,6 +474,6 @@ def _opens_session(request: HttpRequest) -> bool:
 
 
 def _refusal(refused: Refused) -> HttpResponse:
-    """A refusal as the protocol has it: a JSON-RPC error without an id."""
+    """Return a rejection as a JSON-RPC error without an id."""
     body = {"jsonrpc": "2.0", "id": None, "error": {"code": -32600, "message": refused.reason}}
     return HttpResponse(json.dumps(body).encode(), refused.status, "application/json", refused.headers)

@@ -25,7 +25,7 @@ tell the person instead of trying another way round it."""
 
 @dataclass(frozen=True, slots=True)
 class Resource:
-    """Something to read by its URI.
+    """Readable content with a URI.
 
     Attributes:
         uri: whole, or with one `{name}` at its end that stands for any text.
@@ -87,7 +87,7 @@ RESOURCES: Final = (
 
 
 async def read_resource(agent: Agent, uri: str) -> Answer:
-    """Resource behind a URI.
+    """Return the content behind a URI.
 
     Raises:
         ToolError: it leads nowhere, or it cannot be read now.
@@ -102,7 +102,7 @@ async def read_resource(agent: Agent, uri: str) -> Answer:
 
 @dataclass(frozen=True, slots=True)
 class Prompt:
-    """The beginning of a task.
+    """Template of a task.
 
     Attributes:
         name: as programs list it.
@@ -119,7 +119,7 @@ class Prompt:
     text: str
 
     def fill_in(self, given: Mapping[str, str]) -> str:
-        """The text with the arguments in it.
+        """Return the text with the arguments filled in.
 
         Raises:
             ToolError: one is missing, or there is none of that name.

@@ -34,13 +34,13 @@ _CANNOT: Final = (
 
 
 class Person:
-    """Asked for leave; the model sees nothing of it.
+    """Asks the agent's user for permission; the model sees nothing of it.
 
-    By the specification of 2026-07-28 a question is the answer to the call, which then is sent again with
-    what the person said. Older versions ask while the call is under way.
+    Since the specification of 2026-07-28, the question is the result of a call that is sent again with the
+    answer. Older versions ask during the call.
 
     Args:
-        context: of the call.
+        context: context of the call.
         params: the call.
         questions: those that wait for their answers.
         now: seconds on a clock that never goes back.
@@ -61,10 +61,10 @@ class Person:
         self._allowed: frozenset[str] | None = None
 
     async def allow(self, owner: str, what: str) -> None:
-        """Ask whether the agent may do something, unless that was asked and allowed already.
+        """Ask for permission, unless it was granted already.
 
         Args:
-            owner: who wants to act.
+            owner: identity of the agent.
             what: what for.
 
         Raises:
@@ -93,7 +93,7 @@ class Person:
             raise AnswerNeeded(text, word)
 
     def _read_answer(self, owner: str) -> frozenset[str]:
-        """Return what the person has allowed, by the response that came with the call."""
+        """Return the permission in the response that came with the call."""
         word = self._params.request_state
         answer = (self._params.input_responses or {}).get(KEY)
         if word is None or not isinstance(answer, types.ElicitResult):

@@ -11,11 +11,11 @@ from rwt_participant.messages import Message
 
 @dataclass(frozen=True, slots=True)
 class RecordedTopicRow:
-    """One topic of a recording.
+    """Topic of a recording.
 
     Attributes:
         name: absolute name.
-        type: of its messages.
+        type: type of its messages.
         count: messages; None where the file does not say.
     """
 
@@ -26,10 +26,10 @@ class RecordedTopicRow:
 
 @dataclass(frozen=True, slots=True)
 class RecordingInfo:
-    """One recording.
+    """Summary of one recording.
 
     Attributes:
-        name: of its file.
+        name: name of its file.
         seconds: from its first message to its last.
         start_ns: log time of the first, nanoseconds since the epoch.
         topics: those that the reader may see.
@@ -52,14 +52,14 @@ class Recordings(Protocol):
 
         Args:
             name: one of :meth:`names`.
-            sees: whether the reader may see a topic.
+            sees: returns True if the reader may see a topic.
 
         Raises:
             ToolError: there is none of that name, or it cannot be read.
         """
 
     def message(self, name: str, topic: str, seconds: float) -> tuple[Message, str, float]:
-        """The first message of a topic from so many seconds after the start of a recording on.
+        """Return the first message of a topic at or after an offset in seconds.
 
         Returns:
             The message, its type's name, and when it was recorded, in seconds after the start.

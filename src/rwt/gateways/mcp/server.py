@@ -44,8 +44,7 @@ class Host(Protocol):
     questions: Questions
 
     def agent(self, context: Context, allow: Allow | None = None) -> AbstractAsyncContextManager[Agent]:
-        """Whoever sent a request, for as long as it is worked on; `allow` asks the person at its program.
-        Raises :exc:`ToolError` to refuse it."""
+        """Return the sender of a request being handled; `allow` asks its user. Raises :exc:`ToolError`."""
 
     def asks_about(self, name: str) -> bool:
         """Return True if acts on this name require a person's approval."""
@@ -88,7 +87,7 @@ class _Handlers:
     async def list_tools(
         self, context: Context, params: types.PaginatedRequestParams | None
     ) -> types.ListToolsResult:
-        """Those that the agent can make use of."""
+        """List the tools that the agent can use."""
         async with self._agent(context) as agent:
             offered = [_described(tool) for tool in TOOLS.values() if tool.is_offered_to(agent)]
         return types.ListToolsResult(tools=offered)
@@ -96,7 +95,7 @@ class _Handlers:
     async def call_tool(
         self, context: Context, params: types.CallToolRequestParams
     ) -> types.CallToolResult | types.InputRequiredResult:
-        """Run a tool; what goes wrong is its result, so that the model reads it."""
+        """Run a tool; errors are returned as its result, for the model to read."""
         tool, given = TOOLS.get(params.name), params.arguments or {}
         if tool is None:
             raise MCPError(types.INVALID_PARAMS, f"there is no tool {params.name[:100]!r}: see tools/list")
@@ -130,7 +129,7 @@ class _Handlers:
     async def _confirm(
         self, context: Context, person: Person, owner: str, act: Act, name: str, what: str
     ) -> None:
-        """Ask the person at the agent's program, where the settings want that."""
+        """Ask the agent's user if the settings require it."""
         if self._host.asks_about(name):
             await person.allow(owner, what)
             self._host.note(context, f"{act} {name}: the person allowed it", acts=True)
@@ -138,7 +137,7 @@ class _Handlers:
     async def list_resources(
         self, context: Context, params: types.PaginatedRequestParams | None
     ) -> types.ListResourcesResult:
-        """Those with a URI of their own."""
+        """List the resources with a fixed URI."""
         return types.ListResourcesResult(
             resources=[
                 types.Resource(uri=each.uri, name=each.uri, title=each.title, description=each.description)
@@ -150,7 +149,7 @@ class _Handlers:
     async def list_templates(
         self, context: Context, params: types.PaginatedRequestParams | None
     ) -> types.ListResourceTemplatesResult:
-        """Those with a name in their URI."""
+        """List the resources with a parameter in their URI."""
         return types.ListResourceTemplatesResult(
             resource_templates=[
                 types.ResourceTemplate(
@@ -164,7 +163,7 @@ class _Handlers:
     async def read_resource(
         self, context: Context, params: types.ReadResourceRequestParams
     ) -> types.ReadResourceResult:
-        """Read one, as a tool would show it."""
+        """Read a resource, presented as by a tool."""
         uri = str(params.uri)
         self._host.note(context, f"read {uri}", acts=False)
         try:
@@ -177,7 +176,7 @@ class _Handlers:
     async def list_prompts(
         self, context: Context, params: types.PaginatedRequestParams | None
     ) -> types.ListPromptsResult:
-        """All of them."""
+        """List all prompts."""
         return types.ListPromptsResult(
             prompts=[
                 types.Prompt(
@@ -196,7 +195,7 @@ class _Handlers:
     async def get_prompt(
         self, context: Context, params: types.GetPromptRequestParams
     ) -> types.GetPromptResult:
-        """One, with its arguments filled in."""
+        """Return a prompt with its arguments filled in."""
         prompt = PROMPTS.get(params.name)
         if prompt is None:
             known = ", ".join(PROMPTS)

@@ -165,7 +165,7 @@ def _wire_limits(settings: BridgeSettings) -> WireLimits:
 
 
 def _exclusive_codec(settings: BridgeSettings) -> Codec | None:
-    """The codec of every message, where the settings ask for one encoding (BSN-01).
+    """Return the codec of every message if the settings require one encoding (BSN-01).
 
     Raises:
         SettingsError: it needs a package that is not installed.
@@ -179,10 +179,10 @@ def _exclusive_codec(settings: BridgeSettings) -> Codec | None:
 
 
 class ConnectedClients:
-    """`/client_count` and `/connected_clients` (CFG-07, CFG-08): one latched publisher each, 0 and [] first.
+    """Latched `/client_count` and `/connected_clients` (CFG-07, CFG-08), initially 0 and [].
 
-    The client that connects is itself counted. The list is made when clients have come or gone and the clock
-    turns next, so that a thousand that come together cost one message and not a thousand of growing length.
+    A client that connects is counted itself. Messages are published once per turn of the loop, so that a
+    thousand new clients cost one message.
     """
 
     def __init__(self, participant: Participant, registry: Registry, clock: Clock) -> None:

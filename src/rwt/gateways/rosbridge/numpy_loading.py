@@ -1,5 +1,4 @@
-"""Loading numpy beside the event loop: it takes a tenth of a second, which nobody is to wait for but who
-needs it."""
+"""Import of numpy in a thread, because it takes a tenth of a second."""
 
 from __future__ import annotations
 
@@ -18,16 +17,16 @@ LARGE: Final = 64 * 1024
 """Bytes of a message up to which numpy does nothing for it."""
 
 _NUMBERS: Final = re.compile(rb"\xd8[\x41-\x57]")
-"""The tag of a typed array in CBOR that is not one of octets (RFC 8746)."""
+"""CBOR tags of typed arrays except octets (RFC 8746)."""
 
 _MANY_BRACKETS: Final = 64 * 1024
 
 
 class NumpyLoading:
-    """Loads numpy in a thread when the first message comes that needs it.
+    """Imports numpy in a thread when the first message needs it.
 
     Attributes:
-        is_over: whether no message has to wait any more.
+        is_over: True if no message has to wait any more.
     """
 
     def __init__(self) -> None:

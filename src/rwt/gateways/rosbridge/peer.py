@@ -90,7 +90,7 @@ class Peer(ConnectedClient[_Waiting]):
     def receive(self, data: bytes, binary: bool) -> None:
         """Read one frame, run its messages, and reply to those that are rejected.
 
-        Does what :meth:`ConnectedClient.receive` does, written out: it runs for each message.
+        Inlines :meth:`ConnectedClient.receive`, because it runs for each message.
         """
         received = self.sink.received
         if received != self._received:
@@ -185,7 +185,7 @@ class Peer(ConnectedClient[_Waiting]):
                 self._after(item, answer)
 
     def _end_what_waits(self, refusal: Refusal) -> None:
-        """End what waits for an answer of this client that is malformed."""
+        """End the pending request whose response is malformed."""
         ends = {
             "service_response": self.services.answer_malformed,
             "action_result": self.actions.result_malformed,
@@ -198,7 +198,7 @@ class Peer(ConnectedClient[_Waiting]):
                 end(refusal.name, refusal.id, refusal.reason)
 
     def work(self, op: Op, steps: Steps) -> Op | None:
-        """Take steps of a message whose handler has returned them, and the rest of them in later turns.
+        """Run steps of a message now, and the rest in later turns.
 
         Returns:
             What reports the refusal of the message.
@@ -212,7 +212,7 @@ class Peer(ConnectedClient[_Waiting]):
         return None
 
     def _after(self, op: Op, answer: Op | None) -> None:
-        """Say what has become of a message."""
+        """Report the outcome of a message."""
         if answer is not None:
             self.graph.counters.refuse(op.op)
             self.replies.refuse(answer)

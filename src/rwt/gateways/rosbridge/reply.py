@@ -25,7 +25,7 @@ _LOG_LEVELS = {
 
 
 class Replies(ControlLane):
-    """Control lane to one rosbridge client: every op that is sent to it, besides samples.
+    """Control lane to one rosbridge client: all messages except samples.
 
     Attributes:
         session: wire state of the client.
@@ -34,7 +34,7 @@ class Replies(ControlLane):
         bridge: gateway of the client.
         number: number of the client.
         sink: connection to the client.
-        info: what the transport knows of the client.
+        info: peer of the connection.
         session: wire state of the client.
     """
 

@@ -15,15 +15,17 @@ if TYPE_CHECKING:
     from aiortc import RTCRtpReceiver
 
 MOST_WAITING: Final = 32
-"""Images, or packets of audio, that wait for their decoder: what is about a second old is of no use. Each
-is at most what aiortc's jitter buffer holds."""
+"""Maximum number of images or audio packets queued for a decoder; a backlog of a second is useless.
+
+Each is at most as large as aiortc's jitter buffer.
+"""
 
 logger = logging.getLogger("rwt.media.webrtc")
 
 
 class DecoderQueue(Queue[Any]):
-    """What waits for a decoder. When it is full all that waits is dropped, and a key frame asked for:
-    the others build upon each other.
+    """Queue of a decoder. When it is full, it is emptied and a key frame is requested, because frames depend
+    on earlier ones.
 
     Args:
         lost: is set when something was dropped.

@@ -1,8 +1,7 @@
 """Video track of an image topic for one viewer, from the encoders that all viewers share.
 
-aiortc sends images that are encoded already, but tells their track nothing of what the receiver asks for:
-key frames (PLI, FIR) and less (REMB, receiver reports). So the sender's own methods are put in front of;
-`tests/rwt/media/webrtc` looks whether they are what they were.
+aiortc sends encoded images, but does not forward RTCP feedback (PLI, FIR, REMB, receiver reports) to their
+track, so the sender's methods are wrapped; `tests/rwt/media/webrtc` checks their names.
 """
 
 from __future__ import annotations

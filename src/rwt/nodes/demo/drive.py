@@ -13,7 +13,7 @@ _CHECK_EVERY = 0.02
 
 @dataclass(frozen=True, slots=True)
 class Chassis:
-    """The robot's body.
+    """Dimensions and limits of the robot's body.
 
     Attributes:
         radius: of the round body, metres.
@@ -53,7 +53,7 @@ STANDSTILL = Velocity()
 
 
 class DifferentialDrive:
-    """The robot's motion: pose, velocity and wheel angles, step by step.
+    """Motion of the robot, step by step: pose, velocity and wheel angles.
 
     Attributes:
         limits: may be changed at any time.
@@ -61,8 +61,8 @@ class DifferentialDrive:
         velocity: what the robot does now.
         left_angle: how far the left wheel has turned since the start, radians.
         right_angle: how far the right wheel has turned since the start, radians.
-        enabled: whether the motors have power.
-        bumped: whether the last step ended at something solid.
+        enabled: True if the motors have power.
+        bumped: True if the last step ended at something solid.
     """
 
     def __init__(self, world: World, chassis: Chassis, limits: Limits) -> None:

@@ -9,9 +9,5 @@ ODOM = "odom"
 
 
 def frame(node: Node, name: str) -> str:
-    """The frame `name` of the robot that `node` is.
-
-    All robots of a graph share `/tf`, so the frames of one in a namespace begin with it: `odom` of `/anna` is
-    `anna/odom`.
-    """
+    """Return the robot's frame `name` with the node's namespace: `odom` of `/anna` is `anna/odom`."""
     return node.resolve(name).removeprefix("/")

@@ -1,7 +1,6 @@
-"""The simulation's values as ROS messages, the same for every distribution.
+"""Values of the simulation as ROS messages, for every distribution.
 
-Messages are mappings: the interfaces fill in what is missing, and take `sec`/`nanosec` for either spelling of
-time.
+Messages are mappings: missing fields are filled in, and `sec`/`nanosec` fit either spelling of time.
 """
 
 from __future__ import annotations

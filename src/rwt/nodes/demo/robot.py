@@ -123,7 +123,7 @@ class DemoRobot:
             node.close()
 
     def _start(self) -> None:
-        """Start every timer at one moment: what is due together then wakes the program once."""
+        """Start all timers at the same moment, so that those that are due together wake the program once."""
         self._node.create_timer(CONTROL_PERIOD, self._step)
         self._scans.start()
         self._node.create_timer(REPORT_PERIOD, self._report)
@@ -152,7 +152,7 @@ class DemoRobot:
         return min(self._lens.width, self._lens.height)
 
     def _use_openni(self, value: ParameterValue) -> None:
-        """Take the depth stream's crop, size and depth from what pages for OpenNI cameras assume, or back."""
+        """Switch the depth stream to the crop, size and depth of OpenNI cameras, or back."""
         if value:
             crop = round(self._lens.focal * _CROP_OF_FOCAL / _OPENNI_F)
             self._depth_cloud.configure(min(crop, self._whole_crop), 512, 1.0)
@@ -166,7 +166,7 @@ class DemoRobot:
         self._chatter.publish({"data": f"hello world {self._said}"})
 
     def _step(self) -> None:
-        """One control step: choose the velocity, move the robot, publish its state."""
+        """Run one control step: choose the velocity, move the robot, publish its state."""
         now = self._node.clock.monotonic()
         seconds = min(now - self._stepped, _LONGEST_STEP)
         self._stepped = now
@@ -181,7 +181,7 @@ class DemoRobot:
         self._cameras.follow_subscribers()
 
     def _wanted(self) -> Velocity:
-        """The velocity to drive with: teleoperation goes before navigation, unless its command is zero."""
+        """Return the velocity to drive with: nonzero teleoperation overrides navigation."""
         by_hand = self._teleop.velocity or STANDSTILL
         planned = self._navigation.steer(overridden=not by_hand.is_zero)
         return planned if by_hand.is_zero else by_hand
@@ -246,7 +246,7 @@ class DemoRobot:
         )
 
     def _describe(self, description: str) -> None:
-        """The URDF where programs look for it: a latched topic and a parameter, on ROS 1 a global one."""
+        """Publish the URDF on a latched topic and as a parameter, global on ROS 1."""
         node = self._node
         node.advertise("robot_description", "std_msgs/String", latch=True).publish({"data": description})
         graph = node.graph
@@ -282,7 +282,7 @@ class FibonacciRequest(Protocol):
 
 
 class Fibonacci:
-    """The action `/fibonacci` of ROS's tutorials: one number after another, slowly enough to cancel.
+    """Action `/fibonacci` of ROS's tutorials, slow enough to cancel.
 
     Attributes:
         rate: numbers in a second.

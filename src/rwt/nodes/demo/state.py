@@ -92,7 +92,7 @@ class StatePublisher:
         }
 
     def _transforms(self, stamp: int) -> list[messages.Message]:
-        """Where odometry began, where the robot is since then, and how its wheels and its arm stand."""
+        """Return the transforms of odometry, robot, wheels and arm."""
         body = self._drive.pose.seen_from(self._origin)
         angles = (self._drive.left_angle, self._drive.right_angle)
         return [

@@ -139,10 +139,7 @@ def _tables() -> tuple[Bytes, Bytes]:
 
 
 def _grey(sums: NDArray[np.int64]) -> Bytes:
-    """Red, green and blue of these sums.
-
-    Of the two that are left over, red takes one, green and blue take two: as bright as the sum wants it.
-    """
+    """Return red, green and blue of these sums; a remainder of one goes to red, of two to green and blue."""
     third, rest = np.divmod(sums, 3)
     return np.stack([third + (rest == 1), third + (rest == 2), third + (rest == 2)], axis=-1).astype(np.uint8)
 
@@ -158,8 +155,8 @@ def _gather(tile: Bytes) -> Depths:
 def fill_unknown(steps: Steps, known: Mask) -> Steps:
     """Fill unknown depths, so that a video codec spends no bits on edges.
 
-    Each row is interpolated linearly between known neighbours, and extended at the ends. A row without a
-    known depth is a copy of the nearest row above that has one, or else of the first that has.
+    Each row is interpolated linearly and extended at the ends. A row without a known depth is a copy of the
+    nearest row above that has one, or else of the first that has.
 
     Args:
         steps: rows x columns of depths in any unit; ignored where not `known`.

@@ -16,11 +16,11 @@ _DATATYPES: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f
 """numpy's types for the constants of `sensor_msgs/PointField`, without byte order."""
 
 _LONGEST_POINT: Final = 1 << 20
-"""Bytes; numpy's records end at 2 GB."""
+"""Maximum bytes of a point; numpy's records end at 2 GB."""
 
 _AXES: Final = ("x", "y", "z")
 _REACH: Final = 1 << 20
-"""Voxels from the origin along each axis, at most: three such numbers fit one integer of 64 bits."""
+"""Maximum voxels from the origin along each axis: three such numbers fit one integer of 64 bits."""
 
 
 class Field(Protocol):

@@ -112,7 +112,7 @@ def move_axis(
         shapes: what is dragged; two arrows without any.
         name: what feedback says; `move_x` and so on by default.
         scale: of the arrows: each ends that many metres from the middle.
-        fixed: whether the axes are those of the frame, however the marker is turned.
+        fixed: True if the axes are those of the frame, however the marker is turned.
     """
     chosen = _axis(axis)
     handles = shapes or tuple(_arrows(chosen, scale))
@@ -187,7 +187,7 @@ def _arrows(axis: Axis, scale: float) -> Iterator[Shape]:
 
 
 def _ring(axis: Axis, scale: float) -> Shape:
-    """A flat ring, seen from both sides, around the control's x axis."""
+    """Return a flat ring, seen from both sides, around the control's x axis."""
     inner, outer = 0.4 * scale, 0.5 * scale
     corners: list[Point] = []
     for segment in range(_SEGMENTS):

@@ -14,13 +14,13 @@ _REPORT = 0
 
 
 class MenuEntry:
-    """One entry. Changes show when the server applies its changes.
+    """Menu entry. Changes show when the server applies its changes.
 
     Attributes:
         number: what feedback names it by; from 1 on, unique in its menu.
         title: what the entry says.
         checked: with a check mark, without one, or None for an entry that has no place for one.
-        visible: whether it is shown, and what is under it.
+        visible: True if it is shown, and what is under it.
         on_select: called when it is chosen, in place of the marker's own callback.
     """
 
@@ -64,7 +64,7 @@ class Menu:
         parent: MenuEntry | None = None,
         checked: bool | None = None,
     ) -> MenuEntry:
-        """Add an entry below the ones that are there.
+        """Add an entry below the present ones.
 
         Args:
             on_select: called when it is chosen; None leaves that to the marker's own callback.

@@ -30,7 +30,7 @@ class NoSuchMarker(RobotError, LookupError):
 
 @dataclass(slots=True)
 class _Entry:
-    """One marker, as it will be once changes are applied."""
+    """Marker, as it will be once changes are applied."""
 
     marker: Message
     on_feedback: OnFeedback | None
@@ -41,7 +41,7 @@ class _Entry:
     has_moved: bool = False
 
     def redraw_menu(self) -> None:
-        """Take over what has changed in the menu since it was last drawn."""
+        """Apply changes of the menu since it was last drawn."""
         if self.menu is None:
             return
         # `convert` gives the very class that the marker's field has, so that the two can be compared.
@@ -53,7 +53,7 @@ class _Entry:
             self.is_new = True
 
     def pose_message(self) -> Message:
-        """`visualization_msgs/InteractiveMarkerPose`."""
+        """Return a `visualization_msgs/InteractiveMarkerPose`."""
         marker = self.marker
         return {"header": marker.header, "pose": marker.pose, "name": marker.name}
 
@@ -125,7 +125,7 @@ class InteractiveMarkerServer:
             self._move(self._entry(name), place, frame)
 
     def marker(self, name: str) -> Message:
-        """The marker as it is now, with changes that were not applied yet.
+        """Return the marker, including changes that are not applied yet.
 
         Raises:
             NoSuchMarker: there is none of that name.
@@ -260,7 +260,7 @@ class InteractiveMarkerServer:
 
 
 def _no_time() -> int:
-    """The stamp of a header that has none: zero says that the marker moves with its frame."""
+    """Return a zero stamp: the marker moves with its frame."""
     return 0
 
 

@@ -64,7 +64,7 @@ def text(words: str, height: float, colour: Colour = GREY, at: Point = (0.0, 0.0
 
 
 def mesh(resource: str, scale: float = 1.0, colour: Colour | None = None) -> Shape:
-    """A mesh from a file.
+    """Return a mesh from a file.
 
     Args:
         resource: `package://name/path` or a URL.

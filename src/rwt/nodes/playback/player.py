@@ -35,7 +35,7 @@ FASTEST: Final = 1000.0
 """The rates at which a recording can be played."""
 
 _BATCH: Final = 200
-"""Messages that are published in one turn of the event loop when many are due."""
+"""Maximum number of due messages published in one turn of the event loop."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,9 +229,8 @@ class Player:
         return True
 
     def burst(self, count: int) -> int:
-        """:meth:`play_next` up to `count` times, 0 for as often as possible; gives how often.
-
-        It ends where the recording does, also where that loops.
+        """Call :meth:`play_next` up to `count` times (0: until the end, also if looping); return the number
+        of messages.
         """
         return sum(1 for _ in self.steps(count))
 

@@ -1,6 +1,6 @@
-"""Recordings of robots: MCAP files written and read, and bags of ROS 1 and ROS 2 read.
+"""Recordings of robots: MCAP files (read and write), and bags of ROS 1 and ROS 2 (read).
 
-Importing this loads no optional library; they are loaded by what needs them.
+Optional libraries are loaded on first use.
 """
 
 from rwt.nodes.recording.channels import ENCODINGS, ChannelForm, Encoding, channel_form

@@ -1,6 +1,6 @@
-"""Reads bags: `.bag` files of ROS 1 and folders of rosbag2, with sqlite3 or MCAP inside.
+"""Reader of bags: `.bag` files of ROS 1 and folders of rosbag2 with sqlite3 or MCAP.
 
-Imported only where a bag is read: it needs rosbags, of the extra ``mcap``.
+Imported only to read a bag, because it needs rosbags (extra ``mcap``).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _END_OF_TIMES_NS: Final = 2**64
 
 
 class BagRecording(Recording):
-    """One bag.
+    """Bag opened for reading.
 
     Raises:
         RecordingUnreadable: it is not a bag, or was not ended properly.
@@ -48,7 +48,7 @@ class BagRecording(Recording):
             ) from None
 
     def _opened(self) -> Reader1 | Reader2:
-        """A new reader for each reading: sqlite3 must be used by the thread that opened it."""
+        """Return a new reader: sqlite3 must be used by the thread that opened it."""
         return Reader1(self.paths[0]) if self._is_ros1 else Reader2(self.paths[0])
 
     def _describe(self, reader: Reader1 | Reader2) -> None:
@@ -78,7 +78,8 @@ class BagRecording(Recording):
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int = 0, end_ns: int | None = None
     ) -> Iterator[RecordedMessage]:
-        """The messages of `topics` from `start_ns` to before `end_ns`, by log time, which is the only one.
+        """Yield the messages of `topics` from `start_ns` to before `end_ns`, by log time, the only time in
+        bags.
 
         Raises:
             RecordingUnreadable: what comes next is damaged.
@@ -104,7 +105,7 @@ class BagRecording(Recording):
 
 
 def _first_line(error: Exception) -> str:
-    """What an error of the library says, in one line; its kind where that is nothing."""
+    """Return an error of the library in one line; its class if it has no text."""
     text = str(error).strip() or type(error).__name__
     return text.splitlines()[0][:300]
 

@@ -22,8 +22,7 @@ Encoding = Literal["ros", "json"]
 ENCODINGS: Final[tuple[Encoding, ...]] = ("ros", "json")
 
 DEFINITION: Final = "ros_definition"
-"""Key of a channel's metadata: the definition of its type, from which it can be played, where that is not the
-schema."""
+"""Metadata key of the type's definition for playback, if the schema is not the definition."""
 
 TYPE: Final = "ros_type"
 """Key of a channel's metadata: the name of its type, where that is not the schema's."""
@@ -33,10 +32,10 @@ _RELIABILITIES: Final = {Reliability.RELIABLE: 1, Reliability.BEST_EFFORT: 2, Re
 _DURABILITIES: Final = {
     Durability.TRANSIENT_LOCAL: 1, Durability.VOLATILE: 2, Durability.BEST_AVAILABLE: 4,
 }  # fmt: skip
-"""The numbers of rmw, which every version of rosbag2 reads."""
+"""rmw's numbers, which every version of rosbag2 reads."""
 
 _SCHEMAS: Final = {"cdr": "ros2msg", "ros1": "ros1msg"}
-"""The schema encoding of each serialisation."""
+"""Schema encoding of each serialisation."""
 
 _INFINITE: Final = (9223372036, 854775807)
 
@@ -65,7 +64,7 @@ class ChannelForm:
 def channel_form(
     topic: str, message: MessageType, encoding: Encoding, offered_qos: tuple[QoS, ...] = ()
 ) -> ChannelForm:
-    """The channel of one topic.
+    """Return the channel of one topic.
 
     Args:
         offered_qos: what its publishers offer, where that is known.
@@ -157,10 +156,10 @@ Schema = dict[str, object]
 
 
 def json_schema(message: MessageType) -> bytes:
-    """The JSON Schema of one message type as rosbridge writes it in JSON, as text.
+    """Return the JSON Schema of a message type in rosbridge's JSON, as text.
 
-    The root is an object and nested messages stand where they are used, without ``$ref``: what reads
-    recordings (Foxglove, Lichtblick) wants it so.
+    The root is an object with nested messages inlined instead of ``$ref``, as Foxglove and Lichtblick
+    require.
     """
     return msgspec.json.encode(_message(message))
 

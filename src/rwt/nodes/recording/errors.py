@@ -1,4 +1,4 @@
-"""Everything that recording and playing raise.
+"""Errors of recording and playback.
 
 * :exc:`RecordingError`
 
@@ -13,7 +13,7 @@ from importlib.util import find_spec
 
 
 class RecordingError(Exception):
-    """Base of every error of recordings. The text says what, where and what instead."""
+    """Base of all errors of recordings."""
 
 
 class ExtraMissing(RecordingError):

@@ -1,6 +1,6 @@
-"""Reads MCAP files, also those whose end is missing because the program that wrote them was killed.
+"""Reader of MCAP files, including incomplete ones of killed programs.
 
-Imported only where such a file is read: it needs the extra ``mcap``.
+Imported only to read such a file, because it needs the extra ``mcap``.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ _KINDS: Final[dict[int, Callable[[ReadDataStream], records.McapRecord]]] = {
 
 
 class _Damaged(Enum):
-    """A record that cannot be read."""
+    """Record that cannot be read."""
 
     DAMAGED = auto()
 
@@ -71,13 +71,13 @@ DAMAGED: Final = _Damaged.DAMAGED
 
 @dataclass(frozen=True, slots=True)
 class RecoveryReport:
-    """What was found in a file without a usable index.
+    """Contents of a file without a usable index.
 
     Attributes:
         summary: the index that the file should have had.
         damaged: chunks and records that could not be read.
         lost_bytes: bytes at the end that belong to no whole record.
-        is_unchunked: whether messages stand in the file itself rather than in chunks.
+        is_unchunked: True if messages stand in the file itself rather than in chunks.
     """
 
     summary: Summary
@@ -87,7 +87,7 @@ class RecoveryReport:
 
 
 class McapRecording(Recording):
-    """One MCAP file.
+    """MCAP file opened for reading.
 
     Attributes:
         recovery: set when the file has no index, and was searched.
@@ -116,7 +116,7 @@ class McapRecording(Recording):
             raise
 
     def _indexed(self) -> Summary:
-        """The file's index, or one made by reading all of it."""
+        """Return the file's index, or one made by reading all of it."""
         try:
             self._file.seek(0)
             summary = SeekingReader(self._file).get_summary()
@@ -143,7 +143,7 @@ class McapRecording(Recording):
         )
 
     def _distro(self) -> Distro:
-        """What the file's own note says, or else its profile and its channels."""
+        """Return the distribution from the file's metadata, or else from its profile and channels."""
         for _, record in walk(self._file):
             if isinstance(record, records.Metadata) and record.name == METADATA:
                 note = record.metadata
@@ -174,7 +174,7 @@ class McapRecording(Recording):
     def _chunked(
         self, file: IO[bytes], topics: Collection[str] | None, start_ns: int, end_ns: int | None
     ) -> Iterator[_Found]:
-        """The messages of all chunks that can be read, by log time; each chunk is opened when it is due."""
+        """Yield the messages of all readable chunks by log time; chunks are opened when due."""
         channels, schemas = self.index.channels, self.index.schemas
         # Sorted by time, and then as they are in the file. A chunk stands before its own messages.
         due: list[tuple[int, int, int, records.ChunkIndex | _Found]] = [
@@ -198,7 +198,7 @@ class McapRecording(Recording):
                     heappush(due, (message.log_time, begin, number, found))
 
     def _opened(self, file: IO[bytes], chunk: records.ChunkIndex) -> list[records.McapRecord]:
-        """What is in a chunk; nothing where it is damaged, which is noted."""
+        """Return the messages of a chunk; none if it is damaged, which is noted."""
         begin = chunk.chunk_start_offset
         try:
             file.seek(begin + _HEAD.size)
@@ -218,7 +218,7 @@ class McapRecording(Recording):
     def _unchunked(
         self, file: IO[bytes], topics: Collection[str] | None, start_ns: int, end_ns: int | None
     ) -> list[_Found]:
-        """The messages of a file without chunks, which nothing but memory can sort."""
+        """Yield the messages of a file without chunks, sorted in memory."""
         found: list[_Found] = []
         for _, message in walk(file):
             if isinstance(message, records.Message) and message.channel_id in self.index.channels:
@@ -234,8 +234,7 @@ class McapRecording(Recording):
 
 
 class _File(BufferedReader):
-    """A file that is never asked for more than it has: reading makes room for all that is asked for, which in
-    a damaged file is any number."""
+    """File that limits reads to its size: reads allocate what is requested, any number in a damaged file."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(FileIO(path))
@@ -272,7 +271,7 @@ def _topic(channel: records.Channel, schema: records.Schema | None, count: int) 
 
 
 def _type_name(channel: records.Channel, schema: records.Schema | None) -> str:
-    """What a channel's type is called; its schema may be called otherwise, for other readers."""
+    """Return the name of a channel's type, which may differ from the name of its schema."""
     return channel.metadata.get(TYPE) or ("" if schema is None else schema.name)
 
 
@@ -280,10 +279,9 @@ def _type_name(channel: records.Channel, schema: records.Schema | None) -> str:
 
 
 def walk(file: IO[bytes]) -> Iterator[tuple[int, records.McapRecord | _Damaged | None]]:
-    """The records of a file up to its index or to the last one that is whole, chunks unopened.
+    """Yield the records up to the index or the last complete one, chunks unopened, with their end positions.
 
-    With each comes the place where it ends. Records of kinds that are of no use here are None, and one whose
-    content is not what its head says is :data:`DAMAGED`.
+    Unused kinds of records are None, and invalid records :data:`DAMAGED`.
     """
     size = file.seek(0, SEEK_END)
     end = len(MAGIC)
@@ -310,7 +308,7 @@ def _record(opcode: int, content: bytes) -> records.McapRecord | _Damaged:
 
 
 def _contents(chunk: records.Chunk, most_bytes: int) -> list[records.McapRecord]:
-    """The records in a chunk, if it says that they have no more bytes than that.
+    """Yield the records of a chunk, within the size that it states.
 
     Raises:
         Exception: it is damaged; of which kind is up to the library that unpacks it.
@@ -364,8 +362,9 @@ def _note(summary: Summary, found: list[records.McapRecord], counts: dict[int, i
 
 
 def _chunk_index(chunk: records.Chunk, end: int) -> records.ChunkIndex:
-    """What the index says of a chunk that ends at byte `end`. That no message index is named makes readers
-    look into every chunk."""
+    """Return the index of a chunk that ends at byte `end`, without message indices, so that readers scan
+    every chunk.
+    """
     length = _HEAD.size + 8 + 8 + 8 + 4 + 4 + len(chunk.compression.encode()) + 8 + len(chunk.data)
     return records.ChunkIndex(
         chunk_length=length,
@@ -397,10 +396,10 @@ def _statistics(summary: Summary, counts: dict[int, int], times: list[int]) -> r
 def recover(
     path: Path, to: Path, *, overwrite: bool = False, chunk_bytes: int = CHUNK_BYTES
 ) -> McapRecording:
-    """Copy what can be read of a file into a complete one; gives what was found in the first.
+    """Copy the readable part of a file into a complete one; return the report on the original.
 
-    The copy has another name until it is complete, so `to` may be the file itself, and stays as it is if
-    anything fails.
+    The copy has a temporary name until it is complete, so `to` may be the file itself, and is unchanged on
+    failure.
 
     Raises:
         RecordingUnreadable: `path` is not an MCAP file.
@@ -422,7 +421,7 @@ def recover(
 
 
 def _replace(part: Path, to: Path) -> None:
-    """Give a file its name once the disk has all of it."""
+    """Rename a file once it is on disk."""
     try:
         with part.open("rb+") as file:
             os.fsync(file.fileno())

@@ -52,7 +52,7 @@ def _open(path: Path, chunk_bytes: int) -> Recording:
 
 
 class _Together(Recording):
-    """Several recordings as one."""
+    """Several recordings, merged."""
 
     def __init__(self, parts: list[Recording]) -> None:
         if len({part.distro.serialisation for part in parts}) > 1:
@@ -68,17 +68,14 @@ class _Together(Recording):
 
     @property
     def damaged(self) -> int:
-        """Places of all parts that could not be read."""
         return sum(part.damaged for part in self._parts)
 
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int = 0, end_ns: int | None = None
     ) -> Iterator[RecordedMessage]:
-        """The messages of all parts."""
         parts = (part.messages(topics, start_ns, end_ns) for part in self._parts)
         return merge(*parts, key=lambda message: message.log_time)
 
     def close(self) -> None:
-        """Close every part."""
         for part in self._parts:
             part.close()

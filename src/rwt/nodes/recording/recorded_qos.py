@@ -14,9 +14,8 @@ _ENTRY: Final = re.compile(r"^[- ] +(history|depth|reliability|durability): *\"?
 
 
 def read_offered_qos(metadata: dict[str, str]) -> tuple[QoS, ...]:
-    """The profiles in a channel's metadata: those of rosbag2, numbers or words, or ROS 1's latching.
-
-    Whatever is written there, something sensible comes out: what is not understood is the default.
+    """Return the profiles in a channel's metadata: rosbag2's, or ROS 1's latching. Invalid ones become the
+    default.
     """
     if metadata.get("latching") == "1":
         return (LATCHED,)
@@ -36,9 +35,9 @@ def _profile(entries: dict[str, str]) -> QoS:
 
 
 def combined(offered_qos: tuple[QoS, ...]) -> QoS:
-    """The profile of the one publisher that plays what several published: it keeps what any of them kept.
+    """Merge the profiles of several publishers into one that retains whatever any of them did.
 
-    Transient-local if any of them was, and then as deep as those together.
+    Transient-local if any is, with the sum of their depths.
     """
     kept = [qos for qos in offered_qos if qos.durability is Durability.TRANSIENT_LOCAL]
     if not kept:

@@ -40,13 +40,13 @@ EARLIER_NS: Final = 1_500_000_000
 Servers also retain the first second of every publisher, so a younger message proves nothing."""
 
 _MESSAGE_BYTES: Final = 31
-"""Bytes that MCAP writes of a message besides its content (its specification, the record Message)."""
+"""Bytes of a message in MCAP besides its payload (record Message)."""
 
 _STATIC_TRANSFORMS: Final = "/tf_static"
 _KNOWN_LATCHED: Final = (_STATIC_TRANSFORMS, "/robot_description")
 
 _REMEMBERED: Final = 100
-"""Stamps of a latched topic that are remembered."""
+"""Number of remembered stamps of a latched topic."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ class RecordingOptions:
     largest_bytes: int = 0
 
     def writer(self, path: Path, distro: Distro) -> RecordingWriter:
-        """Begin a file.
+        """Open a file for writing.
 
         Raises:
             RecordingNotWritten: the file cannot be created.
@@ -139,7 +139,7 @@ class Recorder:
         return sum(each.handle is not None for each in self._topics.values())
 
     async def look(self) -> None:
-        """Record the topics that are new.
+        """Record new topics.
 
         Raises:
             RobotError: the robot does not list its topics.
@@ -162,7 +162,7 @@ class Recorder:
         self._timer = self._robot.clock.call_later(LOOK_SECONDS, self.keep_looking)
 
     async def _follow(self, topic: Listed, asked_ns: int) -> None:
-        """Subscribe to a topic, unless that is done already."""
+        """Subscribe to a topic, unless already done."""
         known = self._topics.get(topic.name)
         # The subscription of a node follows the topic. It has no type, which would be kept for others.
         wanted = topic.type if topic.publishers is None else None
@@ -207,7 +207,7 @@ class Recorder:
         self.writer.write(channel, logged, published, data)
 
     def _takes(self, size: int) -> bool:
-        """Return True if so many bytes more may be written. The first that may not stop the recording."""
+        """Return True if so many more bytes fit; otherwise, stop the recording."""
         if self._room is None:
             return True
         if self.is_full or size > self._room:
@@ -326,7 +326,6 @@ class _RecordedTopic:
         self._stamps: dict[int, None] | None = None
 
     def receive(self, message: RawMessage) -> None:
-        """Record one message."""
         stamp = message.stamp_ns
         channel = self._channels.get(message.type.name) or self._begin(message)
         if self._stamps is None or stamp is None or not self._is_repeated(self._stamps, stamp):
@@ -351,7 +350,6 @@ class _RecordedTopic:
         return False
 
     def close(self) -> None:
-        """End the subscription."""
         handle, self.handle = self.handle, None
         if handle is not None:
             handle.close()

@@ -50,19 +50,18 @@ class RecorderLimits:
 
 
 class RecorderNode:
-    """Records the topics of a graph between a call of ``/recorder/start`` and one of ``/recorder/stop``, or
-    until the recording is as large as it may be. How things stand is told on ``/recorder/state``, latched.
+    """Records a graph from a call of ``/recorder/start`` to ``/recorder/stop``, or up to its size limit.
 
-    The services are those of ``rwt_recorder_msgs``. There is one recording at a time; whoever starts it may
-    leave, and it goes on.
+    The services are those of ``rwt_recorder_msgs``; ``/recorder/state`` is latched. There is one recording at
+    a time, which continues if its client disconnects.
 
     Args:
-        graph: what is recorded.
-        folder: where files are put, named after the request and the time.
-        limits: see there.
+        graph: graph to record.
+        folder: folder of the files, which are named after the request and the time.
+        limits: limits of the recordings.
 
     Raises:
-        RecorderFolderError: the folder is none.
+        RecorderFolderError: `folder` is not a folder.
         ExtraMissing: the extra ``mcap`` is not installed.
     """
 
@@ -95,7 +94,7 @@ class RecorderNode:
         return await self._alone(self._stop)
 
     async def _alone(self, act: Callable[[], Awaitable[dict[str, object]]]) -> dict[str, object]:
-        """Do what changes the recording, or say why not; one such thing at a time."""
+        """Run one change of the recording at a time; return its outcome or error."""
         if self._is_changing:
             return _refusal("another recording is just being started or ended; ask again")
         self._is_changing = True
@@ -155,7 +154,7 @@ class RecorderNode:
         raise RecordingNotWritten(f"{stem}.mcap is there already; give another name")
 
     def _tick(self) -> None:
-        """Tell how far it is, and end what is full or cannot be written."""
+        """Publish the progress, and stop if the recording is full or cannot be written."""
         recorder = self._recorder
         if recorder is None:
             return
@@ -175,7 +174,7 @@ class RecorderNode:
                 self._note(recorder)
 
     def _close_now(self, problem: str) -> None:
-        """End without anybody who waits for it: what waits is written by the writer's own thread."""
+        """Stop without waiting: the writer's thread writes the rest."""
         recorder = self._forget(problem)
         if recorder is not None:
             recorder.writer.finish_soon()
@@ -221,5 +220,5 @@ def _refusal(text: str) -> dict[str, object]:
 
 
 def _bytes_in(folder: Path) -> int:
-    """The bytes of the files right in a folder."""
+    """Return the total size of the files directly in a folder."""
     return sum(each.stat().st_size for each in folder.iterdir() if each.is_file())

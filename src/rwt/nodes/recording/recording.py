@@ -14,16 +14,15 @@ from rwt_interfaces.distro import Distro
 from rwt_participant.qos import QoS
 
 CHUNK_BYTES: Final = 128 * 1024 * 1024
-"""What a chunk of an MCAP file may have unpacked, unless another bound is given. Writers make them of some
-megabytes, or as large as one message."""
+"""Default maximum size of an unpacked MCAP chunk. Writers use some megabytes, or one large message."""
 
 MessageEncoding = Literal["cdr", "ros1", "json", ""]
-"""How a topic's messages are written; empty for an encoding that cannot be read."""
+"""Encoding of a topic's messages; empty if not readable."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedTopic:
-    """One topic of a recording.
+    """Topic of a recording.
 
     Attributes:
         name: absolute name.
@@ -43,10 +42,10 @@ class RecordedTopic:
 
 
 class RecordedMessage(Struct, frozen=True, gc=False):
-    """One message of a recording.
+    """Message of a recording.
 
     Attributes:
-        topic: of its topic.
+        topic: absolute name of the topic.
         type: the type's name as it was recorded.
         log_time: when it was recorded, nanoseconds since the epoch.
         publish_time: when it was published, likewise.
@@ -61,14 +60,14 @@ class RecordedMessage(Struct, frozen=True, gc=False):
 
 
 class Recording(ABC):
-    """An open recording. Any number of readings may be under way at once, each in one thread.
+    """Open recording. Several threads may read it at once, each with its own iterator.
 
     Attributes:
         paths: its files.
         distro: of its messages.
         topics: sorted by name; a topic of two types is there twice.
         start_ns, end_ns: log times of the first and the last message; both 0 when there is none.
-        complete: whether the file was ended properly. One that was not is read as far as it goes.
+        complete: True if the file was ended properly. One that was not is read as far as it goes.
     """
 
     paths: tuple[Path, ...]
@@ -87,9 +86,8 @@ class Recording(ABC):
     def messages(
         self, topics: Collection[str] | None = None, start_ns: int = 0, end_ns: int | None = None
     ) -> Iterator[RecordedMessage]:
-        """The messages of `topics` (None: of all) from `start_ns` to before `end_ns`, by log time.
-
-        Those of one log time come in the order of the file.
+        """Yield the messages of `topics` (None: all) from `start_ns` to before `end_ns`, by log time, then
+        file order.
         """
 
     @abstractmethod

@@ -10,13 +10,13 @@ from rwt_participant.api import ACTION_PARTS, SERVICE_EVENTS
 
 @dataclass(frozen=True, slots=True)
 class TopicSelection:
-    """A choice of topics.
+    """Selection of topics.
 
     Attributes:
         topics: patterns of the shell (``/camera/*``), of which one must fit; none stands for all.
         exclude: patterns of which none may fit.
-        services: whether topics that tell of service calls are taken.
-        actions: whether the topics of ROS 2's actions are taken.
+        services: True if topics that tell of service calls are taken.
+        actions: True if the topics of ROS 2's actions are taken.
     """
 
     topics: tuple[str, ...] = ()

@@ -1,8 +1,7 @@
-"""Writes MCAP files from a thread of its own, so that recording never waits for a disk.
+"""Writer of MCAP files in a thread of its own, so that recording never waits for a disk.
 
-`write` only puts a message on a queue. The thread makes chunks of them and hands what it has to the system at
-least once a second, whole: a program that is killed loses that second and nothing else, and what a full disk
-could not take is cut off again.
+`write` only queues a message. The thread writes complete chunks at least once a second, so a killed program
+loses at most that second. Records that did not fit on a full disk are truncated.
 """
 
 from __future__ import annotations
@@ -55,11 +54,11 @@ class Split:
 
 
 class RecordedChannel:
-    """One topic of one type in the recording, and what was written of it.
+    """Topic of one type in the recording, with counters.
 
     Attributes:
         form: what the file says of it.
-        messages: how many were taken.
+        messages: number of written messages.
         size: bytes of their content.
     """
 
@@ -75,13 +74,13 @@ _Item = tuple[RecordedChannel, int, int, "bytes | memoryview", int]
 
 
 class RecordingWriter:
-    """Writes one recording.
+    """Writer of one recording.
 
     Args:
         path: the file; with `split` the first is `NAME_0000.mcap`.
         distro: whose messages these are.
-        encoding: of the channels, as the file's own note says it.
-        overwrite: whether a file that is there may be replaced.
+        encoding: encoding of the channels, as the file's own note says it.
+        overwrite: True if a file that is there may be replaced.
 
     Attributes:
         channels: what is recorded so far.
@@ -176,7 +175,7 @@ class RecordingWriter:
         self._closing.set()
 
     def close(self) -> None:
-        """Write what waits, end the file and wait for that. May be called twice.
+        """Write the queue, complete the file and wait for it. Idempotent.
 
         Raises:
             RecordingNotWritten: not everything could be written.
@@ -230,7 +229,7 @@ def _reason(error: OSError) -> str:
 
 
 class _Files:
-    """The files of one recording, one after the other; belongs to the writing thread."""
+    """Consecutive files of one recording; belongs to the writing thread."""
 
     def __init__(
         self,
@@ -269,7 +268,7 @@ class _Files:
         self._disk.keep()
 
     def add(self, item: _Item) -> None:
-        """Write one message, in a new file where it is time for one."""
+        """Write one message, in a new file if it is due."""
         channel, log_time, publish_time, data, sequence = item
         if self._started_at is None:
             self._started_at = log_time
@@ -301,7 +300,7 @@ class _Files:
         return found
 
     def flush_if_due(self) -> None:
-        """Hand everything to the system, if that was not done for a second."""
+        """Flush to the system unless that was done within the last second."""
         now = time.monotonic()
         if self._dirty and now - self._flushed_at >= FLUSH_SECONDS:
             self._flush()
@@ -317,7 +316,7 @@ class _Files:
         return sum(path.stat().st_size for path in self.paths[:-1])
 
     def finish(self) -> None:
-        """End the file with its index."""
+        """Write the index and close the file."""
         self._flush()
         self._writer.finish()  # type: ignore[no-untyped-call]  # the library does not type it
         self._disk.keep()
@@ -325,13 +324,13 @@ class _Files:
         self._disk.close()
 
     def abandon(self) -> None:
-        """Cut off what was written in part, and close the file as it is."""
+        """Remove incomplete records, and close the file as it is."""
         self._disk.cut()
         self._disk.close()
 
 
 class _Disk:
-    """A file that knows up to where it is whole. It has what :class:`mcap.writer.Writer` needs."""
+    """File that knows its last complete position, for :class:`mcap.writer.Writer`."""
 
     def __init__(self, path: Path, overwrite: bool) -> None:
         flags = os.O_WRONLY | os.O_CREAT | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
@@ -348,7 +347,6 @@ class _Disk:
         self._closed = False
 
     def write(self, data: bytes) -> int:
-        """Write all of `data`."""
         view = memoryview(data)
         while view:
             count = os.write(self._file, view)
@@ -357,24 +355,23 @@ class _Disk:
         return len(data)
 
     def tell(self) -> int:
-        """Where the next byte goes."""
         return self.size
 
     def flush(self) -> None:
-        """Nothing is held back here."""
+        """No-op: nothing is buffered."""
 
     def keep(self) -> None:
-        """Mark what was written so far as whole."""
+        """Mark everything written so far as complete."""
         self._whole = self.size
 
     def cut(self) -> None:
-        """Remove what came after the last :meth:`keep`; where that cannot be, readers leave it out."""
+        """Truncate to the last :meth:`keep`; if that fails, readers skip the rest."""
         if not self._closed:
             with suppress(OSError):
                 os.ftruncate(self._file, self._whole)
 
     def close(self) -> None:
-        """Close the file. May be called twice: by then its number may be that of another file."""
+        """Close the file. Idempotent: the descriptor may be reused by then."""
         if not self._closed:
             self._closed = True
             os.close(self._file)

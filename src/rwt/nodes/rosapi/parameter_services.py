@@ -30,7 +30,7 @@ MOST_DEFAULT: Final = 1 << 20
 """Characters of what to answer where a parameter is not set."""
 
 _LONG_TEXT: Final = 4 << 20
-"""Characters beyond which what is in strings is counted as values are: to tell them apart takes long."""
+"""Characters beyond which the contents of strings count as values, because telling them apart takes long."""
 
 _STRING: Final = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"')
 

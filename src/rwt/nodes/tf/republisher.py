@@ -47,9 +47,8 @@ class _RepublishRequest(RequestMessage, Protocol):
 class Tf2WebRepublisher:
     """Node that serves tf2_web_republisher for one graph until `close` (TFR-01 to TFR-10).
 
-    The action `/tf2_web_republisher`, over the topics of actionlib too in either distribution; and the
-    service `/republish_tfs`, which answers with the name of a topic. It listens to `/tf` and `/tf_static`
-    all the time.
+    It serves the action `/tf2_web_republisher`, also over actionlib's topics, and the service
+    `/republish_tfs`, which returns a topic's name. It always subscribes to `/tf` and `/tf_static`.
     """
 
     def __init__(self, graph: Graph) -> None:

@@ -1,1 +1,1 @@
-"""What is said in Foxglove's protocol: its texts, its binary frames, and the encodings of messages."""
+"""Foxglove's wire protocol: JSON messages, binary frames, and the encodings of payloads."""

@@ -1,9 +1,8 @@
-"""What a client of Foxglove's protocol says: texts in JSON, each a model, and binary frames with a head.
+"""Messages of Foxglove clients: models of JSON messages, and binary frames with a little-endian head.
 
-The messages and the layouts are those of the protocol's versions `foxglove.websocket.v1` and
-`foxglove.sdk.v1`, which are the same (https://github.com/foxglove/ws-protocol,
-https://github.com/foxglove/foxglove-sdk). Binary heads are little-endian. Fields that are not known are
-ignored, as the protocol's own servers do.
+The protocol versions `foxglove.websocket.v1` and `foxglove.sdk.v1` have the same messages
+(https://github.com/foxglove/ws-protocol, https://github.com/foxglove/foxglove-sdk). Unknown fields are
+ignored, as in the protocol's own servers.
 """
 
 from __future__ import annotations
@@ -22,8 +21,7 @@ from rwt_interfaces.serialise.json import require_quick_numbers
 from rwt_interfaces.steps import finished
 
 MOST_TEXT: Final = 1024 * 1024
-"""Bytes of the largest text that is taken. Messages of topics are binary; what is said in texts is short, and
-each byte of one can cost fifty once it is decoded."""
+"""Maximum bytes of a text frame. Payloads are binary; each byte of JSON can cost fifty bytes once decoded."""
 
 Id = Annotated[int, Meta(ge=0, le=2**32 - 1)]
 """An id that a client chooses: 32 bits on the wire."""
@@ -43,12 +41,12 @@ class Subscription(Struct, frozen=True, rename="camel"):
 
 
 class ClientChannel(Struct, frozen=True, rename="camel"):
-    """A channel on which a client wants to publish.
+    """Channel on which a client publishes.
 
     Attributes:
         id: the client's.
         topic: name of the topic.
-        encoding: of its messages: ``cdr``, ``ros1`` or ``json``.
+        encoding: encoding of its messages: ``cdr``, ``ros1`` or ``json``.
         schema_name: the type of its messages.
     """
 
@@ -59,7 +57,7 @@ class ClientChannel(Struct, frozen=True, rename="camel"):
 
 
 class Parameter(Struct, frozen=True):
-    """A parameter as a client sets it.
+    """Parameter that a client sets.
 
     Attributes:
         name: as the gateway spells it.
@@ -158,10 +156,10 @@ class ServiceCallRequest(Struct, frozen=True):
 
 
 class PlaybackControlRequest(Struct, frozen=True):
-    """Asks that a recording be played, paused, played at another speed, or from another time on.
+    """Request to play, pause, seek, or change the speed of a playback.
 
     Attributes:
-        plays: whether it is to play; False pauses it.
+        plays: True if it is to play; False pauses it.
         speed: recorded seconds in a second.
         seek_ns: nanoseconds since the epoch; None stays.
         request_id: what the answer is to name.
@@ -206,7 +204,7 @@ _LONGEST_ID: Final = 4096
 
 
 def parse_text(data: bytes | memoryview) -> Text:
-    """The message in a text frame.
+    """Return the message in a text frame.
 
     Raises:
         InvalidFrame: it is none; no other exception, whatever the bytes.
@@ -229,7 +227,7 @@ def parse_text(data: bytes | memoryview) -> Text:
 
 
 def parse_binary(data: bytes | memoryview) -> Binary:
-    """The message in a binary frame; its payload is a view of the frame.
+    """Return the message in a binary frame; its payload is a view of the frame.
 
     Raises:
         InvalidFrame: it is none; no other exception, whatever the bytes.
@@ -270,7 +268,7 @@ def _playback(view: memoryview) -> PlaybackControlRequest:
 
 
 def _text(rest: memoryview, length: int, what: str, most: int) -> bytes:
-    """The text of `length` bytes that `rest` begins with, in UTF-8."""
+    """Return the UTF-8 string in the first `length` bytes of `rest`."""
     if length > min(len(rest), most):
         raise InvalidFrame(f"{what} has {length} bytes: {len(rest)} follow, and {most} is the most")
     text = bytes(rest[:length])

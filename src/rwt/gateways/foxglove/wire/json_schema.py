@@ -13,16 +13,14 @@ if TYPE_CHECKING:
 Schema = dict[str, object]
 
 _MOST_FIELDS: Final = 10_000
-"""Of a schema, in which types within types stand as often as they are used."""
+"""Maximum number of fields of a schema; nested types count at each use."""
 
 
 def schema_where_needed(message: MessageType) -> Schema | None:
-    """The JSON Schema of a type that has a ``wstring`` in it; None of every other, and of one that is too
-    large.
+    """Return the JSON Schema of a type with a ``wstring``; None for other types and for too large schemas.
 
-    How DDS writes a ``wstring`` is left to its implementation (OMG DDS-XTypes 1.3, section 7.4.1), so the
-    readers of Foxglove and Lichtblick refuse such a type as a whole. The schema has what they read of JSON
-    Schema: types stand where they are used, and each value has one type.
+    DDS leaves the encoding of ``wstring`` open (OMG DDS-XTypes 1.3, section 7.4.1), so Foxglove and
+    Lichtblick reject such types. They only read schemas with inlined types and one type per value.
     """
     if not _has_wide(message, set()):
         return None
@@ -33,7 +31,7 @@ def schema_where_needed(message: MessageType) -> Schema | None:
 
 
 def _has_wide(message: MessageType, seen: set[str]) -> bool:
-    """Whether a type has a ``wstring``, of those that are not among the `seen` ones."""
+    """Return True if a type outside `seen` has a ``wstring``."""
     if message.name in seen:
         return False
     seen.add(message.name)
@@ -47,11 +45,11 @@ def _has_wide(message: MessageType, seen: set[str]) -> bool:
 
 
 class _TooLarge(Exception):
-    """A schema has more fields than it may."""
+    """The schema has too many fields."""
 
 
 class _Schemas:
-    """Makes one schema, and counts its fields."""
+    """Builder of one schema, which counts its fields."""
 
     def __init__(self) -> None:
         self._fields = 0

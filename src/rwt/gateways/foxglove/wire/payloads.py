@@ -1,4 +1,4 @@
-"""What a client publishes or asks in one of the encodings that it may use, as a message of its type."""
+"""Payloads of clients, decoded from the encoding of the channel or call."""
 
 from __future__ import annotations
 
@@ -19,15 +19,14 @@ JSON: Final = "json"
 
 
 def encodings(distro: Distro) -> tuple[str, ...]:
-    """What clients may send, best first: the serialisation of the robot's distribution, and JSON.
-
-    The other distribution's serialisation is not among them: its types have other fields.
+    """Return the supported encodings, preferred first: the serialisation of the robot's distribution, and
+    JSON.
     """
     return (distro.serialisation, JSON)
 
 
 def check_encoding(encoding: str, distro: Distro) -> None:
-    """Refuse an encoding that messages cannot be sent in.
+    """Reject an encoding that is not supported.
 
     Raises:
         NotPossible: it is one.
@@ -37,12 +36,12 @@ def check_encoding(encoding: str, distro: Distro) -> None:
 
 
 def is_long(encoding: str, data: memoryview) -> bool:
-    """Whether a message is to be made by :func:`long_payload`: JSON, and so long that it takes steps."""
+    """Return True if a payload is JSON so long that it needs :func:`long_payload`."""
     return encoding == JSON and len(data) >= LARGE_BYTES
 
 
 def payload_of(type: MessageType, encoding: str, data: memoryview, now: Callable[[], int]) -> Payload:
-    """The message in `data`.
+    """Return the message in `data`.
 
     Args:
         type: what it should be.
@@ -61,7 +60,7 @@ def payload_of(type: MessageType, encoding: str, data: memoryview, now: Callable
 def long_payload(
     type: MessageType, data: memoryview, now: Callable[[], int], structure: int
 ) -> Generator[None, None, Payload]:
-    """The message in long JSON, in steps of about a millisecond.
+    """Decode long JSON in steps of about a millisecond.
 
     Args:
         type, data, now: as of :func:`payload_of`.

@@ -20,7 +20,7 @@ FETCH_ASSET_RESPONSE: Final = 4
 PLAYBACK_STATE: Final = 5
 
 _BATCH: Final = 256 * 1024
-"""Bytes of a text that announces many things; the rest goes into further ones."""
+"""Maximum bytes of one announcement; longer ones are split."""
 
 Capability = Literal[
     "clientPublish",
@@ -36,7 +36,7 @@ Capability = Literal[
 
 
 class Level(IntEnum):
-    """How bad what a status says is."""
+    """Severity of a status message."""
 
     INFO = 0
     WARNING = 1
@@ -44,7 +44,7 @@ class Level(IntEnum):
 
 
 class PlaybackStatus(IntEnum):
-    """What a recording does."""
+    """State of a playback."""
 
     PLAYING = 0
     PAUSED = 1
@@ -91,7 +91,7 @@ def server_info(
     session_id: str,
     time_range: tuple[int, int] | None,
 ) -> Frame:
-    """The first text: who the server is, and what it can do.
+    """Return the first message: identity and capabilities of the server.
 
     Args:
         name: for people.
@@ -134,8 +134,7 @@ _STATE: Final = Layout("<BBQfBI").pack
 
 
 def message_data(time_ns: int, payload: Sequence[Buffer]) -> GapFrame:
-    """A message of a channel, its payload spliced in uncopied: for all its subscriptions, the ids of which
-    (:func:`subscription_number`) go into the gap."""
+    """Return a channel message with a shared payload and a gap for the id (:func:`subscription_number`)."""
     return GapFrame(_KIND_OF_MESSAGE, 4, _STAMP(time_ns), *payload, binary=True)
 
 
@@ -175,13 +174,13 @@ def asset_failure(request_id: int, message: str) -> Frame:
 def playback_state(
     status: PlaybackStatus, time_ns: int, speed: float, *, did_seek: bool, request_id: bytes = b""
 ) -> Frame:
-    """What the recording does now.
+    """Return the current state of the playback.
 
     Args:
         status: see :class:`PlaybackStatus`.
         time_ns: where it is, nanoseconds since the epoch.
         speed: recorded seconds in a second.
-        did_seek: whether it has jumped there.
+        did_seek: True if it has jumped there.
         request_id: of the request that this answers.
     """
     head = _STATE(PLAYBACK_STATE, status, time_ns, speed, did_seek, len(request_id))

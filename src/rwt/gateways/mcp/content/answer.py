@@ -11,7 +11,7 @@ _CUT = "\n… cut at {most} bytes of {size}: ask for less, for example with `fie
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A picture for the model.
+    """Image for the model.
 
     Attributes:
         data: the file.

@@ -24,7 +24,7 @@ _JPEG_QUALITY: Final = 80
 
 
 def draw_image(message: Message, side: int) -> Answer:
-    """A `sensor_msgs/Image` or `sensor_msgs/CompressedImage` as a picture; of depth, near is dark.
+    """Draw a `sensor_msgs/Image` or `sensor_msgs/CompressedImage`; in depth images, near is dark.
 
     Args:
         side: pixels, to which width and height are made smaller.
@@ -48,7 +48,7 @@ def draw_image(message: Message, side: int) -> Answer:
 
 
 def _shades(depth: Image) -> tuple[Image, str]:
-    """Depths as grey, and in words."""
+    """Return depths as grey values, with a description."""
     import numpy as np
     from PIL import Image as pillow
 
@@ -102,7 +102,7 @@ def draw_scan(message: Message, side: int) -> Answer:
 
 
 def _ring_step(reach: float) -> float:
-    """Metres between rings, so that there are a handful."""
+    """Return the distance between rings in metres, for a handful of rings."""
     step = 10.0 ** math.floor(math.log10(max(reach, 1e-3)))
     return step if reach / step >= 3 else step / 4
 
@@ -125,7 +125,7 @@ def _scan_in_words(message: Message, ranges: object, angles: object, valid: obje
 
 
 def draw_map(message: Message, side: int) -> Answer:
-    """A `nav_msgs/OccupancyGrid` as a picture, north (+y) is up, with its extent in words.
+    """Draw a `nav_msgs/OccupancyGrid` with north (+y) up, and describe its extent.
 
     Raises:
         ImageFormat: it holds fewer cells than it says.

@@ -14,7 +14,7 @@ from rwt_participant.messages import Message
 
 
 def _cloud(message: Message, side: int) -> Answer:
-    """A `sensor_msgs/PointCloud2` in words: how many points, and between which coordinates."""
+    """Describe a `sensor_msgs/PointCloud2`: number of points and bounds."""
     import numpy as np
 
     places = {field.name: field for field in message.fields}
@@ -52,7 +52,7 @@ _SEEN: Final[Mapping[str, Callable[[Message, int], Answer]]] = MappingProxyType(
 
 
 def show(message: Message, type: str, most_bytes: int, side: int) -> Answer:
-    """A message for a model: what can be seen as a picture and in words, all else as JSON.
+    """Present a message to a model: as an image with a description if possible, otherwise as JSON.
 
     Args:
         message: the message.

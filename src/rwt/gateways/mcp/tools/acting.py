@@ -70,7 +70,7 @@ async def _publish(agent: Agent, asked: PublishArguments) -> Answer:
 
 
 async def _message_type(agent: Agent, asked: PublishArguments) -> str:
-    """The two-part name of the type that was given, or that the topic has."""
+    """Return the two-part name of the given type, or of the topic's type."""
     try:
         if not asked.type:
             return (await agent.robot.type_of(asked.topic)).name
@@ -82,7 +82,7 @@ async def _message_type(agent: Agent, asked: PublishArguments) -> str:
 
 
 async def _publish_first(agent: Agent, publisher: Publisher, asked: PublishArguments) -> None:
-    """Publish one message, once more where the gate wants a person's yes, and it was given."""
+    """Publish one message, again after approval if the gate requires it."""
     try:
         publisher.publish(asked.message)
     except AccessError:
@@ -94,7 +94,7 @@ async def _publish_first(agent: Agent, publisher: Publisher, asked: PublishArgum
 async def _publish_for(
     agent: Agent, publisher: Publisher, asked: PublishArguments, seconds: float, stop: dict[str, Any] | None
 ) -> int:
-    """Publish again and again, after the first time; whatever ends it, the stop message is the last."""
+    """Publish repeatedly after the first message; the stop message is always the last."""
     robot = agent.robot
     began, count, told = robot.clock.monotonic(), 1, 0
     try:

@@ -65,8 +65,7 @@ async def _type_of(agent: Agent, action: str) -> ActionType:
 
 
 async def _follow(agent: Agent, sent: AgentGoal, goal: Goal, patience: float, *, cancel: bool) -> Answer:
-    """Wait for the end of a goal and report how far it has come. Whoever hears nothing more of it, as after a
-    cancelled request, has it end too."""
+    """Wait for the end of a goal and report progress; cancel the goal if the request is cancelled."""
     robot, began, told = agent.robot, agent.robot.clock.monotonic(), 0
     try:
         while True:

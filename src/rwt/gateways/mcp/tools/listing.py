@@ -78,7 +78,7 @@ def _fits(name: str, asked: ListRobotArguments) -> bool:
 
 
 def _row(each: Listed) -> str:
-    """One line: the name, the type, and who publishes and listens."""
+    """Return one line: name, type, publishers and subscribers."""
     if each.publishers is None or each.subscribers is None:
         return f"{each.name} [{each.type}]" if each.type else each.name
     ends = f"{len(each.publishers)} publishing, {len(each.subscribers)} listening"

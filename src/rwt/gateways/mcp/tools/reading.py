@@ -44,7 +44,7 @@ class ReadTopicArguments(Arguments):
 
 
 async def next_message(agent: Agent, topic: str, seconds: float) -> tuple[Message, str]:
-    """The next message of a topic, or the one that it keeps, and its type's name.
+    """Return the next or latched message of a topic, with the name of its type.
 
     Raises:
         ToolError: none came.
@@ -143,7 +143,7 @@ async def _watch_numbers(agent: Agent, asked: WatchNumbersArguments) -> Answer:
 
 
 def _all_numbers(message: Message) -> dict[str, float]:
-    """The first of the fields that hold a number; the header's stamp is left out, which only counts."""
+    """Return the first field with a number, except in the header."""
     found = [each for each in numeric_fields(message).items() if not each[0].startswith("header.")]
     return dict(found[:_MOST_FIELDS])
 

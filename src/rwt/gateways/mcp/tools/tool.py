@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Arguments(BaseModel):
-    """What a tool is told. What it does not know is refused, and so no misspelt word is left out."""
+    """Arguments of a tool. Unknown ones are rejected, so that misspelt names are noticed."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -30,7 +30,7 @@ A = TypeVar("A", bound=Arguments)
 
 @dataclass(frozen=True)
 class Tool(Generic[A]):
-    """One tool.
+    """Tool for agents.
 
     Attributes:
         name: as models call it.
@@ -39,7 +39,7 @@ class Tool(Generic[A]):
         arguments: the model of what it is told.
         run: does it.
         act: the right that it needs, where it changes something at the robot; None for one that only looks.
-        reads_recordings: whether it is there only where recordings are.
+        reads_recordings: True if it is there only where recordings are.
     """
 
     name: str
@@ -62,7 +62,7 @@ class Tool(Generic[A]):
         return self.act is None or self.act in agent.acts
 
     async def __call__(self, agent: Agent, arguments: Mapping[str, object]) -> Answer:
-        """Do it for an agent.
+        """Run the tool for an agent.
 
         Raises:
             ToolError: the arguments are wrong, or it cannot be done.
@@ -85,7 +85,7 @@ class Tool(Generic[A]):
 
 
 def _plain_schema(schema: dict[str, Any]) -> dict[str, Any]:
-    """A schema without the titles that repeat the names of what they stand at."""
+    """Return a schema without titles that repeat names."""
     schema.pop("title", None)
     for each in schema.get("properties", {}).values():
         each.pop("title", None)

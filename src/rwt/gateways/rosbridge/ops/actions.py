@@ -77,7 +77,7 @@ class OrphanedGoals:
 
 
 class PeerGoal:
-    """One goal of a client, until its result.
+    """Goal of a client, until its result.
 
     Attributes:
         action: the action's absolute name.
@@ -153,7 +153,7 @@ Accepted = tuple["ActionType", "ServerGoal"]
 
 
 class _ProvidedAction(Offer[Accepted]):
-    """One action that a client offers, and the goals it works on."""
+    """Action that a client provides, with its active goals."""
 
     __slots__ = ("_count", "_name", "_replies", "_type")
 
@@ -165,7 +165,7 @@ class _ProvidedAction(Offer[Accepted]):
         self._count = 0
 
     def take(self, type: ActionType, goal: ServerGoal) -> None:
-        """Accept every goal and send it to the client under an id of its own (ACT-12, ACT-13)."""
+        """Accept every goal and send it to the client under a new id (ACT-12, ACT-13)."""
         self._count += 1
         id_ = f"action_goal:{self._name}:{self._count}"
         self.pending[id_] = (type, goal)
@@ -197,18 +197,18 @@ def abort(type: ActionType, goal: ServerGoal, reason: str) -> None:
 
 
 class PeerActions:
-    """The goals that one client sends, and the actions that it offers.
+    """Goals that one client sends, and actions that it provides.
 
     Attributes:
         graph: the graph as the client may see it.
-        replies: how the client is answered.
+        replies: control lane to the client.
         now: ROS time in nanoseconds.
 
     Args:
         graph: see above.
         replies: see above.
         address: the client's.
-        offers: what all clients offer.
+        offers: offers of all clients.
         orphans: the goals of clients that have gone.
     """
 
@@ -239,8 +239,8 @@ class PeerActions:
     def send_goal(self, op: SendActionGoal) -> Steps | None:
         """Send a goal to an action of the graph (ACT-01 … ACT-05); a large one is checked in steps.
 
-        Its type must exist (ACT-04), and may be another than the server's: one action goes by several
-        packages' names, and whether the goal fits is told by its fields.
+        Its type must exist (ACT-04) but may differ from the server's, because packages share actions under
+        several names. The fields decide if the goal fits.
         """
         if op.args.size >= IN_STEPS:
             return self._send_in_steps(op)
@@ -268,11 +268,7 @@ class PeerActions:
         self._orphans.discard(goal)
 
     def cancel(self, op: CancelActionGoal) -> None:
-        """Cancel a goal by the id it was sent with.
-
-        A client that has lost its connection may cancel from the next one: goals whose sender has
-        disconnected are found by the address they came from.
-        """
+        """Cancel a goal by the id it was sent with, also from a new connection of the same address."""
         action = resolve(split_suffix(op.action)[0])
         for goal in self._sent:
             if goal.id == op.id and goal.action == action:
@@ -352,7 +348,7 @@ class PeerActions:
             goal.finish(GoalStatus.ABORTED, result)
 
     def result_malformed(self, action: str, id: str | int | None, reason: str) -> None:
-        """Abort the goal that a result names which is not valid otherwise, so that its sender need not wait.
+        """Abort the goal of an invalid result, so that its sender does not wait forever.
 
         Raises:
             Refused: it names none.
@@ -361,7 +357,7 @@ class PeerActions:
         abort(type, goal, f"the provider's result is malformed: {reason}")
 
     def _goal(self, op: str, action: str, id: str | int | None) -> Accepted:
-        """A goal that this client works on; it may say so over another connection than that which advertises.
+        """Return a goal that this client executes, possibly advertised over another connection.
 
         Raises:
             Refused: there is none of that id.

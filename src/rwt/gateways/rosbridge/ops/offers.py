@@ -1,7 +1,7 @@
-"""Services and actions that the clients of one bridge offer, and their pending requests.
+"""Services and actions that the clients of one bridge provide, and their pending requests.
 
-Some clients, such as rosbridgecpp, open a new connection for each response. So a response may arrive over
-another connection than its request, from the same address and under the same role.
+Some clients, such as rosbridgecpp, open a new connection for each response, so a response is accepted over
+any connection from the same address and role.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ T = TypeVar("T")
 
 
 class Offer(Generic[T]):
-    """One service or action that a client offers.
+    """Service or action that a client provides.
 
     Attributes:
         name: absolute name.
@@ -53,7 +53,7 @@ class Offers(Generic[T]):
             del self._offers[offer.name]
 
     def asked(self, name: str, id_: str, graph: ClientGraph, address: str) -> Offer[T] | None:
-        """The offer whose client was asked under `id_`, for an answer over another connection of its own.
+        """Return the offer whose client received request `id_`, for a response over another connection.
 
         Args:
             name: absolute name of the service or action.

@@ -128,7 +128,7 @@ def _refused(where: str, error: InvalidMessage) -> Refused:
 
 
 def failure_text(values: Encodable | str, instead: str) -> str:
-    """What a provider said of its failure: a string as it is, anything else as JSON text (SVP-05)."""
+    """Return a provider's failure text: a string as it is, anything else as JSON (SVP-05)."""
     if isinstance(values, str):
         return values or instead
     if isinstance(values, Decoded):

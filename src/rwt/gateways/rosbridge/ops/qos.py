@@ -35,9 +35,9 @@ def publisher_qos(op: ops.Advertise | ops.Publish) -> QoS | None:
 
 
 def incompatible_policies(request: Qos, offered: QoS) -> str:
-    """The policies that a client asks for and a publisher does not offer, in words; empty if none (ADV-11).
+    """Return the requested policies that a publisher does not offer, as text; empty if none (ADV-11).
 
-    A policy that is not named, or is named `best_available`, agrees with everything.
+    A policy that is missing or `best_available` is always compatible.
     """
     pairs: tuple[tuple[str, object, object], ...] = (
         ("history", request.history, offered.history.value),
@@ -71,8 +71,8 @@ class QosRequest:
 
 
 def qos_request(subscriptions: Sequence[ops.Subscribe], publishers: Iterable[EndpointInfo]) -> QosRequest:
-    """One delivery for several subscriptions: none gets less than it asked for, except by `queue_length`,
-    of which the smallest counts (X06).
+    """Merge the requests of several subscriptions: each gets at least its request, except for the smallest
+    `queue_length` (X06).
 
     Args:
         subscriptions: at least one.
@@ -123,5 +123,5 @@ def _together(rules: Sequence[FlowRules]) -> FlowRules:
 
 
 def _seconds(request: float | str | None) -> float | None:
-    """Seconds, or None where there is no limit: nothing, zero, "infinite" and "best_available"."""
+    """Return seconds; None without a limit: nothing, zero, "infinite" or "best_available"."""
     return None if isinstance(request, str) else request or None

@@ -77,13 +77,13 @@ class _ProvidedService(Offer[Asked]):
 
 
 class PeerServices:
-    """Services that one client calls and offers.
+    """Services that one client calls and provides.
 
     Args:
         graph: the graph as the client may see it.
-        replies: how the client is answered.
+        replies: control lane to the client.
         address: the client's.
-        offers: what all clients offer.
+        offers: offers of all clients.
         timeout: seconds that a call may take whose caller says nothing; 0 waits without end (SRV-10).
     """
 
@@ -101,8 +101,9 @@ class PeerServices:
         self._provided: dict[str, _ProvidedService] = {}
 
     def call(self, op: CallService) -> Steps | None:
-        """Call a service of the graph and answer with the caller's own id (SRV-01 … SRV-14); large arguments
-        are checked in steps."""
+        """Call a service of the graph and answer with the caller's id (SRV-01 … SRV-14); large arguments are
+        checked in steps.
+        """
         seconds = self._timeout if op.timeout is None else op.timeout
         if op.args.size >= IN_STEPS:
             return self._call_in_steps(op, seconds)
@@ -197,10 +198,9 @@ class PeerServices:
             yield
 
     def answer(self, op: ServiceResponse) -> Steps | None:
-        """Hand a provider's answer to the caller; only the provider itself may give it (SVP-03 … SVP-08). A
-        large one is checked in steps.
+        """Pass a provider's response to the caller (SVP-03 … SVP-08); a large one is checked in steps.
 
-        It may give it over another connection than that which advertises: rosbridgecpp opens one for each.
+        Only the provider may respond, also over another connection.
         """
         if op.result and isinstance(op.values, RawJson) and op.values.size >= IN_STEPS:
             return self._answer_in_steps(op, op.values)
@@ -237,7 +237,7 @@ class PeerServices:
         call.reply(response)
 
     def answer_malformed(self, service: str, id: str | int | None, reason: str) -> None:
-        """End the call that a response names which is not valid otherwise, so that its caller need not wait.
+        """End the call of an invalid response, so that its caller does not wait forever.
 
         Raises:
             Refused: it names none.
@@ -256,7 +256,7 @@ class PeerServices:
         return asked
 
     def _waiting(self, service: str, id: str | int | None) -> tuple[Asked, dict[str, Asked]]:
-        """Return the pending call with this id, and the calls that it is among.
+        """Return the pending call with this id, and the calls that contain it.
 
         Raises:
             Refused: no such call is pending.

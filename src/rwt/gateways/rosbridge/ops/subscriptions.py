@@ -25,10 +25,7 @@ _LONGEST_THROTTLE = 10**15
 
 
 class _Notices:
-    """A client's `status` lines about one topic, in a flow of depth one.
-
-    A client that reads nothing is owed one line and not one for each second.
-    """
+    """Queue of depth one for a client's `status` messages about one topic."""
 
     def __init__(self, replies: Replies, topic: str) -> None:
         self._replies = replies
@@ -50,13 +47,13 @@ class _Notices:
 
 
 class ClientSubscription:
-    """Every `subscribe` of one client under one spelling of a topic's name, by id.
+    """Subscriptions of one client under one spelling of a topic's name, by id.
 
-    The throttle follows the smallest `throttle_rate` (SUB-05), the smallest `queue_length` (X06) and the
-    smallest `fragment_size` (SUB-07), and the encoding is the strongest that was asked for (SUB-08).
+    The smallest `throttle_rate` (SUB-05), `queue_length` (X06) and `fragment_size` (SUB-07) apply, and the
+    strongest requested encoding (SUB-08).
 
     Attributes:
-        fanout: of the topic.
+        fanout: fanout of the topic.
     """
 
     def __init__(self, graph: ClientGraph, replies: Replies, name: str, fanout: Fanout, room: Room) -> None:
@@ -92,8 +89,7 @@ class ClientSubscription:
     def put(self, op: ops.Subscribe, encoding: Encoding) -> None:
         """Add a subscription, or change the one of the same id (SUB-09).
 
-        A new one is given the kept samples of latched topics, so that a widget which joins late in a client
-        that already listens sees them too (SUB-13). The first is given those of the publisher's first second
+        A new one receives the latched samples (SUB-13), the first also those of the publisher's first second
         (ADV-08).
         """
         is_first, is_new = not self._requests, op.id not in self._requests
@@ -103,7 +99,7 @@ class ClientSubscription:
             self._replay(stream, history_depth(op), startup=is_first)
 
     def _replay(self, stream: EncodedStream, most: int | None, *, startup: bool) -> None:
-        """Send kept samples, at most that many of the newest; None is all."""
+        """Send latched samples, at most that many of the newest; None means all."""
         if most == 0:
             return
         kept = self.fanout.subscription.history()

@@ -41,7 +41,7 @@ class PeerTopics:
 
     Args:
         graph: the graph as the client may see it.
-        replies: how the client is answered.
+        replies: control lane to the client.
         encoding_of: the encoding of a `compression`.
         queued: bytes that all throttled subscriptions together may keep in their queues.
     """
@@ -138,9 +138,7 @@ class PeerTopics:
             self._warn_of_defaults(op, publisher.type)
 
     def _new_publisher(self, op: Publish) -> ClientPublisher:
-        """The shared publisher for a topic that this client publishes on for the first time so spelt, or asks
-        policies of.
-        """
+        """Return the shared publisher for a new spelling of a topic, or for new policies."""
         try:
             publisher = self._graph.publisher(op.topic, op.type, op.id, publisher_qos(op), _lacks(op))
         except UnknownTopicType as unknown:
@@ -153,7 +151,7 @@ class PeerTopics:
         return publisher
 
     def _warn_of_defaults(self, op: Publish, type: MessageType) -> None:
-        """Tell a client that wants to hear it which fields it has left to their defaults (PUB-04)."""
+        """Warn a client of fields left to their defaults, if it wants warnings (PUB-04)."""
         if isinstance(op.msg, RawJson) and op.msg.dense:
             return  # It would not have been taken if anything of weight were missing.
         missing = missing_fields(type, op.msg.plain())
@@ -179,8 +177,7 @@ class PeerTopics:
                 del self._subscriptions[name]
 
     def subscribe(self, op: Subscribe) -> Steps | None:
-        """Let samples of a topic flow to the client (SUB-01 … SUB-14); to encode large kept ones takes
-        steps."""
+        """Subscribe the client to a topic (SUB-01 … SUB-14); large latched samples are encoded in steps."""
         encoding = self._encoding_of(op.compression)
         subscription = self._subscriptions.get(op.topic)
         is_new = subscription is None or not subscription.has(op.id)
@@ -197,7 +194,7 @@ class PeerTopics:
         return fanout.late.steps() if fanout.late.waiting else None
 
     def _check_spellings(self, fanout: Fanout, name: str) -> None:
-        """Refuse one more spelling of a topic than a client needs: each is a stream of its own (PUB-09)."""
+        """Reject excessive spellings of a topic: each is a stream of its own (PUB-09)."""
         spellings = [held for held, known in self._subscriptions.items() if known.fanout is fanout]
         if len(spellings) >= _MOST_SPELLINGS:
             self._graph.unsubscribe(fanout)
@@ -222,7 +219,7 @@ class PeerTopics:
 
 
 def _lacks(op: Advertise | Publish) -> Lacks | None:
-    """Tells which of the policies that a client asks for a publisher lacks; None if it asks for none."""
+    """Return a function that lists a publisher's missing policies; None if the client requests none."""
     return partial(incompatible_policies, op.qos) if op.qos else None
 
 

@@ -53,7 +53,7 @@ class TrajectoryRefused(ValueError):
 
 
 class _ActiveTrajectory:
-    """One trajectory being followed."""
+    """Trajectory in progress."""
 
     def __init__(self, trajectory: Trajectory, began: float, goal: ReceivedGoal | None) -> None:
         self.trajectory = trajectory
@@ -65,10 +65,10 @@ class _ActiveTrajectory:
 
 
 class ArmController:
-    """Takes trajectories, as ros2_control's joint_trajectory_controller does, and leads the arm along them.
+    """Trajectory controller of the arm, like ros2_control's joint_trajectory_controller.
 
-    A trajectory may name some of the joints only; the others stay. One that begins at a later time waits
-    for it, any other begins at once. The newest replaces the one before.
+    Joints missing from a trajectory stay. A trajectory with a later start waits for it; otherwise, the newest
+    replaces the one before.
     """
 
     def __init__(self, node: Node, arm: Arm) -> None:
@@ -163,7 +163,7 @@ class ArmController:
         )
 
     def _read(self, message: TrajectoryMessage) -> Trajectory:
-        """The trajectory from where the arm is now.
+        """Return the trajectory from the arm's present position.
 
         Raises:
             TrajectoryRefused: the arm cannot follow it.
@@ -190,7 +190,7 @@ class ArmController:
 
 
 def _columns(names: Sequence[str]) -> Mapping[int, int]:
-    """For each joint that is named: its place in the arm → its place in the message."""
+    """Map each named joint from its index in the arm to that in the message."""
     unknown = [name for name in names if name not in _NAMES]
     if unknown or not names or len(set(names)) < len(names):
         wrong = f"{unknown[0]} is no joint" if unknown else "name each joint once"
@@ -201,7 +201,7 @@ def _columns(names: Sequence[str]) -> Mapping[int, int]:
 def _angles(
     point: TrajectoryPoint, columns: Mapping[int, int], before: Angles
 ) -> tuple[Angles, Angles | None]:
-    """Positions and velocities of all joints at a point; those that it does not name stay."""
+    """Return positions and velocities of all joints at a point; missing ones stay."""
     for name, values in (("positions", point.positions), ("velocities", point.velocities)):
         if len(values) != len(columns) and (name == "positions" or len(values)):
             raise TrajectoryRefused(f"a point has {len(values)} {name} for {len(columns)} joints")

@@ -10,10 +10,10 @@ from rwt.nodes.demo.arm.trajectory import Trajectory
 
 @dataclass(frozen=True, slots=True)
 class ArmJoint:
-    """A joint and the link that it turns, which is drawn as a cylinder along z.
+    """Joint and the link that it turns, drawn as a cylinder along z.
 
     Attributes:
-        name: of the joint.
+        name: name of the joint.
         link: what it turns; the joint is at its origin.
         height: of the joint on the link before it, along that one's z, metres.
         axis: what it turns about.
@@ -49,7 +49,7 @@ REST: Final = tuple(joint.rest for joint in ARM)
 
 
 class Arm:
-    """Where the joints are.
+    """Kinematics of the arm.
 
     Attributes:
         positions: radians, in the order of :data:`ARM`.

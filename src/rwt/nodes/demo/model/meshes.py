@@ -1,7 +1,6 @@
-"""The robot's visuals as COLLADA files over HTTP, made when they are asked for.
+"""Visuals of the robot as COLLADA files over HTTP, generated on request.
 
-`ros3d` draws boxes, cylinders and spheres of a URDF in black, whatever their material; only meshes have
-colours.
+`ros3d` ignores materials of boxes, cylinders and spheres in a URDF; only meshes have colours.
 """
 
 from __future__ import annotations
@@ -86,7 +85,7 @@ class Meshes:
         self.http: Final = HttpExtension((Route(f"{PATH}*", self._page, Audience.ADMITTED),))
 
     def _page(self, request: HttpRequest, reader: Reader) -> HttpResponse:
-        """Answer with the mesh of one link."""
+        """Respond with the mesh of one link."""
         name = request.path.removeprefix(PATH)
         visual = self._visuals.get(name.removesuffix(".dae"))
         if visual is None or not name.endswith(".dae"):

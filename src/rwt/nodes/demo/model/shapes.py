@@ -19,7 +19,7 @@ _BANDS: Final = 12
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """Triangles that are counted anticlockwise from outside.
+    """Triangles, counterclockwise as seen from outside.
 
     Attributes:
         points: of all corners, metres.
@@ -112,7 +112,7 @@ Shape = Cuboid | Cylinder | Sphere
 
 @dataclass(frozen=True, slots=True)
 class _Rim:
-    """A circle about z, and how much the surface there faces outwards and upwards."""
+    """Circle about z, with the outward and upward components of the normal there."""
 
     radius: float
     z: float
@@ -126,13 +126,13 @@ def text(value: float) -> str:
 
 
 def _axes(axis: int, along: float, a: float, b: float) -> Point:
-    """A vector by its part along an axis and those along the two after it, in their order round."""
+    """Return a vector by its component along an axis and those along the next two, cyclically."""
     x, y, z = ((along, a, b), (b, along, a), (a, b, along))[axis]
     return x, y, z
 
 
 def _revolved(strips: Sequence[tuple[_Rim, _Rim]]) -> Surface:
-    """The surface between pairs of rims, each pair from below to above as seen from outside."""
+    """Return the surface between pairs of rims, each from below to above as seen from outside."""
     circle = [
         (math.cos(angle), math.sin(angle)) for angle in (math.tau * i / _AROUND for i in range(_AROUND))
     ]

@@ -139,7 +139,7 @@ def urdf(chassis: Chassis, name: str = "demo_robot") -> str:
 def _link(
     robot: ET.Element, name: str, visuals: Mapping[str, Visual], xyz: str = "0 0 0", rpy: str = "0 0 0"
 ) -> None:
-    """A link with a mesh, and the same shape within it, for viewers that cannot load the mesh."""
+    """Return a link with a mesh and, for viewers without meshes, the same shape in it."""
     visual = visuals[name]
     link = ET.SubElement(robot, "link", name=name)
     mesh = ET.Element("mesh", filename=mesh_url(name))
@@ -157,7 +157,7 @@ def _link(
 
 
 def _frame(robot: ET.Element, joint: str, mount: Mount) -> None:
-    """A link that is only a frame: nothing to draw, nothing to bump into."""
+    """Return a link that is only a frame, without visual or collision."""
     ET.SubElement(robot, "link", name=mount.link)
     _joint(robot, joint, mount)
 
@@ -172,7 +172,7 @@ def _arm_joint(robot: ET.Element, joint: ArmJoint, mount: Mount) -> None:
 def _joint(
     robot: ET.Element, name: str, mount: Mount, axis: str | None = None, kind: str = "continuous"
 ) -> ET.Element:
-    """A joint of that kind about an axis, or a fixed one."""
+    """Return a joint of that kind about an axis, or a fixed one."""
     joint = ET.SubElement(robot, "joint", name=name, type="fixed" if axis is None else kind)
     ET.SubElement(joint, "parent", link=mount.parent)
     ET.SubElement(joint, "child", link=mount.link)

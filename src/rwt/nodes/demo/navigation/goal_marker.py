@@ -33,10 +33,9 @@ _HEIGHT = 0.02
 
 
 class GoalMarker:
-    """Sends the robot where the marker is dropped.
+    """Marker that sends the robot to where it is dropped.
 
-    The disc moves it, the ring turns it; its menu drives there again, stops the robot, and fetches the marker
-    back to the start.
+    The disc moves it, the ring turns it; its menu repeats the goal, stops the robot, and resets the marker.
     """
 
     def __init__(self, node: Node, start: Pose) -> None:

@@ -82,7 +82,7 @@ class PathFollower:
         return Velocity(speed, turn)
 
     def _advance(self, pose: Pose) -> None:
-        """Move the mark to the nearest point, looking only a little ahead: a way may pass itself."""
+        """Move the mark to the nearest point a little ahead: a path may cross itself."""
         end = min(len(self._points), self._reached + 20)
         self._reached = min(range(self._reached, end), key=lambda i: pose.distance_to(*self._points[i]))
 

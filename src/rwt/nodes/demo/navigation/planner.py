@@ -37,7 +37,7 @@ class Planner:
         self._clearance: list[float] = []
 
     def plan(self, start: Point, goal: Point) -> list[Point]:
-        """The corners of a way, from `start` to exactly `goal`, in metres in the map frame.
+        """Return the corners of a path from `start` to exactly `goal`, in metres in the map frame.
 
         Raises:
             NoPath: the goal is in or too close to something solid, or walled off.
@@ -55,7 +55,7 @@ class Planner:
         return self._straightened([start, *(self._centre(cell) for cell in cells), goal])
 
     def _measure(self) -> None:
-        """The clearance of each cell; done at the first plan because many programs never ask for one."""
+        """Return the clearance of each cell, computed at the first plan."""
         self._clearance = [
             self._world.clearance(*self._centre(cell)) for cell in range(self._columns * self._rows)
         ]
@@ -70,7 +70,7 @@ class Planner:
         return min(max(row, 0), self._rows - 1) * self._columns + min(max(column, 0), self._columns - 1)
 
     def _nearest_free(self, point: Point) -> int | None:
-        """The free cell nearest to a point, which may itself be closer to a wall than ways may go."""
+        """Return the nearest free cell to a point, which may itself be too close to a wall."""
         reach = math.ceil(_SNAP / _CELL)
         row, column = divmod(self._cell_at(point), self._columns)
         near = (
@@ -82,7 +82,7 @@ class Planner:
         return min(free, key=lambda cell: math.dist(self._centre(cell), point), default=None)
 
     def _search(self, first: int, last: int) -> list[int] | None:
-        """A*: the cheapest cells from `first` to `last`, both included."""
+        """Return the cheapest cells from `first` to `last`, inclusive (A*)."""
         columns = self._columns
         goal_row, goal_column = divmod(last, columns)
         came_from = {first: first}
@@ -107,7 +107,7 @@ class Planner:
         return None
 
     def _neighbours(self, cell: int) -> Iterator[tuple[int, float]]:
-        """Free cells around one, with the cost of going there in cells."""
+        """Return the free neighbours of a cell, with their costs in cells."""
         row, column = divmod(cell, self._columns)
         for dx, dy, length in _STEPS:
             if 0 <= column + dx < self._columns and 0 <= row + dy < self._rows:
@@ -118,7 +118,7 @@ class Planner:
                     yield neighbour, length * (1.0 + 2.0 * discomfort)
 
     def _straightened(self, points: list[Point]) -> list[Point]:
-        """The same way with fewer corners: each corner sees the next one."""
+        """Return the path with fewer corners: each corner sees the next one."""
         corners = [points[0]]
         at = 0
         while at < len(points) - 1:

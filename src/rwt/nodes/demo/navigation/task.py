@@ -1,7 +1,6 @@
-"""The actions `/navigate_to_pose` and, on ROS 1, `/move_base`: plan a path, follow it, plan again.
+"""Actions `/navigate_to_pose` and, on ROS 1, `/move_base`: plan a path, follow it, plan again.
 
-The driving is done in :meth:`Navigation.steer`, once a control step, so that it needs no coroutine; that
-of the action only waits until its navigation task has ended.
+:meth:`Navigation.steer` drives, once a control step; the coroutine of the action only waits for the end.
 """
 
 from __future__ import annotations
@@ -62,7 +61,7 @@ class _Interface:
     Attributes:
         target: where a goal leads.
         pose_field: the field of the feedback that holds where the robot is.
-        has_progress: whether feedback and result have more than that.
+        has_progress: True if feedback and result have more than that.
     """
 
     target: Callable[[Any], _PoseStamped]
@@ -84,7 +83,7 @@ _MOVE_BASE = _Interface(_move_base_target, "base_position", has_progress=False)
 
 @dataclass(slots=True)
 class _NavigationTask:
-    """One goal under way: its path and its progress."""
+    """Goal in progress, with its path."""
 
     goal: ReceivedGoal
     interface: _Interface
@@ -183,7 +182,7 @@ class Navigation:
         return False
 
     def _accept(self, interface: _Interface, request: object) -> bool | str:
-        """True, or the reason to reject the goal."""
+        """Return True, or the reason to reject the goal."""
         asked = interface.target(request)
         target = messages.read_pose(asked.pose)
         if not all(math.isfinite(value) for value in (target.x, target.y, target.heading)):
@@ -195,7 +194,7 @@ class Navigation:
         return True
 
     def _frames(self) -> dict[str, Pose]:
-        """The origin in the map of each frame a goal may be in; a goal without one is in the map."""
+        """Return the origin of each supported frame in the map; goals without a frame are in the map."""
         return {
             "": ORIGIN,
             frame(self._node, MAP): ORIGIN,
@@ -262,7 +261,7 @@ class Navigation:
         }
 
     def _result(self, interface: _Interface, error: str) -> messages.Message:
-        """The result with what this distribution's definition has of it; `/move_base` has none."""
+        """Return the result with the fields of this distribution; `/move_base` has none."""
         if not interface.has_progress:
             return {}
         fields = self._node.registry.action(ACTION).result.struct.__struct_fields__
@@ -271,5 +270,5 @@ class Navigation:
 
 
 def _bare(frame: str) -> str:
-    """A frame's name without the slash that old ROS 1 programs put before it."""
+    """Return a frame's name without the leading slash of old ROS 1 programs."""
     return frame.removeprefix("/")

@@ -78,7 +78,7 @@ class CameraPublisher:
         return self._colours, self._jpegs, self._depths, self._points
 
     async def _shoot(self) -> None:
-        """Publish one image of every kind that is wanted, all of the same moment."""
+        """Publish one image of each subscribed kind, all of the same moment."""
         header = messages.header(self._node.clock.time_ns(), self._frame)
         self._shots += 1
         for infos in (self._infos, self._depth_infos):
@@ -89,7 +89,7 @@ class CameraPublisher:
             await anyio.to_thread.run_sync(partial(self._draw, header, pose))
 
     def _draw(self, header: messages.Message, pose: Pose) -> None:
-        """Runs in a worker thread; a timer's coroutine is never run twice at a time, so neither is this."""
+        """Draw an image in a worker thread; a timer's coroutine never runs twice at a time."""
         if self._view is None:
             from rwt.nodes.demo.world.view import View  # loads numpy
 
@@ -118,7 +118,7 @@ class CameraPublisher:
         return any(topic.subscriber_count for topic in topics)
 
     def _image(self, header: messages.Message, encoding: str, pixel: int, data: bytes) -> messages.Message:
-        """`sensor_msgs/Image` of pixels of so many bytes, low byte first."""
+        """Return a `sensor_msgs/Image` of little-endian pixels of so many bytes."""
         return {
             "header": header,
             "width": self._lens.width,

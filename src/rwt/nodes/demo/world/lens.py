@@ -12,7 +12,7 @@ from rwt_interfaces.distro import Distro
 
 @dataclass(frozen=True, slots=True)
 class Lens:
-    """A pinhole camera without distortion.
+    """Pinhole camera without distortion.
 
     Attributes:
         width: columns of the image.

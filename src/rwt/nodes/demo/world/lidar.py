@@ -16,7 +16,7 @@ from rwt.nodes.demo.world.pose import Pose
 
 
 class Lidar:
-    """A scanner that turns once around.
+    """Laser scanner with a full turn.
 
     Attributes:
         ray_count: rays in a scan.
@@ -78,7 +78,7 @@ class Lidar:
     def _see_side(
         self, first: tuple[float, float], last: tuple[float, float], pose: Pose, ranges: list[float]
     ) -> None:
-        """Cast one straight side whose ends come counterclockwise as seen from `pose`."""
+        """Cast a straight side whose ends are counterclockwise as seen from `pose`."""
         x1, y1 = _relative(first, pose)
         x2, y2 = _relative(last, pose)
         length = math.hypot(x2 - x1, y2 - y1)
@@ -109,7 +109,7 @@ class Lidar:
                 ranges[ray] = distance
 
     def _rays(self, first: float, last: float) -> range:
-        """The rays from one direction counterclockwise to another, as indices of the doubled circle."""
+        """Return the rays counterclockwise between two directions, as indices of the doubled circle."""
         start = (first - self.angle_min) % math.tau
         span = (last - first) % math.tau
         return range(

@@ -1,7 +1,7 @@
-"""The floor plan: what is solid, how far the nearest solid thing is, and the map of it.
+"""Floor plan: obstacles, distances to them, and the occupancy map.
 
-Solid things are boxes with sides along the axes and round pillars. Collisions and the laser use these
-shapes exactly; only the map is made of cells.
+Obstacles are axis-aligned boxes and round pillars. Collisions and the laser use the exact shapes; only the
+map has cells.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Pillar:
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """A closed floor with obstacles.
+    """Closed floor with obstacles.
 
     Attributes:
         floor: the whole rectangle; nothing is outside.
@@ -75,7 +75,7 @@ class World:
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """A map of equal square cells.
+    """Map of square cells.
 
     Attributes:
         resolution: side of a cell, metres.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Pose:
-    """A position and a heading in the plane.
+    """Position and heading in the plane.
 
     Attributes:
         x: metres.

@@ -50,7 +50,7 @@ _STEP: Final = 4 * len(_FIELDS)
 
 @dataclass(frozen=True, slots=True)
 class RayHits:
-    """The nearest solid thing in each column of an image.
+    """Nearest obstacle in each column of an image.
 
     Attributes:
         pose: of the camera.
@@ -64,7 +64,7 @@ class RayHits:
 
 
 class View:
-    """Draws what a camera sees.
+    """Renderer of the camera's view.
 
     Args:
         world: what is there.
@@ -116,13 +116,13 @@ class View:
         return (metres * np.float32(1000) + np.float32(0.5)).astype(np.uint16)
 
     def _level_surfaces(self) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
-        """Colours by row: of the two kinds of floor tile, and of the ceiling; darker far away."""
+        """Return colours by row of both kinds of floor tile and of the ceiling; darker far away."""
         light = 1 - np.minimum(self._planes / _DARKEST, 1) * 0.7
         tiles = [_packed(light[:, None] * np.array(colour)) for colour in ((150, 140, 130), (110, 105, 100))]
         return np.stack(tiles), _packed(light[:, None] * np.array((215, 220, 225)))
 
     def _surroundings(self, hits: RayHits) -> NDArray[np.uint32]:
-        """The image without anything solid: the ceiling, and a floor of tiles that stay where they are."""
+        """Return the image without obstacles: the ceiling and a tiled floor."""
         rows, columns = len(self._rises), len(self._slopes)
         image = np.empty((rows, columns), np.uint32)
         horizon = int(np.count_nonzero(self._rises >= 0))
@@ -141,7 +141,7 @@ class View:
 
 
 class _Sides:
-    """The vertical sides of all boxes, as arrays."""
+    """Vertical sides of all boxes, as arrays."""
 
     def __init__(self, boxes: Sequence[Box]) -> None:
         def column(values: list[float]) -> Floats:
@@ -156,7 +156,7 @@ class _Sides:
         self._y_to = column([box.right for box in boxes for _ in "bt"])
 
     def hit(self, pose: Pose, dx: Floats, dy: Floats) -> tuple[Floats, Floats, NDArray[np.int32]]:
-        """For each ray: the depth of the nearest side, metres along that side, and the number of its box."""
+        """Return for each ray: depth of the nearest side, metres along that side, and number of its box."""
         with np.errstate(divide="ignore", invalid="ignore"):
             depth_x = (self._at_x - np.float32(pose.x)) / dx
             along_x = np.float32(pose.y) + depth_x * dy
@@ -183,7 +183,7 @@ def _hit_pillar(
     direction: tuple[Floats, Floats],
     found: tuple[Floats, Floats, NDArray[np.int32]],
 ) -> None:
-    """Put a pillar into what each ray has found so far, where it is nearer."""
+    """Add a pillar to the hits of the rays where it is nearer."""
     (dx, dy), (depth, along, colour) = direction, found
     x, y = pillar.x - pose.x, pillar.y - pose.y
     # |t * d - p| = r, solved for the smaller t.
@@ -199,7 +199,7 @@ def _hit_pillar(
 
 
 def _atlas() -> NDArray[np.uint32]:
-    """Every texture in every shade: colour, shade, texel along the wall, texel up, flattened."""
+    """Return every texture in every shade: colour, shade, texel along the wall, texel up, flattened."""
     grain = np.random.default_rng(1).normal(1.0, 0.05, (_ALONG, _UP))
     grain[:, :4] *= 0.5  # a skirting board
     grain[:: _ALONG // 2] *= 0.75  # joints, twice a metre
@@ -212,7 +212,7 @@ def _atlas() -> NDArray[np.uint32]:
 
 
 def _packed(colours: NDArray[np.float64]) -> NDArray[np.uint32]:
-    """Colours as one number each, whose first three bytes in memory are red, green and blue."""
+    """Return colours as one number each, whose first three bytes in memory are red, green and blue."""
     padded = np.zeros((*colours.shape[:-1], 4), np.uint8)
     padded[..., :3] = np.clip(colours, 0, 255)
     packed: NDArray[np.uint32] = padded.view(np.uint32)[..., 0]
@@ -222,10 +222,10 @@ def _packed(colours: NDArray[np.float64]) -> NDArray[np.uint32]:
 def point_cloud(
     header: Message, depths: NDArray[np.uint16], colours: NDArray[np.uint8], lens: Lens, skip: int
 ) -> Message:
-    """`sensor_msgs/PointCloud2`, organised as the image; NaN where no depth was measured.
+    """Return an organised `sensor_msgs/PointCloud2`; NaN where no depth was measured.
 
-    Points are in the optical frame: x to the right, y down, z forwards, metres. `rgb` is the bytes blue,
-    green, red and 0 taken as a float, as PCL has it.
+    Points are in the optical frame: x right, y down, z forward, in metres. `rgb` is the bytes blue, green,
+    red and 0 as a float, as in PCL.
 
     Args:
         header: of the message.
