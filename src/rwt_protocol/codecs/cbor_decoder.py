@@ -32,8 +32,7 @@ _SPENT: Final = -_READ_SIZE
 
 _BYTES, _TEXT, _ARRAY, _MAP, _TAG = range(2, 7)
 _HEADS: Final = bytes(range(0x80, 0xE0)) + b"\xf8"
-"""First bytes that cbor2 decodes slowly: arrays, maps and tags (ten times), simple values (a hundred
-times)."""
+"""First bytes that cbor2 decodes slowly: arrays, maps and tags (ten times), simple values (hundred times)."""
 BYTES_OF_A_HEAD: Final = 6
 """Minimum bytes of structure in a frame for each array, map or tag."""
 _SIMPLE_WEIGHT: Final = 16
@@ -52,8 +51,7 @@ _RUN: Final = re.compile(
 """Run of arrays, maps and tags with short heads, then of numbers and short strings."""
 
 _FOREIGN: Final = (0, 1, 4, 5, 25, 28, 29, 30, 35, 36, 37, 52, 54, 100, 256, 258, 260, 261, 1004, 43000)
-"""Tags that cbor2 turns into types without a ROS counterpart: dates, regular expressions, shared
-references."""
+"""Tags that cbor2 turns into types unknown to ROS: dates, regular expressions, shared references."""
 
 _STEP: Final = 8 * 1024
 """Bytes of structure that are decoded per step."""
@@ -190,8 +188,7 @@ class LargeFrame:
         return (yield from self._container(depth)) if found is _NOTHING else found
 
     def _step(self, depth: int, head: bytes, *, may_end: bool = False) -> Steps[Any]:
-        """Decode the next value behind a head. Returns _NOTHING if it exceeds a step, or if it is not CBOR
-        and its container may end within it."""
+        """Decode the next value behind a head; _NOTHING if it exceeds a step or may be cut short."""
         import cbor2
 
         stream = self.stream
@@ -273,8 +270,7 @@ class LargeFrame:
 
 
 def _has_more_heads(data: bytes, most: int) -> Steps[bool]:
-    """Return True if a frame may hold more than `most` arrays, maps and tags, counting unused simple values
-    as several."""
+    """Return True if a frame may hold more than `most` arrays, maps and tags."""
     at, found = 0, 0
     for walked in range(1, _MOST_WALKED + 1):
         if walked % _WALKED_AT_ONCE == 0:

@@ -24,8 +24,7 @@ _LONG_TEXT: Final = "data"
 """Member with a fragment of a message (FRG-01) or an image (PNG-01)."""
 
 _MOST_TEXTS: Final = 200_000
-"""Maximum number of strings in a frame with the tokens NaN or Infinity, which are searched for between
-strings."""
+"""Maximum number of strings in a frame with NaN or Infinity, which are searched for between strings."""
 
 _MOST_LOOKED_AT: Final = 1 << 20
 """Maximum bytes of an invalid frame that is searched for NaN, Infinity and preceding valid messages."""
@@ -63,8 +62,7 @@ _QUICK: Final = 4096
 """Bytes of a text that may hold any numbers."""
 
 _MOST_SLOW: Final = 1000
-"""Maximum of slow numbers, the same as for payloads in :mod:`rwt_interfaces`; the packages are
-independent."""
+"""Maximum number of slow numbers, as for payloads in :mod:`rwt_interfaces` (independent packages)."""
 _SLOW_NUMBER: Final = re.compile(rb"[eE][+-]?[0-9]{3}")
 
 
@@ -159,8 +157,7 @@ def _too_large(data: bytes, error: _MemberTooLarge) -> DecodeFailure:
 
 
 def _too_slow(piece: bytes) -> DecodeFailure:
-    """Return the failure of an object with too many slow numbers, with the strings that address the
-    response."""
+    """Return the failure of an object with too many slow numbers, with its address."""
     what = f"more than {_MOST_SLOW} numbers in one frame have exponents of three digits, as 1e300"
     readable: Members = {}
     with suppress(msgspec.DecodeError, UnicodeDecodeError):
@@ -257,8 +254,7 @@ def _broken(error: msgspec.DecodeError, text: bytes) -> DecodeFailure:
 
 
 def _without_constants(text: bytes) -> bytes:
-    """Return `text` with the tokens NaN and Infinity, as Python and roslibpy write them, replaced by null
-    (X16)."""
+    """Return `text` with the tokens NaN and Infinity, which Python writes, replaced by null (X16)."""
     if (b"NaN" not in text and b"Infinity" not in text) or text.count(b'"') > 2 * _MOST_TEXTS:
         return text
     parts = _STRING_APART.split(text)
@@ -285,8 +281,7 @@ def _read_value(piece: bytes, max_depth: int) -> Members | DecodeFailure:
 
 
 def _unreadable(piece: bytes) -> DecodeFailure:
-    """Return the failure of an object with an unreadable member, with the members that address the
-    response."""
+    """Return the failure of an object with an unreadable member, with its address."""
     members, wrong = _readable(piece)
     where = f".{wrong}" if wrong else ""
     reason = f"{members.get('op', 'it')}{where}: holds a number too large, or text that is not Unicode"

@@ -113,8 +113,7 @@ _Layout = tuple[bytes, tuple[tuple[str, bytes, bool, bool], ...]]
 
 
 def _layout(model: type[Op]) -> _Layout:
-    """Return an op's first bytes, and for each member in wire order: name, encoded key, is always written, is
-    payload."""
+    """Return an op's first bytes, and per member: name, encoded key, is always written, is payload."""
     fields = model.model_fields
     op = str(fields["op"].default)
     payloads = PAYLOADS[op]

@@ -1,5 +1,4 @@
-"""Base of codecs such as CBOR and BSON that decode and encode a frame as a whole, to and from plain
-objects."""
+"""Base of codecs such as CBOR and BSON that decode and encode a frame as a whole."""
 
 from __future__ import annotations
 
