@@ -84,16 +84,14 @@ class JsonCodec:
         self._texts = not sized and "string" in self._kinds
 
     def cut(self, raw: RawText) -> Steps[LongString | None]:
-        """Return a large text in two parts, the short one with a token; None without a dominant long
-        string."""
+        """Return a large text in two parts, one short with a token; None without a dominant long string."""
         if self._octets or self._texts:
             return (yield from cut_long_string(raw, self._octets, self._texts))
         return None
 
     @property
     def sendable(self) -> type[msgspec.Struct]:
-        """Struct of messages from programs: like `strict`, but a float is never null, as all encoders
-        require."""
+        """Struct of messages from programs: like `strict`, but a float is never null, for all encoders."""
         if self._sendable is None:
             self._sendable = strict_struct(self._message, has_nulls=False)
         return self._sendable
@@ -114,8 +112,7 @@ class JsonCodec:
             return self._complete(parse(raw), _no_clock)
 
     def encode(self, value: msgspec.Struct) -> bytes:
-        """Return the message as compact JSON: all fields in order, NaN and infinities as null (JSN-04,
-        JSN-08)."""
+        """Return the message as compact JSON: all fields, NaN and infinities as null (JSN-04, JSN-08)."""
         return _ENCODER.encode(value if self._pack is None else self._pack(value))
 
 

@@ -91,8 +91,7 @@ class LongString(NamedTuple):
         token: letters of the token.
         content: validated content of the string, as between its quotes.
         is_base64: True if content and token are base64, with the same padding.
-        unescaped: content without escapes, in pieces; None if there are none, so that it is the string's
-            UTF-8.
+        unescaped: decoded content in pieces, if it has escapes; empty if it is the string's UTF-8.
         begin: offset of the content in the whole text.
     """
 

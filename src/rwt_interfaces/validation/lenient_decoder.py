@@ -58,8 +58,7 @@ FieldSteps = Callable[[FieldType, LenientDecoder, Any], Steps[Any]]
 """Completes one field in steps."""
 
 MOST_LEFT_OUT: Final = 30_000
-"""Maximum number of fields that a message, including nested ones, may leave to their defaults: three bytes
-can omit forty."""
+"""Maximum number of fields that a message may leave to their defaults: three bytes can omit forty."""
 
 
 class Completion:

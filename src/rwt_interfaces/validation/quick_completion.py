@@ -30,8 +30,7 @@ Now = Callable[[], int]
 Rounding = Callable[[Any], None]
 
 MOST_FIELDS: Final = 200_000
-"""Maximum number of fields that a text may omit, estimated by its objects; the lenient decoder counts the
-others."""
+"""Maximum estimated number of omitted fields; beyond it, the lenient decoder counts them."""
 
 #: Subscripted at run time, which a checker cannot follow.
 _LIST: Any = list
@@ -138,8 +137,7 @@ def _integer_flaw(type: FieldType) -> Callable[[Any], bool] | None:
 
 
 def _most_fields(message: MessageType) -> int:
-    """Return the maximum number of fields that one object of an array can omit; 0 without arrays of
-    objects."""
+    """Return the maximum number of fields that an array's object can omit; 0 without such arrays."""
     most = 0
     for slot in message.slots:
         inner = slot.type.element if isinstance(slot.type, field_types.Array) else slot.type
