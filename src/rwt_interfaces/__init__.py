@@ -1,4 +1,4 @@
-"""Message definitions of ROS, the classes compiled from them, and their serialisations. No I/O."""
+"""ROS message definitions, the classes compiled from them, and their serialisations. No I/O."""
 
 from rwt_interfaces.distro import DISTROS, JAZZY, NOETIC, Distro
 from rwt_interfaces.errors import DefinitionError, InterfaceError, InvalidMessage, InvalidName, UnknownType

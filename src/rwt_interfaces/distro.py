@@ -11,42 +11,40 @@ from rwt_interfaces.times import NANOSECONDS
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Distro:
-    """One distribution.
+    """ROS distribution.
 
     Attributes:
         name: ``jazzy``, ``noetic``.
-        ros_version: 1 or 2, for answers and files that report it. No behaviour depends on it: what differs
-            has a field of its own.
+        ros_version: 1 or 2, only for responses and files that report it. Differences in behaviour have
+            fields.
 
-        has_three_part_names: types are called ``std_msgs/msg/String``, not ``std_msgs/String``.
-        part_separator: what stands between the name of a service or action and that of its part.
-        has_time_primitives: ``time`` and ``duration`` are primitives; otherwise messages of
-            ``builtin_interfaces``.
-        time_fields: the names of a time's two halves, whole seconds and nanoseconds.
-        byte_is_signed: ``byte`` is an old name of int8; otherwise an octet.
-        quotes_strings: a string constant may be quoted and followed by a comment; otherwise it is the rest of
-            its line, quotes and ``#`` included.
+        has_three_part_names: True if types are called ``std_msgs/msg/String``, not ``std_msgs/String``.
+        part_separator: separator of a service's or action's name and its part.
+        has_time_primitives: True if ``time`` and ``duration`` are primitives, not ``builtin_interfaces``.
+        time_fields: names of a time's seconds and nanoseconds.
+        byte_is_signed: True if ``byte`` is int8, not an octet.
+        quotes_strings: True if string constants may be quoted and followed by a comment; otherwise they are
+            the rest of the line.
 
-        serialisation: the binary form of messages.
-        type_hash: the digest by which two programs compare a type.
-        has_qos: endpoints have quality of service; otherwise publishers are latched or not.
+        serialisation: binary form of messages.
+        type_hash: hash by which programs compare types.
+        has_qos: True if endpoints have quality of service; otherwise publishers are latched or not.
 
-        parameters_belong_to_nodes: each node has its own; otherwise all are in one tree.
-        action_transport: what carries actions between programs: hidden services, or the five topics of
-            actionlib, whose messages are then listed among a package's messages.
-        introspects_calls: there are topics that carry the calls of services.
-        joins_over_zenoh: its programs may talk over Zenoh.
-        nodes_have_loggers: each node offers services that list its loggers and set their levels.
-        master_version: the version of ROS 1's core, which tells it, its distribution and the run's id as
-            parameters; None where there is no core.
-        graph_node: the node to which the graph's own publishers belong.
-        rosout_type: the message of ``/rosout``.
-        rosout_has_header: that message has a header, and levels that are powers of two.
-        rosout_depth: how many messages a late subscriber of ``/rosout`` gets.
-        rosout_lifespan: for how many seconds they are kept; None for as long as the publisher lives.
+        parameters_belong_to_nodes: True if each node has its own parameters; otherwise all are in one tree.
+        action_transport: hidden services, or the five topics of actionlib, whose messages are listed.
+        introspects_calls: True if service introspection topics exist.
+        joins_over_zenoh: True if programs may communicate over Zenoh.
+        nodes_have_loggers: True if nodes offer services for loggers and their levels.
+        master_version: version of the ROS 1 master, which offers it, its distribution and the run id as
+            parameters; None without a master.
+        graph_node: node of the graph's own publishers.
+        rosout_type: message type of ``/rosout``.
+        rosout_has_header: True if that message has a header, and levels that are powers of two.
+        rosout_depth: number of messages for late subscribers of ``/rosout``.
+        rosout_lifespan: seconds for which these are retained; None: while the publisher lives.
 
-        encodes_all_cbor: rosbridge's servers encode every message in CBOR; otherwise some arrays are lost
-            (CBR-07).
+        encodes_all_cbor: True if rosbridge servers encode all messages in CBOR; otherwise some arrays are
+            lost (CBR-07).
     """
 
     name: str
@@ -149,5 +147,5 @@ DISTROS: dict[str, Distro] = {distro.name: distro for distro in (JAZZY, NOETIC)}
 
 
 def closest_distro(name: str, ros_version: int) -> Distro:
-    """Return the distribution of that name; for an unknown name the one here of that version of ROS."""
+    """Return the distribution of that name, or else the default of that ROS version."""
     return DISTROS.get(name) or (NOETIC if ros_version == 1 else JAZZY)

@@ -1,45 +1,45 @@
-"""Everything that `rwt_interfaces` raises.
+"""Exceptions of `rwt_interfaces`.
 
 * :exc:`InterfaceError`
 
-  * :exc:`InvalidName`: not a name that ROS allows.
-  * :exc:`DefinitionError`: a ``.msg``, ``.srv`` or ``.action`` text that cannot be read.
-  * :exc:`UnknownType`: no such message, service or action is known.
+  * :exc:`InvalidName`: a name that ROS does not allow.
+  * :exc:`DefinitionError`: an invalid ``.msg``, ``.srv`` or ``.action`` text.
+  * :exc:`UnknownType`: an unknown message, service or action.
   * :exc:`InvalidMessage`: a message that does not fit its type.
 
-    * :exc:`TooManyValues`: one that may fit, and is too large to find out at once.
-    * :exc:`NotExact`: one that may fit, and has to be passed on untouched, which it cannot.
+    * :exc:`TooManyValues`: a message with too many values to be checked at once.
+    * :exc:`NotExact`: a dense message that may not be passed on untouched.
 """
 
 from __future__ import annotations
 
 
 class RobotError(Exception):
-    """Base of what programs meet in any package: the text says what, where and what instead."""
+    """Base of the exceptions of all packages. The text says what failed, where, and what to do."""
 
 
 class InterfaceError(RobotError):
-    """Base of every error of this package."""
+    """Base of all exceptions of this package."""
 
 
 class InvalidName(InterfaceError, ValueError):
-    """A type, package or field name that ROS does not allow."""
+    """ROS does not allow the type, package or field name."""
 
 
 class DefinitionError(InterfaceError, ValueError):
-    """A definition that cannot be read; the message says in which text and on which line."""
+    """The definition is invalid; the message names the text and the line."""
 
 
 class UnknownType(InterfaceError, LookupError):
-    """No message, service or action of that name is known."""
+    """The message, service or action is unknown."""
 
 
 class InvalidMessage(InterfaceError, ValueError):
-    """A message that does not fit its type.
+    """The message does not fit its type.
 
     Attributes:
-        path: where, from the message's root, for example ``pose.covariance[3]``; empty for the root itself.
-        reason: what was expected and what came, for example ``expected float64, got "fast"``.
+        path: path from the message's root, for example ``pose.covariance[3]``; empty for the root itself.
+        reason: expectation and value, for example ``expected float64, got "fast"``.
     """
 
     def __init__(self, path: str, reason: str) -> None:
@@ -49,11 +49,11 @@ class InvalidMessage(InterfaceError, ValueError):
 
 
 class TooManyValues(InvalidMessage):
-    """A text with too many values to be decoded at once, which cannot be split either."""
+    """The text has too many values to be decoded at once, and cannot be split."""
 
 
 class NotExact(InvalidMessage):
-    """A text with too many objects to be parsed, which may not be passed on untouched."""
+    """The text has too many objects to be parsed, and may not be passed on untouched."""
 
     def __init__(self) -> None:
         super().__init__("", "not as ROS writes it")

@@ -1,5 +1,4 @@
-"""What a field holds, resolved for one distribution: the vocabulary that every serialisation compiles
-from."""
+"""Field types, resolved for one distribution; all serialisations are compiled from them."""
 
 from __future__ import annotations
 
@@ -27,7 +26,7 @@ class Bool:
 
 @dataclass(frozen=True, slots=True)
 class Int:
-    """An integer; `code` is its letter in :mod:`struct`, `low` and `high` are inclusive."""
+    """Integer; `code` is its :mod:`struct` letter, `low` and `high` are inclusive."""
 
     name: str
     code: str
@@ -63,7 +62,7 @@ class String:
 
 @dataclass(frozen=True, slots=True)
 class Time:
-    """A point in time or a duration: whole seconds and nanoseconds under the names in `keys` (JSN-05)."""
+    """Time or duration: whole seconds and nanoseconds under the names in `keys` (JSN-05)."""
 
     is_duration: bool
     keys: tuple[str, str]
@@ -86,7 +85,7 @@ class Octets:
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """A nested message."""
+    """Nested message."""
 
     type: MessageType
 
@@ -96,7 +95,7 @@ class Message:
 
 @dataclass(frozen=True, slots=True)
 class Array:
-    """A list of `element`: exactly `length`, at most `bound`, or any number."""
+    """List of `element`: exactly `length`, at most `bound`, or any number."""
 
     element: Scalar
     length: int | None = None
@@ -114,13 +113,13 @@ FieldType = Scalar | Octets | Array
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """One field of a message.
+    """Field of a message.
 
     Attributes:
-        name: as ROS and the wire spell it.
-        attribute: as Python spells it: a keyword gets an underscore appended (``from`` is ``from_``).
-        field_type: what it holds.
-        default: the value written in the definition, or None.
+        name: name in ROS and on the wire.
+        attribute: name in Python; keywords get an underscore appended (``from`` is ``from_``).
+        field_type: type of the field.
+        default: default value in the definition, or None.
     """
 
     name: str
@@ -162,8 +161,11 @@ _BUILTIN_TIMES = {"builtin_interfaces/Time": False, "builtin_interfaces/Duration
 
 
 def time_type(name: str, distro: Distro) -> Time | None:
-    """Return the time that `name` is, or None. ROS 2's times are messages whose names and signs are fixed;
-    ROS 1's primitives are spelled as the distribution spells time, and only durations are negative there."""
+    """Return the time type called `name`, or None.
+
+    ROS 2's times are messages with fixed names and signs. ROS 1's are primitives, spelled as the distribution
+    spells times; only durations may be negative.
+    """
     nanoseconds = _INTS["uint32"]
     if name in _BUILTIN_TIMES:
         return Time(_BUILTIN_TIMES[name], ("sec", "nanosec"), _INTS["int32"], nanoseconds)

@@ -1,4 +1,4 @@
-"""The standard messages of ROS 2 jazzy as classes, known to type checkers.
+"""Standard messages of ROS 2 jazzy as classes, known to type checkers.
 
 >>> from rwt_interfaces.jazzy import geometry_msgs
 >>> geometry_msgs.Vector3(x=0.5)

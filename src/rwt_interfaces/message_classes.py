@@ -1,4 +1,4 @@
-"""The standard messages as classes of packages: what :mod:`rwt_interfaces.jazzy` and `noetic` are made of."""
+"""Standard messages as classes of packages, for :mod:`rwt_interfaces.jazzy` and `noetic`."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 
 class Package:
-    """The messages, services and actions of one ROS package, compiled when they are first asked for.
+    """Messages, services and actions of a ROS package, compiled on first use.
 
-    A message is its class; a service or an action is a class with its parts: `Request` and `Response`,
+    A message is its class; services and actions are classes with their parts: `Request` and `Response`,
     `Goal`, `Result` and `Feedback`.
     """
 
@@ -33,7 +33,7 @@ class Package:
         if name.startswith("__"):
             raise AttributeError(name)
         found = self._find(name)
-        setattr(self, name, found)  # The next look-up finds it at once.
+        setattr(self, name, found)  # cached for the next look-up
         return found
 
     def _find(self, name: str) -> type:
@@ -56,16 +56,13 @@ class Package:
 
 
 def packages_of(distro: Distro) -> Callable[[str], Package | type]:
-    """Return a `__getattr__` for a module that finds the packages of a distribution.
-
-    `Time` and `Duration`, which are primitives of ROS 1 and belong to no package, are found besides.
-    """
+    """Return a module's `__getattr__` that finds a distribution's packages, `Time` and `Duration`."""
     registry = Registry(distro)
 
     def find(name: str) -> Package | type:
         if distro.has_time_primitives and name in ("Time", "Duration"):
             held = registry.message(f"std_msgs/{name}").slots[0].type
-            assert isinstance(held, field_types.Time)  # All that these messages hold is a time.
+            assert isinstance(held, field_types.Time)  # These messages hold nothing but a time.
             return time_struct(held)
         known = {full.partition("/")[0] for kind in ("msg", "srv", "action") for full in registry.names(kind)}
         if name not in known:

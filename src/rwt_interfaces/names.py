@@ -1,7 +1,7 @@
 """Names of messages, services and actions, in both spellings.
 
-ROS 1 writes ``std_msgs/String``; ROS 2 writes ``std_msgs/msg/String``. Clients send either to either
-(OBSERVED, "Subscribe"), so both are read everywhere. Inside this package a name is always two-part.
+ROS 1 writes ``std_msgs/String``; ROS 2 writes ``std_msgs/msg/String``. Clients mix them (OBSERVED,
+"Subscribe"), so both are accepted everywhere. Inside this package names are two-part.
 """
 
 from __future__ import annotations
@@ -11,22 +11,22 @@ from typing import Literal
 
 from rwt_interfaces.errors import InvalidName
 
-#: The three kinds of interface, which are also the middle part of a three-part name.
+#: Kinds of interfaces: the middle part of a three-part name.
 Kind = Literal["msg", "srv", "action"]
 
 KINDS: tuple[Kind, ...] = ("msg", "srv", "action")
 
-#: The longest name accepted. ROS sets no limit; a peer that sends a megabyte as a name is not naming a type.
+#: Maximum characters of a name. ROS has no limit.
 LONGEST_NAME = 512
 
 _WORD = re.compile(r"[A-Za-z][A-Za-z0-9_]*", re.ASCII)
 
 
 def is_word(text: str) -> bool:
-    """Return True if `text` may be the name of a package, a type, a field or a constant.
+    """Return True if `text` is a valid name of a package, type, field or constant.
 
-    This is what ROS 1 allows. ROS 2 is narrower (lower case packages and fields, no double underscore), but
-    its programs must be able to read what ROS 1 has named ``CameraInfo.D``.
+    Follows ROS 1's rules, since ROS 2's are stricter but its programs must read names such as
+    ``CameraInfo.D``.
     """
     return _WORD.fullmatch(text) is not None
 
@@ -34,7 +34,7 @@ def is_word(text: str) -> bool:
 def parse_type_name(text: str) -> tuple[str, str, str]:
     """Split a type name into package, kind and name; the kind is empty in a two-part name.
 
-    Extra slashes are ignored (``std_msgs//String/``), as the ROS 1 bridge does.
+    Extra slashes are ignored (``std_msgs//String/``), as by the ROS 1 bridge.
 
     Raises:
         InvalidName: `text` is neither ``package/Name`` nor ``package/kind/Name``.
@@ -60,20 +60,12 @@ def parse_type_name(text: str) -> tuple[str, str, str]:
 
 
 def two_part(text: str) -> str:
-    """``std_msgs/msg/String`` or ``std_msgs/String`` as ``std_msgs/String``.
-
-    Raises:
-        InvalidName: see :func:`parse_type_name`.
-    """
+    """Return ``std_msgs/String`` for ``std_msgs/msg/String`` or ``std_msgs/String``; raises InvalidName."""
     package, _, name = parse_type_name(text)
     return f"{package}/{name}"
 
 
 def three_part(text: str, kind: Kind) -> str:
-    """``std_msgs/String`` as ``std_msgs/msg/String``; a kind that `text` already has is kept.
-
-    Raises:
-        InvalidName: see :func:`parse_type_name`.
-    """
+    """Return ``std_msgs/msg/String`` for ``std_msgs/String``, keeping any kind; raises InvalidName."""
     package, present, name = parse_type_name(text)
     return f"{package}/{present or kind}/{name}"

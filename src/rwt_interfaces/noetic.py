@@ -1,4 +1,4 @@
-"""The standard messages of ROS 1 noetic as classes, known to type checkers.
+"""Standard messages of ROS 1 noetic as classes, known to type checkers.
 
 >>> from rwt_interfaces.noetic import geometry_msgs
 >>> geometry_msgs.Vector3(x=0.5)

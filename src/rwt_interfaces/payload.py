@@ -1,4 +1,4 @@
-"""One message of one type, in each form that was asked for so far."""
+"""Message of one type, in all forms requested so far."""
 
 from __future__ import annotations
 
@@ -29,42 +29,40 @@ if TYPE_CHECKING:
     from rwt_interfaces.structs import BinaryForm, MessageType
 
 LONG_STRING_BYTES: Final = 4096
-"""Size of a JSON text from which one long string in it is kept apart."""
+"""Minimum size of a JSON text whose long string is kept separate."""
 LARGE_BYTES: Final = 64 * 1024
-"""Size of a JSON text from which callers take it with :meth:`Payload.from_json_in_steps`."""
+"""Minimum size of a JSON text for :meth:`Payload.from_json_in_steps`."""
 WHOLE_BYTES: Final = 384 * 1024
-"""Size of a JSON text up to which it is checked at once, to be passed on untouched.
+"""Maximum size of a JSON text that is checked at once, to be passed on untouched.
 
-Milliseconds of CPU that the check of 1 MB takes on the machine of the benchmarks: LaserScan 6.2,
-OccupancyGrid 5.5, String with escapes 4.0, Path 1.7, Image and PointCloud2 0.5, String 0.2. So 384 KiB
-take at most 2.5 ms there, and 10 ms on a board that is four times slower.
+Checking 1 MB takes, in ms on the benchmark machine: LaserScan 6.2, OccupancyGrid 5.5, String with escapes
+4.0, Path 1.7, Image and PointCloud2 0.5, String 0.2. So 384 KiB take at most 2.5 ms, or 10 ms on a board four
+times slower.
 """
 SLOW_BYTES: Final = 64 * 1024
-"""Size of a JSON text up to which a message is completed at once. 1 MB takes up to 40 ms, see above."""
+"""Maximum size of a JSON text that is completed at once; 1 MB takes up to 40 ms."""
 LONG_FORMS_BYTES: Final = 128 * 1024
-"""Size of a JSON text with arrays from which other forms are made in steps."""
+"""Minimum size of a JSON text with arrays whose other forms are made in steps."""
 
 _SEQUENCE_PATH = ("header", "seq")
 Form = Literal["json", "cbor", "serialised", "plain"]
-"""What frames are made of: JSON, CBOR, the distribution's own serialisation, or plain objects.
-:meth:`Payload.prepare` makes nothing for the last."""
+"""Payload representation of frames; :meth:`Payload.prepare` makes nothing for `plain`."""
 Now = Callable[[], int]
 """ROS time in nanoseconds."""
 
 
 class Payload(msgspec.Struct, eq=False):
-    """Message of one type that has been checked, in one or more forms.
+    """Checked message of one type, in one or more forms.
 
-    Forms are made on first use, at most once, and shared by all readers. A message that arrived as JSON
-    exactly as this project would send it keeps its bytes and nothing else: a server that only relays never
-    builds an object from it. Make payloads with the ``from_…`` class methods.
+    Forms are made on first use and shared by all readers. Exact JSON keeps its bytes and nothing else, so a
+    relaying server never builds objects. Make payloads with the ``from_…`` class methods.
 
-    At least one form exists from the start: ``_json`` (with ``_string``, if most of the text is one long
-    string), ``_json_parts``, ``_message``, ``_spliced``, or CDR in ``_forms``.
+    Invariant: at least one form exists: ``_json`` (with ``_string``, if most of the text is one long string),
+    ``_json_parts``, ``_message``, ``_spliced``, or CDR in ``_forms``.
 
     Attributes:
         type: type of the message.
-        is_long: True if other forms take so long to make that :meth:`prepare` should make them in steps.
+        is_long: True if other forms should be made in steps, by :meth:`prepare`.
     """
 
     type: MessageType
@@ -83,13 +81,13 @@ class Payload(msgspec.Struct, eq=False):
     def from_json(
         cls, message_type: MessageType, raw: RawText, now: Now | None = None, *, is_trusted: bool = False
     ) -> Payload:
-        """Check a message that arrived as JSON, and complete it if necessary.
+        """Check a JSON message, and complete it if necessary.
 
         Args:
             message_type: expected type.
             raw: JSON text. It is kept without a copy if it may be passed on untouched.
             now: ROS time in nanoseconds, for headers without a stamp and for "now". Default: the wall clock.
-            is_trusted: True to accept any number of numbers that take long to parse.
+            is_trusted: True to accept any number of slow numbers.
 
         Raises:
             InvalidMessage: the message does not fit. No other exception is raised, whatever the bytes.
@@ -113,7 +111,7 @@ class Payload(msgspec.Struct, eq=False):
         is_trusted: bool = False,
         is_dense: bool = False,
     ) -> Steps[Payload]:
-        """Same as :meth:`from_json`, in steps. An exact message up to `WHOLE_BYTES` takes hardly any.
+        """Same as :meth:`from_json`, in steps. Exact messages up to `WHOLE_BYTES` take hardly any.
 
         Args:
             message_type, raw, now, is_trusted: as for :meth:`from_json`.
@@ -122,7 +120,7 @@ class Payload(msgspec.Struct, eq=False):
 
         Raises:
             NotExact: the text is dense and not exact.
-            InvalidMessage: the message does not fit, or too many of its numbers take long to parse.
+            InvalidMessage: the message does not fit, or has too many slow numbers.
         """
         codec, now = message_type.json, now or time.time_ns
         string = yield from codec.cut(raw)
@@ -174,10 +172,10 @@ class Payload(msgspec.Struct, eq=False):
 
     @classmethod
     def from_args(cls, message_type: MessageType, raw: RawText | None, now: Now | None = None) -> Payload:
-        """Take the arguments of a service: an object by name, a list by position, otherwise none (SRV-02).
+        """Check the arguments of a service: an object by name, a list by position, otherwise none (SRV-02).
 
         Raises:
-            InvalidMessage: see :meth:`from_json`.
+            InvalidMessage: the arguments do not fit.
         """
         if raw is not None and bytes(raw[:1]) == b"{":
             return cls.from_json(message_type, raw, now)
@@ -186,15 +184,13 @@ class Payload(msgspec.Struct, eq=False):
 
     @classmethod
     def from_value(cls, message_type: MessageType, value: object, now: Now | None = None) -> Payload:
-        """Take a message from Python: a Struct, a mapping, or a list of values by position (SRV-02).
+        """Check and copy a Python message: a Struct, a mapping, or a list of values by position (SRV-02).
 
-        Checked and copied at once, so that what the caller does to `value` afterwards changes nothing.
-        Numeric arrays may be numpy arrays, octets may be bytes. Missing fields of a mapping are completed as
-        those of JSON are, headers stamped; a Struct always has all its fields, so its header keeps the stamp
-        it has, zero or not.
+        Numeric arrays may be numpy arrays, octets may be bytes. Missing fields of a mapping are completed and
+        headers stamped, as in JSON. A Struct keeps its stamp, even zero.
 
         Raises:
-            InvalidMessage: it does not fit, and where and why.
+            InvalidMessage: the message does not fit.
         """
         if isinstance(value, (list, tuple)):
             names = (slot.name for slot in message_type.slots)
@@ -214,11 +210,7 @@ class Payload(msgspec.Struct, eq=False):
     def from_value_in_steps(
         cls, message_type: MessageType, value: dict[str, object], now: Now | None = None
     ) -> Steps[Payload]:
-        """Same as :meth:`from_value` for a mapping, its long lists in steps.
-
-        Raises:
-            InvalidMessage: as :meth:`from_value`, from any step.
-        """
+        """Same as :meth:`from_value` for a mapping, long lists in steps; raises InvalidMessage."""
         if large_json.holds_long_list(message_type, value):
             message = yield from large_json.complete_values(message_type, value, now or time.time_ns)
             return cls(message_type, None, message, is_long=True)
@@ -226,25 +218,17 @@ class Payload(msgspec.Struct, eq=False):
 
     @classmethod
     def deserialised(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:
-        """Take a message in the serialisation of its type's distribution.
-
-        Raises:
-            InvalidMessage: it does not fit; no other exception, whatever the bytes.
-        """
+        """Decode a message in its distribution's serialisation; raises only InvalidMessage."""
         return cls(message_type, None, message_type.deserialise(data))
 
     @classmethod
     def from_cdr(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:
-        """Take a message as it came in CDR, with its encapsulation header.
-
-        Raises:
-            InvalidMessage: it does not fit; no other exception, whatever the bytes.
-        """
+        """Decode a message in CDR, with its encapsulation header; raises only InvalidMessage."""
         return cls(message_type, None, message_type.from_cdr(data))
 
     @classmethod
     def relayed_cdr(cls, message_type: MessageType, data: bytes) -> Payload:
-        """Take a message as it came in CDR without a look at it, so that one without readers costs nothing.
+        """Wrap a message in CDR without checking it, so that it costs nothing without readers.
 
         If it does not fit its type, the first call of a method other than :meth:`cdr` raises
         :exc:`InvalidMessage`.
@@ -253,27 +237,23 @@ class Payload(msgspec.Struct, eq=False):
 
     @classmethod
     def from_ros1(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:
-        """Take a message as it came in ROS 1's own form, without a length prefix.
-
-        Raises:
-            InvalidMessage: it does not fit; no other exception, whatever the bytes.
-        """
+        """Decode a message in ROS 1's serialisation, without a length prefix; raises only InvalidMessage."""
         return cls(message_type, None, message_type.from_ros1(data))
 
     @property
     def is_passthrough(self) -> bool:
-        """True if the message arrived as JSON, and is passed on untouched."""
+        """True if the message arrived as JSON and is passed on untouched."""
         return self._json is not None and self._message is None
 
     def json(self) -> RawText:
-        """Return the message in JSON: the very bytes that came, if they came fit to be passed on."""
+        """Return the message in JSON: the received bytes, if they may be passed on."""
         json = self._json
         if json is None:
             json = self._json = _joined(self.json_parts())
         return json
 
     def json_parts(self) -> Parts:
-        """Return the bytes of :meth:`json` in one part or more, so that a long one is not copied."""
+        """Return :meth:`json` in parts, so that long messages are not copied."""
         if self._json is not None:
             return (self._json,)
         if self._json_parts is not None:
@@ -290,15 +270,15 @@ class Payload(msgspec.Struct, eq=False):
         return self._whole("cbor")
 
     def cbor_parts(self) -> Parts:
-        """Return the bytes of :meth:`cbor` in one part or more, so that a long one is not copied."""
+        """Return :meth:`cbor` in parts, so that long messages are not copied."""
         return self._made("cbor")
 
     def serialised(self) -> bytes:
-        """Return the message in the serialisation of its type's distribution: CDR, or ROS 1's own form."""
+        """Return the message in its distribution's serialisation: CDR or ROS 1's."""
         return self._whole(self.type.registry.distro.serialisation)
 
     def serialised_parts(self) -> Parts:
-        """Return the bytes of :meth:`serialised` in one part or more, so that a long one is not copied."""
+        """Return :meth:`serialised` in parts, so that long messages are not copied."""
         return self._made(self.type.registry.distro.serialisation)
 
     def cdr(self) -> bytes:
@@ -306,8 +286,7 @@ class Payload(msgspec.Struct, eq=False):
         return self._whole("cdr")
 
     def prepare(self, forms: Iterable[Form]) -> Steps[None]:
-        """Make forms of a message with long lists or a long text in steps; forms that exist already take
-        none."""
+        """Make forms of a message with long lists or strings in steps; existing forms take none."""
         has_lists = self.type.json.has_arrays
         text: SplicedMessage | None = None
         for form in forms:
@@ -354,7 +333,7 @@ class Payload(msgspec.Struct, eq=False):
         return plain(self._encodable())
 
     def plain_in_steps(self) -> Steps[object]:
-        """Return the result of :meth:`plain`, long lists in steps. Other messages take none."""
+        """Same as :meth:`plain`, long lists in steps; other messages take none."""
         if self.is_long:
             return (yield from plain_lists(self.type, self._encodable()))
         return self.plain()
@@ -367,10 +346,10 @@ class Payload(msgspec.Struct, eq=False):
     def _whole(self, form: BinaryForm) -> bytes:
         parts = self._made(form)
         if len(parts) > 1:
-            assert self._forms is not None  # It was made.
+            assert self._forms is not None  # Made above.
             self._forms[form] = parts = (b"".join(parts),)
         whole = parts[0]
-        assert isinstance(whole, bytes)  # Only a part of several is a view.
+        assert isinstance(whole, bytes)  # Only one of several parts is a view.
         return whole
 
     def _made(self, form: BinaryForm) -> Parts:
@@ -385,7 +364,7 @@ class Payload(msgspec.Struct, eq=False):
         return made
 
     def _apart(self) -> SplicedMessage | None:
-        """Return the message in two parts, if most of it is one long string or octets."""
+        """Return the message in two parts if most of it is one long string or octets."""
         if self._spliced is None and self.type.long_fields:
             if self._string is not None:
                 self._spliced = self._of_string(self._string)
@@ -402,7 +381,7 @@ class Payload(msgspec.Struct, eq=False):
         """Return the message as its type's Struct. It is shared: treat it as read-only.
 
         Raises:
-            InvalidMessage: the message was relayed as CDR, and does not fit.
+            InvalidMessage: the message was relayed as CDR and does not fit.
         """
         message = self._message
         if message is None:
@@ -418,7 +397,7 @@ class Payload(msgspec.Struct, eq=False):
 
     @property
     def kept_size(self) -> int:
-        """Approximate size of the message in its present form, in bytes."""
+        """Approximate bytes of the message in its present forms."""
         if self._json is not None:
             return len(self._json)
         if self._forms:
@@ -430,7 +409,7 @@ class Payload(msgspec.Struct, eq=False):
         return self.type.sizes([self._message])
 
     def detach(self) -> Payload:
-        """Return the same message without a view of the buffer it was received in, for keeping."""
+        """Return the message without references to the receive buffer, for retaining it."""
         if isinstance(self._json, memoryview):
             raw = bytes(self._json)
             string = None if self._string is None else self._string.moved(raw)
@@ -442,14 +421,14 @@ class Payload(msgspec.Struct, eq=False):
         return self
 
     def forget_forms(self) -> None:
-        """Have the message in one form alone again; the others are made anew when they are asked for."""
+        """Drop all forms but one; others are made again on use."""
         if self._json is not None:
             self._message = self._forms = None
         elif self._message is not None or self._spliced is not None:
             self._forms = None
 
     def numbered(self, number: int) -> Payload:
-        """Return the same message with that `header.seq`, of a type that has it."""
+        """Return the message with that `header.seq`; its type must have one."""
         parts = (self._json,) if self._json is not None else self._json_parts
         found = None if parts is None or self._string is not None else large_json.SEQUENCE.match(parts[0])
         if parts is None or found is None:
@@ -470,12 +449,11 @@ class Payload(msgspec.Struct, eq=False):
         try:
             return msgspec.convert(message, self.type.struct, from_attributes=True)
         except msgspec.ValidationError:
-            # It has a None for a float, which the lenient decoder makes NaN.
+            # A None in a float field becomes NaN in the lenient decoder.
             own: msgspec.Struct = self.type.decode_leniently(message, time.time_ns)
             return own
 
     def _encodable(self) -> msgspec.Struct:
-        """Return the message in a Struct that every encoder takes."""
         message = self._message
         if message is not None and message.__class__ is self.type.json.sendable:
             return message
@@ -487,23 +465,19 @@ class Payload(msgspec.Struct, eq=False):
             return spliced.value()
         if self._json is not None or self._json_parts is not None:
             return self.type.json.decode(self.json())
-        assert self._forms is not None  # A payload has its text, its message or its CDR from the start.
+        assert self._forms is not None  # Invariant: text, message or CDR exists.
         return self.type.from_cdr(_joined(self._forms["cdr"]))
 
 
 def _split(
     message_type: MessageType, raw: RawText, large: LargeJson, now: Now, *, is_dense: bool
 ) -> Steps[Payload]:
-    """Take a message in chunks of its long arrays.
-
-    Raises:
-        Unsplittable: it has to be taken as a whole.
-    """
+    """Decode a message in chunks of its long arrays; raises Unsplittable."""
     if len(raw) > WHOLE_BYTES and (yield from large.is_exact()):
         parts = large.sequence_first()
         if parts is None:
             return Payload(message_type, raw, is_long=True)
-        # Publishers write their count into the header: it goes first, where that costs nothing.
+        # `header.seq` goes first, where publishers can replace it at no cost.
         return Payload(message_type, None, None, None, None, parts, is_long=True)
     if is_dense:
         raise NotExact
@@ -512,7 +486,7 @@ def _split(
 
 
 def _completed(message_type: MessageType, raw: RawText, now: Now) -> Steps[msgspec.Struct]:
-    """Complete a message that is not split: each way to read it is a step."""
+    """Complete a message as a whole; each attempt is a step."""
     yield
     with suppress(*REJECTIONS):
         return message_type.complete_quickly(raw, now)
@@ -540,7 +514,7 @@ def _around_string(message_type: MessageType, string: LongString, now: Now) -> P
         spliced = SplicedMessage.from_string(message_type, short, string)
         if spliced is not None:
             return Payload(message_type, None, None, None, spliced)
-    # The fault may lie in the long string, or its text may quote it.
+    # The error may lie in the long string, or quote it.
     whole = substituted(parsed, string.token.decode(), string_of(string.content, string.unescaped))
     return Payload(message_type, None, complete(whole, now))
 

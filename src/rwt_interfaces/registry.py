@@ -1,7 +1,7 @@
-"""Registry of types: the standard set of one distribution, and the types of the user.
+"""Registry of types: the standard types of one distribution, and user-defined types.
 
-Nothing is read until a name is asked for; then one package's texts are split, and only the asked definition
-and those it contains are parsed and compiled.
+Everything is loaded lazily: a look-up splits one package's texts, and parses and compiles only the requested
+definition and its nested ones.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 _SEPARATOR = "=" * 80
 _NOUNS: dict[Kind, str] = {"msg": "a message", "srv": "a service", "action": "an action"}
 
-#: Levels of messages within messages.
+#: Maximum depth of nested messages.
 MOST_LEVELS: Final = 50
 
-#: A name much longer than any type's is not worth a search for what it resembles.
+#: Maximum characters of a name for suggestions.
 _LONGEST_GUESSED = 120
 
-#: What primitives are called in other languages.
+#: Names of primitives in other languages.
 _OTHER_LANGUAGES: Final = {
     "boolean": "bool",
     "int": "int32",
@@ -55,21 +55,18 @@ _Definition = MessageDefinition | ServiceDefinition | ActionDefinition
 
 
 class Registry:
-    """The types of one distribution, and the user's own.
+    """Types of one distribution, and user-defined types. Thread-safe.
 
-    Names are taken in both spellings (``std_msgs/String``, ``std_msgs/msg/String``). Beside the messages
-    themselves :meth:`message` knows the parts of every service and action (``SetBool_Request`` and
-    ``SetBoolRequest``, ``Fibonacci_Goal`` and ``FibonacciGoal``) and the messages with which ROS 1 carries an
-    action over topics (``FibonacciAction``, ``FibonacciActionGoal``, …), all made by rule, on either
-    distribution. A part is one type whichever way it is spelled; it reports the spelling of the distribution.
+    Names are accepted in both spellings (``std_msgs/String``, ``std_msgs/msg/String``). :meth:`message` also
+    knows the derived messages on either distribution: parts of services and actions (``SetBool_Request`` and
+    ``SetBoolRequest``), and ROS 1's action messages (``FibonacciAction``, ``FibonacciActionGoal``, …). A part
+    is one type in either spelling; it reports the distribution's.
 
-    A user definition of a name that the standard set has wins over it, in this registry only. Types handed
-    out before do not change: add definitions first.
-
-    Safe to use from several threads.
+    User definitions override standard ones, in this registry only. Types returned earlier do not change, so
+    add definitions first.
 
     Attributes:
-        distro: the distribution whose standard set this is, and whose spelling :meth:`type_name` uses.
+        distro: distribution of the standard types and of the spelling of :meth:`type_name`.
     """
 
     __slots__ = (
@@ -88,20 +85,20 @@ class Registry:
         self._lock = threading.RLock()
         self._user: dict[tuple[Kind, str], _Definition] = {}
         self._definitions: dict[tuple[Kind, str], _Definition] = {}
-        # Keyed by the spellings that were asked for, so that asking again is one dictionary look-up.
+        # Keyed by the requested spelling, so that repeated requests are one dictionary look-up.
         self._messages: dict[str, MessageType] = {}
         self._services: dict[str, ServiceType] = {}
         self._actions: dict[str, ActionType] = {}
-        # By the type itself: lists of a whole robot ask for each name of it.
+        # Keyed by type: lists of a whole robot request every name.
         self._type_names: dict[MessageType | ServiceType | ActionType, str] = {}
 
     # Types
 
     def message(self, name: str) -> MessageType:
-        """Return the message of that name, compiled on first use.
+        """Return a message by name, compiled on first use.
 
         Raises:
-            UnknownType: neither it nor a message in it is known; the text names the closest known names.
+            UnknownType: it or a nested message is unknown; the text names similar names.
             DefinitionError: it contains itself.
         """
         found = self._messages.get(name)
@@ -117,11 +114,7 @@ class Registry:
             return compiled
 
     def service(self, name: str) -> ServiceType:
-        """Return the service of that name.
-
-        Raises:
-            UnknownType: see :meth:`message`.
-        """
+        """Return a service by name; raises UnknownType."""
         found = self._services.get(name)
         if found is not None:
             return found
@@ -139,12 +132,7 @@ class Registry:
             return compiled
 
     def action(self, name: str) -> ActionType:
-        """Return the action of that name, which ROS 1 calls ``FibonacciAction`` after the message of its
-        parts.
-
-        Raises:
-            UnknownType: see :meth:`message`.
-        """
+        """Return an action by name, in ROS 1 also ``FibonacciAction``; raises UnknownType."""
         found = self._actions.get(name)
         if found is not None:
             return found
@@ -165,15 +153,15 @@ class Registry:
     # The user's own
 
     def add_text(self, text: str, name: str, kind: Kind = "msg") -> None:
-        """Add one definition, or replace the one of that name.
+        """Add a definition, replacing any other of the same name.
 
         Args:
-            text: what would be in the ``.msg``, ``.srv`` or ``.action`` file.
+            text: content of the ``.msg``, ``.srv`` or ``.action`` file.
             name: two-part or three-part, for example ``my_robot/Status``.
             kind: ``msg``, ``srv`` or ``action``.
 
         Raises:
-            DefinitionError: the text cannot be read; says on which line.
+            DefinitionError: the text is invalid; the error names the line.
             InvalidName: `name` is not a type name, or `kind` not a kind.
         """
         if kind not in KINDS:
@@ -181,13 +169,13 @@ class Registry:
         self._add([(kind, self._parse(kind, name, text, ""))])
 
     def add_directory(self, path: str | PathLike[str]) -> None:
-        """Add a package, or every package below a folder; all of it or, if something is wrong, nothing.
+        """Add a package, or every package below a folder; nothing is added on errors.
 
-        A package is a folder with a folder ``msg``, ``srv`` or ``action`` of files in it. It is named by its
-        ``package.xml``, or else as the folder is.
+        A package has a folder ``msg``, ``srv`` or ``action`` with such files, and the name in its
+        ``package.xml``, or else its folder's name.
 
         Raises:
-            DefinitionError: names the file, the line and what is wrong there.
+            DefinitionError: a file is invalid; the error names the file and the line.
         """
         found: dict[tuple[Kind, str], tuple[_Definition, Path]] = {}
         for file in package_directories.interface_files(Path(path)):
@@ -199,10 +187,10 @@ class Registry:
         self._add((kind, definition) for (kind, _), (definition, _) in found.items())
 
     def verify(self) -> None:
-        """Check that every message in the user's definitions is known, once all of them were added.
+        """Check that all messages in user definitions are known. Call after adding all of them.
 
         Raises:
-            UnknownType: names the definition and what it lacks.
+            UnknownType: a definition refers to an unknown message.
             DefinitionError: a definition contains itself.
         """
         with self._lock:
@@ -221,8 +209,8 @@ class Registry:
             self._definitions.update(added)
             self._type_names = {}
             if changed:
-                # Something compiled may contain what was replaced. This happens while a program is being set
-                # up, so compiling all of it again costs nothing that matters.
+                # Compiled types may contain the replaced one. Definitions are added at start-up, so
+                # recompiling all types is acceptable.
                 self._definitions = dict(self._user)
                 self._messages, self._services, self._actions = {}, {}, {}
 
@@ -236,15 +224,11 @@ class Registry:
     # Definitions
 
     def definition(self, name: str) -> MessageDefinition:
-        """Return the definition of a message, or of a part of a service or action.
-
-        Raises:
-            UnknownType: no such message is known.
-        """
+        """Return the definition of a message, or of a part of a service or action; raises UnknownType."""
         return self._wanted("msg", name, self._message_definition)
 
     def known_definition(self, name: str) -> MessageDefinition | None:
-        """:meth:`definition`, or None where no such message is known: cheap, since nothing is guessed at."""
+        """Return the :meth:`definition`, or None if it is unknown: fast, without suggestions."""
         try:
             package, _, short = parse_type_name(name)
         except InvalidName:
@@ -268,7 +252,7 @@ class Registry:
         return found if isinstance(found, ServiceDefinition) else self._action_service(package, name)
 
     def _action_service(self, package: str, name: str) -> ServiceDefinition | None:
-        """`X_SendGoal` or `X_GetResult`, which only ROS 2 has."""
+        """Return `X_SendGoal` or `X_GetResult`, which only ROS 2 has."""
         for which in actionlib.ACTION_SERVICES if self.distro.action_transport == "services" else ():
             if name.endswith(which):
                 action = self._action_definition(package, name.removesuffix(which))
@@ -276,7 +260,7 @@ class Registry:
         return None
 
     def _introspected(self, package: str, name: str) -> MessageDefinition | None:
-        """`X_Event` of a service or `X_FeedbackMessage` of an action, which only ROS 2 has."""
+        """Return `X_Event` of a service or `X_FeedbackMessage` of an action, which only ROS 2 has."""
         if not self.distro.introspects_calls:
             return None
         if name.endswith(actionlib.FEEDBACK_MESSAGE):
@@ -318,7 +302,7 @@ class Registry:
         return None
 
     def _read(self, kind: Kind, package: str, name: str) -> _Definition | None:
-        """Return a definition that was written as such, parsed on first use."""
+        """Return a written definition, parsed on first use."""
         key = (kind, f"{package}/{name}")
         found = self._definitions.get(key)
         if found is None:
@@ -339,10 +323,8 @@ class Registry:
         return found
 
     def _check_nested(self, definition: MessageDefinition) -> None:
-        """Make sure that a message can be compiled: all it contains is known, within bounds, and nothing
-        contains itself.
-        """
-        # Of each message: levels, its own included, and elements that every one of its kind has.
+        """Check that nested messages are known, within limits, and not recursive."""
+        # Depth of each message, including its own level, and number of its fixed elements.
         checked: dict[str, tuple[int, int]] = {}
 
         def check(current: MessageDefinition, within: tuple[str, ...]) -> tuple[int, int]:
@@ -381,10 +363,10 @@ class Registry:
     # Names and texts
 
     def names(self, kind: Kind) -> tuple[str, ...]:
-        """Sorted two-part names of everything known of that kind.
+        """Return the sorted two-part names of all known interfaces of that kind.
 
-        On ROS 1 the messages include the parts and the topic messages of every action, which are files there;
-        on ROS 2 they are known without being listed. Parts of services are listed by neither.
+        On ROS 1 the messages include the parts and topic messages of actions, which are files there; on ROS 2
+        they are known but not listed. Parts of services are never listed.
         """
         found = {
             f"{package}/{name}"
@@ -399,18 +381,18 @@ class Registry:
         return tuple(sorted(found))
 
     def full_name(self, name: str) -> str:
-        """Return the three-part name of a message: the middle says where it is defined
+        """Return the three-part name of a message; the middle part is its folder
         (``std_srvs/srv/SetBool_Request``).
 
         Raises:
-            UnknownType: no such message is known.
+            UnknownType: the message is unknown.
         """
         definition = self.definition(name)
         package, short = definition.name.split("/")
         return three_part(definition.name, self._kind_of(package, short))
 
     def _kind_of(self, package: str, short: str) -> Kind:
-        """In which folder of its package the definition of a message is."""
+        """Return the folder of the definition of a message."""
         if self._read("msg", package, short) is not None:
             return "msg"
         service = actionlib.split_part(short.removesuffix(actionlib.EVENT), actionlib.SERVICE_PARTS)
@@ -441,11 +423,10 @@ class Registry:
         return self.full_name(interface.name)
 
     def full_text(self, message: MessageType) -> str:
-        """Return the definition of a message and of all it contains, as one text (API-06).
+        """Return the definitions of a message and of all nested ones, as one text (API-06).
 
-        The message itself comes first; before each other definition stand an empty line, a line of 80 ``=``
-        and ``MSG: pkg/Name``. Each text is as it was written, comments included; those of the standard
-        interfaces have none.
+        The message comes first; an empty line, a line of 80 ``=`` and ``MSG: pkg/Name`` precede each other
+        one. Texts are as written, including comments; standard interfaces have none.
         """
         nested: dict[str, str] = {}
         self._collect(message.definition, nested)
@@ -460,7 +441,7 @@ class Registry:
                 self._collect(inner, nested)
 
     def _unknown(self, kind: Kind, name: str) -> str:
-        """Why a name is not known, with what may have been meant."""
+        """Return the error for an unknown name, with suggestions."""
         package, short = name.split("/")
         text = f'no {_NOUNS[kind].split()[1]} "{name}" is known'
         for other in KINDS:
@@ -469,12 +450,12 @@ class Registry:
         return f"{text}{self._meant(kind, name)}"
 
     def _unknown_field(self, definition: MessageDefinition, field: Field, text: str) -> str:
-        """Where the type of a field stands that is not known, and what may have been meant."""
+        """Return the error for a field of unknown type, with suggestions."""
         where = field.where or f"{definition.name}, field {field.name}"
         package, word = field.type.name.split("/")
         if package != definition.name.split("/")[0] or len(word) > _LONGEST_GUESSED:
             return f"{where}: {text}"
-        # It is written without a package: a primitive may have been meant, or a message of any.
+        # A name without a package may stand for a primitive or for a message of any package.
         messages: dict[str, str] = {}
         own = f"{package}/"
         for name in sorted(
@@ -488,7 +469,7 @@ class Registry:
         return f"{where}: {known}{f'; did you mean {meant}?' if meant else ''}"
 
     def _meant(self, kind: Kind, name: str) -> str:
-        """Return suggestions: the same word in another package, or else similar names."""
+        """Return suggestions: the same word in other packages, or else similar names."""
         if len(name) > _LONGEST_GUESSED:
             return ""
         known = self.names(kind)
@@ -500,7 +481,7 @@ class Registry:
 
 
 def _commonness(name: str) -> tuple[bool, str]:
-    """To sort by: the standard packages before those that only repeat their names."""
+    """Return a sort key: standard packages before those that only repeat their names."""
     return not name.startswith("std_"), name
 
 
@@ -509,10 +490,7 @@ def _too_deep(name: str) -> str:
 
 
 def _cache_key(name: str) -> str:
-    """Return the spelling under which an answer is kept.
-
-    It is the one that was asked for, but without needless slashes, of which a peer could send any number.
-    """
+    """Return the cache key of a spelling, without redundant slashes, which peers could vary endlessly."""
     package, kind, short = parse_type_name(name)
     return f"{package}/{kind}/{short}" if kind else f"{package}/{short}"
 

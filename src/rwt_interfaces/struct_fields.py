@@ -121,11 +121,11 @@ _OBJECT: Final = 56
 _NUMBER: Final = 32
 """The same for a number."""
 _ENOUGH: Final = 1 << 26
-"""Bytes of a list's items beyond which what they hold is not counted: it is far more than may be kept."""
+"""Maximum bytes of list items whose contents are counted, far beyond what may be retained."""
 
 
 def compile_sizes(message: MessageType) -> Callable[[list[Any]], int]:
-    """Return a function that reckons the bytes of so many messages of one type."""
+    """Return a function that estimates the bytes of several messages of a type."""
     fixed = _OBJECT
     more: list[tuple[Callable[[Any], Any], FieldType]] = []
     for path, field_type in _leaves(message, ""):

@@ -40,12 +40,12 @@ def python_name(name: str) -> str:
 
 
 class MessageType:
-    """One message type.
+    """Message type.
 
     Attributes:
         name: two-part name, ``geometry_msgs/Twist``.
-        definition: its fields and constants.
-        registry: where its nested messages come from.
+        definition: fields and constants.
+        registry: registry of nested messages.
     """
 
     def __init__(self, definition: MessageDefinition, registry: Registry) -> None:
@@ -104,14 +104,14 @@ class MessageType:
 
     @cached_property
     def decode_leniently(self) -> LenientDecoder:
-        """Builds a message from whatever came, filling what is missing."""
+        """Lenient decoder of this type, which completes missing fields."""
         from rwt_interfaces.validation.lenient_decoder import compile_message
 
         return compile_message(self)
 
     @cached_property
     def complete_quickly(self) -> QuickCompletion:
-        """Builds a message from a text in which fields are missing, if nothing else is wrong with it."""
+        """Fast completion of texts whose only defect is missing fields."""
         from rwt_interfaces.validation.quick_completion import QuickCompletion
 
         return QuickCompletion(self)
@@ -157,7 +157,7 @@ class MessageType:
         return self.from_cdr if self.registry.distro.serialisation == "cdr" else self.from_ros1
 
     def binary_encoder(self, form: BinaryForm) -> BinaryEncoder:
-        """Return the encoder to one form, and what stands before strings and octets there."""
+        """Return the encoder of one form, and its head of strings and octets."""
         encoder = self._binary_encoders.get(form)
         if encoder is None:
             from rwt_interfaces.serialise import cbor, wire_rules
@@ -173,7 +173,7 @@ class MessageType:
         return encoder
 
     def step_encoder(self, form: BinaryForm) -> Callable[[msgspec.Struct, Chunks], Steps[Parts]]:
-        """Return the encoder to one form in steps, for messages with long lists."""
+        """Return the encoder of one form in steps, for messages with long lists."""
         encoder = self._step_encoders.get(form)
         if encoder is None:
             from rwt_interfaces.serialise import cbor, pack, wire_rules
@@ -190,15 +190,14 @@ class MessageType:
 
     @cached_property
     def holds_long_list(self) -> Callable[[Any], bool] | None:
-        """Tells whether a message of this type holds a list so long that it is encoded in steps; None if none
-        can."""
+        """Test for messages of this type with a list that is encoded in steps; None if none can have one."""
         from rwt_interfaces.serialise.long_lists import compile_test
 
         return compile_test(self)
 
     @cached_property
     def sizes(self) -> Callable[[list[Any]], int]:
-        """Reckons how many bytes messages of this type take as objects."""
+        """Estimates the bytes of messages of this type as objects."""
         return compile_sizes(self)
 
     @cached_property
@@ -238,7 +237,7 @@ class MessageType:
 
 
 class ServiceType:
-    """One service type; `name` is two-part."""
+    """Service type; `name` is two-part."""
 
     __slots__ = ("name", "request", "response")
 
@@ -259,7 +258,7 @@ class ServiceType:
 
 
 class ActionType:
-    """One action type; `name` is two-part."""
+    """Action type; `name` is two-part."""
 
     __slots__ = ("feedback", "goal", "name", "result")
 

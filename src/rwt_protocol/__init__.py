@@ -1,4 +1,4 @@
-"""rosbridge v2 as types and bytes: ops, encodings, one peer's session, the dispatcher. No I/O.
+"""rosbridge v2 as types and bytes: ops, encodings, the session of one peer, the dispatcher. No I/O.
 
 >>> from rwt_protocol import CallService, dump, parse
 >>> call = CallService(service="/add_two_ints", args={"a": 1, "b": 2}, id="1")
@@ -7,7 +7,7 @@
 >>> parse(dump(call, "cbor")) == [call]
 True
 
-Nothing is imported before its name is used.
+Names are imported on first use.
 """
 
 from __future__ import annotations
@@ -150,12 +150,12 @@ __all__ = [
 
 
 def __getattr__(name: str) -> object:
-    """Import a name when it is first used."""
+    """Import a name on first use."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(importlib.import_module(_HOMES[name]), name)
 
 
 def __dir__() -> list[str]:
-    """The names for completion, imported or not."""
+    """Return all names, imported or not."""
     return sorted({*globals(), *__all__})

@@ -1,4 +1,4 @@
-"""From an op to its handler, and from an exception to the op that reports it to the sender."""
+"""Dispatcher: calls the handler of an op, and reports exceptions to its sender."""
 
 from __future__ import annotations
 
@@ -11,28 +11,27 @@ from rwt_protocol.ops import SPEC_OF, Direction, Op, ReplyTo, inbound
 C = TypeVar("C")
 
 Steps = Iterator[None]
-"""Rest of the work of a handler, in short steps. Its end is the end of the op."""
+"""Remaining work of a handler in short steps. The op ends with the last step."""
 
 INTERNAL_ERROR: Final = "internal error"
-"""What a peer hears of an exception that is not a `Refused`."""
+"""Error text for peers of exceptions other than `Refused`."""
 
 
 class Dispatcher(Generic[C]):
-    """The table of handlers.
+    """Table of handlers.
 
     Args:
-        handlers: a handler for each op that may arrive, by the op's type: called with the context that
-            :meth:`dispatch` was given, and the op. It refuses by raising `Refused`. One that has long work to
-            do may return it in steps, for `later`.
-        on_error: called with the context, the op and any other exception, within the `except` block; it must
-            not raise.
-        refusals: exceptions that refuse, of layers that know no ops; their text goes to the peer.
+        handlers: handler of each arriving op, by op type; called with the context of :meth:`dispatch` and the
+            op. Handlers reject ops by raising `Refused`, and may return long work in steps, for `later`.
+        on_error: called with the context, the op and any other exception, within the `except` block; must not
+            raise.
+        refusals: further exceptions that reject an op; their text goes to the peer.
         direction: which messages arrive here: `TO_SERVER` in a server, `TO_CLIENT` in a client.
-        later: called with the context, the op and the steps that its handler has returned, to take them by
-            :meth:`go_on`; returns what :meth:`dispatch` is to return. None takes all of them at once.
+        later: called with the context, the op and the steps of its handler, to run them by :meth:`go_on`;
+            returns the result of :meth:`dispatch`. None: run all steps at once.
 
     Raises:
-        IncompleteDispatcher: a handler is missing, or is there for something that does not arrive.
+        IncompleteDispatcher: a handler is missing, or exists for an op that does not arrive.
     """
 
     __slots__ = ("_handlers", "_later", "_on_error", "_refusals")
@@ -49,7 +48,7 @@ class Dispatcher(Generic[C]):
         missing, extra = expected - set(handlers), set(handlers) - expected
         if missing or extra:
             raise IncompleteDispatcher(_disagreement(missing, extra, direction))
-        # Each handler takes the type that it is filed under, which a mapping's type cannot say.
+        # Each handler accepts the type of its key, which a mapping's type cannot express.
         self._handlers = {
             model: cast("Callable[[C, Op], Steps | None]", handler) for model, handler in handlers.items()
         }
@@ -58,10 +57,10 @@ class Dispatcher(Generic[C]):
         self._later = later
 
     def dispatch(self, context: C, op: Op) -> Op | None:
-        """Run the handler of `op`, which is one that `Session.decode` gave.
+        """Run the handler of `op`, which must come from `Session.decode`.
 
         Returns:
-            None, or the op that reports the refusal to the sender.
+            None, or the op that reports the rejection to the sender.
         """
         try:
             steps = self._handlers[type(op)](context, op)
@@ -76,10 +75,10 @@ class Dispatcher(Generic[C]):
         return left if isinstance(left, Op) else None
 
     def go_on(self, context: C, op: Op, steps: Steps, may_go_on: Callable[[], bool]) -> Op | Steps | None:
-        """Take steps of an op as long as `may_go_on` says so, and at least one.
+        """Run at least one step of an op, and more while `may_go_on` returns True.
 
         Returns:
-            The steps if some are left; else what :meth:`dispatch` returns.
+            The remaining steps, if any; otherwise the result of :meth:`dispatch`.
         """
         try:
             for _ in steps:
@@ -90,7 +89,7 @@ class Dispatcher(Generic[C]):
         return None
 
     def refused(self, context: C, op: Op, error: Exception) -> Op:
-        """The op that reports to the sender of `op` what it has raised; called within the `except` block."""
+        """Return the op that reports the current exception to the sender; call within the `except` block."""
         refuse = SPEC_OF[type(op)].refuse
         if isinstance(error, Refused):
             return refuse(ReplyTo.of(op), error.reason, error.level)

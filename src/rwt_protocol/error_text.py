@@ -1,4 +1,4 @@
-"""Sentences about what pydantic finds wrong in ops, settings and scripts: what, where, and what instead."""
+"""Error texts for pydantic's errors in ops, settings and scripts: key, expectation and value."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from pydantic_core import ErrorDetails
 from rwt_protocol.payloads import Decoded, JsonKind, RawJson
 
 Key = tuple[str | int, ...]
-"""The way to a member from the top: names, and indices of lists."""
+"""Path of a member from the top: names, and indices of lists."""
 
 _LONGEST_QUOTE: Final = 40
 _LONGEST_VALUE: Final = 200
@@ -50,18 +50,18 @@ _BOUNDS: Final[Mapping[type, tuple[str, str, Callable[[float, float], float]]]] 
     Gt: ("gt", " greater than {}", max),
     Le: ("le", " and at most {}", min),
 }
-"""Of each kind: its attribute, its words, and which of two counts."""
+"""Kinds of bounds: attribute, text, and the function that selects the stricter of two."""
 
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """Metadata of a member: how a refusal names what it should have held, where its type does not say."""
+    """Metadata of a member: what errors name as expected, if its type does not say."""
 
     text: str
 
 
 def describe(value: object) -> str:
-    """A JSON value in a few words: scalars as they are written, the rest by kind."""
+    """Describe a JSON value briefly: scalars as written, others by kind."""
     if value is None:
         return "null"
     if isinstance(value, bool):
@@ -81,7 +81,7 @@ def describe(value: object) -> str:
 
 
 def describe_kind(value: object) -> str:
-    """The kind of a value that has not been decoded yet, in a few words."""
+    """Describe the kind of an undecoded value."""
     if isinstance(value, Decoded):
         return _KIND[value.kind]
     data = (
@@ -91,7 +91,7 @@ def describe_kind(value: object) -> str:
 
 
 def explain(op: str, model: type[BaseModel], error: ValidationError) -> str:
-    """What is wrong with a message, in the words of JSON: ``publish.topic: expected a string, got 42``."""
+    """Return the error text of a message in JSON's terms: ``publish.topic: expected a string, got 42``."""
     first = error.errors(include_url=False)[0]
     key, annotation = locate(model, first["loc"])
     where = ".".join(map(str, (op, *key)))
@@ -101,7 +101,7 @@ def explain(op: str, model: type[BaseModel], error: ValidationError) -> str:
 
 
 def _within_limit(annotation: object, error: ErrorDetails) -> str:
-    """What is expected, with the limit that a number is beyond, where the words do not name that limit."""
+    """Return the expectation, with the violated limit of a number if the text lacks it."""
     text, limits = expected(annotation), error.get("ctx", {})
     if "le" in limits and not text.endswith(f" {limits['le']:.0f}"):
         return f"{text}, at most {limits['le']:.0f}"
@@ -109,14 +109,13 @@ def _within_limit(annotation: object, error: ErrorDetails) -> str:
 
 
 def first_error(error: ValidationError) -> ErrorDetails:
-    """The first thing that is wrong with a file: an unknown key goes before what is missing, which may be the
-    same key well spelt."""
+    """Return the first error in a file. Unknown keys precede missing ones: they may be misspellings."""
     errors = error.errors(include_url=False)
     return next((each for each in errors if each["type"] == "extra_forbidden"), errors[0])
 
 
 def but_got(error: ErrorDetails) -> str:
-    """The end of a sentence about a file: the value that was found, in the words of TOML."""
+    """Return the end of a sentence about a file: the value found, in TOML's terms."""
     if error["type"] == "missing":
         return ", and it is missing"
     value = error["input"]
@@ -131,11 +130,11 @@ def but_got(error: ErrorDetails) -> str:
 
 
 def locate(model: type[BaseModel], loc: Sequence[str | int]) -> tuple[Key, object]:
-    """The key that an error is about, and what is expected there.
+    """Return the key of an error, and what is expected there.
 
     Args:
-        model: what was validated.
-        loc: the place as pydantic names it, which ends with parts that are no keys, for members of a union.
+        model: the validated model.
+        loc: pydantic's location; ends with parts that are not keys, for members of a union.
     """
     key: list[str | int] = []
     for part in loc:
@@ -147,7 +146,7 @@ def locate(model: type[BaseModel], loc: Sequence[str | int]) -> tuple[Key, objec
 
 
 def annotation_at(model: type[BaseModel], key: Sequence[str | int]) -> object:
-    """The type of the member under `key`, with its metadata; None where there is none.
+    """Return the type of the member under `key`, with its metadata; None if there is none.
 
     A part of the key may be any name where names are chosen freely.
     """
@@ -169,18 +168,18 @@ def annotation_at(model: type[BaseModel], key: Sequence[str | int]) -> object:
 
 
 def annotation_of(field: FieldInfo) -> object:
-    """The type of a member with its metadata."""
+    """Return the type of a member with its metadata."""
     return Annotated[(field.annotation, *field.metadata)] if field.metadata else field.annotation
 
 
 def model_in(annotation: object) -> type[BaseModel] | None:
-    """The model that a member holds; None if it holds something else."""
+    """Return the model that a member holds; None if it holds something else."""
     plain = plain_type(annotation)
     return plain if isinstance(plain, type) and issubclass(plain, BaseModel) else None
 
 
 def plain_type(annotation: object) -> object:
-    """A type without its metadata and without None; a union of several stays one."""
+    """Return a type without metadata and None; a union of several types is kept."""
     if get_origin(annotation) is Annotated:
         return plain_type(get_args(annotation)[0])
     if get_origin(annotation) in (Union, types.UnionType):
@@ -190,7 +189,7 @@ def plain_type(annotation: object) -> object:
 
 
 def expected(annotation: object) -> str:
-    """What a member takes, for example ``a whole number of at least 1``."""
+    """Describe the values that a member accepts, for example ``a whole number of at least 1``."""
     if get_origin(annotation) is Annotated:
         for item in get_args(annotation)[1:]:
             if isinstance(item, Expected):
@@ -209,7 +208,7 @@ def expected(annotation: object) -> str:
 
 
 def _bounds(annotation: object) -> str:
-    """The bounds of a number in words; a type that narrows another one has the narrower bound only."""
+    """Describe the bounds of a number; a narrowed type has only the narrower bound."""
     limits: dict[type, float] = {}
     for bound in _bounds_within(annotation):
         attribute, _, narrower = _BOUNDS[type(bound)]

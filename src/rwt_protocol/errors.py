@@ -1,8 +1,8 @@
-"""Everything that `rwt_protocol` raises.
+"""Exceptions of `rwt_protocol`.
 
 * :exc:`ProtocolError`
 
-  * :exc:`Refused`: a message is well formed and is not done; handlers raise it.
+  * :exc:`Refused`: handlers raise it to reject a well-formed message.
 
     * :exc:`MalformedMessage`: a frame that :func:`rwt_protocol.parse` cannot read.
     * :exc:`MalformedPayload`: the bytes of a payload are not one JSON value.
@@ -10,7 +10,7 @@
 
   * :exc:`IncompleteDispatcher`: the table of handlers and the table of ops disagree.
 
-A session raises nothing: :meth:`rwt_protocol.session.Session.decode` returns what is wrong as a `Refusal`.
+Sessions do not raise: :meth:`rwt_protocol.session.Session.decode` returns errors as `Refusal`.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from __future__ import annotations
 from typing import Literal
 
 Level = Literal["info", "warning", "error", "none"]
-"""The levels of `set_level` and `status` (STA-01)."""
+"""Levels of `set_level` and `status` (STA-01)."""
 
 
 class ProtocolError(Exception):
-    """Base of every error of this package. The text says what, where and what instead."""
+    """Base of all exceptions of this package."""
 
 
 class Refused(ProtocolError):
-    """A handler will not do what the op asks. The text goes to the peer as it is.
+    """The handler rejects the op. The text is sent to the peer unchanged.
 
     Attributes:
         reason: the text.
-        level: the severity of the `status` message that carries it, where one does (STA-04).
+        level: severity of the `status` message that carries it, if one does (STA-04).
     """
 
     def __init__(self, reason: str, level: Level = "error") -> None:
@@ -40,12 +40,12 @@ class Refused(ProtocolError):
 
 
 class MalformedMessage(Refused):
-    """A frame holds something that is not a message of the protocol. The text is what the wire would say.
+    """A frame holds something that is not a message of the protocol. The text is the one sent on the wire.
 
     Attributes:
-        op: the name of the op as it was sent, empty when none could be read.
-        id: the sender's id, None when none could be read.
-        name: the service or action that was meant, empty when none could be read.
+        op: name of the op as sent; empty if unreadable.
+        id: id of the sender; None if unreadable.
+        name: name of the service or action; empty if unreadable.
     """
 
     def __init__(self, reason: str, op: str = "", id: str | int | None = None, name: str = "") -> None:
@@ -56,12 +56,12 @@ class MalformedMessage(Refused):
 
 
 class MalformedPayload(Refused):
-    """The bytes of a payload are not one JSON value in UTF-8, or its value is none that an encoding has."""
+    """The payload is not one JSON value in UTF-8, or holds a value that the encoding does not support."""
 
 
 class EncodingUnavailable(Refused):
-    """An encoding needs a package that is not installed."""
+    """The encoding needs a package that is not installed."""
 
 
 class IncompleteDispatcher(ProtocolError, TypeError):
-    """A handler is missing for an op, or is there for something that no peer may send."""
+    """A handler is missing for an op, or exists for an op that does not arrive."""

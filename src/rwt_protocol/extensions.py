@@ -1,7 +1,6 @@
 """Extensions from other distributions: entry points in groups such as ``rwt.gateways`` and ``rwt.codecs``.
 
-A name from settings, a URL or the command line is looked up in the table of built-in names first. An entry
-point is imported when it is named, never because its distribution is installed.
+Built-in names take precedence. Entry points are imported only when they are named.
 """
 
 from __future__ import annotations
@@ -15,14 +14,14 @@ class ExtensionError(LookupError):
 
 
 def extension_names(group: str) -> list[str]:
-    """Return the names of the installed entry points of a group, sorted. Imports none of them."""
-    from importlib.metadata import entry_points  # takes a while, and built-in names need none of it
+    """Return the sorted names of the installed entry points of a group, without importing them."""
+    from importlib.metadata import entry_points  # slow import, not needed for built-in names
 
     return sorted(entry_points(group=group).names)
 
 
 def load_extension(group: str, name: str, builtin: Iterable[str]) -> Any:
-    """Import the entry point of a group that has a name.
+    """Import an entry point by group and name.
 
     Args:
         group: for example ``rwt.gateways``.

@@ -1,4 +1,4 @@
-"""Messages in pieces: joining those that arrive, cutting those that leave (FRG)."""
+"""Fragmentation: reassembles incoming fragments and cuts outgoing messages (FRG)."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import Fragment
 
 MOST_PIECES: Final = 1_000
-"""Frames that one message is cut into at most, however small the pieces that a client asks for."""
+"""Maximum number of fragments of a message; fragments are longer than requested if necessary."""
 
 _encode: Final = msgspec.json.Encoder().encode
 _numbers: Final = itertools.count(1)
 
 _OVERHEAD: Final = 200
-"""Bytes that an open piece is counted as, beside its text: what it costs to keep it."""
+"""Bytes that a pending fragment counts in addition to its text."""
 
 
 @dataclass(slots=True)
 class _Pieces:
-    """The pieces of one message so far."""
+    """Received fragments of one message."""
 
     total: int
     touched: float
@@ -36,7 +36,7 @@ class _Pieces:
 
 
 class Reassembly:
-    """The messages of one peer that are still in pieces (FRG-08)."""
+    """Fragmented messages of one peer that are still incomplete (FRG-08)."""
 
     __slots__ = ("_limits", "_open", "_size")
 
@@ -46,14 +46,14 @@ class Reassembly:
         self._size = 0
 
     def add(self, fragment: Fragment, now: float) -> bytes | None:
-        """Take one piece.
+        """Add a fragment.
 
         Returns:
-            The message in UTF-8 if this was its last piece, joined by `num` (FRG-01); until
-            :meth:`forget` is called its id stays taken (FRG-10).
+            The message in UTF-8 if this was its last fragment, joined by `num` (FRG-01). Its id stays
+            reserved until :meth:`forget` is called (FRG-10).
 
         Raises:
-            Refused: the piece does not fit; what has arrived of the message stays (FRG-04).
+            Refused: the fragment does not fit; earlier fragments of the message are kept (FRG-04).
         """
         if fragment.num >= fragment.total:
             raise Refused(f"fragment.num: expected less than the total, {fragment.total}, got {fragment.num}")
@@ -69,13 +69,13 @@ class Reassembly:
         return b"".join([pieces.texts[num] for num in range(pieces.total)])
 
     def forget(self, id: str | int) -> None:  # as on the wire
-        """Drop what has arrived of one message."""
+        """Drop the received fragments of a message."""
         pieces = self._open.pop(id, None)
         if pieces is not None:
             self._size -= pieces.size
 
     def _pieces_for(self, fragment: Fragment, now: float) -> _Pieces:
-        """The message that a piece belongs to. A late piece still finds its own message (FRG-06, FRG-07)."""
+        """Return the message of a fragment. Late fragments still find their message (FRG-06, FRG-07)."""
         pieces = self._open.get(fragment.id)
         if pieces is not None:
             return pieces
@@ -107,16 +107,16 @@ class Reassembly:
 
 
 def cut(frame: Frame, size: int, id: str = "") -> Sequence[Frame]:  # as on the wire
-    """A frame as fragments of at most `size` characters of its text, if it is longer (FRG-21).
+    """Cut a frame into fragments of at most `size` characters, if it is longer (FRG-21).
 
-    A binary frame is never cut (FRG-27), and a size below one asks for no cutting. A message that would take
-    more than 1,000 pieces is cut into that many, larger ones.
+    Binary frames are never cut (FRG-27), and sizes below one request no cutting. A message of more than 1,000
+    fragments is cut into 1,000 longer ones.
 
     Args:
         frame: the whole message.
-        size: the most characters in one piece.
-        id: what the pieces are known by; clients need a string that is not empty, so an empty one stands for
-            a new one that no other message has (FRG-24).
+        size: maximum characters of a fragment.
+        id: id of the fragments. Clients need a non-empty string, so a new unique one replaces the empty
+            string (FRG-24).
     """
     if frame.binary or size < 1 or frame.size <= size:
         return (frame,)

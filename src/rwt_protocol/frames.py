@@ -9,10 +9,10 @@ Buffer = bytes | memoryview
 
 
 class Frame:
-    """One outgoing message: text (UTF-8 JSON) or binary. Immutable; shared by every connection it goes to.
+    """Outgoing message: text (UTF-8 JSON) or binary. Immutable and shared by all its connections.
 
-    It is kept as `parts`, so that a payload is spliced into its envelope without a copy; a wire joins header
-    and parts once, and :meth:`framed` keeps the outcome for the next connection.
+    It consists of `parts`, so that payloads are spliced in without a copy. A wire joins header and parts
+    once; :meth:`framed` keeps the result for the next connection.
     """
 
     __slots__ = ("_framed", "_framing", "_others", "_pieces", "binary", "parts", "size")
@@ -31,13 +31,13 @@ class Frame:
 
     @property
     def data(self) -> bytes:
-        """The whole message as one piece."""
+        """Message as one piece."""
         return b"".join(self.parts)
 
     def framed(self, framing: Callable[[Frame], bytes]) -> bytes:
-        """The bytes of this frame on a wire whose `framing` needs nothing but the frame; computed once.
+        """Return the frame's bytes on a wire whose `framing` depends on the frame only; cached.
 
-        Most frames meet one kind of wire. Those that meet more, as where some peers compress, keep each.
+        Most frames meet one kind of wire; the results of several kinds (compressed peers) are all kept.
         """
         if self._framing is framing:
             return self._framed
@@ -53,11 +53,11 @@ class Frame:
         return framed
 
     def filled(self, own: bytes) -> Frame:
-        """The message for the receiver that these bytes are the own ones of: itself, since it has no gap."""
+        """Return the message with a receiver's own bytes in its gap: itself, since there is none."""
         return self
 
     def pieces(self, size: int, cut: Callable[[Frame, int], Sequence[Frame]]) -> Sequence[Frame]:
-        """The frames into which `cut` cuts this message; done once for each `size`, for all receivers."""
+        """Return the fragments made by `cut`; cached for each `size`."""
         if self._pieces is None:
             self._pieces = {}
         pieces = self._pieces.get(size)
@@ -71,19 +71,18 @@ class Frame:
 
 
 class GapFrame(Frame):
-    """A message that is the same for all receivers but for a gap, in which each gets bytes of its own. What
-    is sent is what :meth:`filled` returns.
+    """Message with a gap that each receiver's own bytes fill; :meth:`filled` returns what is sent.
 
     Args:
-        before: what goes before the gap.
-        gap: how many bytes each receiver's own have.
-        after: what goes behind it; large parts of it are shared by all.
+        before: bytes before the gap.
+        gap: size of the gap in bytes.
+        after: bytes behind the gap; large parts are shared by all receivers.
     """
 
     __slots__ = ("_filled",)
 
     SMALL = 4096
-    """Bytes of a message that are copied for each receiver, since that costs less than to hand over parts."""
+    """Maximum bytes of a message that are copied for each receiver, which costs less than passing parts."""
 
     def __init__(self, before: bytes, gap: int, *after: Buffer, binary: bool = False) -> None:
         super().__init__(before, *after, binary=binary)
@@ -91,7 +90,7 @@ class GapFrame(Frame):
         self._filled: dict[bytes, Frame] = {}
 
     def filled(self, own: bytes) -> Frame:
-        """The message with these bytes in its gap; the same one for all that have them in common."""
+        """Return the message with these bytes in its gap, shared by all receivers with the same bytes."""
         frame = self._filled.get(own)
         if frame is None:
             before, *after = self.parts
@@ -104,24 +103,24 @@ class GapFrame(Frame):
 
 
 class BurstMember(Protocol):
-    """A queue that took in a burst."""
+    """Queue that accepted a burst."""
 
     def sealed(self, frames: int, size: int) -> None:
-        """The burst takes no more: beside its first frame it has so many, of that size together."""
+        """Called when the burst is sealed, with the number and total size of the frames after its first."""
 
 
 class Burst:
-    """The frames of one stream that leave together: every receiver's queue holds the same object, so that a
-    frame that is added costs the same for one receiver and for a thousand.
+    """Frames of one stream that leave together.
 
-    It takes frames until somebody asks for its bytes, usually at the end of the event loop's turn, or until
-    it is large.
+    All receivers' queues hold the same object, so adding a frame costs the same for one receiver and a
+    thousand. It accepts frames until its bytes are requested, usually at the end of the event loop's turn, or
+    until it is large.
 
     Attributes:
         frames: its frames; read-only.
-        is_sealed: True if it takes no more frames.
+        is_sealed: True if it accepts no more frames.
         size: bytes of its frames.
-        members: the queues that hold it; they are told what was added once it is sealed.
+        members: queues that hold it; they learn its size when it is sealed.
     """
 
     __slots__ = (
@@ -130,7 +129,7 @@ class Burst:
     )  # fmt: skip
 
     LARGE = 8 * 1024
-    """Bytes after which a burst takes no more: what a queue may hold that it does not count yet."""
+    """Maximum bytes of a burst, which a queue may hold without counting them yet."""
 
     def __init__(self, frame: Frame) -> None:
         self.frames = [frame]
@@ -145,7 +144,7 @@ class Burst:
         self._apart_by: object = None
 
     def add(self, frame: Frame) -> bool:
-        """Take one more frame; False, and nothing is taken, when it is sealed or would be too large."""
+        """Add a frame. Returns False, without adding it, if the burst is sealed or would become too large."""
         size = self.size + frame.size
         if self.is_sealed or size > Burst.LARGE:
             return False
@@ -154,7 +153,7 @@ class Burst:
         return True
 
     def seal(self) -> None:
-        """Take no more."""
+        """Accept no more frames."""
         if self.is_sealed:
             return
         self.is_sealed = True
@@ -166,8 +165,7 @@ class Burst:
                 member.sealed(added, size)
 
     def filled(self, own: bytes) -> Burst:
-        """The same burst with these bytes in the gaps of its frames, each of which is a :class:`GapFrame`;
-        the same one for all that have them in common."""
+        """Return the burst with these bytes in its frames' gaps, shared by receivers with equal bytes."""
         burst = self._filled.get(own)
         if burst is None:
             burst = self._filled[own] = FilledBurst(self, own)
@@ -179,12 +177,12 @@ class Burst:
         joined: Callable[[Sequence[Frame]], bytes] | None = None,
         apart: Callable[[Sequence[Frame]], Sequence[bytes]] | None = None,
     ) -> bytes:
-        """The bytes of all frames on a wire with that `framing`; joined once for all that ask. Seals it.
+        """Return the bytes of all frames on a wire with that `framing`; cached. Seals the burst.
 
         Args:
             framing: makes the bytes of one frame.
-            joined: makes the same bytes of several, sooner.
-            apart: makes what stands between the gaps of several that have one each, for all receivers.
+            joined: makes the same bytes of several frames, faster.
+            apart: makes the shared bytes between the gaps of several frames with one gap each.
         """
         if self._framing is framing:
             return self._framed
@@ -216,7 +214,7 @@ class Burst:
         joined: Callable[[Sequence[Frame]], bytes] | None,
         apart: Callable[[Sequence[Frame]], Sequence[bytes]] | None,
     ) -> bytes:
-        """As :meth:`framed`, with a receiver's own bytes in the gaps."""
+        """Same as :meth:`framed`, with a receiver's own bytes in the gaps."""
         if apart is None:
             return _joined([frame.filled(own) for frame in self.frames], framing, joined)
         if self._apart_by is not apart:
@@ -236,8 +234,7 @@ def _joined(
 
 
 class FilledBurst(Burst):
-    """A burst as one receiver gets it, or some that have their own bytes in common; it grows with the one of
-    all."""
+    """Burst with the bytes of one receiver, or of several that share them; grows with the common burst."""
 
     __slots__ = ("_all", "_own")
 
@@ -255,19 +252,19 @@ class FilledBurst(Burst):
 
     @property
     def members(self) -> list[BurstMember]:  # type: ignore[override]  # as above
-        """The queues that hold the burst of all, in whichever way."""
+        """Queues that hold the common burst in any form."""
         return self._all.members
 
     def add(self, frame: Frame) -> bool:
-        """Take one more frame for all receivers."""
+        """Add a frame for all receivers."""
         return self._all.add(frame)
 
     def seal(self) -> None:
-        """Take no more, for any receiver."""
+        """Accept no more frames for any receiver."""
         self._all.seal()
 
     def filled(self, own: bytes) -> Burst:
-        """The burst for another receiver."""
+        """Return the burst for another receiver."""
         return self._all.filled(own)
 
     def _join(

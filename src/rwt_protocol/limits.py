@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 MAX_MESSAGE_BYTES: Final = 10_000_000
-"""Default size of the largest message: of one frame, and of all pieces of fragmented messages together."""
+"""Default maximum size of a frame, and of all pending fragments together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,14 +14,14 @@ class WireLimits:
     """Limits of what one peer may send.
 
     Attributes:
-        max_message_size: bytes of one frame.
-        max_depth: objects and arrays that may be open at once, including the message itself.
-        structure_bytes: bytes of a frame in CBOR or BSON beside its long strings and typed arrays, and
-            brackets of a frame in JSON. Each can cost eighty bytes of memory once it is decoded. A payload in
-            JSON may have more brackets, but only decoders of message types accept it (`RawJson.dense`).
-        fragmented_messages: messages in pieces at the same time.
-        fragment_characters: characters of all pieces together.
-        fragment_seconds: seconds after the last piece until the others are dropped (FRG-06).
+        max_message_size: maximum bytes of a frame.
+        max_depth: maximum number of open objects and arrays, including the message.
+        structure_bytes: maximum bytes of a CBOR or BSON frame outside long strings and typed arrays, and
+            maximum brackets of a JSON frame. Each can cost eighty bytes of memory when decoded. JSON payloads
+            may have more brackets, but only decoders of message types accept those (`RawJson.dense`).
+        fragmented_messages: maximum number of incomplete fragmented messages.
+        fragment_characters: maximum characters of all pending fragments.
+        fragment_seconds: seconds after the last fragment until an incomplete message is dropped (FRG-06).
     """
 
     max_message_size: int = MAX_MESSAGE_BYTES
@@ -36,14 +36,14 @@ WIRE_LIMITS: Final = WireLimits()
 """Default limits."""
 
 _FEW_BRACKETS: Final = 64
-"""Number of brackets that are searched for one by one, before all are counted."""
+"""Number of brackets that are searched for one by one before all are counted."""
 
 
 def has_more_brackets(text: bytes, most: int) -> bool:
-    """Return True if more than `most` objects and arrays begin in a JSON text; brackets in strings count.
+    """Return True if a JSON text has more than `most` opening brackets, including those in strings.
 
-    Large messages are mostly one long string with a few brackets around it. Finding those few costs a
-    thirtieth of counting, which CPython does byte by byte.
+    Large messages are mostly one long string. Finding its few brackets costs a thirtieth of counting, which
+    CPython does byte by byte.
     """
     if len(text) <= most:
         return False

@@ -1,4 +1,4 @@
-"""Payloads of ops: undecoded or unchecked as they arrive, and what may take their place on the way out."""
+"""Payloads of ops: undecoded or unchecked as they arrive, and their substitutes in outgoing ops."""
 
 from __future__ import annotations
 
@@ -33,46 +33,44 @@ _KIND_BY_TYPE: Final[Mapping[type, JsonKind]] = {
 }
 
 FEW_BYTES: Final = 64 * 1024
-"""Frames of no more bytes than this are decoded whatever they hold, arrays in them to lists: what they can
-cost is little."""
+"""Maximum bytes of a frame that is decoded without limits, arrays to lists: its cost is small."""
 
 _TRUE, _FALSE, _NAN = object(), object(), object()
 
 
 class Encodable(Protocol):
-    """A payload that every codec can write into an op. `RawJson` and `Decoded` are two.
+    """Payload that every codec can write into an op, such as `RawJson` and `Decoded`.
 
-    A message of a known type is another, whatever class it has: its bytes are spliced into the op, and are
-    encoded once however many ops they go into.
+    Messages of known types also qualify: each encoding is made once, however many ops it goes into.
     """
 
     @property
     def size(self) -> int:
-        """Bytes of the payload, as far as they are counted."""
+        """Bytes of the payload, as counted for limits."""
 
     def json(self) -> Buffer:
-        """The payload as one JSON value in UTF-8.
+        """Return the payload as one JSON value in UTF-8.
 
         Raises:
-            MalformedPayload: it is text of another peer, and is not JSON.
+            MalformedPayload: it is text of another peer and is not JSON.
         """
 
     def plain(self) -> object:
-        """The payload as dict, list, str, bytes, int, float, bool or None. NaN is kept.
+        """Return the payload as dict, list, str, bytes, int, float, bool or None. NaN is kept.
 
         Raises:
-            MalformedPayload: it is text of another peer, and is not JSON.
+            MalformedPayload: it is text of another peer and is not JSON.
         """
 
 
 def _plain(value: object) -> object:
-    # A model that was made by `model_construct`, unvalidated, holds what it was given.
+    # Models made by `model_construct` are unvalidated.
     plain: Callable[[], object] | None = getattr(value, "plain", None)
     return value if plain is None else plain()
 
 
 def _as_json(value: object) -> object:
-    """The value as JSON writes it: bytes in base64, NaN and infinities as null."""
+    """Encode as JSON: bytes as base64, NaN and infinities as null."""
     return msgspec.json.decode(Decoded(value).json())
 
 
@@ -82,20 +80,19 @@ AS_PLAIN_VALUES: Final = core_schema.plain_serializer_function_ser_schema(
         serialization=core_schema.plain_serializer_function_ser_schema(_as_json, when_used="json")
     ),
 )
-"""How pydantic dumps a payload: as plain values in Python, and in JSON as the protocol writes it."""
+"""Serializer of payloads for pydantic: plain values in Python, the protocol's form in JSON."""
 
 
 class RawJson(msgspec.Struct, frozen=True, gc=False, eq=False):
-    """The bytes of one JSON value, kept undecoded.
+    """Bytes of one JSON value, undecoded.
 
     Attributes:
-        data: the bytes. A `memoryview` is a slice of the frame that they came in, and keeps that frame alive.
-        validate: None when the bytes are known to be one JSON value in UTF-8. In a large message they are not
-            looked at on arrival (see :mod:`rwt_protocol.codecs.head_tail_split`): a strict decoder of a
-            message type validates them by decoding, and all other readers call :meth:`validated` or
-            :meth:`json`.
-        dense: why the bytes may not be decoded as plain values, where they hold too many objects and arrays
-            for that; empty where they may. A decoder that makes no object of each may still read them.
+        data: the bytes. A `memoryview` is a slice of the received frame, and keeps that frame alive.
+        validate: None if the bytes are known to be one JSON value in UTF-8. Large messages are not validated
+            on arrival (see :mod:`rwt_protocol.codecs.head_tail_split`): strict decoders of message types
+            validate them by decoding, and all other readers call :meth:`validated` or :meth:`json`.
+        dense: reason why the bytes must not be decoded as plain values: too many objects and arrays; empty if
+            they may. Decoders that do not make an object of each may still read them.
     """
 
     data: Buffer
@@ -104,25 +101,24 @@ class RawJson(msgspec.Struct, frozen=True, gc=False, eq=False):
 
     @property
     def size(self) -> int:
-        """The number of bytes."""
+        """Number of bytes."""
         return len(self.data)
 
     @property
     def is_validated(self) -> bool:
-        """Whether the bytes are known to be one JSON value in UTF-8."""
+        """True if the bytes are known to be one JSON value in UTF-8."""
         return self.validate is None
 
     @property
     def kind(self) -> JsonKind:
-        """The kind of JSON value, by its first byte."""
+        """Kind of the JSON value, by its first byte."""
         return _KIND_BY_FIRST_BYTE.get(self.data[0], "number")
 
     def validated(self) -> RawJson:
-        """The same payload with its bytes checked: self if they already are.
+        """Return the payload with validated bytes: self if they already are.
 
-        Call it before the bytes are passed on without a type check, and when a strict decoder has refused
-        bytes that are not yet validated: the whole message is then parsed, and the outcome is exactly what a
-        full parse would have found, with the tokens ``NaN`` and ``Infinity`` turned into null.
+        Call it before passing bytes on without a type check, and after a strict decoder rejected unvalidated
+        bytes. The whole message is parsed, with the tokens ``NaN`` and ``Infinity`` turned into null.
 
         Raises:
             MalformedPayload: the message is not JSON, not UTF-8, or :attr:`dense`.
@@ -130,7 +126,7 @@ class RawJson(msgspec.Struct, frozen=True, gc=False, eq=False):
         return self if self.validate is None else RawJson(self.validate())
 
     def json(self) -> Buffer:
-        """The bytes, checked (see :meth:`validated`).
+        """Return the validated bytes.
 
         Raises:
             MalformedPayload: the message is not JSON, not UTF-8, or :attr:`dense`.
@@ -138,7 +134,7 @@ class RawJson(msgspec.Struct, frozen=True, gc=False, eq=False):
         return self.data if self.validate is None else self.validate()
 
     def plain(self) -> object:
-        """The value as plain objects.
+        """Return the value as plain objects.
 
         Raises:
             MalformedPayload: the message is not JSON, or not UTF-8.
@@ -163,7 +159,7 @@ class RawJson(msgspec.Struct, frozen=True, gc=False, eq=False):
         return self
 
     def __deepcopy__(self, memo: object) -> Self:
-        return self  # neither it nor its bytes change
+        return self  # immutable
 
     def __repr__(self) -> str:
         head = bytes(self.data[:60]).decode("utf-8", "replace")
@@ -175,11 +171,10 @@ class RawJson(msgspec.Struct, frozen=True, gc=False, eq=False):
 
 
 EMPTY: Final = RawJson(b"{}")
-"""What an absent payload means: an object without members (PUB-04, SRV-02, ACT-11)."""
+"""Meaning of an absent payload: an empty object (PUB-04, SRV-02, ACT-11)."""
 
 
 def _as_list(value: object) -> object:
-    """A numpy array as a list."""
     if not _is_array(value):
         raise TypeError(f"{type(value).__name__} is not of JSON")
     to_list: Callable[[], object] = value.tolist  # type: ignore[attr-defined]  # numpy is not imported here
@@ -190,14 +185,13 @@ _encode: Final = msgspec.json.Encoder(enc_hook=_as_list).encode
 
 
 class Decoded(msgspec.Struct, frozen=True, eq=False):
-    """A payload of an encoding whose frames are decoded as a whole (CBOR, BSON): objects of no checked type.
+    """Payload of an encoding that decodes whole frames (CBOR, BSON): plain objects of unchecked type.
 
     Attributes:
-        value: dict, list, str, bytes, int, float, bool or None; octets are bytes, other typed arrays are
-            lists, long ones numpy arrays that cannot be written to, and NaN is kept. What else a sender put
-            there (a date, a key that is no text) is left as the library read it, for the check against a
-            message type to refuse.
-        size: bytes of the message that it came in, envelope included, for those who count; not compared.
+        value: dict, list, str, bytes, int, float, bool or None. Octets are bytes, other typed arrays are
+            lists, long ones read-only numpy arrays; NaN is kept. Other values (dates, keys that are not
+            strings) are left for the check against a message type to reject.
+        size: bytes of its message, including the envelope; ignored in comparisons.
     """
 
     value: object
@@ -214,14 +208,14 @@ class Decoded(msgspec.Struct, frozen=True, eq=False):
 
     @property
     def kind(self) -> JsonKind:
-        """The kind of value, in JSON's words."""
+        """Kind of the value, in JSON's terms."""
         return "array" if _is_array(self.value) else _KIND_BY_TYPE.get(type(self.value), "number")
 
     def json(self) -> bytes:
-        """The value as JSON: bytes in base64, NaN and infinities as null.
+        """Return the value as JSON: bytes in base64, NaN and infinities as null.
 
         Raises:
-            MalformedPayload: the sender put something there that JSON has not, as an integer beyond 64 bits.
+            MalformedPayload: it holds a value that JSON does not support, such as an integer beyond 64 bits.
         """
         try:
             return _encode(self.value)
@@ -229,7 +223,7 @@ class Decoded(msgspec.Struct, frozen=True, eq=False):
             raise MalformedPayload(f"not a value that JSON has: {error}") from None
 
     def plain(self) -> object:
-        """The value, its numpy arrays as lists."""
+        """Return the value, its numpy arrays as lists."""
         return self.value if self.size <= FEW_BYTES else _listed(self.value)
 
 
@@ -247,15 +241,15 @@ def _listed(value: object) -> object:
 
 
 RawPayload = RawJson | Decoded
-"""A payload as it arrives: text that is not decoded, or values that are not checked."""
+"""Payload as it arrives: undecoded text or unchecked values."""
 
 
 def plain_copy(value: object) -> object:
-    """A copy of a payload that a program wrote, in plain objects: tuples as lists, other octets as bytes.
+    """Return a copy of a program's payload in plain objects: tuples as lists, other octets as bytes.
 
     Raises:
-        ValueError: it holds something that no encoding has: an integer beyond 64 bits, half of a character, a
-            name that is no string, or an object of another kind.
+        ValueError: it holds a value that no encoding supports: an integer beyond 64 bits, a lone surrogate, a
+            key that is not a string, or an object of another class.
     """
     if value is None or isinstance(value, bool):
         return value
@@ -285,7 +279,7 @@ def _name(name: object) -> str:
 
 
 def comparable(value: object) -> object:
-    """A hashable object that is equal for equal values: 1 is 1.0 but not true, and NaN is NaN."""
+    """Return a hashable object that is equal for equal values: 1 is 1.0 but not true, and NaN is NaN."""
     if isinstance(value, dict):
         return frozenset((name, comparable(each)) for name, each in value.items())
     if isinstance(value, list):
@@ -300,7 +294,7 @@ def comparable(value: object) -> object:
 
 
 def _equal(one: RawPayload, other: RawPayload) -> bool:
-    """Whether two payloads hold the same value; what is not JSON is equal to its own bytes alone."""
+    """Return True if two payloads hold the same value; invalid JSON equals only its own bytes."""
     try:
         return comparable(one.plain()) == comparable(other.plain())
     except MalformedPayload:
@@ -308,23 +302,23 @@ def _equal(one: RawPayload, other: RawPayload) -> bool:
 
 
 class TypedMessage(Encodable, Protocol):
-    """A message of a known type, in whichever encoding a subscriber asks for."""
+    """Message of a known type, in any encoding."""
 
     def json_parts(self) -> Sequence[Buffer]:
-        """The bytes of :meth:`json` in parts, to be joined with what stands around them."""
+        """Return the bytes of :meth:`json` in parts, to be joined with the surrounding bytes."""
 
     def cbor_parts(self) -> Sequence[Buffer]:
-        """The message in CBOR (CBR-02 to CBR-07), in parts."""
+        """Return the message in CBOR (CBR-02 to CBR-07), in parts."""
 
     def plain_in_steps(self) -> Generator[None, None, object]:
-        """What :meth:`plain` returns, in steps of about a millisecond at most; what is short takes none."""
+        """Same as :meth:`plain`, in steps of about a millisecond at most; short messages take none."""
 
     def serialised_parts(self) -> Sequence[Buffer]:
-        """The message as its robot serialises it, ROS 1's own form or CDR (CBR-10, CBR-11), in parts."""
+        """Return the message in the robot's serialisation, ROS 1 or CDR (CBR-10, CBR-11), in parts."""
 
 
 class Sample(Protocol):
-    """One published message, and when that was."""
+    """Published message with its time."""
 
     @property
     def payload(self) -> TypedMessage:
@@ -332,4 +326,4 @@ class Sample(Protocol):
 
     @property
     def stamp_ns(self) -> int:
-        """The server's ROS time when it was published, nanoseconds since the epoch (CBR-12)."""
+        """Server's ROS time at publication, nanoseconds since the epoch (CBR-12)."""

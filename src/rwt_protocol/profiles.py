@@ -1,4 +1,4 @@
-"""The versions of the protocol, as data: which op and which member belongs, and when `status` is sent."""
+"""Protocol versions as data: their ops and members, and when `status` is sent."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from rwt_protocol.ops import OPS, Direction
 
 
 class StatusRule(Enum):
-    """When a client hears `status` (X04)."""
+    """Condition for sending `status` to a client (X04)."""
 
     FROM_THE_START = "from the start"
-    """At level `error` until it sets another (STA-02)."""
+    """At level `error` until the client sets another (STA-02)."""
     AFTER_SET_LEVEL = "after set_level"
-    """Not before it has asked: shipping clients log a traceback for each (STA-05)."""
+    """Only after the client set a level: common clients log a traceback for each (STA-05)."""
     NEVER = "never"
 
 
 @dataclass(frozen=True)
 class Profile:
-    """One version of the protocol.
+    """Version of the protocol.
 
     Attributes:
-        name: as it is written in settings.
-        ops: the ops that exist in it.
-        without: members that do not exist in it, by op. Like every unknown member they are ignored (ENV-01).
-        status: when a client hears `status`.
-        both_ways: ops that servers take too, although servers alone send them in the other versions.
+        name: name in the settings.
+        ops: its ops.
+        without: members that it lacks, by op; ignored like all unknown members (ENV-01).
+        status: condition for sending `status`.
+        both_ways: ops that servers accept too, although only servers send them in the other versions.
     """
 
     name: str
@@ -40,11 +40,11 @@ class Profile:
     both_ways: frozenset[str] = frozenset()
 
     def direction(self, op: str) -> Direction:
-        """Who sends `op` in this version."""
+        """Return the sender of `op` in this version."""
         return Direction.BOTH if op in self.both_ways else OPS[op].direction
 
     def arriving(self, direction: Direction) -> frozenset[str]:
-        """The names of the ops that arrive where messages of `direction` do; all of them for `BOTH`."""
+        """Return the names of the ops that arrive with messages of `direction`; all for `BOTH`."""
         if direction is Direction.BOTH:
             return self.ops
         return frozenset(op for op in self.ops if self.direction(op) in (direction, Direction.BOTH))
@@ -62,12 +62,12 @@ def _without(**members: str) -> Mapping[str, frozenset[str]]:
 
 
 COMPAT: Final = Profile("compat", _ALL, StatusRule.AFTER_SET_LEVEL)
-"""The default: everything that a shipping client sends."""
+"""Default profile: everything that released clients send."""
 
 _EITHER_WAY: Final = frozenset({"png"})
-"""The older texts have `png` as one of the ways to send any message; no shipping server takes it (PNG-09)."""
+"""Ops that the older texts allow in both directions; no released server accepts them (PNG-09)."""
 
-# `latch` and `queue_size` are in neither text and in both servers and every client of the time (ADV-06, X10).
+# `latch` and `queue_size` are in neither text, but in both servers and all clients of the time (ADV-06, X10).
 ROS1: Final = Profile(
     "ros1",
     _ALL - _ACTION_OPS,
@@ -75,7 +75,7 @@ ROS1: Final = Profile(
     _without(advertise="qos", publish="type qos", subscribe="qos", call_service="type timeout"),
     _EITHER_WAY,
 )
-"""The text of the branch ros1."""
+"""Protocol text of the branch ros1."""
 
 ROS2_2024: Final = Profile(
     "ros2-2024",
@@ -84,7 +84,7 @@ ROS2_2024: Final = Profile(
     _without(advertise="qos", publish="type qos", subscribe="qos", call_service="type timeout"),
     _EITHER_WAY,
 )
-"""The text of the branch ros2 in 2024."""
+"""Protocol text of the branch ros2 in 2024."""
 
 V2_0_0: Final = Profile(
     "2.0.0",
@@ -98,9 +98,9 @@ V2_0_0: Final = Profile(
         send_action_goal="compression",
     ),
 )
-"""The text numbered 2.0.0, of 2026."""
+"""Protocol text numbered 2.0.0, of 2026."""
 
 PROFILES: Final[Mapping[str, Profile]] = MappingProxyType(
     {profile.name: profile for profile in (COMPAT, ROS1, ROS2_2024, V2_0_0)}
 )
-"""Every profile, by its name."""
+"""All profiles by name."""

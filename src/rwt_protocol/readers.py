@@ -1,4 +1,4 @@
-"""From the members of a message to its op: one reader for each op that arrives, in one profile."""
+"""Readers that validate a message's members as its op: one for each arriving op of a profile."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ _Convert = Callable[[msgspec.Raw | RawPayload], object]
 
 
 class Reader:
-    """Makes one op of its members.
+    """Converts members to one op.
 
     Attributes:
-        model: the op's type.
-        in_session: whether the session itself does what the op asks.
+        model: type of the op.
+        in_session: True if the session handles the op itself.
     """
 
     __slots__ = ("_ignored", "_optional", "_payloads", "_validate", "in_session", "model")
@@ -38,11 +38,11 @@ class Reader:
         self._optional = tuple(n for n, field in spec.model.model_fields.items() if not field.is_required())
 
     def read(self, members: Members) -> Op:
-        """The op, validated once. `members` is used up.
+        """Return the validated op. Consumes `members`.
 
         Raises:
             ValidationError: a member is missing or wrong.
-            msgspec.DecodeError, UnicodeDecodeError: a text among the payloads is not a string.
+            msgspec.DecodeError, UnicodeDecodeError: a text member among the payloads is not a string.
         """
         for name, convert in self._payloads:
             if name in members:
@@ -52,7 +52,7 @@ class Reader:
         try:
             return self._validate(members)
         except ValidationError:
-            # Null stands for an absent member (STA-07, SUB-11). Few send it, so the others do not pay for it.
+            # Null stands for an absent member (STA-07, SUB-11): rare, so only handled on failure.
             nulls = [name for name in self._optional if name in members and members[name] is None]
             if not nulls:
                 raise
@@ -63,7 +63,7 @@ class Reader:
 
 @cache
 def readers(profile: Profile, direction: Direction) -> Mapping[object, Reader]:
-    """The readers of the ops that arrive in one direction, by name."""
+    """Return the readers of the ops that arrive in one direction, by name."""
     return MappingProxyType(
         {
             name: Reader(OPS[name], profile.without.get(name, frozenset()))
@@ -73,7 +73,7 @@ def readers(profile: Profile, direction: Direction) -> Mapping[object, Reader]:
 
 
 def _converters(model: type[Op]) -> tuple[tuple[str, _Convert], ...]:
-    """What to do with the members that arrive undecoded."""
+    """Return the converters of the members that arrive undecoded."""
     found: list[tuple[str, _Convert]] = []
     for name, field in model.model_fields.items():
         marks = [item for item in field.metadata if isinstance(item, Opaque)]
@@ -85,5 +85,5 @@ def _converters(model: type[Op]) -> tuple[tuple[str, _Convert], ...]:
 
 
 def _decoded(raw: msgspec.Raw | RawPayload) -> object:
-    """The value of a member that is a payload in another op, and a text in this one."""
+    """Decode a member that is text in this op, but a payload in another."""
     return msgspec.json.decode(raw) if isinstance(raw, msgspec.Raw) else raw.plain()

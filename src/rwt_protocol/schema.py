@@ -1,4 +1,4 @@
-"""The whole protocol as one document, made from the models: JSON Schema or AsyncAPI.
+"""JSON Schema and AsyncAPI documents of the protocol, generated from the models.
 
 ``python -m rwt_protocol.schema FOLDER`` writes both for each version of the protocol.
 """
@@ -21,11 +21,11 @@ _DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
 
 
 def protocol_schema(profile: Profile = COMPAT) -> dict[str, JsonValue]:
-    """One JSON Schema that describes every message of `profile`.
+    """Return one JSON Schema that describes every message of `profile`.
 
-    A message is one of the definitions under ``$defs``, distinguished by ``op``; each says under
-    ``x-direction`` who sends it. Members that a definition does not list are allowed and ignored (ENV-01);
-    null stands for an absent optional member, which the document leaves out.
+    Each message is a definition under ``$defs``, distinguished by ``op``; ``x-direction`` names its sender.
+    Unlisted members are allowed and ignored (ENV-01). Null stands for an absent optional member, which the
+    document omits.
     """
     definitions, references = _definitions(profile, "#/$defs/")
     alternatives: list[JsonValue] = [{"$ref": reference} for reference in references.values()]
@@ -41,11 +41,11 @@ def protocol_schema(profile: Profile = COMPAT) -> dict[str, JsonValue]:
 
 
 def protocol_asyncapi(profile: Profile = COMPAT, version: str = "2.0.0") -> dict[str, JsonValue]:
-    """The same as an AsyncAPI 3.0 document, seen from the server: what it receives, and what it sends.
+    """Return an AsyncAPI 3.0 document, from the server's point of view.
 
     Args:
-        profile: which messages there are.
-        version: of the interface that is described.
+        profile: profile whose messages are described.
+        version: version of the described interface.
     """
     definitions, references = _definitions(profile, "#/components/schemas/")
     messages: dict[str, JsonValue] = {
@@ -72,11 +72,11 @@ def _operation(action: str, profile: Profile, direction: Direction) -> dict[str,
 
 
 def _definitions(profile: Profile, where: str) -> tuple[dict[str, JsonValue], dict[str, str]]:
-    """The schemas of the ops of `profile` and of what they refer to, and the reference to each op's own.
+    """Return the schemas of the ops of `profile` and of what they refer to, and each op's reference.
 
     Args:
-        profile: which ops there are.
-        where: what stands before a schema's name in a reference to it.
+        profile: profile of the ops.
+        where: prefix of schema names in references.
     """
     specs = [OPS[op] for op in sorted(profile.ops)]
     _, document = models_json_schema(
@@ -100,7 +100,7 @@ def _definitions(profile: Profile, where: str) -> tuple[dict[str, JsonValue], di
 
 
 def _finish(definition: dict[str, JsonValue], spec: OpSpec, profile: Profile) -> None:
-    """What the model's own schema does not say: who sends it, that `op` is needed, what the profile lacks."""
+    """Add to a schema what the model's own lacks: sender, required `op`, and the members without."""
     definition["x-direction"] = profile.direction(spec.name).value
     members = definition["properties"]
     required = definition.setdefault("required", [])
@@ -116,10 +116,10 @@ def write_documents(folder: Path) -> Sequence[Path]:
     """Write each profile as ``rosbridge-NAME.schema.json`` and ``rosbridge-NAME.asyncapi.json``.
 
     Args:
-        folder: where to; made if it is not there.
+        folder: target folder, created if missing.
 
     Raises:
-        OSError: it cannot be written there.
+        OSError: the folder is not writable.
     """
     folder.mkdir(parents=True, exist_ok=True)
     written = []
@@ -133,7 +133,7 @@ def write_documents(folder: Path) -> Sequence[Path]:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """The command: write the documents to the one folder that is given, and say which."""
+    """Run the command: write the documents to the given folder and print their names."""
     if len(arguments) != 1 or arguments[0].startswith("-"):
         sys.stderr.write("usage: python -m rwt_protocol.schema FOLDER\n")
         return 2

@@ -1,4 +1,4 @@
-"""One peer's wire state: frames in, ops out, and back. No I/O, no clock, no log."""
+"""Wire state of one peer: decodes frames to ops and encodes ops. No I/O, no clock, no log."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ _MOST_INSIDE: Final = 4
 _QUICK_OPS: Final = frozenset({"publish", "call_service", "service_response"})
 
 _DEEP: Final = 64
-"""Levels that no message type has. A payload that fits its type has no more than that."""
+"""Depth that exceeds all message types; a payload that fits its type is less deep."""
 
 _SEVERITY: Final[Mapping[Level, int]] = {"info": 0, "warning": 1, "error": 2, "none": 3}
 
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Something in a frame that is not done.
+    """Rejected part of a frame.
 
     Attributes:
-        reason: why, in words for the sender.
-        op: the name of the op as it was sent, empty when none could be read.
-        id: the sender's id, None when none could be read.
-        name: the service or action that was meant, empty when none could be read.
-        answer: the op that reports it to the sender; None on a client's side, where the protocol has none.
+        reason: error text for the sender.
+        op: name of the op as sent; empty if unreadable.
+        id: id of the sender; None if unreadable.
+        name: name of the service or action; empty if unreadable.
+        answer: op that reports it to the sender; None in clients, where the protocol has none.
     """
 
     reason: str
@@ -54,27 +54,26 @@ class Refusal:
 
 
 class Session:
-    """The wire state of one peer.
+    """Wire state of one peer.
 
-    What asks something of the session itself (`set_level`, `fragment`, `png`) is done by it, and is not
-    given out.
+    Handles ops for the session itself (`set_level`, `fragment`, `png`) and does not return them.
 
     Args:
-        profile: which version of the protocol is spoken.
+        profile: version of the protocol.
         direction: which messages arrive here: `TO_SERVER` in a server, `TO_CLIENT` in a client.
-        limits: what the peer may send.
-        codec: the one encoding of every message both ways; None is JSON, with binary encodings accepted
-            beside it.
+        limits: limits of the peer.
+        codec: exclusive encoding of all messages both ways; None: JSON, and binary encodings are accepted.
 
     Attributes:
-        encode: one op as a frame; raises `MalformedPayload` if its payload came from another peer, and is not
+        encode: encodes an op; raises `MalformedPayload` if its payload came from another peer and is not
             JSON.
-        response: the reply to a call that succeeded, from the service, its response and the caller's id.
-        call: a call to a provider, from the service, its request and the id.
-        is_quick: True if usual small text frames may be taken apart by
+        response: encodes the response to a successful call, from the service, its response and the caller's
+            id.
+        call: encodes a call to a provider, from the service, its request and the id.
+        is_quick: True if common small text frames may be read by
             :func:`~rwt_protocol.codecs.quick_publish.split_publish` and
             :func:`~rwt_protocol.codecs.quick_calls.split_call` instead of :meth:`decode`. False while the
-            client asks for `status` messages about successes or defaults, which need the whole op.
+            client requests `status` messages about successes or defaults, which need the whole op.
     """
 
     __slots__ = (
@@ -107,7 +106,7 @@ class Session:
         self._limits = limits
         self._codec = codec
         outgoing = codec or JSON
-        # The codec's own methods: a method of the session in between would cost each message a call.
+        # Bound directly to the codec's methods, to save a call per message.
         self.encode: Callable[[Op], Frame] = outgoing.encode
         self.response: Callable[[str, Encodable, str | int | None], Frame] = outgoing.response
         self.call: Callable[[str, Encodable, str | int], Frame] = outgoing.call
@@ -125,15 +124,15 @@ class Session:
         self._note_level()
 
     def decode(self, data: bytes, binary: bool, now: float) -> Sequence[Op | Refusal]:
-        """The messages of one frame, in order. Never raises, and keeps nothing of a frame that is cut short.
+        """Return the messages of one frame, in order. Never raises, and keeps nothing of a truncated frame.
 
-        A binary frame is read by the codec that its first byte names, and as JSON text otherwise (ENV-12),
-        unless the session has one encoding for all.
+        The first byte of a binary frame selects its codec; other frames are JSON text (ENV-12), unless the
+        session has an exclusive encoding.
 
         Args:
             data: the whole frame.
-            binary: whether it came as binary rather than as text.
-            now: seconds on any clock that never goes back.
+            binary: True if it arrived as binary.
+            now: seconds of any monotonic clock.
         """
         codec = self._codec or (BINARY_CODECS.get(data[:1], JSON) if binary else JSON)
         return self._decode(data, codec, now)
@@ -141,7 +140,7 @@ class Session:
     def decode_in_steps(
         self, data: bytes, binary: bool, now: float
     ) -> Generator[None, None, Sequence[Op | Refusal]]:
-        """As :meth:`decode`, in steps of about a millisecond where the encoding is taken apart so."""
+        """Same as :meth:`decode`, in steps of about a millisecond if the encoding supports it."""
         codec = self._codec or (BINARY_CODECS.get(data[:1], JSON) if binary else JSON)
         if len(data) > self._max_size or not isinstance(codec, SplitsInSteps):
             return self._decode(data, codec, now)
@@ -149,14 +148,14 @@ class Session:
         return [read for part in parts for read in self._read(part, now)]
 
     def refuse_skipped(self, head: bytes, reason: str) -> Refusal | None:
-        """Refuse a message of which only the head was read.
+        """Reject a message of which only the head was read.
 
         Args:
-            head: the first bytes of its JSON text.
-            reason: why it is refused.
+            head: first bytes of its JSON text.
+            reason: error text.
 
         Returns:
-            None where the head tells no `op` that arrives here, or no `id`: nobody could be answered.
+            None if the head has no `id` or no `op` that arrives here, so that the sender cannot be answered.
         """
         members = head_members(head)
         op = members.get("op")
@@ -179,32 +178,32 @@ class Session:
         size: int | None,
         id: str | int | None = None,  # as on the wire
     ) -> Sequence[Frame]:
-        """A frame in pieces of at most `size` characters, if it is text and longer (FRG-21).
+        """Cut a text frame longer than `size` characters into fragments (FRG-21).
 
         Args:
             frame: the whole message.
-            size: the `fragment_size` that the client asked for with what this answers; None and 0: none.
-            id: the id of the message inside; the pieces are known by it, or by one of their own (FRG-24).
+            size: `fragment_size` of the client's request; None and 0: do not cut.
+            id: id of the message, used for its fragments; None: a new id (FRG-24).
         """
         return cut(frame, size, str(id) if id is not None else "") if size else (frame,)
 
     def answer(self, op: Op) -> Frame | None:
-        """One op as a frame, or None for a `status` that this client does not want to hear (STA-02)."""
+        """Return an op as a frame; None for a `status` below the client's level (STA-02)."""
         if isinstance(op, Status) and not self.wants_status(op.level):
             return None
         return self.encode(op)
 
     @property
     def level(self) -> Level | None:
-        """The least severity of which the client hears; None when it hears none in this profile."""
+        """Minimum severity for the client; None if it receives no `status` in this profile."""
         return self._level
 
     def wants_status(self, level: Level) -> bool:
-        """Whether a `status` of that severity may be sent now (STA-02)."""
+        """Return True if a `status` of that severity may be sent now (STA-02)."""
         return self._level is not None and level != "none" and _SEVERITY[level] >= _SEVERITY[self._level]
 
     def _read(self, members: Members | DecodeFailure, now: float) -> Sequence[Op | Refusal]:
-        """One message as its op; nothing when the session itself has done what it asks."""
+        """Read a message as its op; empty if the session handled it."""
         if isinstance(members, DecodeFailure):
             return (self._refusal(members.members, members.reason),)
         try:
@@ -220,14 +219,14 @@ class Session:
         return self._do(op, now) if reader.in_session else (op,)
 
     def _read_other(self, members: Members, now: float) -> Sequence[Op | Refusal]:
-        """A message whose `op` is not one that arrives here: another name of one, or none at all."""
+        """Read a message whose `op` is an alias, unknown or missing."""
         name = members.get("op")
         if isinstance(name, str) and ALIASES.get(name) in self._readers:
             return self._read(members | {"op": ALIASES[name]}, now)
         return (self._refusal(members, self._why_no_op(members)),)
 
     def _do(self, op: Op, now: float) -> Sequence[Op | Refusal]:
-        """What is asked of the session itself."""
+        """Handle an op for the session itself."""
         try:
             if isinstance(op, SetLevel):
                 self._level = op.level
@@ -244,10 +243,10 @@ class Session:
         self.is_quick = self._can_be_quick and not self.wants_status("warning")
 
     def _join(self, fragment: Fragment, now: float) -> Sequence[Op | Refusal]:
-        """What a piece completes, as if it had come whole (FRG-11).
+        """Add a fragment, and read the message that it completes as if it had arrived whole (FRG-11).
 
         Raises:
-            Refused: the piece does not fit.
+            Refused: the fragment does not fit.
         """
         data = self._reassembly.add(fragment, now)
         if data is None:
@@ -258,11 +257,7 @@ class Session:
             self._reassembly.forget(fragment.id)
 
     def _decode_inner(self, data: bytes, now: float) -> Sequence[Op | Refusal]:
-        """A message that came inside another.
-
-        Raises:
-            Refused: that one was inside another, and so on, too often.
-        """
+        """Read a message that arrived inside another; raises Refused if they are nested too deeply."""
         if self._inside >= _MOST_INSIDE:
             raise Refused(f"messages inside messages, more than {_MOST_INSIDE} deep")
         self._inside += 1
@@ -272,7 +267,7 @@ class Session:
             self._inside -= 1
 
     def _why_no_op(self, members: Members) -> str:
-        """Why the `op` of a message is not one that is taken here (ENV-03, ENV-04, ENV-05)."""
+        """Return the reason why the `op` of a message is not accepted (ENV-03, ENV-04, ENV-05)."""
         allowed = f"expected one of {', '.join(sorted(map(str, self._readers)))}"
         if "op" not in members:
             if "receiver" in members:
@@ -283,7 +278,7 @@ class Session:
             return f"op: expected a string, got {describe(name)}"
         if name in OPS and name in self._profile.ops:
             return f'operation "{name}" only goes {OPS[name].direction.value}'
-        import difflib  # Rarely needed, and slow to import.
+        import difflib  # slow import, rarely needed
 
         meant = difflib.get_close_matches(name, [str(op) for op in self._readers], n=1)
         instead = f' (did you mean "{meant[0]}"?)' if meant else ""
@@ -299,7 +294,6 @@ class Session:
 
 
 def _reply_to(members: Members) -> ReplyTo:
-    """Where to answer a message, as far as that can be read."""
     op, mark = members.get("op"), members.get("id")
     name = members.get("service", members.get("action"))
     known = (isinstance(mark, str) and len(mark) <= MOST_MARK) or (

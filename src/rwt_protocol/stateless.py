@@ -1,4 +1,4 @@
-"""One frame to its ops and one op to its frame, without a session: for tools, logs and tests."""
+"""Stateless conversion between frames and ops, for tools, logs and tests."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rwt_protocol.profiles import COMPAT, Profile
 from rwt_protocol.session import Refusal, Session
 
 EncodingName = Literal["json", "cbor", "bson", "png"]
-"""The encodings of whole messages. `png` is JSON in the pixels of a picture, which an op `png` carries."""
+"""Encodings of whole messages. `png` is JSON as the pixels of an image, within an op `png`."""
 
 _CODECS: Final[Mapping[str, Callable[[], Codec]]] = MappingProxyType(
     {"json": lambda: JSON, "png": lambda: JSON, "cbor": lambda: CBOR, "bson": bson_codec}
@@ -25,7 +25,7 @@ _CODECS: Final[Mapping[str, Callable[[], Codec]]] = MappingProxyType(
 
 
 class _Stateless(Session):
-    """A session that gives out every op, and does nothing itself."""
+    """Session that returns all ops and handles none."""
 
     __slots__ = ()
 
@@ -41,20 +41,21 @@ def parse(
     direction: Direction = Direction.BOTH,
     limits: WireLimits = WIRE_LIMITS,
 ) -> list[Op]:
-    """The ops in one frame, in order; usually one.
+    """Return the ops of one frame, in order; usually one.
 
-    A `fragment` and a `png` are given out as they are. With the encoding `png` it is the messages in the
-    pictures that are.
+    `fragment` and `png` ops are returned unchanged. With the encoding `png`, the messages in the images are
+    returned instead.
 
     Args:
         frame: the whole frame, as text or as bytes.
-        encoding: how it is written; None: as CBOR if it begins with the first byte of a map, else as JSON.
-        profile: which version of the protocol is spoken.
-        direction: who may have sent it: `TO_SERVER` a client, `TO_CLIENT` a server, `BOTH` either of them.
-        limits: how large and how deep it may be.
+        encoding: encoding of the frame; None: CBOR if it begins with the first byte of a map, else JSON.
+        profile: version of the protocol.
+        direction: possible senders: `TO_SERVER` a client, `TO_CLIENT` a server, `BOTH` either.
+        limits: maximum size and depth.
 
     Raises:
-        MalformedMessage: something in the frame is not a message of that version; the text names the member.
+        MalformedMessage: the frame holds something other than messages of that version; the text names the
+            member.
         MalformedPayload: the payload of a large message is not JSON.
         EncodingUnavailable: the encoding needs a package that is not installed.
     """
@@ -78,12 +79,12 @@ def dump(op: Op, encoding: Literal["cbor", "bson"]) -> bytes: ...
 @overload
 def dump(op: Op, encoding: EncodingName) -> str | bytes: ...
 def dump(op: Op, encoding: EncodingName = "json") -> str | bytes:
-    """One op as a message: text in JSON and in a picture, bytes in CBOR and BSON.
+    """Encode one op: as text in JSON and PNG, as bytes in CBOR and BSON.
 
-    Written are the members that the op requires, those that were given, payloads, and what readers rely on.
+    Writes required and given members, payloads, and members that readers rely on.
 
     Raises:
-        MalformedPayload: a member holds what the encoding has not, for example half of a character.
+        MalformedPayload: a member holds a value that the encoding does not support, such as a lone surrogate.
         EncodingUnavailable: the encoding needs a package that is not installed.
     """
     try:
@@ -101,10 +102,10 @@ def _codec(encoding: str) -> Codec:
 
 
 def _checked(found: Op | Refusal) -> Op:
-    """An op whose payloads have all been looked at.
+    """Return an op with validated payloads.
 
     Raises:
-        MalformedMessage: it is a refusal.
+        MalformedMessage: it is a rejection.
         MalformedPayload: the payload of a large message is not JSON.
     """
     if isinstance(found, Refusal):
@@ -119,11 +120,7 @@ def _checked(found: Op | Refusal) -> Op:
 
 
 def _text_in(op: Op, limits: WireLimits) -> bytes:
-    """The text in the picture that a message is.
-
-    Raises:
-        MalformedMessage: it is another message, or the picture cannot be read.
-    """
+    """Return the text in the image of a `png` message; raises MalformedMessage if there is none."""
     if not isinstance(op, Png):
         raise MalformedMessage(f'{op.op}: expected a message "png"', op.op, op.id)
     try:

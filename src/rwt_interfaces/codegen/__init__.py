@@ -1,1 +1,1 @@
-"""Types for Python and TypeScript, made from definitions."""
+"""Generators of Python and TypeScript types from definitions."""

@@ -1,4 +1,4 @@
-"""Types as a Python module of pydantic models, which need nothing but pydantic."""
+"""Generator of a Python module of pydantic models without other dependencies."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class _Message(pydantic.BaseModel):
 _INT: Final = "_{name} = typing.Annotated[int, pydantic.Field(strict=True, ge={low}, le={high})]"
 _BITS: Final = (8, 16, 32, 64)
 
-#: What a field may not be called: pydantic would take it for its own, or annotations below for the field.
+#: Reserved field names: those of pydantic, and those that annotations refer to.
 _TAKEN: Final = frozenset(dir(BaseModel)) | frozenset(
     {"bytes", "int", "float", "str", "bool", "list", "typing", "pydantic", "math", "base64", "ROS_TYPE"}
 )
@@ -169,8 +169,7 @@ class _Stubs:
                 return items if most is None else _bounded(items, length or 0, most)
 
     def _default(self, slot: Slot) -> str:
-        """Return the default as an expression, or as ``default_factory=…`` where each message needs its
-        own."""
+        """Return the default as an expression, or as ``default_factory=…`` if it is mutable."""
         if isinstance(slot.type, field_types.Message | field_types.Time):
             return f"default_factory={self._type(slot.type)}"
         if not isinstance(slot.type, field_types.Array):

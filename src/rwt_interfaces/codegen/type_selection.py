@@ -1,4 +1,4 @@
-"""Selected types with everything that they contain, and a class name for each."""
+"""Selected types with all nested types, and a class name for each."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ InterfaceType = MessageType | ServiceType | ActionType
 
 @dataclass(frozen=True, slots=True)
 class TypeSelection:
-    """Types, with everything that they contain.
+    """Types with all nested types.
 
     Attributes:
-        registry: where they are from.
-        messages: each after those it contains, parts of services and actions included, times not.
-        times: the times that occur in them.
+        registry: source of the types.
+        messages: messages in dependency order, including parts of services and actions, excluding times.
+        times: time types that occur in them.
         services: the services.
         actions: the actions.
     """
@@ -37,7 +37,7 @@ class TypeSelection:
 
 
 def selection(registry: Registry, types: Iterable[InterfaceType]) -> TypeSelection:
-    """Types with everything that they contain, sorted by name, each after what it contains."""
+    """Return types with all nested types, sorted by name, in dependency order."""
     chosen = sorted(
         {(type(each).__name__, each.name): each for each in types}.values(), key=lambda each: each.name
     )
@@ -55,7 +55,7 @@ def selection(registry: Registry, types: Iterable[InterfaceType]) -> TypeSelecti
 
 
 def parts_of(interface: InterfaceType) -> Iterator[MessageType]:
-    """Return the messages that a type is made of."""
+    """Return the messages of a type."""
     if isinstance(interface, MessageType):
         yield interface
     elif isinstance(interface, ServiceType):
@@ -65,14 +65,13 @@ def parts_of(interface: InterfaceType) -> Iterator[MessageType]:
 
 
 class _Walk:
-    """Collects messages, what is contained first."""
+    """Collector of messages in dependency order."""
 
     def __init__(self) -> None:
         self.messages: dict[str, MessageType] = {}
         self.times: list[field_types.Time] = []
 
     def add(self, message: MessageType) -> None:
-        """Add a message and the messages that it contains."""
         if message.name in self.messages:
             return
         if message.time is not None:
@@ -95,10 +94,10 @@ class _Walk:
 
 
 class ClassNames:
-    """A class name for each message: its own, with its package's before it where two packages share it.
+    """Class names of messages; the package is prepended if two packages share a name.
 
     Args:
-        reserved: names that the file needs for something else.
+        reserved: names that the generated file uses itself.
     """
 
     def __init__(self, chosen: TypeSelection, reserved: Iterable[str]) -> None:
@@ -118,11 +117,11 @@ class ClassNames:
             self._names[name] = f"{prefix}{short}" if shared[short] > 1 or short in taken else short
 
     def of(self, name: str) -> str:
-        """The class of a message, service or action."""
+        """Return the class name of a message, service or action."""
         return self._names[name]
 
     def all(self) -> frozenset[str]:
-        """Every class name."""
+        """Return all class names."""
         return frozenset(self._names.values())
 
 

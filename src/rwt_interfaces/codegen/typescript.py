@@ -1,4 +1,4 @@
-"""Types as a TypeScript module of interfaces, as roslib and other clients hand messages out."""
+"""Generator of a TypeScript module of interfaces, as used by roslib and other clients."""
 
 from __future__ import annotations
 
@@ -38,7 +38,6 @@ class _Stubs:
         self._names = ClassNames(chosen, _RESERVED)
 
     def parts(self) -> Iterator[str]:
-        """Yield the text, piece by piece."""
         registry = self._chosen.registry
         yield _HEAD.format(distro=registry.distro.name)
         for time in self._chosen.times:
@@ -107,7 +106,7 @@ class _Stubs:
 
 
 def _remark(field_type: FieldType) -> str:
-    """Return the comment for what TypeScript cannot express about a field."""
+    """Return a comment on what TypeScript cannot express about a field."""
     match field_type:
         case (
             field_types.Bool()

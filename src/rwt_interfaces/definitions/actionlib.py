@@ -1,4 +1,4 @@
-"""The messages that belong to services and actions by rule rather than by a file of their own."""
+"""Messages and services that are derived from services and actions by rule."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from rwt_interfaces.definitions.parser import format_message
 
 SERVICE_PARTS = ("Request", "Response")
 ACTION_PARTS = ("Goal", "Result", "Feedback")
-#: What ROS 1 puts around the parts of an action to carry them over topics. `Action` only lists the three
+#: Suffixes of ROS 1's messages that carry an action over topics. `Action` only lists the three
 #: others.
 WRAPPERS = ("Action", "ActionGoal", "ActionResult", "ActionFeedback")
-#: What ROS 2 calls the message of one step of a call, which service introspection publishes.
+#: Suffix of ROS 2's service introspection messages.
 EVENT = "_Event"
-#: The services with which ROS 2 carries an action.
+#: Suffixes of the services of a ROS 2 action.
 ACTION_SERVICES = ("_SendGoal", "_GetResult")
-#: The message with which ROS 2 carries an action's feedback.
+#: Suffix of the feedback message of a ROS 2 action.
 FEEDBACK_MESSAGE = "_FeedbackMessage"
 
 _UUID = WrittenType("unique_identifier_msgs/UUID")
@@ -37,8 +37,7 @@ def split_part(name: str, parts: tuple[str, ...]) -> tuple[str, str] | None:
 
 
 def wrapper(action: ActionDefinition, which: str) -> MessageDefinition:
-    """Return the message ``XAction``, ``XActionGoal``, ``XActionResult`` or ``XActionFeedback`` of action
-    ``X``."""
+    """Return ``XAction``, ``XActionGoal``, ``XActionResult`` or ``XActionFeedback`` of action ``X``."""
     if which == "Action":
         fields = tuple(
             Field(f"action_{part.lower()}", WrittenType(f"{action.name}Action{part}"))
@@ -61,8 +60,7 @@ def wrapper(action: ActionDefinition, which: str) -> MessageDefinition:
 
 
 def service_event(service: ServiceDefinition) -> MessageDefinition:
-    """Return the message ``X_Event`` of service ``X``: what is published of a call on
-    ``/name/_service_event``."""
+    """Return ``X_Event`` of service ``X``, which is published on ``/name/_service_event``."""
     fields = (
         Field("info", WrittenType("service_msgs/ServiceEventInfo")),
         Field("request", WrittenType(service.request.name, is_array=True, bound=1)),
@@ -72,7 +70,7 @@ def service_event(service: ServiceDefinition) -> MessageDefinition:
 
 
 def feedback_message(action: ActionDefinition) -> MessageDefinition:
-    """Return the message ``X_FeedbackMessage`` of action ``X``, published on ``/name/_action/feedback``."""
+    """Return ``X_FeedbackMessage`` of action ``X``, which is published on ``/name/_action/feedback``."""
     fields = (Field("goal_id", _UUID), Field("feedback", WrittenType(action.feedback.name)))
     return _made(f"{action.name}{FEEDBACK_MESSAGE}", fields)
 

@@ -1,4 +1,4 @@
-"""Fingerprints of message definitions: ROS 1's md5 sum and ROS 2's type hash (RIHS01, REP 2016)."""
+"""Type hashes of definitions: ROS 1's MD5 sum and ROS 2's type hash (RIHS01, REP 2016)."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ _NUMBERS = {
     "float32": 10, "float64": 11, "char": 3, "bool": 15, "byte": 16, "string": 17, "wstring": 18,
 }  # fmt: skip
 _NESTED = 1
-#: A string with a longest length counts as another type: 17 becomes 21, 18 becomes 22.
+#: A bounded string is a different type: 17 becomes 21, 18 becomes 22.
 _BOUNDED_STRING = 4
 _ARRAY, _BOUNDED_SEQUENCE, _SEQUENCE = 48, 96, 144
-#: What ROS 2 puts into a message without fields, because C has no empty struct.
+#: Member of ROS 2 messages without fields, because C has no empty struct.
 _FILLER = Field("structure_needs_at_least_one_member", WrittenType("uint8"))
 
 
 class Lookup(Protocol):
-    """Where the definitions of nested messages come from: a :class:`~rwt_interfaces.registry.Registry`."""
+    """Source of nested definitions: a :class:`~rwt_interfaces.registry.Registry`."""
 
     def definition(self, name: str) -> MessageDefinition:
-        """Return the definition of that name."""
+        """Return the definition of a message by name."""
         ...
 
     def full_name(self, name: str) -> str:
@@ -45,16 +45,16 @@ class Lookup(Protocol):
 
 
 def md5(definition: MessageDefinition, lookup: Lookup) -> str:
-    """ROS 1's md5 sum of a message, 32 hexadecimal digits.
+    """Return ROS 1's MD5 sum of a message, 32 hexadecimal digits.
 
     Raises:
-        UnknownType: a nested message is not known.
+        UnknownType: a nested message is unknown.
     """
     return _md5(_md5_text(definition, lookup, {}))
 
 
 def service_md5(definition: ServiceDefinition, lookup: Lookup) -> str:
-    """ROS 1's md5 sum of a service: over the texts of request and response, joined without a separator."""
+    """Return ROS 1's MD5 sum of a service: over its request and response, joined without a separator."""
     known: dict[str, str] = {}
     return _md5("".join(_md5_text(part, lookup, known) for part in (definition.request, definition.response)))
 
@@ -64,8 +64,6 @@ def _md5(text: str) -> str:
 
 
 def _md5_text(definition: MessageDefinition, lookup: Lookup, known: dict[str, str]) -> str:
-    """Return the text that the sum is computed over: constants, then fields, nested messages by their
-    sums."""
     lines = [f"{item.type.name} {item.name}={item.text}" for item in definition.constants]
     for item in definition.fields:
         name = item.type.name
@@ -81,10 +79,10 @@ def _md5_text(definition: MessageDefinition, lookup: Lookup, known: dict[str, st
 
 
 def rihs01(definition: MessageDefinition, lookup: Lookup) -> str:
-    """ROS 2's type hash of a message: ``RIHS01_`` and 64 hexadecimal digits.
+    """Return ROS 2's type hash of a message: ``RIHS01_`` and 64 hexadecimal digits.
 
     Raises:
-        UnknownType: a nested message is not known.
+        UnknownType: a nested message is unknown.
     """
     nested: dict[str, dict[str, object]] = {}
     described = _described(lookup.full_name(definition.name), definition.fields, lookup, nested)
@@ -92,14 +90,13 @@ def rihs01(definition: MessageDefinition, lookup: Lookup) -> str:
 
 
 def service_rihs01(definition: ServiceDefinition, full_name: str, lookup: Lookup) -> str:
-    """ROS 2's type hash of a service, which is described as a message of three: its request, its response
-    and the event with which a service reports on itself.
+    """Return ROS 2's type hash of a service, which consists of request, response and event.
 
     Args:
         full_name: three-part, ``std_srvs/srv/SetBool``.
 
     Raises:
-        UnknownType: a nested message is not known.
+        UnknownType: a nested message is unknown.
     """
     parts = {
         "request": definition.request.name,
@@ -154,8 +151,8 @@ def _field_type(
 
 
 def _nested(name: str, lookup: Lookup, nested: dict[str, dict[str, object]]) -> str:
-    """Describe a nested message once, and give its three-part name."""
-    # A time of ROS 1 is a primitive; RIHS01 only knows the message that replaced it.
+    """Describe a nested message once, and return its three-part name."""
+    # ROS 1's time is a primitive; RIHS01 only knows the message that replaced it.
     full = three_part(_TIMES[name], "msg") if name in _TIMES else lookup.full_name(name)
     if full not in nested:
         fields = _TIME_FIELDS if name in _TIMES else lookup.definition(name).fields

@@ -1,4 +1,4 @@
-"""Values written in definitions: constants and ROS 2's default values."""
+"""Literals in definitions: constants and ROS 2's default values."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ _RANGES: dict[str, tuple[int, int]] = {
 
 
 class Literals:
-    """Reads what follows a name: one value, or a bracketed list of them, then nothing or a comment.
+    """Parser of what follows a name: a value or a bracketed list, then an optional comment.
 
-    `text` is the value as written, without the comment, once a value was read.
+    `text` is the value as written, without the comment, after a value was read.
     """
 
     __slots__ = ("_at", "_line", "text")
@@ -41,8 +41,7 @@ class Literals:
         self.text = ""
 
     def constant(self, field_type: WrittenType) -> Value:
-        """Return the value of a constant. A string may be bare: then it ends at the comment or at the end of
-        the line.
+        """Return the value of a constant. Bare strings end at the comment or at the end of the line.
 
         Raises:
             DefinitionError: not a value of the type.
@@ -58,7 +57,7 @@ class Literals:
         """Return the default value of a field; a tuple for an array.
 
         Raises:
-            DefinitionError: not a value of the type, or not as many as the type holds.
+            DefinitionError: not a value of the type, or the wrong number of values.
         """
         if not field_type.is_array:
             return self.constant(field_type)
@@ -72,7 +71,7 @@ class Literals:
 
     @staticmethod
     def format(value: object) -> str:
-        """Return a value as it is written in a definition; the reverse of reading it."""
+        """Return a value as written in a definition; the inverse of parsing."""
         if isinstance(value, tuple):
             return f"[{', '.join(Literals.format(item) for item in value)}]"
         if isinstance(value, bool):
@@ -153,7 +152,7 @@ def _scalar(token: str, name: str) -> Value:
 
 
 def _integer(token: str, name: str) -> int:
-    # Base 10 unless a prefix says otherwise: int(…, 0) would refuse 007.
+    # Base 10 without a prefix: int(…, 0) would reject 007.
     digits = token.lstrip("+-")[:2].lower()
     value = int(token, 0 if digits in ("0x", "0b", "0o") else 10)
     least, most = _RANGES[name]

@@ -15,14 +15,14 @@ PRIMITIVES = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class WrittenType:
-    """The type of one field or constant.
+    """Type of a field or constant.
 
     Attributes:
         name: a member of :data:`PRIMITIVES`, or the two-part name of a message (``geometry_msgs/Point``).
-        string_bound: longest string, for ``string<=N`` and ``wstring<=N``.
-        is_array: whether the field holds a sequence.
+        string_bound: maximum length of ``string<=N`` and ``wstring<=N``.
+        is_array: True if the field holds a sequence.
         length: number of elements of a fixed array ``T[N]``.
-        bound: largest number of elements of a bounded sequence ``T[<=N]``.
+        bound: maximum number of elements of a bounded sequence ``T[<=N]``.
     """
 
     name: str
@@ -39,13 +39,13 @@ class WrittenType:
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One field.
+    """Field of a message.
 
     Attributes:
         name: as written.
-        type: its type.
-        default: the value written in the definition (ROS 2), of the field's type; a tuple for an array.
-        where: in which text and on which line it is written, `my_msgs/msg/Status.msg:3`; empty if nowhere.
+        type: type of the field.
+        default: default value in the definition (ROS 2), of the field's type; a tuple for an array.
+        where: text and line of the definition, `my_msgs/msg/Status.msg:3`; empty if there is none.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class Constant:
-    """One constant; `text` is its value as written, which ROS 1's md5 sum is computed over."""
+    """Constant; `text` is its value as written, which ROS 1's MD5 sum includes."""
 
     name: str
     type: WrittenType
@@ -66,13 +66,14 @@ class Constant:
 
 @dataclass(frozen=True, slots=True)
 class MessageDefinition:
-    """One message.
+    """Definition of a message.
 
     Attributes:
-        name: two-part, ``std_msgs/String``. Parts of services and actions are called
-            ``std_srvs/SetBool_Request``, ``nav2_msgs/NavigateToPose_Goal`` on ROS 2, without the ``_`` on ROS
-            1. fields: in the order of the wire. constants: in the order of the text. text: the definition as
-            written, comments included, with ``\\n`` line ends.
+        name: two-part, ``std_msgs/String``. Parts of services and actions are ``std_srvs/SetBool_Request``,
+            ``nav2_msgs/NavigateToPose_Goal`` on ROS 2, without the ``_`` on ROS 1.
+        fields: fields in wire order.
+        constants: constants in text order.
+        text: the definition as written, including comments, with LF line ends.
     """
 
     name: str
@@ -83,7 +84,7 @@ class MessageDefinition:
 
 @dataclass(frozen=True, slots=True)
 class ServiceDefinition:
-    """One service."""
+    """Definition of a service."""
 
     name: str
     request: MessageDefinition
@@ -92,7 +93,7 @@ class ServiceDefinition:
 
 @dataclass(frozen=True, slots=True)
 class ActionDefinition:
-    """One action."""
+    """Definition of an action."""
 
     name: str
     goal: MessageDefinition

@@ -16,7 +16,7 @@ _NAME_ELEMENT = re.compile(r"<name>\s*([^<\s]+)\s*</name>")
 
 @dataclass(frozen=True, slots=True)
 class InterfaceFile:
-    """One ``.msg``, ``.srv`` or ``.action`` file."""
+    """A ``.msg``, ``.srv`` or ``.action`` file."""
 
     path: Path
     package: str
@@ -24,13 +24,9 @@ class InterfaceFile:
     name: str
 
     def read(self) -> str:
-        """Its text.
-
-        Raises:
-            DefinitionError: not readable, not UTF-8, or too long.
-        """
+        """Return the text; raises DefinitionError if it is unreadable, not UTF-8, or too long."""
         try:
-            if self.path.stat().st_size > 4 * LONGEST_TEXT:  # a character has four bytes at most
+            if self.path.stat().st_size > 4 * LONGEST_TEXT:  # at most four bytes per character
                 raise DefinitionError(too_long(str(self.path)))
             return self.path.read_text("utf-8-sig")
         except UnicodeDecodeError:
@@ -42,11 +38,11 @@ class InterfaceFile:
 def interface_files(folder: Path) -> list[InterfaceFile]:
     """Return the files of a package, or of every package below a folder, sorted by path.
 
-    A package is a folder that has a folder ``msg``, ``srv`` or ``action`` with such files in it. Its name is
-    what its ``package.xml`` says, or the folder's own name. Hidden folders are not entered.
+    A package has a folder ``msg``, ``srv`` or ``action`` with such files, and the name in its
+    ``package.xml``, or else its folder's name. Hidden folders are skipped.
 
     Raises:
-        DefinitionError: no such folder, nothing in it, or a name that ROS does not allow.
+        DefinitionError: the folder does not exist or has no interfaces, or a name is invalid in ROS.
     """
     if not folder.is_dir():
         raise DefinitionError(f"{folder}: no such folder")
@@ -63,7 +59,7 @@ def interface_files(folder: Path) -> list[InterfaceFile]:
 
 def _files(folder: Path, seen: set[Path]) -> Iterator[InterfaceFile]:
     if folder.resolve() in seen:
-        return  # a link to where the walk has been
+        return  # a link to a visited folder
     seen.add(folder.resolve())
     for kind in KINDS:
         for path in sorted((folder / kind).glob(f"*.{kind}")):
@@ -80,10 +76,9 @@ def _files(folder: Path, seen: set[Path]) -> Iterator[InterfaceFile]:
 
 
 def package_name(folder: Path) -> str:
-    """Return the package's name in its ``package.xml``, or else the folder's own name.
+    """Return the package's name in its ``package.xml``, or else the folder's name.
 
-    Only the one element is looked for: the file is not ours to validate, and no XML parser has to meet its
-    entities.
+    Searches for that element only, to avoid the entities that an XML parser would expand.
     """
     manifest = folder / "package.xml"
     if manifest.is_file():

@@ -1,11 +1,11 @@
-"""Text of ``.msg``, ``.srv`` and ``.action`` files → definitions, and back.
+"""Parser and formatter of ``.msg``, ``.srv`` and ``.action`` texts.
 
-One grammar serves all distributions; fields of :class:`Distro` settle the three points where they disagree:
+One grammar serves all distributions; fields of :class:`Distro` settle the three differences:
 
-* a string constant is the rest of its line, ``#`` and quotes included (1), or a quoted or bare word followed
-  by an optional comment (2);
-* a time is a primitive (1) or ``builtin_interfaces/Time`` (2); the other spelling is translated, so that a
-  package written for one is usable in the other;
+* a string constant is the rest of its line, ``#`` and quotes included (1), or a quoted or bare word with an
+  optional comment (2);
+* a time is a primitive (1) or ``builtin_interfaces/Time`` (2); the other spelling is translated, so that
+  packages are usable in both;
 * the parts of services and actions are called ``SetBoolRequest`` (1) or ``SetBool_Request`` (2).
 """
 
@@ -29,18 +29,18 @@ from rwt_interfaces.distro import JAZZY, Distro
 from rwt_interfaces.errors import DefinitionError, InvalidName
 from rwt_interfaces.names import is_word, parse_type_name
 
-#: Characters of the longest text that is read.
+#: Maximum characters of a definition.
 LONGEST_TEXT: Final = 1024 * 1024
 
-#: Elements of the longest array of a fixed length, which every message of the type has.
+#: Maximum length of a fixed array, which every message of the type contains.
 MOST_ELEMENTS: Final = 1024 * 1024
 
-#: Characters of the longest name of a type or a field.
+#: Maximum characters of a type or field name.
 _LONGEST_WORD: Final = 255
 
 _LONGEST_SEQUENCE: Final = 2**32 - 1
 
-#: Characters of what is wrong with a line: it may quote the line.
+#: Maximum characters of an error text, which may quote the line.
 _LONGEST_COMPLAINT: Final = 300
 
 _TYPE = re.compile(
@@ -49,7 +49,7 @@ _TYPE = re.compile(
 )
 _AFTER_TYPE = re.compile(r"(?P<name>[^\s=#\"'\[]+)\s*(?P<rest>.*)", re.DOTALL)
 
-#: Two names of the same thing, keyed by whether the distribution that is read for has time primitives.
+#: Spellings of times to translate, keyed by whether the target distribution has time primitives.
 _TIMES: dict[bool, dict[str, str]] = {
     True: {"builtin_interfaces/Time": "time", "builtin_interfaces/Duration": "duration"},
     False: {"time": "builtin_interfaces/Time", "duration": "builtin_interfaces/Duration"},
@@ -57,16 +57,16 @@ _TIMES: dict[bool, dict[str, str]] = {
 
 
 def parse_message(text: str, name: str, *, source: str = "", distro: Distro = JAZZY) -> MessageDefinition:
-    """Read one message.
+    """Parse a message definition.
 
     Args:
-        text: the definition; any line ending.
-        name: its name, two-part or three-part.
-        source: what errors call the text, usually a path; the name when empty.
-        distro: whose rules hold, see the module's text.
+        text: the definition, with any line ending.
+        name: name of the message, two-part or three-part.
+        source: name of the text in errors, usually a path; empty: `name`.
+        distro: distribution whose rules apply.
 
     Raises:
-        DefinitionError: what is wrong, and on which line of `source`.
+        DefinitionError: invalid text; the error names the line of `source`.
         InvalidName: `name` is not a type name.
     """
     package, _, short = parse_type_name(name)
@@ -76,10 +76,7 @@ def parse_message(text: str, name: str, *, source: str = "", distro: Distro = JA
 
 
 def parse_service(text: str, name: str, *, source: str = "", distro: Distro = JAZZY) -> ServiceDefinition:
-    """Read one service: request, a line ``---``, response.
-
-    Arguments and errors are those of :func:`parse_message`.
-    """
+    """Parse a service: request, a line ``---``, response. See :func:`parse_message`."""
     package, _, short = parse_type_name(name)
     source = source or f"{package}/{short}.srv"
     reader = _Message(package, source, distro)
@@ -92,10 +89,7 @@ def parse_service(text: str, name: str, *, source: str = "", distro: Distro = JA
 
 
 def parse_action(text: str, name: str, *, source: str = "", distro: Distro = JAZZY) -> ActionDefinition:
-    """Read one action: goal, result and feedback between lines ``---``.
-
-    Arguments and errors are those of :func:`parse_message`.
-    """
+    """Parse an action: goal, result and feedback between lines ``---``. See :func:`parse_message`."""
     package, _, short = parse_type_name(name)
     source = source or f"{package}/{short}.action"
     reader = _Message(package, source, distro)
@@ -108,7 +102,7 @@ def parse_action(text: str, name: str, *, source: str = "", distro: Distro = JAZ
 
 
 def format_type(field_type: WrittenType) -> str:
-    """Return a field type as it is written in a definition."""
+    """Return a field type as written in a definition."""
     text = field_type.name
     if field_type.string_bound is not None:
         text += f"<={field_type.string_bound}"
@@ -120,7 +114,7 @@ def format_type(field_type: WrittenType) -> str:
 
 
 def format_message(definition: MessageDefinition) -> str:
-    """Return a definition as text without comments, which reads back as an equal definition."""
+    """Return a definition as text without comments; parsing it gives an equal definition."""
     lines = [f"{format_type(item.type)} {item.name}={item.text}" for item in definition.constants]
     for item in definition.fields:
         default = "" if item.default is None else f" {Literals.format(item.default)}"
@@ -132,9 +126,9 @@ _Lines = list[tuple[int, str]]
 
 
 def _lines(text: str, source: str) -> list[str]:
-    """Lines of a text with any line ending, without its byte order mark.
+    """Split a text with any line ending, without its byte order mark.
 
-    Not splitlines(), which also splits at form feeds and other separators that may stand in a comment.
+    Unlike splitlines(), it keeps form feeds and other separators, which may stand in comments.
     """
     if len(text) > LONGEST_TEXT:
         raise DefinitionError(too_long(source))
@@ -160,7 +154,7 @@ def _sections(text: str, source: str, parts: tuple[str, ...]) -> Iterator[_Lines
 
 
 class _Message:
-    """Reads messages of one package from one source."""
+    """Parser of messages of one package from one source."""
 
     __slots__ = ("distro", "package", "source", "translated")
 
@@ -171,7 +165,7 @@ class _Message:
         self.translated = False
 
     def read(self, name: str, lines: _Lines) -> MessageDefinition:
-        """Read the lines of one message or of one part of a service or action."""
+        """Parse the lines of a message, or of a part of a service or action."""
         self.translated = False
         fields: dict[str, Field] = {}
         constants: dict[str, Constant] = {}
@@ -193,8 +187,8 @@ class _Message:
         )
         if not self.translated:
             return definition
-        # The written text says `time` where this version says `builtin_interfaces/Time`, or the reverse.
-        # A viewer that parses the text (API-06) must see what is really on the wire.
+        # The text has the other distribution's spelling of times.
+        # Viewers that parse the text (API-06) need the fields on the wire.
         return MessageDefinition(
             definition.name, definition.fields, definition.constants, format_message(definition)
         )
@@ -279,7 +273,7 @@ def _size(digits: str, written: str, most: int = _LONGEST_SEQUENCE) -> int:
 
 
 def too_long(source: str) -> str:
-    """Describe a text that is too long to be read."""
+    """Return the error text for a definition that is too long."""
     return f"{source}: a definition has {LONGEST_TEXT} characters at most, and this one has more"
 
 
@@ -288,6 +282,6 @@ def _short(complaint: str) -> str:
 
 
 def _tidy(lines: _Lines) -> str:
-    """Return the lines as text, without blank lines around it, ending in a line feed unless empty."""
+    """Return the lines as text, without surrounding blank lines, ending in a line feed unless empty."""
     text = "\n".join(line.rstrip() for _, line in lines).strip("\n")
     return f"{text}\n" if text else ""

@@ -43,7 +43,7 @@ _float64 = struct.Struct(">Bd").pack
 
 
 def head(major: int, argument: int) -> bytes:
-    """Return the head of a data item, as short as it can be (RFC 8949, section 3)."""
+    """Return the shortest head of a data item (RFC 8949, section 3)."""
     major <<= 5
     if argument < 24:
         return bytes((major | argument,))
@@ -75,13 +75,12 @@ def _octets(octets: bytes) -> bytes:
 
 
 def length_head(length: int, is_text: bool) -> bytes:
-    """Return the head of a string or of octets with that many bytes."""
+    """Return the head of a string or octets of that many bytes."""
     return head(_TEXT if is_text else _BYTES, length)
 
 
 def compile_encoder(message: MessageType) -> Callable[[msgspec.Struct], bytes]:
-    """Return a function that encodes a message of that type; it takes its own Struct and
-    `JsonCodec.sendable`."""
+    """Return an encoder for a message type's own Struct and `JsonCodec.sendable`."""
     leaves = list(_leaves(message, "", b""))
     tail = b""
     if leaves and not leaves[-1][1]:
@@ -106,8 +105,7 @@ def compile_encoder(message: MessageType) -> Callable[[msgspec.Struct], bytes]:
 
 
 def compile_steps(message: MessageType) -> Callable[[msgspec.Struct, Chunks], Steps[Parts]]:
-    """Return a function that encodes a message of that type in steps, some items of a long list in each;
-    lists that are given apart take the place of those in the message."""
+    """Return an encoder in steps, some list items each; separately passed lists replace the message's."""
     leaves = [
         (constant, path, attrgetter(path) if path else None, encode, field_type)
         for constant, path, encode, field_type in _leaves(message, "", b"")
@@ -166,7 +164,7 @@ def _long_array(parts: JoinedParts, chunks: Iterator[Any], element: FieldType) -
 
 
 def _leaves(message: MessageType, prefix: str, before: bytes) -> Iterator[_Leaf]:
-    """Yield the leaves of a message in order. Bytes after the last leaf come as one without attributes."""
+    """Yield the leaves of a message in order; trailing bytes come as one without attributes."""
     slots = _slots(message)
     before += head(_MAP, len(slots))
     for name, attribute, field_type in slots:
@@ -210,7 +208,7 @@ def _bool(value: bool) -> bytes:
 
 
 def _time(field_type: field_types.Time) -> _Encode:
-    """CBR-06: a map with the distribution's own names."""
+    """Encode a map with the distribution's field names (CBR-06)."""
     first, second = (_text(key) for key in field_type.keys)
     fetch = attrgetter(*field_type.keys)
 

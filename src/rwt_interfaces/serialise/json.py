@@ -1,7 +1,7 @@
 """Messages in JSON (JSN-01 to JSN-33).
 
-Two ways in. What the strict Struct accepts may be passed on untouched. Everything else is decoded to plain
-objects for :mod:`rwt_interfaces.validation.lenient_decoder`, and encoded once more.
+Texts that the strict Struct accepts may be passed on untouched. Others are decoded to plain objects for
+:mod:`rwt_interfaces.validation.lenient_decoder`, and encoded again.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ if TYPE_CHECKING:
 
     from rwt_interfaces.structs import MessageType
 
-#: Octets shorter than this are left to msgspec, whose base64 is slower but needs no copy of the message.
+#: Minimum octets for this module's base64; msgspec's is slower, but needs no copy of the message.
 _FEW_OCTETS = 512
 
-#: What the strict checks raise, and nothing else.
+#: Exceptions of the strict checks.
 REJECTIONS = (msgspec.MsgspecError, UnicodeError, RecursionError)
-#: Numbers of an array that are written at once.
+#: Numbers of an array that are encoded at a time.
 _MANY_NUMBERS = 1 << 16
 _parse = msgspec.json.Decoder().decode
 _skip = msgspec.json.Decoder(msgspec.Raw).decode
-#: Bytes of a text that is refused anyway in which a more telling reason is looked for.
+#: Maximum bytes of a rejected text that is searched for a better error text.
 _BEGINNING = 1 << 19
 
 
@@ -84,16 +84,14 @@ class JsonCodec:
         self._texts = not sized and "string" in self._kinds
 
     def cut(self, raw: RawText) -> Steps[LongString | None]:
-        """Return a large text in two parts, of which the small one stands for the whole; None if it has no
-        long string that is most of it."""
+        """Return a large text in two parts, one short with a token; None without a dominant long string."""
         if self._octets or self._texts:
             return (yield from cut_long_string(raw, self._octets, self._texts))
         return None
 
     @property
     def sendable(self) -> type[msgspec.Struct]:
-        """The Struct of messages that programs give: as `strict`, but a float is never null, so that every
-        encoder takes it."""
+        """Struct of messages from programs: like `strict`, but a float is never null, for all encoders."""
         if self._sendable is None:
             self._sendable = strict_struct(self._message, has_nulls=False)
         return self._sendable
@@ -110,18 +108,17 @@ class JsonCodec:
         try:
             return self._decode(raw)
         except msgspec.ValidationError:
-            # It has a null, which the lenient decoder makes NaN.
+            # A null becomes NaN in the lenient decoder.
             return self._complete(parse(raw), _no_clock)
 
     def encode(self, value: msgspec.Struct) -> bytes:
-        """Return the message as compact JSON: every field, in order, NaN and infinities as null (JSN-04,
-        JSN-08)."""
+        """Return the message as compact JSON: all fields, NaN and infinities as null (JSN-04, JSN-08)."""
         return _ENCODER.encode(value if self._pack is None else self._pack(value))
 
 
 MOST_SLOW_NUMBERS: Final = 1000
-"""Numbers with an exponent of three digits in one text of somebody else's: msgspec takes 10 microseconds for
-each of those near the ends of what a float can be, hundreds of times as long as for others."""
+"""Maximum number of three-digit exponents in a peer's text. msgspec takes 10 microseconds for each number
+near the limits of a float, hundreds of times as long as for others."""
 
 _SLOW_NUMBER: Final = re.compile(rb"[eE][+-]?[0-9]{3}")
 _EXPONENT: Final = bytes.maketrans(b"E123456789", b"e000000000")
@@ -130,20 +127,16 @@ _OVERLAP: Final = 8
 
 
 def require_quick_numbers(raw: RawText) -> Steps[None]:
-    """Check, in steps, that a text has few numbers that take long to be read.
-
-    Raises:
-        InvalidMessage: it has too many.
-    """
+    """Check, in steps, that a text has few slow numbers; raises InvalidMessage."""
     found = 0
     for start in range(0, len(raw), _SCANNED):
         if start:
             yield
         piece = bytes(raw[start : start + _SCANNED + _OVERLAP])
-        # Most texts have no exponents, and to count two characters takes far less than to look for numbers.
+        # Most texts have no exponents, and counting two characters is far faster than searching for numbers.
         if found + piece.count(b"e") + piece.count(b"E") <= MOST_SLOW_NUMBERS:
             continue
-        # A quarter of the time of the regular expression, and finds what that finds, and perhaps more.
+        # Takes a quarter of the regular expression's time, and finds a superset.
         if found + piece.translate(_EXPONENT, b"+-").count(b"e000") > MOST_SLOW_NUMBERS:
             found += len(_SLOW_NUMBER.findall(piece))
         if found > MOST_SLOW_NUMBERS:
@@ -171,7 +164,7 @@ def _no_clock() -> int:
 
 
 def parse(raw: RawText) -> object:
-    """Return any JSON text as plain objects; the tokens NaN and Infinity are accepted (JSN-33).
+    """Return JSON as plain objects; the tokens NaN and Infinity are accepted (JSN-33).
 
     Raises:
         InvalidMessage: not JSON, not UTF-8, or nested too deeply.
@@ -185,8 +178,7 @@ def parse(raw: RawText) -> object:
 
 
 def begins_too_deep(raw: RawText) -> bool:
-    """Return True if the beginning of a text is nested more deeply than any message, too deeply to be
-    skipped."""
+    """Return True if the beginning of a text is nested too deeply for any message, and to be skipped."""
     try:
         _skip(memoryview(raw)[:_BEGINNING])
     except RecursionError:
@@ -235,7 +227,7 @@ def _plain(value: object) -> object:
     array: NDArray[np.generic] = cast("NDArray[np.generic]", value)
     if len(array) <= _MANY_NUMBERS:
         return array.tolist()
-    # A list of all the numbers would take eight times the memory of a float32 each.
+    # A list of all numbers would take eight times the memory of a float32 array.
     parts = (array[start : start + _MANY_NUMBERS] for start in range(0, len(array), _MANY_NUMBERS))
     return msgspec.Raw(b"[%b]" % b",".join(_ENCODER.encode(part.tolist())[1:-1] for part in parts))
 
@@ -244,15 +236,14 @@ _ENCODER = msgspec.json.Encoder(enc_hook=_plain)
 
 
 def items_encoder(element: FieldType) -> Callable[[list[Any]], bytes]:
-    """Return a function that encodes a list of such values as compact JSON."""
+    """Return an encoder of lists of such values as compact JSON."""
     pack = _pack_field(element)
     encode = _ENCODER.encode
     return encode if pack is None else lambda items: encode([pack(item) for item in items])
 
 
 def _packer(message: MessageType) -> Callable[[Any], Any] | None:
-    """Return a function that copies a message with its long octets as finished base64 text; None if it has no
-    octets."""
+    """Return a function that copies a message with long octets as base64 text; None without octets."""
     packers = {
         slot.attribute: packed for slot in message.slots if (packed := _pack_field(slot.type)) is not None
     }

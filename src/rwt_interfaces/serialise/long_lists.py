@@ -1,5 +1,4 @@
-"""Which messages hold lists so long that they are encoded in steps, in their fields or further inside, and
-such messages as plain objects."""
+"""Messages with lists so long that they are encoded in steps, and such messages as plain objects."""
 
 from __future__ import annotations
 
@@ -32,8 +31,7 @@ def chunks_of(items: Any, is_numbers: bool) -> Iterator[Any]:
 
 
 def compile_test(message: MessageType) -> _IsLong | None:
-    """Return a function that tells whether a message of that type holds a long list; None if none of them
-    can."""
+    """Return a test for messages of a type that hold a long list; None if none can."""
     lists = [(attrgetter(path), long_items(array.element)) for path, array in _lists(message, "")]
     if not lists:
         return None
@@ -105,6 +103,6 @@ def _plain_items(array: field_types.Array, values: Any) -> Steps[list[object]]:
 
 
 def _plain_array(array: object) -> object:
-    """Return a numpy array as a list: the only thing in a message that is not plain."""
+    """Return a numpy array as a list."""
     to_list: Callable[[], object] = array.tolist  # type: ignore[attr-defined]  # numpy is not imported here
     return to_list()

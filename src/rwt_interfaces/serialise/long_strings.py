@@ -1,5 +1,7 @@
-"""Large JSON texts whose size is one long string: an image's base64, or a text. The string is proven once, in
-pieces, and stays where it is; the rest is read with a short token in its place."""
+"""Large JSON texts that are mostly one long string, such as an image's base64.
+
+The string is validated once, in pieces, and stays in place; the rest is parsed with a short token instead.
+"""
 
 from __future__ import annotations
 
@@ -14,25 +16,25 @@ import pybase64
 
 from rwt_interfaces.steps import Steps
 
-#: A JSON text, perhaps a view of the buffer that a whole frame was received in.
+#: JSON text, possibly a view of the receive buffer.
 RawText = bytes | memoryview
-#: The bytes of one encoded message, to be joined.
+#: Bytes of an encoded message, in parts.
 Parts = tuple[RawText, ...]
 
-#: Bytes from which a part is left apart; shorter ones are joined.
+#: Minimum bytes of a separate part; shorter ones are joined.
 _LONG_PART_BYTES = 1 << 18
-#: From this many bytes on a text is large.
+#: Minimum bytes of a large text.
 LARGE = 4096
-#: How far from either end of a large text its long string begins and ends at most, and within a quarter.
+#: Maximum distance in bytes of the long string from either end of the text, and at most a quarter of it.
 MARGIN_BYTES = 8192
-#: How much base64 is checked at a time: large allocations cost more than the check.
+#: Bytes of base64 that are checked at a time: large allocations cost more than the check.
 BASE64_PIECE_BYTES = 1 << 16
-#: How much text is checked at a time, between two quotes that stand around every piece.
+#: Bytes of text that are checked at a time, as a quoted piece.
 TEXT_PIECE_BYTES = 1 << 16
-#: What stands for a long string, or the beginning of it. No client can know it, nor write it by accident.
+#: Token for a long string, or its beginning. Random, so that clients can neither know nor guess it.
 _TOKEN = pybase64.b64encode(secrets.token_bytes(48))
 _SHORTEST_TOKEN = 32
-#: What stands for anything else.
+#: Token for other content.
 TOKEN = _TOKEN.decode()
 #: Bytes of a frame that is proven to be JSON at once: 0.1 ms where it is ASCII, at most 3 ms where it only
 #: begins so.
@@ -41,9 +43,9 @@ _PADDING = ord("=")
 _QUOTE = ord('"')
 _BACKSLASH = ord("\\")
 _decode = msgspec.json.Decoder(str).decode
-#: Bytes of the longest escape, as of a half of a pair of surrogates.
+#: Bytes of the longest escape, half a surrogate pair.
 _ESCAPE = 6
-#: How far from its beginning the long string of most texts begins.
+#: Offset within which the long string of most texts begins.
 _NEAR = 512
 #: Up to the quote that begins the first string without an end. Each turn of the outer loop is atomic: Python
 #: before 3.11.5 does not go back from one that fails halfway.
@@ -52,7 +54,7 @@ _HIGH_SURROGATE = re.compile(rb"\\u[dD][89abAB][0-9a-fA-F]{2}")
 
 
 class JoinedParts:
-    """Parts of which short ones that follow each other are joined."""
+    """List of parts that joins adjacent short ones."""
 
     def __init__(self) -> None:
         self._parts: list[RawText] = []
@@ -82,16 +84,15 @@ class JoinedParts:
 
 
 class LongString(NamedTuple):
-    """A large JSON text in two parts.
+    """Large JSON text in two parts.
 
     Attributes:
-        text: the JSON text with a token in the place of its one long string.
-        token: the token's letters.
-        content: what the token stands for, as it is between its quotes: proven valid.
-        is_base64: whether the content is padded base64, and the token too, with the same padding.
-        unescaped: what the content stands for, in pieces, if there are escapes in it; else it is the string's
-            UTF-8.
-        begin: where the content begins in the whole text.
+        text: the JSON text with a token in place of its long string.
+        token: letters of the token.
+        content: validated content of the string, as between its quotes.
+        is_base64: True if content and token are base64, with the same padding.
+        unescaped: decoded content in pieces, if it has escapes; empty if it is the string's UTF-8.
+        begin: offset of the content in the whole text.
     """
 
     text: bytes
@@ -102,42 +103,40 @@ class LongString(NamedTuple):
     begin: int
 
     def moved(self, raw: bytes) -> LongString:
-        """Return the same two parts of a copy of the text."""
+        """Return the same parts for a copy of the text."""
         end = self.begin + len(self.content)
         return self._replace(content=memoryview(raw)[self.begin : end])
 
 
 def token_for_text(length: int) -> bytes:
-    """Letters to stand for a string of `length` bytes that is not base64; they are not either.
+    """Return a token for a string of `length` bytes that is not base64, and that is not base64 itself.
 
-    Both lengths are the same modulo 8: what follows them in CDR is aligned alike.
+    Both lengths are equal modulo 8, to keep CDR's alignment.
     """
     return b"-" + _TOKEN[1 : _SHORTEST_TOKEN + length % 32]
 
 
 def token_for_base64(length: int, padding: int) -> bytes:
-    """Base64 to stand for `length` letters of it that end with `padding` equals signs.
+    """Return a base64 token for `length` letters with `padding` equals signs.
 
-    Both lengths are the same modulo 8, and so are those of the octets: what follows them in CDR is aligned
-    alike.
+    The lengths of letters and octets are equal modulo 8, to keep CDR's alignment.
     """
     token = _TOKEN[: _SHORTEST_TOKEN + length % 32]
     return token[: -padding - 1] + b"A==="[: padding + 1] if padding else token
 
 
 def cut_long_string(raw: RawText, octets: bool, texts: bool) -> Steps[LongString | None]:
-    """Return the text apart from its one long string, or None if it has none from near its start to near its
-    end.
+    """Return the text with its long string cut out; None if it has none from near its start to near its end.
 
-    Why the parts stand for the whole: if the text is JSON, the first quote begins a string, since all strings
-    before it have ended. What is cut is valid in a string, so the second quote ends it. Thus the text is JSON
-    if and only if it is with the token, and means the same but for that string. Only where a length is
-    checked could the token pass in place of the long string, so types with such fields do not come here.
+    Proof: if the text is JSON, the first quote begins a string, since all earlier strings have ended. The cut
+    content is valid in a string, so the second quote ends it. So the text is JSON if and only if it is with
+    the token, and means the same but for that string. Only a length check could confuse the two, so types
+    with such fields are excluded.
 
     Args:
         raw: the JSON text.
-        octets: look for base64.
-        texts: look for any text.
+        octets: True to search for base64.
+        texts: True to search for any text.
     """
     margin = min(MARGIN_BYTES, len(raw) // 4)
     begin = _begin(bytes(raw[:margin]))
@@ -159,9 +158,9 @@ def cut_long_string(raw: RawText, octets: bool, texts: bool) -> Steps[LongString
 
 
 def _begin(head: bytes) -> int:
-    """Where the first string begins that has no end in the text's head; 0 if there is none.
+    """Return the offset of the first string without an end in the text's head; 0 if there is none.
 
-    A regular expression takes five nanoseconds for each byte, and the search for a quote hardly anything.
+    A quote is searched for first, because the regular expression takes five nanoseconds per byte.
     """
     found = _HEAD.match(head, 0, _NEAR)
     if found is None or b'"' in head[found.end() :]:
@@ -170,7 +169,7 @@ def _begin(head: bytes) -> int:
 
 
 def _first_quote(tail: bytes, offset: int) -> int:
-    """Where the first quote of the text's tail is that no backslash escapes; -1 if there is none."""
+    """Return the offset of the first unescaped quote of the text's tail; -1 if there is none."""
     place = tail.find(b'"')
     while place >= 0 and (place - len(tail[:place].rstrip(b"\\"))) % 2:
         place = tail.find(b'"', place + 1)
@@ -191,18 +190,17 @@ def _is_base64(content: memoryview) -> bool:
 
 
 def _is_plain(raw: RawText, begin: int, end: int) -> bool:
-    """Whether what stands between two quotes of a text is valid and has no escapes, as far as one look at the
-    frame that it came in tells, which takes half as long as pieces do and copies nothing.
+    """Return True if quoted text is valid and without escapes according to its frame.
 
-    If the frame is JSON, what has neither quotes nor backslashes is wholly in a string or wholly in none, and
-    the quote in front of it says that it is in one.
+    If the frame is JSON, a range without quotes and backslashes is wholly inside or outside a string, and the
+    quote before it tells which. Takes half the time of checking pieces, and copies nothing.
     """
     frame = raw if isinstance(raw, bytes) else raw.obj
     if not isinstance(frame, bytes) or len(frame) > _AT_ONCE_BYTES:
         return False
     offset = 0
     if len(frame) > len(raw):
-        # Where a view begins it does not tell; two places that could be it are as good as none.
+        # A view does not tell its offset; two possible offsets are as good as none.
         start, beyond = bytes(raw[:_SHORTEST_TOKEN]), len(frame) - len(raw) + _SHORTEST_TOKEN
         offset = frame.find(start, 0, beyond)
         if offset < 0 or frame.rfind(start, 0, beyond) != offset:
@@ -221,7 +219,7 @@ def _is_plain(raw: RawText, begin: int, end: int) -> bool:
 
 @cache
 def _json_validator() -> Callable[[bytes], object]:
-    """Checks that bytes are a JSON object, of which it makes nothing."""
+    """Return a validator of JSON objects."""
     # Imported here because only large texts need it.
     from pydantic_core import SchemaValidator, core_schema
 
@@ -229,8 +227,7 @@ def _json_validator() -> Callable[[bytes], object]:
 
 
 def _unescaped(content: memoryview) -> Steps[tuple[str, ...] | None]:
-    """What stands between two quotes, in pieces if there are escapes in it; None if it is not valid, or if
-    pieces do not show whether it is."""
+    """Return quoted text without escapes, in pieces; None if it is invalid or pieces cannot tell."""
     # Imported here because only large texts need it.
     from pydantic_core import from_json
 
@@ -253,12 +250,12 @@ def _unescaped(content: memoryview) -> Steps[tuple[str, ...] | None]:
                 from_json(b'"%b"' % piece)
                 break
             piece = _whole_letters(piece)
-            # The quicker one where there is something to decode.
+            # Faster if there are escapes.
             text = _decode(b'"%b"' % piece)
             if pieces:
                 pieces.append(text)
             elif b"\\" in piece:
-                # What goes before has none: there the content is the string's UTF-8.
+                # Preceding text has no escapes, so it is the string's UTF-8.
                 pieces = [str(content[:start], "utf-8"), text]
             start += len(piece)
             yield
@@ -268,8 +265,7 @@ def _unescaped(content: memoryview) -> Steps[tuple[str, ...] | None]:
 
 
 def _whole_letters(piece: bytes) -> bytes:
-    """Return the piece without what may be the first half of an escape, a letter or a pair of surrogates at
-    its end; where that leaves nothing, the piece."""
+    """Return the piece without a partial escape, letter or surrogate pair at its end; never empty."""
     end = len(piece)
     while end > len(piece) - 4 and piece[end - 1 : end] >= b"\x80":
         end -= 1
@@ -284,7 +280,7 @@ def _whole_letters(piece: bytes) -> bytes:
 
 
 def substituted(value: object, token: str, text: str) -> object:
-    """Plain objects, parsed from a text with a token in it, with what the token stands for."""
+    """Return plain objects with the token replaced by its content."""
     match value:
         case str():
             return text if value == token else value
@@ -299,5 +295,5 @@ def substituted(value: object, token: str, text: str) -> object:
 
 
 def string_of(content: RawText, unescaped: tuple[str, ...]) -> str:
-    """Return the string that a proven content stands for."""
+    """Return the string of a validated content."""
     return "".join(unescaped) if unescaped else str(content, "utf-8")

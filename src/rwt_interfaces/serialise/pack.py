@@ -1,8 +1,8 @@
-"""Writing messages in a packed form, CDR or ROS 1's own.
+"""Encoder of the packed forms, CDR and ROS 1's.
 
-How it is fast: a message is flattened into runs of numbers, which one :func:`operator.attrgetter` fetches and
-one :class:`struct.Struct` packs, and the strings, arrays and octets between them. Where alignment depends on
-what came before, a run is compiled once for each of the eight places it can begin at.
+For speed, a message is flattened into runs of numbers, fetched by one :func:`operator.attrgetter` and packed
+by one :class:`struct.Struct`, and the strings, arrays and octets between them. Runs whose alignment depends
+on preceding data are compiled for each of the eight offsets.
 """
 
 from __future__ import annotations
@@ -31,8 +31,7 @@ _Write = Callable[[bytearray, Any], None]
 
 
 def compile_encoder(message: MessageType, rules: WireRules) -> Callable[[msgspec.Struct], bytes]:
-    """Return a function that encodes a message of that type; it takes its own Struct and
-    `JsonCodec.sendable`."""
+    """Return an encoder for a message type's own Struct and `JsonCodec.sendable`."""
     write = _message_writer(message, rules)
     header = rules.header
 
@@ -60,8 +59,6 @@ def compile_step_encoder(
 
 
 def _message_writer(message: MessageType, rules: WireRules) -> _Write:
-    """Return a function that appends a message of that type; it takes its own Struct and
-    `JsonCodec.sendable`."""
     steps = [step for step, _, _ in _steps(message, rules)]
 
     def write(out: bytearray, value: Any) -> None:
@@ -72,8 +69,7 @@ def _message_writer(message: MessageType, rules: WireRules) -> _Write:
 
 
 def _step_writer(message: MessageType, rules: WireRules) -> Callable[[bytearray, Any, Chunks], Steps[None]]:
-    """Return a function that appends a message of that type in steps, some items of a long list in each;
-    lists that are given apart take the place of those in the message."""
+    """Return a writer in steps, some list items each; separately passed lists replace the message's."""
     steps = [
         (step, path, attrgetter(path) if isinstance(field_type, field_types.Array) else None, field_type)
         for step, path, field_type in _steps(message, rules)
@@ -147,8 +143,7 @@ def _steps(message: MessageType, rules: WireRules) -> Iterator[tuple[_Write, str
 
 
 def _leaves(message: MessageType, prefix: str, rules: WireRules) -> Iterator[tuple[str, FieldType | None]]:
-    """The leaves of a message: the path of attributes to each, and its type; None is the filler of an empty
-    message."""
+    """Yield the path and type of each leaf of a message; type None is the filler of an empty message."""
     if not message.slots and rules.filler:
         yield prefix, None
     for slot in message.slots:
@@ -266,8 +261,7 @@ def _array_writer(field_type: field_types.Array, rules: WireRules) -> _Write:
 
 @lru_cache(maxsize=1024)
 def _run_format(codes: str, start: int, aligned: bool) -> struct.Struct:
-    """Numbers of these letters, the first at an offset of `start` modulo 8, as one format with its
-    padding."""
+    """Return the format of a run of numbers with padding, from offset `start` modulo 8."""
     layout = "<"
     offset = start
     for code in codes:

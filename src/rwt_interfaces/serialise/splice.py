@@ -1,7 +1,7 @@
-"""Messages of which nearly all is one long string, or octets: every encoding is made of a short message with
-a token in the place of the long content, which is then put between the two parts that the token leaves.
+"""Messages that are mostly one long string or octets.
 
-Nobody decodes or copies the content for that, except from base64 to octets or back, once.
+Encodings are made of a short message with a token, and the long content replaces the token. The content is
+neither decoded nor copied, except between base64 and octets, once.
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ from rwt_interfaces.steps import Steps
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
-#: Octets of a message in Python stand apart from this size on.
+#: Minimum bytes of separate octets of a message in Python.
 LONG_OCTETS_BYTES = 1 << 14
-#: Characters of a text from which it is written as JSON in steps, and of one step.
+#: Minimum characters of a string that is encoded as JSON in steps, and characters per step.
 LONG_TEXT_CHARS = 1 << 18
 _TEXT_STEP_CHARS = 1 << 16
 
 _encode_text = msgspec.json.Encoder().encode
 
 LengthHead = Callable[[int, bool], bytes]
-"""What stands before a content of some length in an encoding; True for text."""
+"""Head of a content of some length in an encoding; True for text."""
 
 
 class LongField:
-    """A field where long content may stand: not in an array, of any length, and no wide string.
+    """Field for long content: not in an array, of unbounded length, and not a wide string.
 
     Attributes:
-        is_text: whether it is a string; else octets.
-        fetch: takes its value out of a message.
+        is_text: True for a string, False for octets.
+        fetch: returns its value in a message.
     """
 
     __slots__ = ("_attributes", "fetch", "is_text")
@@ -55,14 +55,14 @@ class LongField:
         self.fetch: Callable[[Any], Any] = attrgetter(".".join(attributes))
 
     def put(self, message: msgspec.Struct, content: str | bytes) -> msgspec.Struct:
-        """Return a copy of a message with something else in this field; all else is shared."""
+        """Return a copy of a message with another value in this field; all else is shared."""
         return put(message, self._attributes, content)
 
 
 def put(
     message: msgspec.Struct, attributes: tuple[str, ...], content: str | bytes | int | list[Any]
 ) -> msgspec.Struct:
-    """Return a copy of a message with something else in the field that a path of attributes leads to."""
+    """Return a copy of a message with another value at a path of attributes."""
     first, *rest = attributes
     new = put(getattr(message, first), tuple(rest), content) if rest else content
     return msgspec.structs.replace(message, **{first: new})
@@ -87,7 +87,7 @@ def _long_fields(message: MessageType, prefix: tuple[str, ...]) -> Iterator[tupl
 
 
 def long_text(type: MessageType, message: msgspec.Struct) -> LongField | None:
-    """Return the first field where a message in Python has a text so long that it is written in steps."""
+    """Return the first field of a Python message with a string to be encoded in steps."""
     for field in type.long_text_fields:
         if len(field.fetch(message)) >= LONG_TEXT_CHARS:
             return field
@@ -95,7 +95,7 @@ def long_text(type: MessageType, message: msgspec.Struct) -> LongField | None:
 
 
 def long_octets(type: MessageType, message: msgspec.Struct) -> LongField | None:
-    """Return the first field where a message in Python has octets so long that they stand apart."""
+    """Return the first field of a Python message with separate octets."""
     for field in type.long_fields:
         if not field.is_text and len(field.fetch(message)) >= LONG_OCTETS_BYTES:
             return field
@@ -115,7 +115,7 @@ def json_of_text(type: MessageType, message: msgspec.Struct, field: LongField) -
 
 
 class SplicedMessage:
-    """A message in two parts: what is short, with a token in one field, and the content of that field."""
+    """Message in two parts: a short message with a token in one field, and that field's content."""
 
     __slots__ = ("_content", "_field", "_octets", "_short", "_token", "_unescaped")
 
@@ -163,18 +163,18 @@ class SplicedMessage:
 
     @property
     def content(self) -> RawText:
-        """The content as it is in JSON, between quotes; octets are encoded once."""
+        """Content as quoted in JSON; octets are encoded once."""
         if self._content is None:
             self._content = pybase64.b64encode(self.octets)
         return self._content
 
     @property
     def octets(self) -> bytes:
-        """Octets that base64 or a text with escapes stands for; decoded once."""
+        """Octets of base64 or of a text with escapes; decoded once."""
         if self._octets is None and self._unescaped:
             self._octets = "".join(self._unescaped).encode()
         elif self._octets is None:
-            assert self._content is not None  # It has one of the two from the start.
+            assert self._content is not None  # Invariant: one of the two exists.
             self._octets = pybase64.b64decode(self._content, validate=True)
         return self._octets
 
@@ -190,7 +190,7 @@ class SplicedMessage:
 
     @property
     def kept_size(self) -> int:
-        """Approximate size of the content in its present forms, in bytes."""
+        """Approximate bytes of the content in its present forms."""
         return len(self._content or b"") + len(self._octets or b"")
 
     def numbered(self, number: int) -> SplicedMessage:
@@ -210,7 +210,7 @@ class SplicedMessage:
         return before, self.content, after
 
     def binary(self, encode: Callable[[msgspec.Struct], bytes], length_head: LengthHead) -> Parts:
-        """Return the parts of the message in an encoding where a length stands before strings and octets."""
+        """Return the parts of the message in an encoding with length heads."""
         short, is_text = self._short, self._field.is_text
         content: RawText
         if not is_text:
@@ -226,7 +226,7 @@ class SplicedMessage:
         return before.removesuffix(short_head) + length_head(len(content), is_text), content, after
 
     def detached(self) -> SplicedMessage:
-        """Return the same message without a view of the buffer it was received in."""
+        """Return the message without references to the receive buffer."""
         content = self._content
         return SplicedMessage(
             self._short,

@@ -1,8 +1,7 @@
-"""The strict Struct of a message: what msgspec accepts with it is exactly what this project itself would
-send, spacing and order of fields aside, and may be passed on untouched.
+"""Strict Struct of a message: msgspec accepts with it exactly the messages that may be passed on.
 
-Every field is required, unknown ones are refused, floats may be null, octets are base64, times are spelled as
-the distribution spells them. The few flaws that annotations cannot express have tests of their own.
+All fields are required, unknown ones rejected, floats may be null, octets are base64, and times are spelled
+as the distribution does. Tests cover the flaws that annotations cannot express.
 """
 
 from __future__ import annotations
@@ -28,21 +27,21 @@ from rwt_interfaces.validation.numbers import (
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
-#: Whether a value of some type has a flaw that no msgspec annotation expresses.
+#: Test for flaws that no msgspec annotation expresses.
 Flaw = Callable[[Any], bool]
 #: Subscripted at run time, which a checker cannot follow.
 _LIST: Any = list
-#: Numbers that are compared at once.
+#: Batch size of the comparison.
 _PIECE = 1 << 16
 _UINT64_MAX = (1 << 64) - 1
 
 
 def strict_struct(message: MessageType, *, has_nulls: bool = True) -> type[msgspec.Struct]:
-    """Compile it; nested ones are taken from their types.
+    """Compile the Struct; nested ones come from their types.
 
     Args:
-        message: the type.
-        has_nulls: whether floats may be null.
+        message: the message type.
+        has_nulls: True if floats may be null.
     """
     name = message.name.partition("/")[2]
     if message.time is not None:
@@ -75,8 +74,7 @@ def _define(name: str, fields: list[tuple[str, str, Any]]) -> type[msgspec.Struc
 
 
 def strict_annotation(type: FieldType, *, has_nulls: bool = True) -> Any:
-    """Return the annotation of a field that takes only what may be passed on; has_nulls as
-    :func:`strict_struct`."""
+    """Return the annotation of a field that may be passed on; `has_nulls` as for :func:`strict_struct`."""
     match type:
         case field_types.Bool():
             return bool
@@ -97,17 +95,17 @@ def strict_annotation(type: FieldType, *, has_nulls: bool = True) -> Any:
 
 
 def sized(kind: Any, length: int | None, bound: int | None) -> Any:
-    """Return the annotation of octets or a list with its length or the bound of it, if it has one."""
+    """Return the annotation of octets or a list with its length or bound."""
     if length is not None:
         return Annotated[kind, msgspec.Meta(min_length=length, max_length=length)]
     return kind if bound is None else Annotated[kind, msgspec.Meta(max_length=bound)]
 
 
 def inexact(type: FieldType) -> Flaw | None:
-    """Return a test for numbers that may not be passed on; None if there are none of the type.
+    """Return a test for numbers that may not be passed on; None if the type has none.
 
-    A uint64 above its range, since msgspec's bounds end at int64's; and in a float32 field a number that is
-    no float32, since ROS sends what is left of it: 0.10000000149011612 for 0.1.
+    These are uint64 above its range, since msgspec's bounds end at int64's, and float32 fields with other
+    numbers, since ROS sends 0.10000000149011612 for 0.1.
     """
     if isinstance(type, field_types.Int) and type.high == _UINT64_MAX:
         return lambda value: bool(value > _UINT64_MAX)
@@ -117,15 +115,14 @@ def inexact(type: FieldType) -> Flaw | None:
 
 
 def unsendable(type: FieldType) -> Flaw | None:
-    """Return a test as :func:`inexact`, for Python's own values: lone surrogates too, which no JSON text
-    holds."""
+    """Return a test like :func:`inexact` for Python values, which also finds lone surrogates."""
     if isinstance(type, field_types.String):
         return lambda text: not text.isascii() and has_lone_surrogate(text)
     return inexact(type)
 
 
 def flaw_in(message: MessageType, leaf: Callable[[FieldType], Flaw | None]) -> Flaw | None:
-    """Looks for flaws anywhere in a message; None if nothing in it can have one."""
+    """Return a test for flaws anywhere in a message; None if it can have none."""
     flaws = [(slot.attribute, flaw) for slot in message.slots if (flaw := _flaw_of(slot.type, leaf))]
     if not flaws:
         return None
@@ -146,11 +143,9 @@ def _flaw_of(type: FieldType, leaf: Callable[[FieldType], Flaw | None]) -> Flaw 
 
 
 def array_reader(type: field_types.Array) -> Callable[[bytes], tuple[list[Any], bool]]:
-    """Return a function that reads the text of an array as the field holds it, null as NaN; messages, if they
-    may be passed on, as their strict Structs.
+    """Return a decoder of array texts, with null as NaN and exact messages as strict Structs.
 
-    It also tells whether the text may be passed on, and raises a msgspec.MsgspecError for numbers that the
-    strict Struct refuses for another reason than that they are no float32s.
+    It also returns True if the text may be passed on, and raises msgspec.MsgspecError for invalid numbers.
     """
     decode: Callable[[bytes], list[Any]] = msgspec.json.Decoder(strict_annotation(type)).decode
     if type.element == field_types.FLOAT32:

@@ -1,5 +1,4 @@
-"""Reading messages in a packed form, CDR or ROS 1's own: nothing is allocated for what a length claims and
-the data does not hold."""
+"""Decoder of the packed forms, CDR and ROS 1's; never allocates for lengths beyond the data."""
 
 from __future__ import annotations
 
@@ -29,8 +28,7 @@ CUT_SHORT = "data cut short"
 
 
 def compile_reader(message: MessageType, rules: WireRules) -> _Read:
-    """Return a function that reads a message of that type as its own Struct; raises InvalidMessage and
-    struct.error."""
+    """Return a reader of a message type's own Struct; it raises InvalidMessage and struct.error."""
     fields = [(slot.name, _reader(slot.type, rules)) for slot in message.slots]
     make = message.struct
     filler = len(rules.filler)
@@ -97,7 +95,6 @@ def _read_length(data: memoryview, position: int, aligned: bool) -> tuple[int, i
 
 
 def _need(data: memoryview, position: int, count: int) -> None:
-    """Refuse before anything is allocated for what is not there."""
     if position + count > len(data):
         raise InvalidMessage("", CUT_SHORT)
 
@@ -195,7 +192,7 @@ def _items_reader(read_item: _Read, empty: bool) -> Callable[[memoryview, int, i
 
 
 def compile_decoder(message: MessageType, rules: WireRules) -> Callable[[bytes | memoryview], msgspec.Struct]:
-    """Return a function that decodes a message of that type, or raises InvalidMessage."""
+    """Return a decoder of a message type; it raises only InvalidMessage."""
     read = compile_reader(message, rules)
     header = rules.header
 

@@ -1,7 +1,5 @@
-"""What CDR and ROS 1's own form have in common: fields one after another, lengths before what varies, no
-names.
+"""Rules of the packed forms, CDR and ROS 1's: consecutive fields with length heads and without names.
 
-They differ in alignment, in how strings end and in what an empty message is: a :class:`WireRules` says so.
 Both are little-endian here.
 """
 
@@ -17,13 +15,13 @@ from rwt_interfaces.field_types import FieldType
 
 @dataclass(frozen=True, slots=True)
 class WireRules:
-    """The rules of one packed form, CDR or ROS 1's own.
+    """Rules of one packed form, CDR or ROS 1's.
 
     Attributes:
-        header: what stands before the message; of two bytes of options at its end, none is set.
-        aligned: whether a number begins at a multiple of its size.
-        terminated: whether a string ends with a zero byte, which its length counts.
-        filler: what stands for a message without fields.
+        header: bytes before the message; its last two bytes are options, all unset.
+        aligned: True if numbers are aligned to their size.
+        terminated: True if strings end with a NUL, which their length counts.
+        filler: bytes of a message without fields.
     """
 
     header: bytes
@@ -38,7 +36,7 @@ class WireRules:
 
 #: The length before what varies in length.
 LENGTH = struct.Struct("<I")
-#: The letter of a message without fields: :mod:`struct` makes it a zero byte that no value stands for.
+#: Letter of a message without fields, a padding byte in :mod:`struct`.
 FILLED = "x"
 
 CDR: Final = WireRules(header=b"\0\1\0\0", aligned=True, terminated=True, filler=b"\0")

@@ -1,8 +1,8 @@
-"""Builds a complete message from whatever a client or a program gave: the lenient half of JSN-20 to JSN-33.
+"""Lenient decoder of messages (JSN-20 to JSN-33).
 
-Missing fields get their defaults, headers are stamped (PUB-05, PUB-06), both spellings of time, base64 and
-lists of octets, null and NaN in floats are taken. Whatever does not fit raises InvalidMessage with its path.
-The result is a new message that shares nothing mutable with what came in.
+Missing fields get their defaults and headers are stamped (PUB-05, PUB-06). Both spellings of times, base64
+and lists of octets, and null and NaN in floats are accepted. Mismatches raise InvalidMessage with a path. The
+result shares nothing mutable with the input.
 """
 
 from __future__ import annotations
@@ -48,22 +48,21 @@ _TIME_KEYS: Final = frozenset((*_SECONDS_KEYS, *_NANOSECONDS_KEYS))
 
 
 class LenientDecoder(Protocol):
-    """Takes a value as it came and returns the field's own; raises InvalidMessage."""
+    """Decoder of one value to its field's type; raises InvalidMessage."""
 
     def __call__(self, value: object, now: Now, /) -> Any:
-        """Complete one value; `now` is asked only where a time is missing."""
+        """Complete one value; `now` is called only for missing times."""
 
 
 FieldSteps = Callable[[FieldType, LenientDecoder, Any], Steps[Any]]
 """Completes one field in steps."""
 
 MOST_LEFT_OUT: Final = 30_000
-"""Fields of one message, those of nested ones included, that may be left to their defaults: three bytes of a
-message can leave out forty."""
+"""Maximum number of fields that a message may leave to their defaults: three bytes can omit forty."""
 
 
 class Completion:
-    """The clock for one message, and how many fields may still be left out."""
+    """Clock of one message, with its budget of omitted fields."""
 
     __slots__ = ("_left", "_now")
 
@@ -76,11 +75,7 @@ class Completion:
         return self._now()
 
     def leave_out(self, fields: int) -> None:
-        """Count fields that are missing.
-
-        Raises:
-            InvalidMessage: they are too many.
-        """
+        """Count missing fields; raises InvalidMessage beyond the limit."""
         self._left -= fields
         if self._left < 0:
             raise InvalidMessage(
@@ -165,7 +160,7 @@ class MessageDecoder:
 
 
 def _field(slot: Slot, in_header: bool) -> tuple[str, LenientDecoder, Callable[[Now], object]]:
-    """Return a field's name, its lenient decoder, and what it is when absent."""
+    """Return a field's name, lenient decoder and default."""
     type = slot.type
     if isinstance(type, field_types.Time) and in_header and not type.is_duration:
         stamp = _time(type, stamped=True)
@@ -182,8 +177,7 @@ def _field(slot: Slot, in_header: bool) -> tuple[str, LenientDecoder, Callable[[
 
 
 def _absent(message: MessageType, take: LenientDecoder) -> Callable[[Now], object]:
-    """What a nested message is when it is absent: completed from nothing, so that headers in it are stamped,
-    too."""
+    """Return the default of a nested message: completed from nothing, so that its headers are stamped."""
     if _holds_header(message):
         return lambda now: take({}, now)
     make, fields = message.struct, _count(message)
@@ -256,8 +250,10 @@ def _string(type: field_types.String) -> LenientDecoder:
 
 
 def _time(type: field_types.Time, stamped: bool) -> LenientDecoder:
-    """Time by either spelling, strangers ignored beside it (JSN-27) and refused alone (JSN-22), "now" for
-    points in time (JSN-28); `stamped` takes what is missing from the clock (PUB-06), else it is zero."""
+    """Decode a time in either spelling, or "now" (JSN-28); other keys are ignored beside it (JSN-27).
+
+    With `stamped`, missing parts come from the clock (PUB-06), otherwise they are zero.
+    """
     struct = time_struct(type)
 
     def complete(value: object, now: Now, /) -> msgspec.Struct:
@@ -352,7 +348,7 @@ def _array(type: field_types.Array) -> LenientDecoder:
 
 
 def _plain_texts(value: Any) -> list[str] | None:
-    """Return a new list of strings in one pass of compiled code; None if one of them has to be looked at."""
+    """Return a new list of strings in one pass of compiled code; None if one needs a check."""
     try:
         return list(value) if "".join(value).isascii() else None
     except TypeError:

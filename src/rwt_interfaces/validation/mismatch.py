@@ -1,4 +1,4 @@
-"""Sentences about a value that does not fit its type: what it is, in few words, and where."""
+"""Error texts for values that do not fit their type."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _LONGEST_QUOTE = 40
 
 
 def describe(value: object) -> str:
-    """Return the value as JSON would write it, if it is short; else what kind of thing it is."""
+    """Return a short value as JSON, others by kind."""
     match value:
         case None:
             return "null"
@@ -37,7 +37,7 @@ def describe(value: object) -> str:
 
 
 def quote(text: str) -> str:
-    """Text in quotes, shortened, and always encodable in UTF-8."""
+    """Quote a string, truncated and encodable in UTF-8."""
     short = text if len(text) <= _LONGEST_QUOTE else text[:_LONGEST_QUOTE] + "…"
     return json.dumps(short.encode("utf-8", "replace").decode(), ensure_ascii=False)
 
@@ -61,8 +61,7 @@ def unknown_field(message: str, names: Sequence[str], given: Iterable[str]) -> s
 
 
 def fields_of(value: object) -> Mapping[str, object] | None:
-    """Return the fields of a mapping, a Struct or a dataclass instance, by ROS name; None for anything
-    else."""
+    """Return the fields of a mapping, Struct or dataclass instance by ROS name; None for others."""
     if isinstance(value, Mapping):
         return value
     if isinstance(value, msgspec.Struct):
@@ -74,10 +73,9 @@ def fields_of(value: object) -> Mapping[str, object] | None:
 
 
 def has_lone_surrogate(text: str) -> bool:
-    """Return True if the text cannot be encoded; JSON's escapes and Python's file names can bring such text
-    about."""
+    """Return True if the text cannot be encoded, as in JSON escapes and Python's file names."""
     try:
-        # As UTF-8 refuses them, in a tenth of its time.
+        # Same result as encoding to UTF-8, in a tenth of the time.
         text.encode("utf-16-le")
     except UnicodeEncodeError:
         return True
@@ -85,7 +83,7 @@ def has_lone_surrogate(text: str) -> bool:
 
 
 def check_length(count: int, length: int | None, bound: int | None) -> None:
-    """Refuse a list of the wrong size (JSN-30)."""
+    """Reject a list of the wrong size (JSN-30)."""
     if length is not None and count != length:
         raise InvalidMessage("", f"expected {length} elements, got {count}")
     if bound is not None and count > bound:

@@ -1,4 +1,4 @@
-"""Which fields a message leaves to their defaults (PUB-04)."""
+"""Detection of fields that a message leaves to their defaults (PUB-04)."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ _HEADER = "std_msgs/Header"
 def missing_fields(message: MessageType, value: object, most: int = 10) -> tuple[str, ...]:
     """Return the paths of the fields that `value` does not have, for example ``pose.position.z``.
 
-    Headers are no part of it: leaving them, or what is in them, to the server is what the protocol provides
-    for (PUB-05). A nested message that is missing is named once, without its fields.
+    Headers are excluded, because the server may complete them (PUB-05). A missing nested message is named
+    once.
 
     Args:
-        message: the type that `value` fits.
+        message: type of the value.
         value: the message as plain objects.
-        most: how many paths are looked for.
+        most: maximum number of paths.
     """
     return tuple(islice(_missing(message, value), most))
 

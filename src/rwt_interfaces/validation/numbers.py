@@ -41,8 +41,7 @@ def as_int(value: object, type: field_types.Int) -> int:
 
 
 def as_float(value: object, type: field_types.Float) -> float:
-    """Return the value as a float: integers are taken (JSN-21), null is NaN, so that what JSON made of NaN
-    comes back."""
+    """Return the value as a float: integers are accepted (JSN-21), and null is NaN, as JSON writes it."""
     if value is None:
         return math.nan
     if isinstance(value, bool) or not isinstance(value, Real):
@@ -113,8 +112,7 @@ def _list_annotation(type: field_types.Int | field_types.Float) -> Any:
 
 
 def number_list(value: Any, type: field_types.Int | field_types.Float) -> list[Any]:
-    """Return a new list of checked numbers: in one pass of compiled code if all are plain, one by one if
-    not."""
+    """Return a new list of checked numbers, in one pass of compiled code if all are plain."""
     doubles = loaded_doubles(value) if type.code == "f" and value.__class__ is list else None
     if doubles is not None:
         sizes = abs(doubles)
@@ -137,7 +135,7 @@ def number_list(value: Any, type: field_types.Int | field_types.Float) -> list[A
 
 
 def _float32_list(value: Any, type: field_types.Int | field_types.Float) -> list[Any]:
-    """Float32 numbers with infinities among them, which a laser scan is full of and a range check refuses."""
+    """Check float32 numbers with infinities, which laser scans contain and range checks reject."""
     try:
         numbers: list[Any] = msgspec.convert(value, list[float | None])
         if None in numbers:
@@ -163,7 +161,7 @@ _MOST_WIDENED: Final = 1 << 24
 
 
 def is_numpy_array(value: object) -> bool:
-    """Return True if the value is a numpy array, found out without importing numpy."""
+    """Return True for a numpy array, without importing numpy."""
     # Another thread may be halfway through importing it, and no value is of a class that is not there yet.
     array = getattr(sys.modules.get("numpy"), "ndarray", None)
     return array is not None and isinstance(value, array)
@@ -205,8 +203,7 @@ def _refuse_outside(
 
 
 def little_endian(items: Any, code: str) -> bytes:
-    """Checked numbers, a list or a numpy array, as packed little-endian elements of that :mod:`struct`
-    letter."""
+    """Return checked numbers, a list or array, as packed little-endian elements of a :mod:`struct` letter."""
     if code == "?":
         return bytes(items)
     if is_numpy_array(items):

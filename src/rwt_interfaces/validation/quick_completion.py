@@ -1,9 +1,7 @@
-"""Completes most incomplete messages in compiled code: one pass of msgspec over the text, with a default for
-each field.
+"""Fast completion of most incomplete messages: one pass of msgspec, with a default for each field.
 
-It takes what the strict Struct takes, with fields left out, and float32s that are not the nearest ones. What
-else the lenient decoder takes (other spellings of times, lists of octets, "now") is left to it, as are all
-refusals, since it has the words for them; and what both take, both make the same of.
+It accepts what the strict Struct accepts, with missing fields and inexact float32s. All other input and all
+rejections are left to the lenient decoder; where both accept a text, their results are equal.
 """
 
 from __future__ import annotations
@@ -32,15 +30,14 @@ Now = Callable[[], int]
 Rounding = Callable[[Any], None]
 
 MOST_FIELDS: Final = 200_000
-"""Fields that a text may leave out by its number of objects; one with more is left to the lenient decoder,
-which counts those that it really leaves out."""
+"""Maximum estimated number of omitted fields; beyond it, the lenient decoder counts them."""
 
 #: Subscripted at run time, which a checker cannot follow.
 _LIST: Any = list
 
 
 class _Moment(threading.local):
-    """The clock of the message that this thread completes."""
+    """Clock of the message that this thread completes."""
 
     now: Now
 
@@ -49,10 +46,10 @@ _moment: Final = _Moment()
 
 
 class QuickCompletion:
-    """Completes messages of one type.
+    """Completion of messages of one type.
 
     Attributes:
-        struct: the class of what is made, which is not the message's own.
+        struct: class of the result, which differs from the message's own.
     """
 
     __slots__ = ("_decode", "_decode_items", "_fields", "_flawed", "_round", "struct")
@@ -99,8 +96,7 @@ class QuickCompletion:
 
 
 def _struct(message: MessageType) -> type[msgspec.Struct]:
-    """Return the Struct of a message in which no field is required; nested ones are taken from their
-    types."""
+    """Return the Struct of a message without required fields; nested ones come from their types."""
     if message.time is not None:
         return strict_struct(message)
     in_header = message.name == "std_msgs/Header"
@@ -141,8 +137,7 @@ def _integer_flaw(type: FieldType) -> Callable[[Any], bool] | None:
 
 
 def _most_fields(message: MessageType) -> int:
-    """Return the most fields that one object of the many which a message may hold can leave out; 0 if it
-    holds no arrays of objects."""
+    """Return the maximum number of fields that an array's object can omit; 0 without such arrays."""
     most = 0
     for slot in message.slots:
         inner = slot.type.element if isinstance(slot.type, field_types.Array) else slot.type
@@ -152,7 +147,6 @@ def _most_fields(message: MessageType) -> int:
 
 
 def _fields(message: MessageType) -> int:
-    """Fields of a message, those of nested ones included."""
     return 1 + sum(
         _fields(slot.type.type) if isinstance(slot.type, field_types.Message) else 1 for slot in message.slots
     )

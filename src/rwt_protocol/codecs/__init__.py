@@ -1,4 +1,4 @@
-"""The encodings of the envelope, and the table of them all."""
+"""Table of the envelope's encodings."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ _JSON_BYTES: Final = frozenset(bytes((each,)) for each in b" \t\r\n{[")
 """First bytes of a message in JSON."""
 
 Form = Literal["json", "cbor", "serialised", "plain"]
-"""What of a message an encoding is made of: its JSON, its CBOR, what its robot serialises, or its values."""
+"""Payload representation that frames are built from."""
 
 
 @dataclass(frozen=True, slots=True)
 class Encoding:
-    """One encoding of what is published, and perhaps of everything else.
+    """Encoding of published messages, or of all messages.
 
     Attributes:
-        name: as `compression` spells it.
-        precedence: the strongest of what a client asks for on one topic wins (SUB-08).
-        publish_encoder: from a topic's name, as the client spelled it, to an encoder for its samples.
-        form: what its frames are made of.
-        binary: whether its frames are binary, which a transport of text cannot carry.
-        raw: whether it carries the bytes that the robot serialises (CBR-10), not fields.
-        codec: reads its binary frames, in a session that has not one encoding for all; None where another row
-            does, and where they are text.
-        first_bytes: what those begin with. No two encodings share one, and no JSON text begins with it.
-        exclusive: makes the codec of every message of every client, where the settings ask for this encoding:
-            `compression` cannot. None where `compression` asks for it, and all that is not published is JSON.
-            It raises `EncodingUnavailable` if it needs a package that is not installed.
+        name: name of the encoding in `compression`.
+        precedence: rank among the encodings that a client requests for one topic; the highest wins (SUB-08).
+        publish_encoder: factory of sample encoders; takes the topic name as the client spells it.
+        form: payload representation that frames are built from.
+        binary: True if frames are binary, which text transports cannot carry.
+        raw: True if frames carry the robot's serialised bytes (CBR-10) instead of fields.
+        codec: decoder of its binary frames, in sessions without an exclusive encoding; None if frames are
+            text or another encoding decodes them.
+        first_bytes: first bytes of its binary frames, unique among encodings and different from JSON's.
+        exclusive: factory of the codec for all messages of all clients, for encodings that are selected by
+            the settings; None if `compression` selects the encoding. Raises `EncodingUnavailable` if a
+            package is missing.
     """
 
     name: str
@@ -58,11 +58,7 @@ def _bson_publish_encoder(topic: str) -> PublishEncoder:
 
 
 def bson_codec() -> Codec:
-    """The codec of BSON.
-
-    Raises:
-        EncodingUnavailable: the package that it needs is not installed.
-    """
+    """Return the BSON codec; raises EncodingUnavailable if pymongo is not installed."""
     from rwt_protocol.codecs.bson import BsonCodec  # an optional package
 
     return BsonCodec()
@@ -80,11 +76,10 @@ _ENCODINGS: Final = {
 }
 
 CODECS: Final[Mapping[str, Encoding]] = MappingProxyType(_ENCODINGS)
-"""Encodings by their name in `compression`: a row for each that is built in, and those that
-:func:`load_encoding` has added."""
+"""Encodings by name: the built-in ones, and those added by :func:`load_encoding`."""
 
 SELECTABLE: Final = tuple(encoding for encoding in CODECS.values() if encoding.exclusive is None)
-"""Built-in encodings that `compression` can ask for."""
+"""Built-in encodings that `compression` can select."""
 
 
 def _first_bytes(encoding: Encoding) -> dict[bytes, Codec]:
@@ -98,10 +93,9 @@ BINARY_CODECS: Final[Mapping[bytes, Codec]] = MappingProxyType(_BINARY)
 
 
 def load_encoding(name: str) -> Encoding:
-    """Return the encoding of a name. One of another distribution is imported, and is known to this process
-    from then on.
+    """Return an encoding by name, importing and registering it if it is an extension.
 
-    Its entry point in the group `rwt.codecs` is an :class:`Encoding`.
+    Extensions are entry points of type :class:`Encoding` in the group `rwt.codecs`.
 
     Raises:
         ExtensionError: it is not installed, cannot be imported, or claims the first byte of another encoding.
@@ -120,7 +114,7 @@ def load_encoding(name: str) -> Encoding:
 
 
 def encoding_of(compression: str) -> Encoding:
-    """The encoding that `compression` asks for; an unknown word asks for none (SUB-10)."""
+    """Return the encoding that `compression` selects; unknown words select none (SUB-10)."""
     found = CODECS.get(compression)
     return CODECS["none"] if found is None or found.exclusive is not None else found
 

@@ -1,4 +1,4 @@
-"""What an encoding does: a frame to raw members, an op to a frame."""
+"""Contract of the codecs: decode frames to raw members, encode ops as frames."""
 
 from __future__ import annotations
 
@@ -13,26 +13,25 @@ from rwt_protocol.payloads import Encodable, Sample
 
 T = TypeVar("T")
 Steps = Generator[None, None, T]
-"""Work in steps of about a millisecond at most, between which others may be served."""
+"""Work in steps of about a millisecond at most; other work may run between them."""
 
 PublishEncoder = Callable[[Sample], Frame]
-"""From a sample of one topic to its `publish` message, a frame that all subscribers share.
+"""Encoder of a topic's samples to `publish` frames, which all subscribers share.
 
-One that takes long has a method ``steps(sample) -> Iterator[None]``, too, after which the call is quick.
+Slow encoders also have a method ``steps(sample) -> Iterator[None]``; once it is exhausted, the call is fast.
 """
 
 Members = dict[str, object]
-"""The members of one message, nothing validated: scalars decoded, payloads as `msgspec.Raw`, `RawJson` or
-`Decoded`."""
+"""Unvalidated members of one message: scalars decoded, payloads as `msgspec.Raw`, `RawJson` or `Decoded`."""
 
 
 @dataclass(frozen=True, slots=True)
 class DecodeFailure:
-    """Something in a frame that is not a message.
+    """Part of a frame that is not a message.
 
     Attributes:
-        reason: what is wrong, in words for the sender.
-        members: what could be read of it, to address the answer.
+        reason: error text for the sender.
+        members: members that were readable, to address the response.
     """
 
     reason: str
@@ -40,38 +39,38 @@ class DecodeFailure:
 
 
 class Codec(Protocol):
-    """The envelope in one encoding. Stateless; one instance serves every session."""
+    """Envelope in one encoding. Stateless; one instance serves all sessions."""
 
     def split(self, data: bytes, limits: WireLimits) -> Sequence[Members | DecodeFailure]:
-        """The messages in one frame, in order. Never raises."""
+        """Return the messages of a frame, in order. Never raises."""
 
     def encode(self, op: Op) -> Frame:
-        """One op as a frame. A payload is spliced in where the encoding of both is the same.
+        """Encode an op. A payload in the same encoding is spliced in.
 
         Raises:
-            MalformedPayload: its payload came from another peer, and is not JSON.
+            MalformedPayload: the payload came from another peer and is not JSON.
         """
 
     def response(self, service: str, values: Encodable, id: str | int | None = None) -> Frame:
-        """The reply to a call that succeeded: what :meth:`encode` makes of it, sooner (SRV-01)."""
+        """Encode the response to a successful call: a fast path of :meth:`encode` (SRV-01)."""
 
     def call(self, service: str, args: Encodable, id: str | int) -> Frame:
-        """A call to a provider: what :meth:`encode` makes of it, sooner (SVP-01, SVP-02)."""
+        """Encode a call to a provider: a fast path of :meth:`encode` (SVP-01, SVP-02)."""
 
     def publish_encoder(self, topic: str) -> PublishEncoder:
-        """An encoder for the samples of `topic`; what is the same in all of them is computed here, once."""
+        """Return an encoder for the samples of `topic`; constant parts are computed here, once."""
 
 
 @runtime_checkable
 class SplitsInSteps(Protocol):
-    """A codec that takes large frames apart in steps, between which others may be served."""
+    """Codec that decodes large frames in steps."""
 
     def split_in_steps(self, data: bytes, limits: WireLimits) -> Steps[Sequence[Members | DecodeFailure]]:
-        """As :meth:`Codec.split`, in steps of about a millisecond at most."""
+        """Same as :meth:`Codec.split`, in steps of about a millisecond at most."""
 
 
 def finished(steps: Steps[T]) -> T:
-    """What work in steps comes to, all of them at once."""
+    """Run all steps and return the result."""
     while True:
         try:
             next(steps)

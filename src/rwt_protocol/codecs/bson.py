@@ -1,6 +1,6 @@
-"""The BSON encoding (BSN): one document a frame, for clients of servers that were set to nothing else.
+"""BSON encoding (BSN): one document per frame, for clients of servers that are set to BSON only.
 
-It needs the package `pymongo`, which is loaded when the first session that speaks BSON is made.
+Requires the package `pymongo`, which is imported when the first BSON session starts.
 """
 
 from __future__ import annotations
@@ -28,36 +28,36 @@ except ImportError as missing:
     ) from missing
 
 _SMALLEST_LEVEL: Final = 7
-"""Bytes that one document inside another takes at least: its type, an empty name, its length and its end."""
+"""Minimum size in bytes of a nested document: type, empty name, length and end."""
 
 _LENGTH: Final = struct.Struct("<i")
 
 _PIECE: Final = 8192
-"""What is encoded together weighs no more, in numbers."""
+"""Maximum weight, in numbers, of elements that are encoded together."""
 _CONTAINER: Final = 24
-"""What an object or array weighs by itself."""
+"""Weight of an object or array itself, in numbers."""
 _NUMBERS: Final = 1024
-"""Items of a longer list that are encoded together; the library is slower where it does not name them."""
+"""Number of list items that are encoded together; pymongo is slower on longer lists."""
 _SCALARS: Final = frozenset({bool, int, float})
 _PART: Final = 256 * 1024
-"""Bytes of a frame that become a part of it by themselves."""
+"""Minimum size in bytes of a separate part of a frame."""
 _TEXT, _DOCUMENT, _ARRAY = range(2, 5)
 _TEXT_STEP: Final = 64 * 1024
-"""Characters of a long text that are encoded together."""
+"""Number of characters of a long string that are encoded per step."""
 
 _encode: Final = bson.encode
 _INT64: Final = range(-(2**63), 2**63)
 
 
 class BsonCodec(ObjectCodec):
-    """The BSON encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
+    """BSON encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
 
     def split(self, data: bytes, limits: WireLimits) -> Sequence[Members | DecodeFailure]:
-        """The message in one frame. Never raises."""
+        """Return the message of a frame. Never raises."""
         return finished(self.split_in_steps(data, limits))
 
     def split_in_steps(self, data: bytes, limits: WireLimits) -> Steps[Sequence[Members | DecodeFailure]]:
-        """The same, in steps of about a millisecond at most."""
+        """Same as :meth:`split`, in steps of about a millisecond at most."""
         size = len(data)
         try:
             if size <= FEW_BYTES:
@@ -74,23 +74,21 @@ class BsonCodec(ObjectCodec):
         return (members_of(found, size),)
 
     def frame(self, message: Mapping[str, object]) -> Frame:
-        """A message as one document. Octets are binary of subtype 0, NaN and infinities are kept (BSN-01).
+        """Encode a message as one document: octets as binary subtype 0, NaN and infinities kept (BSN-01).
 
-        BSON has no unsigned 64-bit integers: one beyond the signed ones goes out as the nearest double.
+        BSON has no unsigned 64-bit integers: larger than int64 becomes the nearest double.
 
         Raises:
-            MalformedPayload: a name holds a character NUL.
+            MalformedPayload: a name contains NUL.
         """
         return Frame(_encoded(message), binary=True)
 
     def publish_encoder(self, topic: str) -> PublishEncoder:
-        """An encoder for the samples of `topic`, long ones in steps."""
+        """Return an encoder for the samples of `topic`; long samples are encoded in steps."""
         return _SampleEncoder(topic)
 
 
 class _SampleEncoder:
-    """An encoder for the samples of one topic."""
-
     __slots__ = ("_ready", "_topic")
 
     def __init__(self, topic: str) -> None:
@@ -98,14 +96,13 @@ class _SampleEncoder:
         self._ready: tuple[Sample, Frame] | None = None
 
     def __call__(self, sample: Sample) -> Frame:
-        """The frame of a sample, which subscribers share."""
         ready, self._ready = self._ready, None
         if ready is not None and ready[0] is sample:
             return ready[1]
         return Frame(_encoded(self._message(sample.payload.plain())), binary=True)
 
     def steps(self, sample: Sample) -> Iterator[None]:
-        """Make the frame of a sample in steps; the next call has it, if it is for this sample."""
+        """Encode a sample in steps and keep the frame for the next call with that sample."""
         message = self._message((yield from sample.payload.plain_in_steps()))
         self._ready = (sample, Frame(*(yield from encode_in_steps(message)), binary=True))
 
@@ -114,13 +111,13 @@ class _SampleEncoder:
 
 
 def encode_in_steps(message: Mapping[str, object]) -> Steps[list[bytes]]:
-    """A message as one document, in parts and in steps of about a millisecond; what is short takes none.
+    """Encode a message as one document, in parts and in steps of about a millisecond.
 
-    Long lists are emptied on the way, since to free all of a message at once would take long: none may be in
-    it twice.
+    Long lists are emptied meanwhile, because freeing a whole message at once is slow. No list may occur
+    twice.
 
     Raises:
-        MalformedPayload: a name holds a character NUL.
+        MalformedPayload: a name contains NUL.
     """
     if _weight(message) < _PIECE:
         return [_encoded(message)]
@@ -139,7 +136,7 @@ def encode_in_steps(message: Mapping[str, object]) -> Steps[list[bytes]]:
 
 
 def _elements(members: Iterable[tuple[str, object]]) -> Steps[list[bytes]]:
-    """The elements of a document, of which those that weigh little are encoded together."""
+    """Encode the elements of a document, light ones together."""
     parts: list[bytes] = []
     together: dict[str, object] = {}
     weight = 0
@@ -160,7 +157,7 @@ def _elements(members: Iterable[tuple[str, object]]) -> Steps[list[bytes]]:
 
 
 def _element(name: str, value: object) -> Steps[list[bytes]]:
-    """One element that weighs much."""
+    """Encode one heavy element."""
     if isinstance(value, str):
         pieces: list[bytes] = []
         for start in range(0, len(value), _TEXT_STEP):
@@ -175,7 +172,7 @@ def _element(name: str, value: object) -> Steps[list[bytes]]:
 
 
 def _items(values: list[object]) -> Steps[list[bytes]]:
-    """The elements of an array, whose names are their numbers."""
+    """Encode the elements of an array, whose names are their indices."""
     parts: list[bytes] = []
     for start in range(0, len(values), _NUMBERS):
         some = values[start : start + _NUMBERS]
@@ -200,7 +197,7 @@ def _document_size(elements: list[bytes]) -> int:
 
 
 def _weight(value: object) -> int:
-    """How much a value is to encode, in numbers; of what is more than a piece only that it is."""
+    """Return the encoding cost of a value, in numbers; beyond `_PIECE` it is not counted further."""
     if isinstance(value, str | bytes):
         return 4 + len(value) // 64
     if not isinstance(value, dict | list):
@@ -216,11 +213,6 @@ def _weight(value: object) -> int:
 
 
 def _encoded(message: Mapping[str, object]) -> bytes:
-    """Some elements as one document.
-
-    Raises:
-        MalformedPayload: a name holds a character NUL.
-    """
     try:
         return _encode(message)
     except OverflowError:
@@ -230,7 +222,7 @@ def _encoded(message: Mapping[str, object]) -> bytes:
 
 
 def _within(value: object) -> object:
-    """The same value with each integer that BSON has not as a double."""
+    """Replace integers beyond int64 by doubles."""
     if isinstance(value, int):
         return value if value in _INT64 else float(value)
     if isinstance(value, dict):

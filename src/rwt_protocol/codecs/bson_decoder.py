@@ -1,4 +1,4 @@
-"""Reading BSON (bsonspec.org): large documents in steps, and what they cost before it is spent."""
+"""BSON decoder (bsonspec.org): decodes large documents in steps, and checks their cost first."""
 
 from __future__ import annotations
 
@@ -15,39 +15,37 @@ from rwt_protocol.limits import WireLimits
 _LENGTH: Final = struct.Struct("<i")
 
 _NUMBERS: Final = re.compile(rb"(?>[\x01\x12][^\0]*+\0.{8}|\x10[^\0]*+\0.{4}){0,512}+", re.DOTALL)
-"""A run of numbers. Each turn of the loop is atomic: Python before 3.11.5 does not go back from one that
-fails halfway."""
+"""Run of numbers. Loops are atomic: Python before 3.11.5 does not backtrack into one that fails halfway."""
 
 _TEXT, _DOCUMENT, _ARRAY, _OCTETS = range(2, 6)
 _FIXED: Final = {
     0x01: 8, 0x06: 0, 0x07: 12, 0x08: 1, 0x09: 8, 0x0A: 0,
     0x10: 4, 0x11: 8, 0x12: 8, 0x13: 16, 0x7F: 0, 0xFF: 0,
 }  # fmt: skip
-"""The other kinds that are allowed, and their bytes."""
+"""Sizes in bytes of the other accepted element types."""
 _PLAIN_OCTETS: Final = 0
-"""The subtype of octets that are nothing else."""
+"""Generic binary subtype."""
 _REFERENCE: Final = "$ref"
-"""The member of a document that the library makes a reference to another of."""
+"""Member name that makes pymongo return a document as a reference."""
 
 _STEP: Final = 4
-"""What each step of the walk counts, however few bytes it covers."""
+"""Fixed cost of each step of the walk, whatever it covers."""
 _WALKED: Final = 256
-"""Elements and runs of numbers that are walked over in one step."""
+"""Elements and runs of numbers that are walked per step."""
 
 
 class TooMuchStructure(Exception):
-    """The document holds more than it may of what costs much memory for each byte."""
+    """The document exceeds the limit of elements that cost much memory per byte."""
 
 
 class _Container:
-    """A document or array that is open.
+    """Open document or array.
 
     Attributes:
-        is_array: which of the two it is.
-        end: the place behind it.
-        is_cut: whether its elements are decoded piece by piece; else it is part of a piece of what is around.
-        name: what it is called in the document around it.
-        value: what has been decoded of it.
+        end: offset behind it.
+        is_cut: True if its elements are decoded piece by piece; False if it is part of its parent's piece.
+        name: its name in the parent document.
+        value: value decoded so far.
     """
 
     __slots__ = ("end", "is_array", "is_cut", "name", "value")
@@ -60,14 +58,14 @@ class _Container:
         self.value: Any = [] if is_array else {}
 
     def add(self, name: bytes, value: object) -> None:
-        """Add one element. In an array its name means nothing."""
+        """Add one element; arrays ignore the name."""
         if self.is_array:
             self.value.append(value)
         else:
             self.value[name.decode()] = value
 
     def add_all(self, elements: bytes) -> None:
-        """Decode some elements together, as a document, or as an array in one, and add them."""
+        """Decode elements together, as a document or array, and add them."""
         size = _LENGTH.size + len(elements) + 1
         if self.is_array:
             head = _LENGTH.pack(_LENGTH.size + 2 + size + 1) + b"\x04\0"
@@ -77,20 +75,20 @@ class _Container:
 
 
 class LargeDocument:
-    """A document that is decoded in steps.
+    """Document that is decoded in steps.
 
-    Its elements are walked over, and what they cost is counted, before any of them is decoded. The library
-    decodes a document at once; so one that is more than a piece is cut, and some of its elements are decoded
-    together. Long text is decoded in pieces, too.
+    Elements are walked and their cost is counted before any is decoded. pymongo decodes a document at once,
+    so documents longer than a piece are cut, and their elements are decoded in groups; long strings in
+    pieces.
 
     Args:
         data: the document.
-        limits: what it may hold.
-        piece: bytes of elements that are decoded together, and of a document or array that is not cut.
-            Text and octets of eight times as many are decoded by themselves, text so many bytes in one step.
+        limits: limits of the peer.
+        piece: maximum bytes of a group of elements, and of a document or array that is not cut. Strings and
+            octets of eight times this size are decoded separately, strings in steps of this size.
 
     Attributes:
-        is_too_deep: whether more documents and arrays were open at once than may be.
+        is_too_deep: True if the document exceeded the maximum depth.
     """
 
     def __init__(self, data: bytes, limits: WireLimits, *, piece: int = 16 * 1024) -> None:
@@ -105,14 +103,13 @@ class LargeDocument:
         self._place = 0
 
     def value(self) -> Steps[dict[str, Any]]:
-        """The whole document.
+        """Decode the whole document.
 
         Raises:
-            TooMuchStructure: it would cost more than it may: of text and octets their heads count; of runs of
-                numbers a quarter in a document, where each has a name of its own, and an eighth in an array;
-                of all else each byte.
-            ValueError, struct.error, IndexError, BSONError: not BSON, or a kind of element that no message
-                needs: patterns, programs, and references to other documents.
+            TooMuchStructure: its cost exceeds the limit. Strings and octets count their heads, runs of
+                numbers a quarter of their bytes in documents and an eighth in arrays, all else every byte.
+            ValueError, struct.error, IndexError, BSONError: not BSON, or a type that no message needs:
+                regular expressions, code, references.
         """
         self._enter(False, b"")
         whole = self._open[0]
@@ -128,7 +125,7 @@ class LargeDocument:
         return value
 
     def _element(self) -> Steps[bool]:
-        """Walk over a run of numbers, and over what is behind it; whether something was decoded."""
+        """Walk over a run of numbers and the element behind it. Returns True if something was decoded."""
         data, container = self._data, self._open[-1]
         if is_full := container.is_cut and self._place - self._walked_from > self._piece:
             self._decode_walked()
@@ -158,7 +155,7 @@ class LargeDocument:
             raise TooMuchStructure
 
     def _enter(self, is_array: bool, name: bytes, begin: int = 0) -> None:
-        """Go into a document or array whose length is here, and which begins there with its kind and name."""
+        """Open the document or array whose length is at the current offset."""
         (size,) = _LENGTH.unpack_from(self._data, self._place)
         container = _Container(is_array, self._place + size, size > self._piece or not self._open, name)
         if container.is_cut and self._open:
@@ -173,7 +170,7 @@ class LargeDocument:
         self.is_too_deep |= len(self._open) > self._max_depth
 
     def _leave(self) -> None:
-        """Go out of the innermost document or array, whose end is here."""
+        """Close the innermost document or array."""
         container = self._open[-1]
         if self._place + 1 != container.end:
             raise ValueError
@@ -188,7 +185,7 @@ class LargeDocument:
             self._walked_from = self._place
 
     def _sized(self, kind: int, begin: int) -> Steps[bool]:
-        """Walk over text or octets that begin there with their kind and name, and decode what is long."""
+        """Walk over a string or octets; decode long ones."""
         (size,) = _LENGTH.unpack_from(self._data, self._place)
         name = self._data[begin + 1 : self._place - 1]
         content = self._place + _LENGTH.size + (kind == _OCTETS)
@@ -207,7 +204,7 @@ class LargeDocument:
         return True
 
     def _text(self, begin: int, end: int) -> Steps[str]:
-        """Long text, which ends with a NUL."""
+        """Decode a long NUL-terminated string."""
         if self._data[end - 1] != 0:
             raise ValueError
         pieces: list[str] = []
@@ -221,7 +218,7 @@ class LargeDocument:
         return "".join(pieces)
 
     def _decode_walked(self, end: int | None = None) -> None:
-        """Decode what was walked over and is not decoded yet, up to an element that begins there."""
+        """Decode the walked elements up to the one that begins here."""
         end = self._place if end is None else end
         if end > self._walked_from:
             self._open[-1].add_all(self._data[self._walked_from : end])

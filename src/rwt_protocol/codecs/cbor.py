@@ -1,7 +1,7 @@
-"""The CBOR encoding (CBR): one map a binary frame.
+"""CBOR encoding (CBR): one map per binary frame.
 
-On the way out the message that is published is CBOR already, and is spliced in. On the way in the frame is
-decoded once, envelope and payload together: a payload is handed on as the plain objects it was decoded to.
+Published messages are CBOR already and are spliced in. Incoming frames are decoded as a whole; payloads
+become plain objects.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from rwt_protocol.limits import WireLimits
 from rwt_protocol.payloads import FEW_BYTES, Sample
 
 MAPS: Final = bytes(range(0xA0, 0xC0))
-"""The first bytes of a map."""
+"""First bytes of a map."""
 
 _KIND: Final = (
     "an integer",
@@ -43,15 +43,15 @@ _NOT_CBOR: Final = (
 
 
 class CborCodec(ObjectCodec):
-    """The CBOR encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
+    """CBOR encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
 
     def split(self, data: bytes, limits: WireLimits) -> Sequence[Members | DecodeFailure]:
-        """The message in one binary frame. Never raises."""
+        """Return the message of a binary frame. Never raises."""
         return finished(self.split_in_steps(data, limits))
 
     def split_in_steps(self, data: bytes, limits: WireLimits) -> Steps[Sequence[Members | DecodeFailure]]:
-        """The same, in steps of about a millisecond at most."""
-        import cbor2  # only for those who use it
+        """Same as :meth:`split`, in steps of about a millisecond at most."""
+        import cbor2  # optional import: slow to load
 
         frame = LargeFrame(data, limits) if len(data) > FEW_BYTES else None
         stream = frame.stream if frame is not None else BytesIO(data)
@@ -78,13 +78,13 @@ class CborCodec(ObjectCodec):
         return (members_of(found, len(data)),)
 
     def frame(self, message: Mapping[str, object]) -> Frame:
-        """A message as one map."""
-        import cbor2  # only for those who use it
+        """Encode a message as one map."""
+        import cbor2  # optional import: slow to load
 
         return Frame(cbor2.dumps(message), binary=True)
 
     def publish_encoder(self, topic: str) -> PublishEncoder:
-        """An encoder for the samples of `topic`; the message is CBOR already, and is spliced in."""
+        """Return an encoder for the samples of `topic`, which splices in their CBOR."""
         prefix = publish_prefix(topic)
 
         def encode(sample: Sample) -> Frame:
@@ -94,7 +94,7 @@ class CborCodec(ObjectCodec):
 
 
 def raw_publish_encoder(topic: str) -> PublishEncoder:
-    """An encoder for the samples of `topic` as their robot serialises them (CBR-10 to CBR-12)."""
+    """Return an encoder for samples in the robot's serialisation (CBR-10 to CBR-12)."""
     prefix = publish_prefix(topic)
 
     def encode(sample: Sample) -> Frame:
@@ -104,21 +104,21 @@ def raw_publish_encoder(topic: str) -> PublishEncoder:
 
 
 def publish_prefix(topic: str) -> bytes:
-    """The bytes before the payload in every message of `topic` (CBR-01)."""
+    """Return the bytes before the payload in all messages of `topic` (CBR-01)."""
     return b"\xa3\x62op\x67publish\x65topic" + _text(topic) + b"\x63msg"
 
 
 def publish_frame(prefix: bytes, payload: Buffer) -> Frame:
-    """One message of the topic of `prefix`; `payload` is CBOR, and is spliced in."""
+    """Return a message of the prefix's topic; `payload` is CBOR and is spliced in."""
     return Frame(prefix, payload, binary=True)
 
 
 def raw_publish_frame(prefix: bytes, data: Sequence[Buffer], stamp_ns: int) -> Frame:
-    """One message of the topic of `prefix` as its robot serialises it (CBR-10).
+    """Return a message of the prefix's topic in the robot's serialisation (CBR-10).
 
     Args:
-        prefix: what :func:`publish_prefix` made.
-        data: the serialised message, in parts; spliced in.
+        prefix: result of :func:`publish_prefix`.
+        data: parts of the serialised message; spliced in.
         stamp_ns: ROS time, nanoseconds since the epoch. The keys are secs and nsecs in both ROS versions.
     """
     seconds, nanoseconds = divmod(stamp_ns, 1_000_000_000)
@@ -127,6 +127,6 @@ def raw_publish_frame(prefix: bytes, data: Sequence[Buffer], stamp_ns: int) -> F
 
 
 def _text(text: str) -> bytes:
-    """A CBOR text string of definite length (RFC 8949 section 3.1)."""
+    """Encode a text string of definite length (RFC 8949 section 3.1)."""
     data = text.encode()
     return head_of(3, len(data)) + data

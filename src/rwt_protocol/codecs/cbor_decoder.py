@@ -1,4 +1,4 @@
-"""Reading CBOR (RFC 8949): what the library may make of a frame, and large frames in steps."""
+"""CBOR decoder (RFC 8949): restricts cbor2 to ROS values, and decodes large frames in steps."""
 
 from __future__ import annotations
 
@@ -22,26 +22,24 @@ TYPED_ARRAYS: Final = {
     72: "<b", 73: ">h", 74: ">i", 75: ">q", 77: "<h", 78: "<i", 79: "<q",
     80: ">e", 81: ">f", 82: ">d", 84: "<e", 85: "<f", 86: "<d",
 }  # fmt: skip
-"""Byte order of the elements of each kind of typed array and their letter in :mod:`struct`, by tag (RFC 8746
-section 2.1)."""
+"""Byte order and :mod:`struct` letter of each typed array, by tag (RFC 8746 section 2.1)."""
 
 _READ_SIZE: Final = 1024
-"""Bytes that the library reads at a time; of a longer string it reads the rest at once."""
+"""Bytes that cbor2 reads at a time; the rest of a longer string is read at once."""
 
 _SPENT: Final = -_READ_SIZE
-"""What is left when too much was read, since the library reads ahead."""
+"""Remaining budget after an overrun, allowing for cbor2's read-ahead."""
 
 _BYTES, _TEXT, _ARRAY, _MAP, _TAG = range(2, 7)
 _HEADS: Final = bytes(range(0x80, 0xE0)) + b"\xf8"
-"""The first bytes of arrays, maps and tags, which take the library ten times as long as others, and of simple
-values, which take a hundred times as long."""
+"""First bytes that cbor2 decodes slowly: arrays, maps and tags (ten times), simple values (hundred times)."""
 BYTES_OF_A_HEAD: Final = 6
-"""How many bytes of structure a frame has at least for each array, map or tag in it."""
+"""Minimum bytes of structure in a frame for each array, map or tag."""
 _SIMPLE_WEIGHT: Final = 16
 _ARGUMENT_SIZES: Final = {24: 1, 25: 2, 26: 4, 27: 8}
 _LAST_ARGUMENT: Final = 23
 _MOST_WALKED: Final = 21_000
-"""Arrays and maps, one with its neighbours, that are counted exactly."""
+"""Maximum number of arrays and maps that are counted exactly."""
 _WALKED_AT_ONCE: Final = 512
 _RUN: Final = re.compile(
     rb"([\x80-\x97\xa0-\xb7\xc0-\xd7]*+)(?:[\x00-\x17\x20-\x37\xf4-\xf7\xff]"
@@ -50,23 +48,23 @@ _RUN: Final = re.compile(
     + rb")*+",
     re.DOTALL,
 )
-"""A run of arrays, maps and tags with short heads, then one of numbers and of short texts and octets."""
+"""Run of arrays, maps and tags with short heads, then of numbers and short strings."""
 
 _FOREIGN: Final = (0, 1, 4, 5, 25, 28, 29, 30, 35, 36, 37, 52, 54, 100, 256, 258, 260, 261, 1004, 43000)
-"""Tags that the library would turn into dates, patterns, shared references and so on, which ROS has not."""
+"""Tags that cbor2 turns into types unknown to ROS: dates, regular expressions, shared references."""
 
 _STEP: Final = 8 * 1024
-"""Bytes of structure that are decoded in one step."""
+"""Bytes of structure that are decoded per step."""
 _FIRST: Final = 64
-"""Items of an array, or pairs of a map, that are decoded together at first."""
+"""Initial number of array items or map pairs that are decoded together."""
 _MOST_TOGETHER: Final = 4096
 _BREAK: Final = b"\xff"
 _ENDLESS: Final = 31
-"""The argument of an array or map that goes up to a mark."""
+"""Additional information of arrays and maps of indefinite length."""
 
 
 def head_of(major: int, argument: int) -> bytes:
-    """The head of a data item, as short as it can be (RFC 8949 section 3)."""
+    """Return the shortest head of a data item (RFC 8949 section 3)."""
     if argument < 24:
         return bytes((major << 5 | argument,))
     size = (argument.bit_length() + 7) // 8
@@ -75,24 +73,24 @@ def head_of(major: int, argument: int) -> bytes:
 
 
 class TooMuchStructure(Exception):
-    """The frame holds more items, and strings that are short, than it may."""
+    """The frame exceeds the limit of items and short strings."""
 
 
 class _StepOver(Exception):
-    """More is to be read than may be in one step."""
+    """The step exceeds its budget."""
 
 
 _NOTHING: Final = object()
-"""What a step finds that was not enough, or was none."""
+"""Result of a step that did not decode a complete value."""
 
 
 class _Stream(BytesIO):
-    """A frame to decode, which counts what is read of it beside long strings.
+    """Stream of one frame that counts the bytes read outside long strings.
 
     Attributes:
-        left: bytes that may still be read; less than :data:`_SPENT` once it was too much.
-        is_over: whether the step at hand has been given up.
-        is_to_be_walked: whether there may be too many arrays and maps, which have to be counted exactly.
+        left: remaining budget in bytes; less than :data:`_SPENT` after an overrun.
+        is_over: True if the current step was aborted.
+        is_to_be_walked: True if arrays and maps must be counted exactly first.
     """
 
     def __init__(self, data: bytes, structure_bytes: int) -> None:
@@ -108,32 +106,24 @@ class _Stream(BytesIO):
         self._before = (0, 0, 0)
 
     def begin(self, head: bytes) -> None:
-        """Begin a step.
-
-        Args:
-            head: read before what comes next.
-        """
+        """Begin a step; `head` is read before the following bytes."""
         self._before = (self.tell(), self.left, self._heads)
         self._head = head
         self._least = self.left - _STEP
         self.is_over = False
 
     def back(self) -> None:
-        """Go back to where the step began."""
+        """Return to the start of the step."""
         place, self.left, self._heads = self._before
         self._head = b""
         self.seek(place)
 
     def note_walked(self) -> None:
-        """Arrays and maps are counted: there are not too many."""
+        """Record that the exact count of arrays and maps is within the limit."""
         self._is_walked, self.is_to_be_walked = True, False
 
     def read(self, size: int | None = -1, /) -> bytes:
-        """As of any stream.
-
-        Raises:
-            _StepOver: the library has read more small pieces than it may, or they are to be counted.
-        """
+        """Read bytes; raises _StepOver if the budget of small pieces is exceeded or a count is required."""
         if size is None or not 0 <= size <= _READ_SIZE:
             return super().read(size)
         head, self._head = self._head, b""
@@ -149,7 +139,7 @@ class _Stream(BytesIO):
         return data
 
     def seek(self, offset: int, whence: int = 0, /) -> int:
-        """As of any stream; the library gives back what it has read too much."""
+        """Change the position; cbor2 thereby returns what it read ahead."""
         if whence == 1 and offset < 0:
             self.left -= offset
             self._heads -= _heads_in(self._last[offset:])
@@ -157,13 +147,13 @@ class _Stream(BytesIO):
 
 
 def _heads_in(data: bytes) -> int:
-    """How many bytes there are that may be the head of an array, map or tag."""
+    """Count the bytes that may be heads of arrays, maps or tags."""
     return len(data) - len(data.translate(None, _HEADS))
 
 
 def new_decoder(stream: BytesIO, max_depth: int) -> cbor2.CBORDecoder:
-    """A decoder of the library that takes what ROS has, and no more."""
-    import cbor2  # only for those who use it
+    """Return a cbor2 decoder that accepts only types known to ROS."""
+    import cbor2  # optional import: slow to load
 
     return cbor2.CBORDecoder(
         stream,
@@ -176,10 +166,10 @@ def new_decoder(stream: BytesIO, max_depth: int) -> cbor2.CBORDecoder:
 
 
 class LargeFrame:
-    """A frame that is decoded in steps.
+    """Frame that is decoded in steps.
 
-    The library decodes a value at once. Where that is more than a step, the array or map is cut: some of its
-    items are decoded together, behind a head of as many. An item that is too much by itself is cut in turn.
+    cbor2 decodes a value at once. An array or map that exceeds a step is cut: groups of its items are decoded
+    behind a head with their number. Items that exceed a step are cut in turn.
     """
 
     def __init__(self, data: bytes, limits: WireLimits) -> None:
@@ -188,24 +178,23 @@ class LargeFrame:
         self._most_heads = limits.structure_bytes // BYTES_OF_A_HEAD
 
     def value(self, depth: int) -> Steps[Any]:
-        """The value that comes next, of as many levels at most.
+        """Decode the next value, nested up to the given depth.
 
         Raises:
-            TooMuchStructure: what is read in all is more than it may be.
-            cbor2.CBORError: it is not CBOR, nested too deeply, or has something that ROS has not.
+            TooMuchStructure: the frame exceeds its budget.
+            cbor2.CBORError: it is not CBOR, nested too deeply, or holds a type that ROS does not have.
         """
         found = yield from self._step(depth, b"")
         return (yield from self._container(depth)) if found is _NOTHING else found
 
     def _step(self, depth: int, head: bytes, *, may_end: bool = False) -> Steps[Any]:
-        """What comes next, behind a head; nothing if that is more than a step, or no CBOR where the end of
-        its array or map may be in it."""
+        """Decode the next value behind a head; _NOTHING if it exceeds a step or may be cut short."""
         import cbor2
 
         stream = self.stream
         while True:
             stream.begin(head)
-            # Among thousands of new objects the collector finds nothing, and takes most of the time.
+            # The garbage collector would take most of the time and find nothing among the new objects.
             collecting = gc.isenabled()
             gc.disable()
             try:
@@ -227,7 +216,7 @@ class LargeFrame:
             stream.note_walked()
 
     def _container(self, depth: int) -> Steps[Any]:
-        """The array or map that comes next."""
+        """Decode the next array or map."""
         import cbor2
 
         place = self.stream.tell()
@@ -240,7 +229,7 @@ class LargeFrame:
         return (yield from self._items(major, None if argument == _ENDLESS else count, depth))
 
     def _items(self, major: int, left: int | None, depth: int) -> Steps[Any]:
-        """What is in an array or map: so many items, or up to a mark."""
+        """Decode the items of an array or map, up to a count or a break mark."""
         items: list[Any] = []
         pairs: dict[Any, Any] = {}
         together = _FIRST
@@ -269,7 +258,7 @@ class LargeFrame:
         return items if major == _ARRAY else pairs
 
     def _long_item(self, major: int, depth: int) -> Steps[Any]:
-        """One item or pair that is more than a step."""
+        """Decode one item or pair that exceeds a step."""
         import cbor2
 
         if major == _ARRAY:
@@ -281,8 +270,7 @@ class LargeFrame:
 
 
 def _has_more_heads(data: bytes, most: int) -> Steps[bool]:
-    """Whether more than `most` arrays, maps and tags begin in a frame; a simple value that no message has
-    counts as many of them."""
+    """Return True if a frame may hold more than `most` arrays, maps and tags."""
     at, found = 0, 0
     for walked in range(1, _MOST_WALKED + 1):
         if walked % _WALKED_AT_ONCE == 0:
@@ -290,7 +278,7 @@ def _has_more_heads(data: bytes, most: int) -> Steps[bool]:
         if found > most:
             return True
         run = _RUN.match(data, at)
-        if run is not None:  # It may be empty, and matches always.
+        if run is not None:  # The pattern also matches the empty string, so it always matches.
             found += run.end(1) - at
             at = run.end()
         if at >= len(data):
@@ -306,7 +294,7 @@ def _has_more_heads(data: bytes, most: int) -> Steps[bool]:
         else:
             continue
         at += 1 + size
-    # What is left is reckoned, so that finding out takes no longer than it is worth.
+    # Estimate the rest: an exact count would cost more than it saves.
     left = data[at : at + BYTES_OF_A_HEAD * most]
     return found + len(left) - len(left.translate(None, _HEADS)) > most
 
@@ -319,18 +307,18 @@ def _typed_array(tag: cbor2.CBORTag, immutable: bool) -> object:
     if code is None or not isinstance(data, bytes) or len(data) % struct.calcsize(code):
         raise cbor2.CBORDecodeError("not a typed array")
     if len(data) > FEW_BYTES and code != "<B":
-        import numpy as np  # heavy, and few messages need it
+        import numpy as np  # slow import, rarely needed
 
         return np.frombuffer(data, code)
     return array_elements(code, data)
 
 
 def array_elements(code: str, data: Buffer) -> bytes | list[int] | list[float]:
-    """The elements of a typed array: octets as bytes, anything else as a list.
+    """Return the elements of a typed array: octets as bytes, others as a list.
 
     Args:
         code: one of :data:`TYPED_ARRAYS`.
-        data: as many whole elements as there are.
+        data: bytes of whole elements.
     """
     if code == "<B":
         return bytes(data)

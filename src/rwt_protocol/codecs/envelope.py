@@ -1,4 +1,4 @@
-"""The decoder that takes a JSON object apart: scalars decoded, payloads left as they are."""
+"""Decoder of the JSON envelope: decodes scalars and keeps payloads undecoded."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from rwt_protocol.ops import OPS, Op
 from rwt_protocol.ops.base import Opaque
 
 _FIRST: Final = ("op", "id", "topic", "msg", "service", "type", "args", "values", "result", "latch")
-"""Members in the order in which clients send them: a decoder finds a member fastest where it expects it."""
+"""Members in the order of most clients: decoding is fastest in the expected order."""
 
 _OTHERS: Final = ("receiver",)
-"""Members of no op that are looked at: a message of rosbridge v1 has this one (ENV-04)."""
+"""Members of no op that are inspected: marks of a rosbridge v1 message (ENV-04)."""
 
 
 def payload_names(model: type[Op]) -> frozenset[str]:
-    """The members of `model` that hold undecoded JSON."""
+    """Return the members of `model` that hold undecoded JSON."""
     return frozenset(
         name
         for name, field in model.model_fields.items()
@@ -27,31 +27,30 @@ def payload_names(model: type[Op]) -> frozenset[str]:
 
 
 PAYLOADS: Final = {name: payload_names(spec.model) for name, spec in OPS.items()}
-"""The members of each op that hold undecoded JSON."""
+"""Members of each op that hold undecoded JSON."""
 
 RELIED_ON: Final = frozenset({"result", "status"})
-"""Members that readers need even where they hold what is usual (CLI-01, ACT-03)."""
+"""Members that are written even with their default value, because readers need them (CLI-01, ACT-03)."""
 
 UNDECODED: Final = frozenset[str]().union(*PAYLOADS.values())
-"""The members that hold undecoded JSON in some op."""
+"""Members that hold undecoded JSON in at least one op."""
 
 
 def _decoder(other: Any) -> msgspec.json.Decoder[Members]:
-    """One decoder for all ops: with a type per op the name of the op would have to come first to be cheap.
+    """Return one decoder for all ops: a type per op is only fast if the op's name comes first.
 
-    Args:
-        other: what it makes of the members that are no payloads.
+    `other` is the type of members that are not payloads.
     """
     names = dict.fromkeys(
         (*_FIRST, *(name for spec in OPS.values() for name in spec.model.model_fields), *_OTHERS)
     )
-    # The key "msg" is a payload in one op and a text in another, so it is left undecoded in both.
+    # The key "msg" is a payload in one op and a string in another, so it stays undecoded in both.
     kinds: dict[str, Any] = {name: msgspec.Raw if name in UNDECODED else other for name in names}
     return msgspec.json.Decoder(TypedDict("AnyOp", kinds, total=False))  # type: ignore[operator]  # made at run time
 
 
 DECODER: Final = _decoder(Any)
-"""Takes the members that some op has; others are skipped (ENV-01). Of equal keys the last counts."""
+"""Decoder of the members that occur in any op; others are skipped (ENV-01). The last of equal keys wins."""
 
 RAW_DECODER: Final = _decoder(msgspec.Raw)
-"""Takes the same members, and decodes none."""
+"""Decoder of the same members that leaves all of them undecoded."""

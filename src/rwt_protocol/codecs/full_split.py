@@ -1,4 +1,4 @@
-"""Taking a JSON frame apart when every byte of it is looked at."""
+"""Full parse of a JSON frame into its messages."""
 
 from __future__ import annotations
 
@@ -15,26 +15,25 @@ from rwt_protocol.codecs.envelope import DECODER, RAW_DECODER, UNDECODED
 from rwt_protocol.limits import has_more_brackets
 
 MOST_MESSAGES: Final = 1000
-"""Messages and faults that one frame may hold; what follows is one more fault."""
+"""Maximum number of messages and faults per frame; the rest is one more fault."""
 
 MOST_MEMBER: Final = 64 * 1024
-"""Bytes of JSON that a member of a message may have which is neither a payload nor :data:`_LONG_TEXT`."""
+"""Maximum bytes of JSON of a member other than payloads and :data:`_LONG_TEXT`."""
 
 _LONG_TEXT: Final = "data"
-"""The member that holds a piece of a message (FRG-01), or a picture (PNG-01)."""
+"""Member with a fragment of a message (FRG-01) or an image (PNG-01)."""
 
 _MOST_TEXTS: Final = 200_000
-"""Texts in one frame with the tokens NaN or Infinity, which have to be looked for between the texts."""
+"""Maximum number of strings in a frame with NaN or Infinity, which are searched for between strings."""
 
 _MOST_LOOKED_AT: Final = 1 << 20
-"""Bytes of a frame beyond which it is not looked at again once it has turned out not to be JSON: neither for
-the tokens NaN and Infinity, nor for messages before the one that is not."""
+"""Maximum bytes of an invalid frame that is searched for NaN, Infinity and preceding valid messages."""
 
 _ROUNDS: Final = 8
-"""Levels that are removed one by one before the depth of what is left is counted."""
+"""Levels that are removed one by one before the remaining depth is counted."""
 
 _CHUNK: Final = 1 << 16
-"""Brackets that are counted at once."""
+"""Brackets that are counted at a time."""
 
 _decode_small: Final = DECODER.decode
 _decode_no_member: Final = RAW_DECODER.decode
@@ -57,25 +56,25 @@ _STRING_APART: Final = re.compile(rb'("(?:[^"\\]|\\.)*+")', re.DOTALL)
 
 
 _ADDRESS: Final = ("op", "id", "service", "action")
-"""The members that say to whom an answer goes, and about what."""
+"""Members that address the response."""
 
 _QUICK: Final = 4096
-"""Bytes that may hold any numbers."""
+"""Bytes of a text that may hold any numbers."""
 
 _MOST_SLOW: Final = 1000
-"""As in payloads, which :mod:`rwt_interfaces` looks at: neither package knows the other."""
+"""Maximum number of slow numbers, as for payloads in :mod:`rwt_interfaces` (independent packages)."""
 _SLOW_NUMBER: Final = re.compile(rb"[eE][+-]?[0-9]{3}")
 
 
 def _is_slow(data: bytes) -> bool:
-    """Whether a text has many numbers as 1e308, of which msgspec reads one in 10 microseconds."""
+    """Return True if a text has many numbers such as 1e308; msgspec takes 10 microseconds for each."""
     if len(data) <= _QUICK or data[:1] == b'"' or data.count(b"e") + data.count(b"E") <= _MOST_SLOW:
         return False
     return len(_SLOW_NUMBER.findall(data)) > _MOST_SLOW
 
 
 def _slow_in(piece: bytes) -> int:
-    """How many such numbers are decoded of one object."""
+    """Count the slow numbers that are decoded of one object."""
     try:
         members = _decode_no_member(piece)
     except (msgspec.DecodeError, UnicodeDecodeError):
@@ -89,7 +88,7 @@ def _slow_in(piece: bytes) -> int:
 
 
 class _MemberTooLarge(Exception):
-    """A member of a message has more bytes than it may, or more numbers that take long to be read."""
+    """A member has too many bytes or too many slow numbers."""
 
     def __init__(self, name: str, size: int) -> None:
         self.name = name
@@ -97,11 +96,11 @@ class _MemberTooLarge(Exception):
 
 
 def _decode(data: bytes) -> Members:
-    """The members of the object `data`.
+    """Return the members of the object `data`.
 
     Raises:
-        msgspec.DecodeError, RecursionError: it is not one object, or not one that can be read.
-        _MemberTooLarge: a member that would be decoded is larger than :data:`MOST_MEMBER`.
+        msgspec.DecodeError, RecursionError: `data` is not one readable object.
+        _MemberTooLarge: a decoded member exceeds :data:`MOST_MEMBER`.
     """
     if len(data) <= MOST_MEMBER and not _is_slow(data):
         return _decode_small(data)
@@ -119,9 +118,9 @@ def _decode(data: bytes) -> Members:
 
 
 def split_whole(data: bytes, max_depth: int) -> Sequence[Members | DecodeFailure]:
-    """The messages in one frame, in order. Never raises.
+    """Return the messages of a frame, in order. Never raises.
 
-    The usual frame, one object and nothing else, takes one pass. Any other is read by :func:`_split_several`.
+    A frame of one object takes one pass; others are read by :func:`_split_several`.
     """
     try:
         if not data.isascii():
@@ -158,8 +157,7 @@ def _too_large(data: bytes, error: _MemberTooLarge) -> DecodeFailure:
 
 
 def _too_slow(piece: bytes) -> DecodeFailure:
-    """An object beyond as many slow numbers as a frame may hold, and those texts of it that address the
-    answer."""
+    """Return the failure of an object with too many slow numbers, with its address."""
     what = f"more than {_MOST_SLOW} numbers in one frame have exponents of three digits, as 1e300"
     readable: Members = {}
     with suppress(msgspec.DecodeError, UnicodeDecodeError):
@@ -171,19 +169,19 @@ def _too_slow(piece: bytes) -> DecodeFailure:
 
 
 def _split_several(data: bytes, max_depth: int) -> list[Members | DecodeFailure]:
-    """What a frame holds that is not one plain object: several, garbage, or JSON as Python writes it.
+    """Split a frame that is not one plain object: several, garbage, or Python's JSON dialect.
 
-    Objects are taken in order, each on its own (ENV-10). Text between them that cannot begin an object or
-    an array is passed over to the next brace, and refused; the objects around it still run. An object or
-    array that is cut short or broken ends the frame: what stands inside it is never taken for a message,
-    and nothing of it is kept for the next frame (ENV-09).
+    Objects are read in order, each on its own (ENV-10). Text between them that cannot begin an object or
+    array is skipped up to the next brace and rejected; the objects around it still run. A truncated or
+    invalid object or array ends the frame: its contents are never read as messages, and nothing is kept for
+    the next frame (ENV-09).
     """
     found: list[Members | DecodeFailure] = []
     rest = data.strip(b" \t\r\n")
     if not rest:
         return [DecodeFailure("the message is empty")]
     position, cleaned = 0, False
-    left = _MOST_SLOW if _is_slow(rest) else math.inf  # of slow numbers
+    left = _MOST_SLOW if _is_slow(rest) else math.inf  # budget of slow numbers
     while position < len(rest):
         if len(found) >= MOST_MESSAGES:
             found.append(
@@ -221,7 +219,7 @@ def _split_several(data: bytes, max_depth: int) -> list[Members | DecodeFailure]
 
 
 def _end_of_value(view: memoryview) -> int:
-    """Where the JSON value at the beginning of `view` ends.
+    """Return the end offset of the JSON value at the start of `view`.
 
     Raises:
         msgspec.DecodeError: there is no JSON value.
@@ -256,11 +254,7 @@ def _broken(error: msgspec.DecodeError, text: bytes) -> DecodeFailure:
 
 
 def _without_constants(text: bytes) -> bytes:
-    """`text` with the tokens NaN and Infinity turned into null.
-
-    Python writes them for numbers that JSON has not, and roslibpy sends them. Null is how such a number is
-    written on the way out (X16), so it is read that way too.
-    """
+    """Return `text` with the tokens NaN and Infinity, which Python writes, replaced by null (X16)."""
     if (b"NaN" not in text and b"Infinity" not in text) or text.count(b'"') > 2 * _MOST_TEXTS:
         return text
     parts = _STRING_APART.split(text)
@@ -274,7 +268,7 @@ def _without_constants(text: bytes) -> bytes:
 
 
 def _read_value(piece: bytes, max_depth: int) -> Members | DecodeFailure:
-    """One JSON value, which is a message if it is an object."""
+    """Return one JSON value; objects are messages."""
     if piece[:1] != b"{":
         return DecodeFailure(f"expected an object, got {_KIND.get(piece[0], 'a number')}")
     try:
@@ -287,7 +281,7 @@ def _read_value(piece: bytes, max_depth: int) -> Members | DecodeFailure:
 
 
 def _unreadable(piece: bytes) -> DecodeFailure:
-    """An object with a member that cannot be read: its name, and what can be read to address the answer."""
+    """Return the failure of an object with an unreadable member, with its address."""
     members, wrong = _readable(piece)
     where = f".{wrong}" if wrong else ""
     reason = f"{members.get('op', 'it')}{where}: holds a number too large, or text that is not Unicode"
@@ -295,7 +289,7 @@ def _unreadable(piece: bytes) -> DecodeFailure:
 
 
 def _readable(piece: bytes) -> tuple[Members, str]:
-    """What can be read of an object to address the answer, and the first of its members that cannot be."""
+    """Return the readable members that address the response, and the name of the first unreadable member."""
     members: Members = {}
     wrong = ""
     for name, raw in _decode_no_member(piece).items():
@@ -313,10 +307,10 @@ def _readable(piece: bytes) -> tuple[Members, str]:
 
 
 def deeper_than(data: bytes, limit: int) -> bool:
-    """Whether more than `limit` objects and arrays of `data`, which is valid JSON, are open at once.
+    """Return True if the valid JSON `data` nests more than `limit` objects and arrays.
 
-    Every level costs two brackets, so for a text with few brackets it is enough to find them. Otherwise the
-    innermost pairs are removed, all at once: each round is one level. What is deeper than usual is counted.
+    Each level needs two brackets, so few brackets need no further check. Otherwise the innermost pairs are
+    removed, one level per round; beyond the usual depth, levels are counted.
     """
     if not has_more_brackets(data, limit) or len(data.translate(None, _NOT_BRACKETS)) <= 2 * limit:
         return False
@@ -330,8 +324,8 @@ def deeper_than(data: bytes, limit: int) -> bool:
 
 
 def _depth_of(brackets: bytes) -> int:
-    """The most braces of `brackets` that are open at once."""
-    import numpy as np  # heavy, and hardly any message needs it
+    """Return the maximum number of open braces in `brackets`."""
+    import numpy as np  # slow import, rarely needed
 
     deepest = opened = 0
     steps = ord("{") + 1 - np.frombuffer(brackets, np.uint8).astype(np.int8)
@@ -343,11 +337,11 @@ def _depth_of(brackets: bytes) -> int:
 
 
 def _brackets(data: bytes) -> bytes:
-    """The brackets of `data` that are not inside a string, all written as braces.
+    """Return the brackets of `data` outside strings, all as braces.
 
-    Without escapes and with only brackets and quotes kept, a string without brackets is an adjacent pair of
-    quotes. If a bracket stands inside a string, the run of quotes before it is odd, and a quote is left over
-    when all pairs are gone; only then is it counted how many quotes stand before each bracket.
+    With only brackets and quotes kept and escapes removed, a string without brackets is a pair of adjacent
+    quotes. A bracket within a string follows an odd run of quotes, so a quote remains after all pairs are
+    removed. Only then are the quotes before each bracket counted.
     """
     if b"\\" in data:
         data = data.replace(b"\\\\", b"").replace(b'\\"', b"")
@@ -356,7 +350,7 @@ def _brackets(data: bytes) -> bytes:
         return kept
     if len(kept) <= _CHUNK:
         return b"".join(kept.split(b'"')[::2])
-    import numpy as np  # heavy, and hardly any message needs it
+    import numpy as np  # slow import, rarely needed
 
     each = np.frombuffer(kept, np.uint8)
     quotes = each == ord('"')

@@ -1,29 +1,28 @@
-"""Taking a large JSON frame apart without looking at its payload.
+"""Parser for large JSON frames that does not look at the payload.
 
-A large message is nearly all payload, and the payload is parsed once anyway, when it is decoded as a
-message type. So only what stands before and after it is read here:
+A large message is nearly all payload, which is parsed once anyway when it is decoded as a message type. So
+this module reads only the text before and after it:
 
     {"op":"publish","topic":"/map","msg":  {...}  ,"latch":false}
     `---------------- head --------------' slice  `---- tail ---'
 
-The head is matched from the first byte to the first member that is named like a payload, so it ends just
-after a colon, at depth one and outside strings. The tail is matched at the end, and holds only small members
-and the last brace. Head + ``0`` + tail is then parsed as the message.
+The head is matched from the first byte to the first member named like a payload. It ends after a colon, at
+depth one and outside strings. The tail is matched at the end and holds only small members and the last brace.
+Head + ``0`` + tail is then parsed as the message.
 
-This finds what a full parse would have found, provided that the slice, which has not been parsed yet, is
-later decoded strictly as one JSON value in UTF-8:
+The result equals that of a full parse, provided that the slice is later decoded strictly as one JSON value in
+UTF-8:
 
-* If head + ``0`` + tail is valid JSON, then ``0`` is the value of the member that ends the head, because the
-  head's own text fixes where that value begins. Putting one valid value in the place of another gives valid
-  JSON again. So if the slice is one valid value, the frame is valid JSON, and its members are those of
-  head + ``0`` + tail with that one member replaced; the payload's name is required to occur once, so that it
-  is not replaced by a later member of the same name.
-* If the slice is not one valid value, strict decoding refuses it. Then either the frame is not valid JSON, or
-  the cut was wrong: a deeply nested member after the payload, a second message in the frame, or the token
-  ``NaN``. `RawJson.validated` parses the whole frame and tells these apart.
+* If head + ``0`` + tail is valid JSON, ``0`` is the value of the head's last member, because the head fixes
+  where that value begins. Replacing one valid value by another keeps JSON valid. So if the slice is one valid
+  value, the frame is valid, and only that member differs. The payload's name must occur once, so that no
+  later member of that name replaces it.
+* If the slice is not one valid value, strict decoding rejects it. Then the frame is not valid JSON, or the
+  cut was wrong: a deeply nested member after the payload, a second message, or the token ``NaN``.
+  `RawJson.validated` parses the whole frame and tells these apart.
 
-No step depends on the tail being found at the right place; a wrong place costs a second parse, never a wrong
-answer. UTF-8 is checked for the head and the tail here, and for the slice by its decoder.
+A wrongly placed tail costs a second parse, never a wrong result. UTF-8 is checked here for head and tail, and
+for the slice by its decoder.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ from rwt_protocol.errors import MalformedPayload
 from rwt_protocol.payloads import RawJson
 
 LARGE: Final = 32 * 1024
-"""Frames of more bytes than this are taken apart here first."""
+"""Minimum bytes of a frame for this parser."""
 
 _TAIL_SIZE: Final = 512
 
@@ -51,7 +50,7 @@ _FLAT: Final = rb"(?:\{(?:" + _INSIDE + rb")*+\}|\[(?:" + _INSIDE + rb")*+\])"
 _NESTED: Final = rb"(?:[{\[](?:" + _INSIDE + rb"|" + _FLAT + rb")*+[}\]])"
 _VALUE: Final = rb"(?:" + _STRING + rb"|[-+.0-9A-Za-z]++|" + _NESTED + rb")"
 _KEY: Final = rb'"[^"\\]*+"[ \t\r\n]*+:[ \t\r\n]*+'
-# Each turn of the outer loops is atomic: Python before 3.11.5 does not go back from one that fails halfway.
+# Loops are atomic: Python before 3.11.5 does not backtrack into one that fails halfway.
 _HEAD: Final = re.compile(
     rb'[ \t\r\n]*+\{[ \t\r\n]*+(?>(?!"(?:msg|args|values)")' + _KEY + _VALUE + rb"[ \t\r\n]*+,[ \t\r\n]*+)*+"
     rb'("(?:msg|args|values)")[ \t\r\n]*+:[ \t\r\n]*+(?=[{\[])',
@@ -68,7 +67,7 @@ _LEADING: Final = re.compile(
 
 
 def head_members(head: bytes) -> Members:
-    """The members that a message begins with and that are whole, of one whose rest is not there."""
+    """Return the complete members at the start of a truncated message."""
     leading = _LEADING.match(head)
     if leading is None:
         return {}
@@ -76,14 +75,14 @@ def head_members(head: bytes) -> Members:
 
 
 def split_large(data: bytes, max_depth: int, dense: str = "") -> Members | None:
-    """The members of the message in a large frame, its payload not validated; None if they cannot be found.
+    """Return the message of a large frame with an unvalidated payload; None if its members cannot be found.
 
-    The nesting of the payload is not looked at either: the type that it is decoded as bounds it.
+    The payload's nesting is not checked either: its message type bounds it.
 
     Args:
         data: the frame.
-        max_depth: of the message, once it is looked at.
-        dense: why its payload may not be decoded as plain values, if it may not.
+        max_depth: maximum depth of the message, checked when it is validated.
+        dense: reason why the payload must not be decoded as plain values; empty if it may be.
     """
     head = _HEAD.match(data, 0, 2 * LARGE)
     if head is None:
@@ -119,19 +118,15 @@ def _read_envelope(envelope: bytes) -> Members | None:
 
 
 def _refuse(reason: str) -> bytes:
-    """Stands where the payload would be decoded.
-
-    Raises:
-        MalformedPayload: always.
-    """
+    """Raise MalformedPayload in place of decoding the payload."""
     raise MalformedPayload(reason)
 
 
 def _validate(data: bytes, name: str, envelope: bytes, max_depth: int) -> bytes:
-    """The payload that a parse of the whole frame finds.
+    """Return the payload found by a parse of the whole frame.
 
     Raises:
-        MalformedPayload: the frame is not one message, or not the one that its ends showed.
+        MalformedPayload: the frame is not one message, or differs from what its ends showed.
     """
     found = split_whole(data, max_depth)
     if len(found) != 1:

@@ -1,7 +1,6 @@
-"""The JSON encoding (ENV-01): one object a frame, in UTF-8.
+"""JSON encoding (ENV-01): one UTF-8 object per frame.
 
-On the way out text is compact, and characters beyond ASCII are written as themselves, not as escapes. A
-payload is never encoded here: its bytes are spliced in.
+Output is compact and does not escape non-ASCII characters. Payloads are spliced in, never encoded here.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ _decode: Final = DECODER.decode
 
 
 def _plain_model(value: object) -> object:
-    """A model within an op, such as `Qos`, as plain objects."""
+    """Return a nested model, such as `Qos`, as plain objects."""
     if isinstance(value, BaseModel):
         return value.model_dump(exclude_none=True)
     raise TypeError(f"{type(value).__name__} has no JSON")
@@ -35,13 +34,13 @@ _encode: Final = msgspec.json.Encoder(enc_hook=_plain_model).encode
 
 
 class JsonCodec:
-    """The JSON encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
+    """JSON encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
 
     def split(self, data: bytes, limits: WireLimits) -> Sequence[Members | DecodeFailure]:
-        """The messages in one frame, in order. Never raises."""
+        """Return the messages of a frame, in order. Never raises."""
         size, max_depth = len(data), limits.max_depth
         if size <= 2 * max_depth and data.isascii():
-            # The usual frame: short, so not deep, and of one object.
+            # The usual frame is one short object, so it cannot be nested too deeply.
             try:
                 return (_decode(data),)
             except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
@@ -59,10 +58,9 @@ class JsonCodec:
         return split_whole(data, max_depth)
 
     def encode(self, op: Op) -> Frame:
-        """One op as a text frame, its members in the order of ENV-16.
+        """Encode an op as a text frame, its members in the order of ENV-16.
 
-        Written are the members that the model requires, that were given, payloads, and what readers rely on;
-        a member that is None is left out.
+        Writes required and given members, payloads, and members that readers rely on; omits None.
         """
         text, layout = _LAYOUT[type(op)]
         given = op.model_fields_set
@@ -81,18 +79,18 @@ class JsonCodec:
         return Frame(*parts, text + b"}")
 
     def response(self, service: str, values: Encodable, id: str | int | None = None) -> Frame:
-        """The reply to a call that succeeded (SRV-01)."""
+        """Encode the response to a successful call (SRV-01)."""
         end = b',"result":true}' if id is None else b',"result":true,"id":' + _encode(id) + b"}"
         head = b'{"op":"service_response","service":' + _encode(service) + b',"values":'
         return Frame(head, values.json(), end)
 
     def call(self, service: str, args: Encodable, id: str | int) -> Frame:
-        """A call to a provider (SVP-01, SVP-02)."""
+        """Encode a call to a provider (SVP-01, SVP-02)."""
         head = b'{"op":"call_service","id":' + _encode(id) + b',"service":' + _encode(service) + b',"args":'
         return Frame(head, args.json(), b"}")
 
     def publish_encoder(self, topic: str) -> PublishEncoder:
-        """An encoder for the samples of `topic`."""
+        """Return an encoder for the samples of `topic`."""
         prefix = publish_prefix(topic)
 
         def encode(sample: Sample) -> Frame:
@@ -102,12 +100,12 @@ class JsonCodec:
 
 
 def publish_prefix(topic: str) -> bytes:
-    """The bytes before the payload in every message of `topic`: computed once, kept by the caller."""
+    """Return the bytes before the payload in all messages of `topic`, for the caller to keep."""
     return b'{"op":"publish","topic":' + _encode(topic) + b',"msg":'
 
 
 def publish_frame(prefix: bytes, payload: Buffer) -> Frame:
-    """One message of the topic of `prefix`; `payload` is JSON in UTF-8, and is spliced in."""
+    """Return a message of the prefix's topic; `payload` is JSON in UTF-8 and is spliced in."""
     return Frame(prefix, payload, b"}")
 
 
@@ -115,8 +113,7 @@ _Layout = tuple[bytes, tuple[tuple[str, bytes, bool, bool], ...]]
 
 
 def _layout(model: type[Op]) -> _Layout:
-    """How an op is written: its beginning; and of each member, in the order of the wire, its name, its key as
-    written, whether it is always written, and whether it is a payload."""
+    """Return an op's first bytes, and per member: name, encoded key, is always written, is payload."""
     fields = model.model_fields
     op = str(fields["op"].default)
     payloads = PAYLOADS[op]

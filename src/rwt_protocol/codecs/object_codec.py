@@ -1,5 +1,4 @@
-"""What CBOR, BSON and their like have in common: a frame is decoded and encoded as a whole, from and to plain
-objects."""
+"""Base of codecs such as CBOR and BSON that decode and encode a frame as a whole."""
 
 from __future__ import annotations
 
@@ -16,7 +15,7 @@ from rwt_protocol.payloads import Decoded, Encodable, Sample
 
 
 def members_of(found: Mapping[object, object] | Mapping[str, object], size: int) -> Members:
-    """The members of a decoded message of `size` bytes: those whose names are text."""
+    """Return the members with string names of a decoded message of `size` bytes."""
     return {
         name: Decoded(value, size) if name in UNDECODED else value
         for name, value in found.items()
@@ -27,13 +26,13 @@ def members_of(found: Mapping[object, object] | Mapping[str, object], size: int)
 def members_within(
     found: Mapping[object, object] | Mapping[str, object], size: int, max_depth: int, smallest_level: int = 1
 ) -> Members | DecodeFailure:
-    """As :func:`members_of`, for libraries that do not bound the depth themselves.
+    """Same as :func:`members_of`, with a check of the depth for libraries that have none.
 
     Args:
         found: the decoded message.
         size: bytes of its frame.
-        max_depth: objects and arrays that may be open at once; the message itself is the first.
-        smallest_level: bytes that one object inside another takes at least.
+        max_depth: maximum number of open objects and arrays, including the message.
+        smallest_level: minimum bytes of a nested object.
     """
     members = members_of(found, size)
     if size > smallest_level * max_depth and _deeper_than(found, max_depth):
@@ -42,12 +41,12 @@ def members_within(
 
 
 def too_deep(members: Members, max_depth: int) -> DecodeFailure:
-    """That more objects and arrays are open at once than may be, in a message with those members."""
+    """Return the failure of a message that is nested too deeply."""
     return DecodeFailure(f"nested more than {max_depth} levels deep (limits.max_depth)", members)
 
 
 def _deeper_than(found: object, limit: int) -> bool:
-    """Whether more than `limit` documents and arrays are open at once, `found` being the first."""
+    """Return True if more than `limit` documents and arrays are open at once, including `found`."""
     level = [found]
     for _ in range(limit):
         level = [
@@ -62,17 +61,17 @@ def _deeper_than(found: object, limit: int) -> bool:
 
 
 class ObjectCodec(ABC):
-    """The way out of such an encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
+    """Encoder of such an encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
 
     @abstractmethod
     def frame(self, message: Mapping[str, object]) -> Frame:
-        """One message as a binary frame."""
+        """Encode a message as a binary frame."""
 
     def encode(self, op: Op) -> Frame:
-        """One op as a binary frame, its members in the order of the model.
+        """Encode an op as a binary frame, its members in the order of the model.
 
         Raises:
-            MalformedPayload: its payload came from another peer, and is not JSON.
+            MalformedPayload: the payload came from another peer and is not JSON.
         """
         message: dict[str, object] = {"op": op.op}
         payloads = PAYLOADS[op.op]
@@ -84,15 +83,15 @@ class ObjectCodec(ABC):
         return self.frame(message)
 
     def response(self, service: str, values: Encodable, id: str | int | None = None) -> Frame:
-        """The reply to a call that succeeded (SRV-01)."""
+        """Encode the response to a successful call (SRV-01)."""
         return self.encode(ServiceResponse(service=service, values=values, result=True, id=id))
 
     def call(self, service: str, args: Encodable, id: str | int) -> Frame:
-        """A call to a provider (SVP-01, SVP-02)."""
+        """Encode a call to a provider (SVP-01, SVP-02)."""
         return self.encode(CallService(service=service, args=args, id=id))
 
     def publish_encoder(self, topic: str) -> PublishEncoder:
-        """An encoder for the samples of `topic`."""
+        """Return an encoder for the samples of `topic`."""
 
         def encode(sample: Sample) -> Frame:
             return self.frame({"op": "publish", "topic": topic, "msg": sample.payload.plain()})

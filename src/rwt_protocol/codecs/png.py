@@ -1,7 +1,6 @@
-"""A message as a picture (PNG): its text in the pixels, so that PNG's compression compresses it.
+"""PNG encoding: a message's text as the pixels of an image, compressed by PNG.
 
-Every row is written with filter 0: text does not look like its neighbours above and to the left, and other
-filters make it longer. Reading takes any filter.
+Rows are written with filter 0, because other filters make text longer. The decoder accepts all filters.
 """
 
 from __future__ import annotations
@@ -26,31 +25,30 @@ from rwt_protocol.payloads import Sample
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _HEADER: Final = struct.Struct(">IIBBBBB")
 _RGB8: Final = (8, 2, 0, 0, 0)
-"""Bit depth 8, colour type 2, and no other compression, filter method or interlacing (PNG-02)."""
+"""Bit depth 8, colour type 2, default compression and filter methods, no interlacing (PNG-02)."""
 
 _HEAD: Final = b'{"op":"png","data":"'
 _END: Final = b'"}'
 
 _SMALL: Final = 128 * 1024
-"""Bytes that are compressed without a look at a sample."""
+"""Maximum bytes that are compressed without a sample."""
 _LARGE: Final = 2 * 1024 * 1024
-"""Bytes above which a text without matches is not compressed at all, for want of time."""
+"""Bytes above which text without matches is stored uncompressed."""
 _SAMPLE: Final = 16 * 1024
 _MANY_MATCHES: Final = 12
 _SOME_MATCHES: Final = 4
-"""How many times smaller the sample becomes, from which a long or a short search for matches pays."""
+"""Compression ratios of the sample that justify a long or a short match search."""
 
 _STEP: Final = 32 * 1024
-"""Bytes that are compressed in one step."""
+"""Bytes that are compressed per step."""
 _PART: Final = 192 * 1024
-"""Bytes of a picture that become a part of its message by themselves."""
+"""Minimum bytes of an image that form a separate part of the message."""
 
 _PIXELS: Final = b"IDAT"
 
 _BEYOND_ASCII: Final = re.compile(r"[^\x00-\x7f]+")
 _AMBIGUOUS: Final = re.compile(r"\\x|[\U00010000-\U0010ffff]")
-"""What Python's escapes cannot be told from JSON's by: the second of two backslashes before an x, and letters
-that take a pair of surrogates."""
+"""Text whose Python escapes differ from JSON's: a second backslash before an x, and non-BMP characters."""
 
 
 class _Packer(Protocol):
@@ -59,23 +57,22 @@ class _Packer(Protocol):
 
 
 def encode(frame: Frame) -> Frame:
-    """The JSON message `frame` as a `png` message, made at once.
+    """Encode the JSON message `frame` as a `png` message.
 
-    How hard the text is compressed follows from how well a sample of it does, and from its size: what
-    compresses well takes about 5 ms for each megabyte, and what does not up to 14 ms, or 9 ms with the extra
-    `fast`. That is two to three times as long as it took to write the message as JSON.
+    The compression level depends on the size and on how well a sample compresses. Compressible text takes
+    about 5 ms per MB, other text up to 14 ms, or 9 ms with the extra `fast`.
     """
     return finished(encode_in_steps(frame))
 
 
 def encode_in_steps(frame: Frame) -> Steps[Frame]:
-    """The same in steps of a millisecond at most, between which others may be served."""
+    """Same as :func:`encode`, in steps of a millisecond at most."""
     return (yield from _encode(frame.data))
 
 
 def _joined(parts: Sequence[Buffer]) -> Steps[bytearray]:
-    """Parts of a text as one, a part in each step: to fill much new memory at once takes long."""
-    text = bytearray()  # It grows in place, where the C library has room or can move pages.
+    """Join the parts of a text, one per step: filling much new memory at once is slow."""
+    text = bytearray()  # A bytearray grows in place where the C library has room or can move pages.
     for part in parts:
         text += part
         yield
@@ -91,7 +88,7 @@ def _encode(data: bytes | bytearray) -> Steps[Frame]:
 
 
 class PngEncoder:
-    """An encoder for the samples of one topic: the JSON message in the pixels of a picture (PNG-01)."""
+    """Encoder for the samples of one topic: the JSON message as the pixels of an image (PNG-01)."""
 
     __slots__ = ("_prefix", "_ready")
 
@@ -100,32 +97,32 @@ class PngEncoder:
         self._ready: tuple[Sample, Frame] | None = None
 
     def __call__(self, sample: Sample) -> Frame:
-        """The frame of a sample, which subscribers share."""
+        """Return the frame of a sample, which subscribers share."""
         ready, self._ready = self._ready, None
         if ready is not None and ready[0] is sample:
             return ready[1]
         return encode(publish_frame(self._prefix, sample.payload.json()))
 
     def steps(self, sample: Sample) -> Iterator[None]:
-        """Make the frame of a sample in steps; the next call has it, if it is for this sample."""
+        """Encode a sample in steps and keep the frame for the next call with that sample."""
         text = yield from _joined((self._prefix, *sample.payload.json_parts(), b"}"))
         self._ready = (sample, (yield from _encode(text)))
 
 
 def publish_encoder(topic: str) -> PngEncoder:
-    """An encoder for the samples of `topic`."""
+    """Return an encoder for the samples of `topic`."""
     return PngEncoder(publish_prefix(topic))
 
 
 def decode(data: str, max_size: int) -> bytes:
-    """The JSON text in a picture. The padding at its end is white space in JSON (PNG-07).
+    """Return the JSON text in an image. Its padding is white space in JSON (PNG-07).
 
     Args:
         data: `Png.data`.
-        max_size: most bytes of text; checked before anything is decompressed.
+        max_size: maximum bytes of text; checked before decompression.
 
     Raises:
-        Refused: not base64, not such a picture, or too large.
+        Refused: not base64, not such an image, or too large.
     """
     try:
         picture = binascii.a2b_base64(data, strict_mode=True)
@@ -148,7 +145,7 @@ def decode(data: str, max_size: int) -> bytes:
 
 
 def _ascii(text: bytes | bytearray) -> Steps[bytes | bytearray]:
-    """JSON text with everything beyond ASCII as escapes: clients read the pixels byte by byte (PNG-05)."""
+    """Escape everything beyond ASCII: clients read the pixels byte by byte (PNG-05)."""
     if text.isascii():
         return text
     decode = codecs.getincrementaldecoder("utf-8")().decode
@@ -160,26 +157,26 @@ def _ascii(text: bytes | bytearray) -> Steps[bytes | bytearray]:
 
 
 def _escaped(text: str) -> bytes:
-    """A piece of JSON text with escapes for what is beyond ASCII; nothing in it needs others."""
+    """Escape what is beyond ASCII; nothing else in the text needs it."""
     if not _AMBIGUOUS.search(text):
         return text.encode("ascii", "backslashreplace").replace(b"\\x", b"\\u00")
     return _BEYOND_ASCII.sub(_escape, text).encode()
 
 
 def _escape(found: re.Match[str]) -> str:
-    from json.encoder import encode_basestring_ascii  # Needed by few: who asks for png texts beyond ASCII.
+    from json.encoder import encode_basestring_ascii  # Rarely needed: only for png messages beyond ASCII.
 
     return encode_basestring_ascii(found[0])[1:-1]
 
 
 def _picture(width: int, height: int, packed: Iterator[bytes]) -> Steps[list[bytes]]:
-    """A picture in base64, in parts.
+    """Return the parts of an image in base64.
 
     Args:
-        width, height: of the picture.
-        packed: its pixels, compressed, in pieces of which each takes a while to make.
+        width, height: size of the image.
+        packed: compressed pixels, in pieces that each take a while to make.
     """
-    import pybase64  # only for those who use it
+    import pybase64  # optional import: slow to load
 
     checksum = zlib.crc32(_PIXELS)
     size = 0
@@ -193,7 +190,7 @@ def _picture(width: int, height: int, packed: Iterator[bytes]) -> Steps[list[byt
         waiting.append(piece)
         waits += len(piece)
         if waits >= _PART:
-            # What goes in front has its length in it, and leaves room for one byte in its last four letters.
+            # The head contains the length, and its last four letters have room for one more byte.
             data = b"".join(waiting)
             begin = 0 if first else 1
             first = first or data[:1]
@@ -212,13 +209,12 @@ def _picture(width: int, height: int, packed: Iterator[bytes]) -> Steps[list[byt
 
 
 def _compressed(text: bytes | bytearray, row: int, height: int) -> Iterator[bytes]:
-    """The rows of a picture in zlib's format, each begun by its filter (0), as small as the time allows, in
-    pieces.
+    """Return the rows of an image in zlib's format, each with filter 0, in pieces.
 
     Args:
-        text: what is in the pixels; the last row is padded with newlines (PNG-03).
-        row: octets in each row.
-        height: how many rows.
+        text: content of the pixels; the last row is padded with newlines (PNG-03).
+        row: bytes per row.
+        height: number of rows.
     """
     packer = _packer(text)
     together = max(1, _STEP // row)
@@ -231,12 +227,11 @@ def _compressed(text: bytes | bytearray, row: int, height: int) -> Iterator[byte
 
 
 def _packer(text: bytes | bytearray) -> _Packer:
-    """What compresses a text.
+    """Return the compressor for a text.
 
-    Searching long for matches pays where there are many and is then quick (a map: 4 ms for a megabyte, 150
-    times smaller) up to 4 MiB; where there are few it takes 60 ms and gains next to nothing, so there the
-    search is short, and where a sample has none (octets of an image in base64) only how often each character
-    occurs is used, and in a large text not even that.
+    A long match search pays where a sample has many matches, up to 4 MiB (a map: 4 ms per MB, ratio 150).
+    With few matches it takes 60 ms and gains almost nothing, so the search is short. Without matches (base64)
+    only Huffman coding is used, and large texts are stored.
     """
     if len(text) <= _SMALL:
         return _quick(4, len(text))
@@ -248,10 +243,10 @@ def _packer(text: bytes | bytearray) -> _Packer:
 
 
 def _quick(level: int | None, size: int) -> _Packer:
-    """The fast library where there is one (the extra `fast`), else zlib.
+    """Return a compressor of the fast library (extra `fast`), else of zlib.
 
     Args:
-        level: of zlib; None for no search for matches at all.
+        level: zlib level; None: no match search.
         size: bytes of the text.
     """
     fast = _fast_library()
@@ -278,10 +273,10 @@ def _chunk(kind: bytes, body: bytes) -> bytes:
 
 
 def _read_picture(picture: bytes) -> tuple[int, int, bytes]:
-    """Width, height and compressed rows.
+    """Return width, height and compressed rows.
 
     Raises:
-        Refused: not a PNG picture of 8-bit RGB.
+        Refused: not a PNG image of 8-bit RGB.
     """
     wrong = Refused("png.data: expected a PNG picture of 8-bit RGB, not interlaced")
     if not picture.startswith(_SIGNATURE):
@@ -307,8 +302,8 @@ def _read_picture(picture: bytes) -> tuple[int, int, bytes]:
 
 
 def _filtered(picture: bytes) -> bytes:
-    """The pixels of a picture whose rows are filtered, and whose size has been checked."""
-    from PIL import Image  # heavy, and few pictures need it
+    """Return the pixels of an image with filtered rows, whose size has been checked."""
+    from PIL import Image  # slow import, rarely needed
 
     try:
         with Image.open(BytesIO(picture), formats=["PNG"]) as image:

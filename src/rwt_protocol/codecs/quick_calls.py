@@ -1,7 +1,6 @@
-"""Taking the usual small `call_service` and `service_response` apart by one parse, straight to what is asked.
+"""Fast path for common small `call_service` and `service_response` frames: one strict parse.
 
-Both are read strictly: a member that has an effect beside the name, the id and the payload, or one of another
-type, and the frame is read as any other.
+Frames with other members that have an effect, or with members of other types, take the general path.
 """
 
 from __future__ import annotations
@@ -14,11 +13,11 @@ from rwt_protocol.codecs.quick_publish import QUICK
 
 
 class UsualCall(msgspec.Struct, tag_field="op", tag="call_service", forbid_unknown_fields=True, frozen=True):
-    """A call without a timeout or another wish.
+    """Call without a timeout or other options.
 
     Attributes:
-        args: an object, as it came.
-        type: has no effect, since the service has one (SRV-03).
+        args: an object, undecoded.
+        type: ignored, since the service has one (SRV-03).
     """
 
     service: str
@@ -30,10 +29,10 @@ class UsualCall(msgspec.Struct, tag_field="op", tag="call_service", forbid_unkno
 class UsualResponse(
     msgspec.Struct, tag_field="op", tag="service_response", forbid_unknown_fields=True, frozen=True
 ):
-    """The response of a service that succeeded.
+    """Response of a service that succeeded.
 
     Attributes:
-        values: an object, as it came.
+        values: an object, undecoded.
     """
 
     service: str
@@ -49,10 +48,9 @@ _decode: Final = msgspec.json.Decoder(UsualCall | UsualResponse).decode
 
 
 def split_call(data: bytes) -> UsualCall | UsualResponse | None:
-    """A text frame as a call or a response; None if it is not spelt in a way that is known here.
+    """Return a text frame as a call or response; None if it is not in a known form.
 
-    The payload is an object as far as its brackets tell; who decodes it as a type finds out whether its
-    strings are what JSON allows.
+    Only the brackets of the payload are checked; its strings are validated when it is decoded as a type.
     """
     if not data.startswith(_STARTS) or len(data) > QUICK or not data.isascii():
         return None

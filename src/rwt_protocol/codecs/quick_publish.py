@@ -1,15 +1,13 @@
-"""Taking the usual small `publish` apart by its ends, without a parse.
+"""Fast path for common small `publish` frames: matches both ends, without a parse.
 
-Nine of ten messages that a server takes are small ones on topics that it knows, spelt as one of a few
-libraries spells them:
+Nine of ten messages to a server are small ones on known topics, spelled as one of a few libraries does:
 
     {"op":"publish","id":"publish:/cmd_vel:7","topic":"/cmd_vel","msg":  {...}  ,"latch":false}
     `------------------------------ head ----------------------------' payload  `---- tail ---'
 
-The head is matched from the first byte to the colon behind ``"msg"``, and has each of its members once; the
-tail is one of few. So if the payload, which nobody has looked at yet, is one JSON value, the frame is valid
-JSON and these are its members. If it is not, the frame may be anything, and has to be read as any other: who
-decodes the payload strictly as a message type finds that out.
+The head is matched from the first byte to the colon after ``"msg"`` and holds each member once; the tail is
+one of a few. If the payload, which is unvalidated, is one JSON value, the frame is valid JSON with these
+members. Otherwise the frame must be parsed in full; the strict decoder of the message type detects that.
 """
 
 from __future__ import annotations
@@ -18,10 +16,10 @@ import re
 from typing import Final
 
 QUICK: Final = 4096
-"""Frames of more bytes than this are not taken apart here: their payload is what they cost."""
+"""Maximum bytes of a frame for the fast path; larger frames are dominated by their payload."""
 
 _TEXT: Final = rb'"[ !#-\[\]-~]*+"'
-"""A string of ASCII without escapes."""
+"""ASCII string without escapes."""
 
 _HEAD: Final = re.compile(
     rb'\{"op": ?"publish", ?(?:"id": ?' + _TEXT + rb", ?)?"
@@ -30,17 +28,16 @@ _HEAD: Final = re.compile(
 _match: Final = _HEAD.match
 
 PUBLISH_STARTS: Final = (b'{"op":"publish"', b'{"op": "publish"')
-"""First bytes of every frame that :func:`split_publish` takes apart."""
+"""First bytes of all frames that :func:`split_publish` accepts."""
 
 _LATCH: Final = b'},"latch":false}'
 _SPACED_LATCH: Final = b'}, "latch": false}'
 
 
 def split_publish(data: bytes) -> tuple[bytes, bytes] | None:
-    """The topic and the payload of a text frame; None if it is not spelt in a way that is known here.
+    """Return the topic and payload of a text frame; None if it is not in a known form.
 
-    Nothing is known of the payload, but that the whole frame is ASCII: only if it is one JSON value is the
-    frame the message that its ends show.
+    The frame is ASCII, but the payload is unvalidated: the result holds only if it is one JSON value.
     """
     if len(data) > QUICK or not data.isascii():
         return None

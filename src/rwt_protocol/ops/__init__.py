@@ -1,4 +1,4 @@
-"""The ops of rosbridge v2: one frozen model each, and the closed table of them all."""
+"""Ops of rosbridge v2: a frozen model for each, and the closed table of all."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from rwt_protocol.ops.topics import Advertise, Publish, Qos, Subscribe, Unadvert
 _SPECS: Final = (*control.SPECS, *topics.SPECS, *services.SPECS, *actions.SPECS)
 
 OPS: Final[Mapping[str, OpSpec]] = MappingProxyType({spec.name: spec for spec in _SPECS})
-"""Every op, by its name on the wire."""
+"""All ops by their name on the wire."""
 
 SPEC_OF: Final[Mapping[type[Op], OpSpec]] = MappingProxyType({spec.model: spec for spec in _SPECS})
-"""Every op, by its model."""
+"""All ops by model."""
 
 
 if TYPE_CHECKING:
@@ -54,11 +54,11 @@ else:
 ALIASES: Final[Mapping[str, str]] = MappingProxyType(
     {alias: spec.name for spec in _SPECS for alias in spec.aliases}
 )
-"""Other names of ops, and the name of each in `OPS` (X02)."""
+"""Alternative names of ops, with the name in `OPS` (X02)."""
 
 
 def inbound(direction: Direction) -> frozenset[type[Op]]:
-    """The models that need a handler where messages of `direction` arrive.
+    """Return the models that need a handler where messages of `direction` arrive.
 
     Args:
         direction: `Direction.TO_SERVER` in a server, `Direction.TO_CLIENT` in a client.

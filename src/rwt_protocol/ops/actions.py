@@ -1,4 +1,4 @@
-"""Ops about actions of ROS 2: goals, feedback and results, and who offers them."""
+"""Ops for ROS 2 actions: advertising, goals, feedback and results."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from rwt_protocol.ops.control import refuse_with_status
 from rwt_protocol.ops.topics import CompressionOfReply, OptionalCount
 from rwt_protocol.payloads import EMPTY
 
-# Numbers of `action_msgs/GoalStatus` (ACT-03); `rwt_participant.goals` has all, but this package
-# depends on no other.
+# Values of `action_msgs/GoalStatus` (ACT-03). `rwt_participant.goals` has all of them, but this package
+# has no dependencies.
 _UNKNOWN: Final = 0
 _SUCCEEDED: Final = 4
 _ABORTED: Final = 6
 
 
 def _usual_status(known: dict[str, object]) -> int:
-    """Return the status of a result that has none (ACT-16)."""
+    """Return the default status of a result (ACT-16)."""
     return _SUCCEEDED if known.get("result") else _ABORTED
 
 
 class AdvertiseAction(Op):
-    """The sender offers an action (ACT-12).
+    """Advertises an action of the sender (ACT-12).
 
     Attributes:
         type: type of the action, for example `example_interfaces/Fibonacci`.
@@ -48,19 +48,19 @@ class AdvertiseAction(Op):
 
 
 class UnadvertiseAction(Op):
-    """The sender withdraws an action that it offers (ACT-18)."""
+    """Withdraws an action of the sender (ACT-18)."""
 
     op: Literal["unadvertise_action"] = "unadvertise_action"
     action: Text
 
 
 class SendActionGoal(Op):
-    """Asks for one run of an action; to a provider, asks it to run (ACT-01, ACT-12).
+    """Sends a goal, from a client to the server or from the server to a provider (ACT-01, ACT-12).
 
     Attributes:
         args: the goal, an object by name or an array by position (ACT-11).
-        action_type: a type of action that is known; the server goes by what the action has (ACT-04).
-        feedback: whether feedback is wanted (ACT-02).
+        action_type: a known action type; the server uses the type that the action has (ACT-04).
+        feedback: true to receive feedback (ACT-02).
     """
 
     op: Literal["send_action_goal"] = "send_action_goal"
@@ -73,10 +73,10 @@ class SendActionGoal(Op):
 
 
 class CancelActionGoal(Op):
-    """Asks that the goal with this id end early (ACT-07, ACT-13).
+    """Requests cancellation of the goal with this id (ACT-07, ACT-13).
 
     Attributes:
-        id: the `id` with which the goal was sent.
+        id: `id` of the goal's `send_action_goal`.
     """
 
     op: Literal["cancel_action_goal"] = "cancel_action_goal"
@@ -85,7 +85,7 @@ class CancelActionGoal(Op):
 
 
 class ActionFeedback(Op):
-    """The progress of a goal (ACT-02, ACT-14).
+    """Progress of a goal (ACT-02, ACT-14).
 
     Attributes:
         values: the feedback.
@@ -99,12 +99,12 @@ class ActionFeedback(Op):
 
 
 class ActionResult(Op):
-    """The end of a goal.
+    """Result of a goal.
 
     Attributes:
-        values: the result; when `result` is false, usually a string that says why (ACT-04).
-        result: whether the goal was run at all; its outcome is `status` (ACT-03).
-        status: 4 succeeded, 5 canceled, 6 aborted, 0 not run. Left out: 4, or 6 if `result` is false
+        values: the result; if `result` is false, usually a string with the reason (ACT-04).
+        result: true if the goal was executed; its outcome is `status` (ACT-03).
+        status: 4 succeeded, 5 canceled, 6 aborted, 0 not executed. Default: 4, or 6 if `result` is false
             (ACT-16).
     """
 
@@ -120,7 +120,7 @@ class ActionResult(Op):
 
 
 def refuse_goal(reply_to: ReplyTo, reason: str, level: Level = "error") -> Op:
-    """Who sent a goal waits for its result, so it gets one (ACT-04, ACT-05)."""
+    """Reject a goal with a result, which its sender waits for (ACT-04, ACT-05)."""
     if not reply_to.name and reply_to.id is None:
         return refuse_with_status(reply_to, reason, level)
     return ActionResult(action=reply_to.name, values=reason, result=False, status=_UNKNOWN, id=reply_to.id)

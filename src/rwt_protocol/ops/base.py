@@ -1,4 +1,4 @@
-"""What every op shares: its envelope, the kinds of its members, and how it is refused."""
+"""Base of all ops: envelope, member types and rejections."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ from rwt_protocol.payloads import (
 
 @dataclass(frozen=True, slots=True)
 class NoEffect:
-    """Marks a member that is taken and changes nothing: the reference says so, and a test sees to it.
+    """Marker of a member that is accepted without effect; documented in the reference and tested.
 
     Attributes:
-        reason: why that is right.
+        reason: justification.
     """
 
     reason: str
@@ -46,11 +46,11 @@ class NoEffect:
 
 @dataclass(frozen=True, slots=True)
 class Opaque:
-    """Marks a payload: a member that this package does not look into.
+    """Marker of a payload: a member that this package does not inspect.
 
     Attributes:
-        convert: makes the member's value from what the codec left of it.
-        kinds: what ROS puts there. What arrives is not looked at; what a program writes is one of them.
+        convert: makes the member's value from the undecoded member.
+        kinds: JSON kinds that ROS uses. Not checked on arrival; programs write one of them.
     """
 
     convert: Callable[[msgspec.Raw | RawPayload], RawPayload | str]
@@ -80,7 +80,7 @@ class Opaque:
         return {"type": list(self.kinds) if len(self.kinds) > 1 else self.kinds[0]}
 
     def _written(self, value: object) -> object:
-        """A member as a program writes it: an object that codecs can write, or the value itself."""
+        """Return a member as written by a program: an object that codecs can encode, or the value itself."""
         if hasattr(value, "json") and hasattr(value, "plain") and not isinstance(value, type):
             return value
         try:
@@ -93,18 +93,18 @@ class Opaque:
 
 
 def opaque(raw: msgspec.Raw | RawPayload) -> RawPayload:
-    """The undecoded bytes as a payload of their own: copied, so that they do not keep the frame alive."""
+    """Return undecoded bytes as a payload. They are copied, so that they do not keep the frame alive."""
     return RawJson(bytes(raw)) if type(raw) is msgspec.Raw else raw
 
 
 def opaque_or_empty(raw: msgspec.Raw | RawPayload) -> RawPayload:
-    """The payload of :func:`opaque`; null is the same as an absent member (SRV-02, SVP-05)."""
+    """Same as :func:`opaque`; null equals an absent member (SRV-02, SVP-05)."""
     payload = opaque(raw)
     return EMPTY if payload.kind == "null" else payload
 
 
 def opaque_or_text(raw: msgspec.Raw | RawPayload) -> RawPayload | str:
-    """The payload of :func:`opaque_or_empty`; a string, as failures have it, is decoded (SRV-05)."""
+    """Same as :func:`opaque_or_empty`; strings, as in failures, are decoded (SRV-05)."""
     payload = opaque_or_empty(raw)
     if isinstance(payload, Decoded):
         return payload.value if isinstance(payload.value, str) else payload
@@ -112,32 +112,31 @@ def opaque_or_text(raw: msgspec.Raw | RawPayload) -> RawPayload | str:
 
 
 def _whole_number(value: object) -> object:
-    """An integral float is an integer (SUB-11)."""
+    """Accept integral floats as integers (SUB-11)."""
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
 _Integer = Annotated[int, Field(ge=-(2**63), lt=2**64)]
 MOST_MARK: Final = 4096
-"""Characters of the longest `id`: it is kept as long as what it names, and repeated in what answers it."""
+"""Maximum characters of an `id`, which is stored, and repeated in responses."""
 
 _Mark = Annotated[str, Field(max_length=MOST_MARK)]
 _ID = Expected(f"a string of at most {MOST_MARK} characters or a 64-bit integer")
 
 RequiredId = Annotated[_Mark | _Integer, Field(union_mode="left_to_right"), _ID]
 Id = Annotated[_Mark | _Integer | None, Field(union_mode="left_to_right"), _ID]
-"""The sender's own mark, echoed unchanged in what answers it (ENV-02).
+"""Id chosen by the sender, echoed unchanged in responses (ENV-02, SRV-01).
 
-None is an absent id, and null on the wire is the same: roslibpy writes it where it has none (STA-07). It is
-echoed if and only if it is there and not null (SRV-01).
+None is absent; null means the same, because roslibpy sends it (STA-07).
 """
 
 Text = Annotated[str, Expected("a string")]
 OptionalText = Annotated[str | None, Expected("a string")]
 Flag = Annotated[bool, Expected("true or false")]
 MOST: Final = 2**53 - 1
-"""The largest whole number that every reader of JSON has exactly (RFC 8259 section 6)."""
+"""Largest integer that all JSON readers represent exactly (RFC 8259 section 6)."""
 MOST_SECONDS: Final = 2**63 // 10**9 + 1
-"""The longest time that 64 bits of nanoseconds hold, rounded up: ROS 2 writes it for no end."""
+"""Maximum seconds in 64 bits of nanoseconds, rounded up; ROS 2 uses it for "infinite"."""
 
 SafeInteger = Annotated[int, Field(ge=-MOST, le=MOST)]
 _Natural = Annotated[int, Field(ge=0, le=MOST)]
@@ -153,7 +152,7 @@ Count = Annotated[
     Expected("a whole number, zero or more"),
 ]
 
-# Members of these three types have `strict=False`: type checkers then let programs write plain values there.
+# Members of these three types have `strict=False`, so that type checkers accept plain values.
 Message = Annotated[Encodable, Opaque(opaque, ("object",)), Expected("an object")]
 Arguments = Annotated[
     Encodable, Opaque(opaque_or_empty, ("object", "array")), Expected("an object or an array")
@@ -166,32 +165,31 @@ Values = Annotated[
 
 
 class Op(BaseModel):
-    """One message of the protocol. Immutable.
+    """Message of the protocol. Immutable.
 
-    Members that the model does not have are ignored (ENV-01), and on the wire null stands for an absent
-    optional member.
+    Unknown members are ignored (ENV-01), and null stands for an absent optional member.
 
-    What each member means is said in the docstring of its op; the reference is made from it.
+    The docstring of each op describes its members; the reference is generated from it.
 
     Attributes:
-        id: the sender's own mark, repeated unchanged in what answers this message (ENV-02). null: none.
+        id: id chosen by the sender, repeated unchanged in responses (ENV-02). null: none.
         topic: name of the topic. `chatter` and `/chatter` are the same topic.
         service: name of the service.
         action: name of the action.
-        fragment_size: split what is longer than so many characters (FRG-20); None and 0: do not.
+        fragment_size: maximum characters of a message before it is split (FRG-20); None and 0: never split.
     """
 
     model_config = ConfigDict(frozen=True, strict=True, extra="ignore", hide_input_in_errors=True)
 
     wire_order: ClassVar[tuple[str, ...]] = ()
-    """The members in the order in which they are written (ENV-16), where it is not the order of the model."""
+    """Order in which members are written (ENV-16), if it differs from the model's."""
 
     op: str
     id: Id = None
 
 
 class Direction(Enum):
-    """Who sends an op."""
+    """Sender of an op."""
 
     TO_SERVER = "client to server"
     TO_CLIENT = "server to client"
@@ -200,12 +198,12 @@ class Direction(Enum):
 
 @dataclass(frozen=True, slots=True)
 class ReplyTo:
-    """The part of a message that a refusal repeats; readable even when the rest of the message is not valid.
+    """Part of a message that a rejection repeats; readable even if the rest is invalid.
 
     Attributes:
-        op: the name of the op as it was sent, empty when there was none.
-        id: the sender's id.
-        name: the service or action that was meant, as it was written; empty when there was none.
+        op: name of the op as sent; empty if absent.
+        id: id of the sender.
+        name: name of the service or action as written; empty if absent.
     """
 
     op: str = ""
@@ -214,24 +212,24 @@ class ReplyTo:
 
     @classmethod
     def of(cls, op: Op) -> ReplyTo:
-        """Where to answer `op`."""
+        """Return the reply address of `op`."""
         name = getattr(op, "service", None) or getattr(op, "action", None) or ""
         return cls(op.op, op.id, name)
 
 
 Refuse = Callable[[ReplyTo, str, Level], Op]
-"""Makes the op that reports to the sender of a message why it was refused."""
+"""Factory of the op that reports a rejection to the sender."""
 
 
 @dataclass(frozen=True, slots=True)
 class OpSpec:
-    """One op in the table of all of them.
+    """Entry of the table of ops.
 
     Attributes:
-        model: the op's type.
-        direction: who sends it.
-        refuse: makes the op that reports a refusal to its sender.
-        in_session: whether the session itself does what it asks, so that no handler sees it.
+        model: type of the op.
+        direction: sender of the op.
+        refuse: makes the op that reports a rejection to its sender.
+        in_session: True if the session handles the op itself, without a handler.
     """
 
     model: type[Op]
@@ -241,11 +239,11 @@ class OpSpec:
 
     @property
     def name(self) -> str:
-        """The op's name on the wire."""
+        """Name of the op on the wire."""
         name: object = self.model.model_fields["op"].default
         return str(name)
 
     @property
     def aliases(self) -> tuple[str, ...]:
-        """Other names under which it is accepted."""
+        """Other accepted names."""
         return tuple(name for name in get_args(self.model.model_fields["op"].annotation) if name != self.name)

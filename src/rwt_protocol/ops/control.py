@@ -1,4 +1,4 @@
-"""Ops about the connection itself: fragment, png, set_level, status, auth."""
+"""Ops for the connection itself: fragment, png, set_level, status, auth."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ LevelName = Annotated[Level, Expected('"info", "warning", "error" or "none"')]
 
 
 def _floor(value: object) -> object:
-    """Other servers write the number of fragments as a fraction; its floor is meant (FRG-23)."""
+    """Round a number of fragments down: other servers write it as a fraction (FRG-23)."""
     return math.floor(value) if isinstance(value, float) and math.isfinite(value) else value
 
 
 def _whole_seconds(value: object) -> object:
-    """Clients write times as integers, floats or ``{sec, nanosec}``; whole seconds count (AUT-02, AUT-05)."""
+    """Return whole seconds from an integer, a float or ``{sec, nanosec}`` (AUT-02, AUT-05)."""
     if isinstance(value, dict):
         value = value.get("sec", value.get("secs"))
     return math.floor(value) if isinstance(value, float) and math.isfinite(value) else value
@@ -51,7 +51,7 @@ Seconds = Annotated[
 
 
 def _set_level(name: str) -> str:
-    """Three names are in use for one op (X02)."""
+    """Accept the three names that are in use for this op (X02)."""
     return "set_level"
 
 
@@ -59,13 +59,13 @@ SetLevelName = Annotated[Literal["set_level", "set_status_level", "status_level"
 
 
 class Fragment(Op):
-    """One piece of the text of another message (FRG-01).
+    """Part of the text of another message (FRG-01).
 
     Attributes:
-        id: the same for all pieces of one message.
-        data: the piece.
-        num: number of the piece, from 0.
-        total: how many pieces there are.
+        id: id shared by all fragments of a message.
+        data: text of the fragment.
+        num: number of the fragment, from 0.
+        total: number of fragments.
     """
 
     op: Literal["fragment"] = "fragment"
@@ -76,7 +76,7 @@ class Fragment(Op):
 
 
 class Png(Op):
-    """A whole message as the pixels of a PNG image (PNG-01).
+    """Message encoded as the pixels of a PNG image (PNG-01).
 
     Attributes:
         data: the image, in base64.
@@ -87,10 +87,10 @@ class Png(Op):
 
 
 class SetLevel(Op):
-    """Asks for status messages of `level` and above (STA-01, STA-02).
+    """Requests status messages of `level` and above (STA-01, STA-02).
 
     Attributes:
-        level: the least severity that the client wants to hear of; `none` for nothing.
+        level: minimum severity; `none` for no messages.
     """
 
     op: SetLevelName = "set_level"
@@ -98,11 +98,11 @@ class SetLevel(Op):
 
 
 class Status(Op):
-    """Reports to a client what became of something that it sent (STA-03, STA-04).
+    """Reports the outcome of a client's message (STA-03, STA-04).
 
     Attributes:
         level: severity.
-        msg: what happened, for people.
+        msg: human-readable description.
     """
 
     op: Literal["status"] = "status"
@@ -111,16 +111,16 @@ class Status(Op):
 
 
 class Auth(Op):
-    """Credentials as rosauth computes them (AUT-02).
+    """Credentials as computed by rosauth (AUT-02).
 
     Attributes:
-        mac: the message authentication code of all other members.
-        client: the client's address, as it says.
-        dest: the server's address, as the client says.
-        rand: a random string.
-        t: when it was made, seconds since 1970.
-        level: the role that is asked for (AUT-03).
-        end: when it expires, seconds since 1970.
+        mac: message authentication code of all other members.
+        client: address of the client, as stated by the client.
+        dest: address of the server, as stated by the client.
+        rand: random string.
+        t: creation time, seconds since 1970.
+        level: requested role (AUT-03).
+        end: expiry time, seconds since 1970.
     """
 
     op: Literal["auth"] = "auth"
@@ -134,7 +134,7 @@ class Auth(Op):
 
 
 def refuse_with_status(reply_to: ReplyTo, reason: str, level: Level = "error") -> Op:
-    """The refusal of an op that has no reply of its own."""
+    """Reject an op that has no response of its own."""
     return Status(level=level, msg=reason, id=reply_to.id)
 
 

@@ -1,4 +1,4 @@
-"""Ops about services: call_service, service_response, advertise_service, unadvertise_service."""
+"""Ops for services: call_service, service_response, advertise_service, unadvertise_service."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ Timeout = Annotated[
 
 
 class CallService(Op):
-    """Asks for one run of a service; to a provider, asks it to run (SRV-01, SVP-01).
+    """Calls a service, from a client to the server or from the server to a provider (SRV-01, SVP-01).
 
     Attributes:
-        service: the name as the caller wrote it, which the reply repeats.
+        service: name as the caller wrote it, which the response repeats.
         args: an object by name or an array by position (SRV-02); absent and null are an empty object.
-        timeout: seconds to wait; 0 and less: no limit; None leaves it to the server (SRV-10).
+        timeout: seconds to wait; 0 and less: no limit; None: the server's default (SRV-10).
     """
 
     op: Literal["call_service"] = "call_service"
@@ -50,12 +50,12 @@ class CallService(Op):
 
 
 class ServiceResponse(Op):
-    """The one reply to a call (SRV-14).
+    """Response to a service call (SRV-14).
 
     Attributes:
-        values: the response; when `result` is false, usually a string that says why (SRV-05). Absent and
-            null are an empty object (SVP-05).
-        result: whether the service ran and succeeded. Absent is true, as clients read it (CLI-01).
+        values: the response; if `result` is false, usually a string with the reason (SRV-05). Absent and null
+            are an empty object (SVP-05).
+        result: true if the service succeeded. Absent is true, as clients read it (CLI-01).
     """
 
     wire_order: ClassVar[tuple[str, ...]] = ("service", "values", "result", "id")
@@ -67,7 +67,7 @@ class ServiceResponse(Op):
 
 
 class AdvertiseService(Op):
-    """The sender offers a service (SVP-01).
+    """Advertises a service of the sender (SVP-01).
 
     Attributes:
         type: type of the service, for example `std_srvs/Trigger`.
@@ -79,16 +79,16 @@ class AdvertiseService(Op):
 
 
 class UnadvertiseService(Op):
-    """The sender withdraws a service that it offers (SVP-09)."""
+    """Withdraws a service of the sender (SVP-09)."""
 
     op: Literal["unadvertise_service"] = "unadvertise_service"
     service: Text
 
 
 def refuse_call(reply_to: ReplyTo, reason: str, level: Level = "error") -> Op:
-    """A caller waits for its reply, so it gets one (SRV-04 to SRV-08).
+    """Reject a call with a response, which its caller waits for (SRV-04 to SRV-08).
 
-    Only a call that names no service and has no id cannot be replied to.
+    Calls without a service and without an id cannot be answered.
     """
     if not reply_to.name and reply_to.id is None:
         return refuse_with_status(reply_to, reason, level)

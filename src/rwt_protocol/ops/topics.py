@@ -1,4 +1,4 @@
-"""Ops about topics: advertise, unadvertise, publish, subscribe, unsubscribe."""
+"""Ops for topics: advertise, unadvertise, publish, subscribe, unsubscribe."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from rwt_protocol.payloads import EMPTY
 
 
 def _lower(value: object) -> object:
-    """Names of policies are written in any case (ADV-11)."""
+    """Accept names of policies in any case (ADV-11)."""
     return value.lower() if isinstance(value, str) else value
 
 
 class Duration(BaseModel):
-    """The other spelling of a number of seconds."""
+    """Alternative form of a number of seconds."""
 
     model_config = ConfigDict(frozen=True, strict=True, extra="ignore", hide_input_in_errors=True)
 
@@ -50,7 +50,7 @@ _Object = Annotated[
 
 
 def _seconds(value: object) -> object:
-    """Seconds from a number, ``{secs, nsecs}``, or a name in any case."""
+    """Return seconds from a number, ``{secs, nsecs}``, or a name in any case."""
     if isinstance(value, dict):
         duration = Duration.model_validate(value)
         return duration.secs + duration.nsecs / 1e9
@@ -58,15 +58,15 @@ def _seconds(value: object) -> object:
 
 
 class Qos(BaseModel):
-    """Quality of service as a client asks for it; None leaves a policy to the server (ADV-11).
+    """Quality of service that a client requests; None leaves a policy to the server (ADV-11).
 
     Attributes:
-        history: which messages are kept: the newest, as many as `depth` says, or all.
-        depth: messages kept with the history `keep_last`.
-        reliability: whether a message may be lost on the way.
+        history: which messages are kept: the newest `depth`, or all.
+        depth: number of messages kept with the history `keep_last`.
+        reliability: whether messages may be lost in transit.
         durability: `transient_local` keeps messages for late subscribers.
-        deadline: longest time between two messages, in seconds.
-        lifespan: age in seconds after which a message is not delivered any more.
+        deadline: maximum seconds between two messages.
+        lifespan: age in seconds after which a message is no longer delivered.
     """
 
     model_config = ConfigDict(frozen=True, strict=True, extra="ignore", hide_input_in_errors=True)
@@ -109,14 +109,14 @@ CompressionOfReply = Annotated[Text, NoEffect("replies are JSON (PNG-08)")]
 
 
 class Advertise(Op):
-    """The sender will publish on a topic (ADV-01).
+    """Advertises a topic that the sender will publish on (ADV-01).
 
-    `latch` and `queue_size` are ROS 1's words (ADV-06).
+    `latch` and `queue_size` are ROS 1 terms (ADV-06).
 
     Attributes:
         type: type of the topic's messages, `std_msgs/String` or `std_msgs/msg/String`.
         latch: keep the last message for late subscribers.
-        qos: quality of service of the topic's publisher (ADV-11); wins over `latch`.
+        qos: quality of service of the topic's publisher (ADV-11); takes precedence over `latch`.
     """
 
     op: Literal["advertise"] = "advertise"
@@ -128,22 +128,23 @@ class Advertise(Op):
 
 
 class Unadvertise(Op):
-    """The sender will not publish any more: the advertisement with this id, or all of them (UNA-03)."""
+    """Withdraws the advertisement with this id, or all of the sender's for the topic (UNA-03)."""
 
     op: Literal["unadvertise"] = "unadvertise"
     topic: Text
 
 
 class Publish(Op):
-    """One message on a topic (PUB-01).
+    """Message on a topic (PUB-01).
 
     Attributes:
-        type: type of the topic, used when it has not been advertised (X12).
+        type: type of the topic, used if it has not been advertised (X12).
         msg: the message. Missing fields get their defaults (PUB-04).
-        latch: as on `advertise`; counts in the first message on a topic that has not been advertised.
-        qos: as on `advertise`: of the publisher that the message makes, or else what that must have.
-        id: of the first message on a topic that has not been advertised: it advertises the topic, and
-            `unadvertise` takes that back by this id (UNA-06).
+        latch: as on `advertise`; applies to the first message on a topic that has not been advertised.
+        qos: as on `advertise`: policies of the publisher that the message creates, or that the existing one
+            must have.
+        id: on the first message on a topic that has not been advertised: id of the resulting advertisement,
+            for `unadvertise` (UNA-06).
     """
 
     op: Literal["publish"] = "publish"
@@ -156,15 +157,15 @@ class Publish(Op):
 
 
 class Subscribe(Op):
-    """Asks for the messages of a topic.
+    """Subscribes to a topic.
 
     Attributes:
-        type: the type that is expected; None accepts what the topic has (SUB-01).
-        throttle_rate: least time between two messages, in milliseconds; 0 and less: none (SUB-12, THR-09).
-        queue_length: messages kept while throttled, the newest first to stay (THR-03).
-        compression: how messages are encoded (SUB-08); an unknown word stands for `none` (SUB-10).
-        qos: how messages wait for a slow connection, and which kept ones come first: `depth`, `history` and
-            `reliability` say how many wait, `volatile` asks for no kept ones (SUB-17).
+        type: expected type; None accepts the type of the topic (SUB-01).
+        throttle_rate: minimum milliseconds between two messages; 0 and less: none (SUB-12, THR-09).
+        queue_length: number of messages queued while throttled, keeping the newest (THR-03).
+        compression: encoding of the messages (SUB-08); unknown words mean `none` (SUB-10).
+        qos: queueing for a slow connection, and which retained messages are sent first: `depth`, `history`
+            and `reliability` set the queue, `volatile` requests no retained messages (SUB-17).
     """
 
     op: Literal["subscribe"] = "subscribe"
