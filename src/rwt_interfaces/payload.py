@@ -477,7 +477,7 @@ def _split(
         parts = large.sequence_first()
         if parts is None:
             return Payload(message_type, raw, is_long=True)
-        # `header.seq` goes first, where publishers can replace it at no cost.
+        # `header.seq` stays in the first part, where a publisher can replace it without a copy of the rest.
         return Payload(message_type, None, None, None, None, parts, is_long=True)
     if is_dense:
         raise NotExact

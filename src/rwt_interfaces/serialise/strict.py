@@ -1,7 +1,7 @@
 """Strict Struct of a message: msgspec accepts with it exactly the messages that may be passed on.
 
 All fields are required, unknown ones rejected, floats may be null, octets are base64, and times are spelled
-as the distribution does. Tests cover the flaws that annotations cannot express.
+as the distribution does. Flaws that annotations cannot express are checked separately.
 """
 
 from __future__ import annotations

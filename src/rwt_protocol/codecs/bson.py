@@ -37,7 +37,7 @@ _PIECE: Final = 8192
 _CONTAINER: Final = 24
 """Weight of an object or array itself, in numbers."""
 _NUMBERS: Final = 1024
-"""Number of list items that are encoded together; pymongo is slower on longer lists."""
+"""Number of list items encoded together; pymongo is slower if the keys are not given as names."""
 _SCALARS: Final = frozenset({bool, int, float})
 _PART: Final = 256 * 1024
 """Minimum size in bytes of a separate part of a frame."""

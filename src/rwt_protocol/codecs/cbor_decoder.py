@@ -188,7 +188,7 @@ class LargeFrame:
         return (yield from self._container(depth)) if found is _NOTHING else found
 
     def _step(self, depth: int, head: bytes, *, may_end: bool = False) -> Steps[Any]:
-        """Decode the next value behind a head; _NOTHING if it exceeds a step or may be cut short."""
+        """Decode the next value behind a head; _NOTHING if its end may lie beyond this step."""
         import cbor2
 
         stream = self.stream
@@ -270,7 +270,7 @@ class LargeFrame:
 
 
 def _has_more_heads(data: bytes, most: int) -> Steps[bool]:
-    """Return True if a frame may hold more than `most` arrays, maps and tags."""
+    """Return True if a frame may hold more than `most` heads; unused simple values count several times."""
     at, found = 0, 0
     for walked in range(1, _MOST_WALKED + 1):
         if walked % _WALKED_AT_ONCE == 0:

@@ -125,9 +125,10 @@ _ID = Expected(f"a string of at most {MOST_MARK} characters or a 64-bit integer"
 
 RequiredId = Annotated[_Mark | _Integer, Field(union_mode="left_to_right"), _ID]
 Id = Annotated[_Mark | _Integer | None, Field(union_mode="left_to_right"), _ID]
-"""Id chosen by the sender, echoed unchanged in responses (ENV-02, SRV-01).
+"""Id chosen by the sender, echoed unchanged in responses (ENV-02), which have none if it is absent
+(SRV-01).
 
-None is absent; null means the same, because roslibpy sends it (STA-07).
+None means absent, and so does null on the wire, which roslibpy sends (STA-07).
 """
 
 Text = Annotated[str, Expected("a string")]
