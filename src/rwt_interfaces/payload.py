@@ -473,12 +473,15 @@ def _split(
     message_type: MessageType, raw: RawText, large: LargeJson, now: Now, *, is_dense: bool
 ) -> Steps[Payload]:
     """Decode a message in chunks of its long arrays; raises Unsplittable."""
-    if len(raw) > WHOLE_BYTES and (yield from large.is_exact()):
-        parts = large.sequence_first()
-        if parts is None:
-            return Payload(message_type, raw, is_long=True)
-        # `header.seq` stays in the first part, where a publisher can replace it without a copy of the rest.
-        return Payload(message_type, None, None, None, None, parts, is_long=True)
+    if len(raw) > WHOLE_BYTES:
+        is_exact_around = yield from large.is_exact_around()
+        if (is_exact_around or not is_dense) and (yield from large.has_exact_arrays()):
+            # In the first part, a publisher can replace `header.seq` without a copy of the rest.
+            parts = large.sequence_first() if is_exact_around else (yield from large.around_arrays(now))
+            if parts is not None:
+                return Payload(message_type, None, None, None, None, parts, is_long=True)
+            if is_exact_around:
+                return Payload(message_type, raw, is_long=True)
     if is_dense:
         raise NotExact
     message = yield from large.complete(now)

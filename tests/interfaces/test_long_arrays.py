@@ -4,6 +4,7 @@ holds very many values elsewhere is refused before it is decoded."""
 from __future__ import annotations
 
 import json
+import tracemalloc
 from typing import Any
 
 import pytest
@@ -182,3 +183,19 @@ def test_a_program_s_message_is_not_made_twice(monkeypatch: pytest.MonkeyPatch) 
         _, plain = _taken(payload.plain_in_steps())
     assert steps >= 15
     assert plain == {"header": HEADER, "poses": [POSE] * 300}
+
+
+def test_an_incomplete_message_takes_no_more_memory_than_its_text() -> None:
+    """A list of its numbers would take eight times as much, for each client that sends one."""
+    type = Registry().message("std_msgs/Int16MultiArray")
+    text = b'{"data":[%s7]}' % (b"7," * 1_000_000)
+    tracemalloc.start()
+    try:
+        payload = finished(Payload.from_json_in_steps(type, text))
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 3 * len(text)
+    joined = bytes(payload.json())
+    assert text[1:-1] in joined
+    assert json.loads(joined)["layout"] == {"dim": [], "data_offset": 0}

@@ -136,6 +136,14 @@ class LargeJson:
         Raises:
             Unsplittable: the rest of the text is large itself.
         """
+        return (yield from self.is_exact_around()) and (yield from self.has_exact_arrays())
+
+    def is_exact_around(self) -> Steps[bool]:
+        """Check that the text without its long arrays may be passed on untouched.
+
+        Raises:
+            Unsplittable: the rest of the text is large itself.
+        """
         if any(items.are_octets for _, items, _ in self._arrays):
             return False
         short = self._without_arrays()
@@ -146,10 +154,41 @@ class LargeJson:
             self._message.json.check(short)
         except REJECTIONS:
             return False
+        return True
+
+    def has_exact_arrays(self) -> Steps[bool]:
+        """Check, in steps, that all long arrays may be passed on untouched."""
         for _, items, span in self._arrays:
-            if not (yield from items.are_exact(self._data, span)):
+            if items.are_octets or not (yield from items.are_exact(self._data, span)):
                 return False
         return True
+
+    def around_arrays(self, now: Callable[[], int]) -> Steps[Parts | None]:
+        """Complete the message around exact arrays, whose text stays where it is.
+
+        A list of the items would take many times the memory of their text, for each message in progress.
+
+        Returns:
+            The text in parts; None if the rest of the message cannot be completed by itself.
+        """
+        text = self._without_arrays()
+        if (yield from has_many_values(text, MAX_LENIENT_VALUES)):
+            return None
+        yield
+        try:
+            short = self._message.decode_leniently(parse(text), now)
+        except InvalidMessage:
+            return None
+        for path, _, _ in self._arrays:
+            short = put(short, path, TOKEN)
+        first, *others = self._message.json.encode(short).split(_QUOTED_TOKEN)
+        if len(others) != len(self._arrays):
+            return None
+        data = memoryview(self._data)
+        parts: list[RawText] = [first]
+        for (_, _, span), other in zip(self._arrays, others, strict=True):
+            parts += (data[span.begin : span.end], other)
+        return tuple(parts)
 
     def apart(self) -> Steps[tuple[msgspec.Struct, Chunks]]:
         """Return the message of an exact text with empty long arrays, and their items in chunks.
