@@ -37,7 +37,7 @@ async def test_who_drives_is_seen_and_the_stop_holds_for_everybody(browser: Brow
             await page.wait(f"{text('.driver')}.includes('No driver')")
 
             await page.keyboard("press", "Escape")
-            await page.wait(f"{text('.stopped')}.includes('stopped for everybody by rosbridge:')")
+            await page.wait(f"{text('.stopped')}.includes('stopped for all clients by rosbridge:')")
             refused: Any = await other.call("/gate/take_lease", {"topic": "/cmd_vel"}, "rwt_gate_msgs/Lease")
             assert "the emergency stop is on" in refused.message
             await until(lambda: len(told) > 5)

@@ -370,7 +370,7 @@ def bare(body: str) -> str:
         ),
         (
             '<rwt-stop robot="robot:9090"></rwt-stop>',
-            "is to be an address as ws://robot:9090, not robot:9090.",
+            "must be a URL such as ws://robot:9090, not robot:9090.",
         ),
     ],
 )
