@@ -171,4 +171,4 @@ def test_a_manager_that_is_gone_ends_nothing(tmp_path: Path) -> None:
         process.terminate()
         assert process.wait(LONGEST) == 0
         assert process.stderr is not None
-        assert "NOTIFY_SOCKET cannot be told READY=1" in process.stderr.read()
+        assert "cannot notify the service manager (NOTIFY_SOCKET) of READY=1" in process.stderr.read()

@@ -144,7 +144,7 @@ def test_an_authority_at_its_end_is_followed_by_another_which_is_said(
     with caplog.at_level(logging.WARNING):
         later = own_certificate(kept_in(tmp_path), NOW + 3649 * DAY)
     assert later.fingerprint != first.fingerprint
-    assert "devices have to be given the new one" in caplog.text
+    assert "to be installed on devices" in caplog.text
 
 
 def test_a_new_name_has_it_made_anew_or_is_refused_where_the_authority_cannot_vouch(tmp_path: Path) -> None:
