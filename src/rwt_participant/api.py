@@ -324,7 +324,7 @@ class RobotApi(Protocol):
         """
 
     def cancel_goal(self, action: str, goal_id: str) -> None:
-        """Request the cancellation of a goal by its id, whoever sent it; an unknown one is ignored."""
+        """Request the cancellation of a goal of any sender, by its id; an unknown one is ignored."""
 
     def advertise_action(self, action: str, type: str, execute: Execute) -> Handle:
         """Offer an action; replaces a server of the same name in this program.

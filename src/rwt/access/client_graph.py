@@ -669,7 +669,7 @@ class ClientGraph(GraphView):
         return gate.send_goal(name, needed, payload, send, partial(on_result, GoalStatus.UNKNOWN))
 
     def cancel_goal(self, action: str, goal_id: str) -> None:
-        """Request cancellation of a goal by its id, whoever sent it.
+        """Request cancellation of a goal of any sender, by its id.
 
         Raises:
             NotAllowed: the role may not send goals to the action.
