@@ -22,13 +22,12 @@ TARGET: Final = Path(__file__).parents[1] / "docs" / "reference" / "agents.md"
 _HEAD: Final = """\
 # Tools of agents
 
-This page is made from the program by `tools/generate_tools.py`. [The how-to](../how-to/agents.md) shows how an agent comes to
-them: over HTTP at `/mcp`, or by the command `rwt mcp`.
+This page is generated from the program by `tools/generate_tools.py`. Agents connect over HTTP at `/mcp` or by the command
+`rwt mcp`: see [the how-to](../how-to/agents.md).
 
-The Model Context Protocol is spoken in its versions 2026-07-28, which needs no session, and 2025-11-25, 2025-06-18,
-2025-03-26 and 2024-11-05. A tool that cannot do what it was asked answers with a text that says why and what to do instead.
-Its texts have at most `mcp.result_bytes`, its pictures `mcp.picture_pixels` in width and height, and none takes longer than
-`mcp.longest_seconds`.
+Supported versions of the Model Context Protocol: 2026-07-28 (without sessions), 2025-11-25, 2025-06-18, 2025-03-26 and
+2024-11-05. A tool that fails returns the reason and what to do instead. `mcp.result_bytes` limits the text of a result,
+`mcp.picture_pixels` the width and height of an image, `mcp.longest_seconds` the duration of a call.
 """
 
 
@@ -39,19 +38,19 @@ def page() -> str:
 
 def _lines() -> Iterator[str]:
     yield _HEAD
-    yield "## What every agent is told\n"
+    yield "## Instructions for every agent\n"
     yield "\n".join(f"> {line}" for line in INSTRUCTIONS.splitlines()) + "\n"
-    for title, is_wanted in (("Tools that look", False), ("Tools that act", True)):
+    for title, is_wanted in (("Tools that read", False), ("Tools that act", True)):
         yield f"## {title}\n"
         for tool in TOOLS.values():
             if (tool.act is not None) is is_wanted:
                 yield from _tool(tool)
     yield "## Resources\n"
-    yield "| URI | what it is |\n|---|---|"
+    yield "| URI | content |\n|---|---|"
     for resource in RESOURCES:
         yield f"| `{resource.uri}` | {resource.description} |"
     yield "\n## Prompts\n"
-    yield "| name | what it is for | arguments |\n|---|---|---|"
+    yield "| name | purpose | arguments |\n|---|---|---|"
     for prompt in PROMPTS.values():
         arguments = "; ".join(f"`{name}`: {about}" for name, about in prompt.arguments.items())
         yield f"| `{prompt.name}` | {prompt.description} | {arguments} |"
@@ -61,7 +60,7 @@ def _lines() -> Iterator[str]:
 def _tool(tool: Tool[Any]) -> Iterator[str]:
     yield f"### {tool.name}\n"
     needs = "" if tool.act is None else f" Needs a role with `{tool.act}`."
-    only = " It is there where `mcp.recordings` names a folder." if tool.reads_recordings else ""
+    only = " Available if `mcp.recordings` names a folder." if tool.reads_recordings else ""
     yield f"{tool.description}{needs}{only}\n"
     yield "| argument | type | default | meaning |\n|---|---|---|---|"
     required = tool.schema.get("required", ())

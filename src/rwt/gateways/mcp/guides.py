@@ -1,4 +1,4 @@
-"""Resources and prompts: what a program can show a model of the robot, and how tasks are begun well."""
+"""Instructions, resources and prompts for agents."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from rwt.gateways.mcp.content.answer import Answer
 
 INSTRUCTIONS: Final = """\
-This is a robot. Begin with `list_robot`; `describe_type` tells the fields of messages, services and actions.
-Lengths are metres, angles radians, times seconds, unless a field says otherwise (REP 103); x is ahead, y is
-left, z is up. Things take time: wait for what you have asked for (`wait_for`, `send_goal`) instead of asking
-again and again. Look before you act, and act in small steps. A refusal names the setting that would allow it;
-tell the person instead of trying another way round it."""
-"""Instructions that every agent gets when it connects."""
+This is a robot. Start with `list_robot`; `describe_type` shows the fields of messages, services and actions.
+Units are metres, radians and seconds unless a field says otherwise; x points forward, y left, z up (REP 103).
+Actions take time: wait with `wait_for` or `send_goal` instead of polling. Observe before you act, and act in
+small steps. A rejection names the setting that would allow the request: tell the user, and do not try to work
+around it."""
+"""Instructions for every agent, sent when it connects."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,10 +28,10 @@ class Resource:
     """Readable content with a URI.
 
     Attributes:
-        uri: whole, or with one `{name}` at its end that stands for any text.
-        title: for people.
-        description: for models.
-        read: reads it; is given what stands for the name, empty without one.
+        uri: complete, or a template that ends in `{name}`.
+        title: name for people.
+        description: content, for the model.
+        read: returns the content; gets the text that replaces `{name}`, or an empty string.
     """
 
     uri: str
@@ -41,12 +41,12 @@ class Resource:
 
     @property
     def is_template(self) -> bool:
-        """True if the URI contains a name."""
+        """True if the URI ends in `{name}`."""
         return self.uri.endswith("}")
 
     @property
     def start(self) -> str:
-        """The URI up to the name."""
+        """The URI before `{name}`."""
         return self.uri.partition("{")[0]
 
 
@@ -65,39 +65,39 @@ async def _type(agent: Agent, type: str) -> Answer:
 RESOURCES: Final = (
     Resource(
         "robot://overview",
-        "What the robot has",
+        "Overview of the robot",
         "Topics, services and actions with their types, as `list_robot` lists them.",
         _overview,
     ),
     Resource(
         "robot://topics/{+topic}",
         "The next message of a topic",
-        "A message as `read_topic` shows it, for example robot://topics/battery_state.",
+        "A message as returned by `read_topic`, for example robot://topics/battery_state.",
         _message,
     ),
     Resource(
         "robot://types/{+type}",
         "A type",
-        "A message, service or action type as `describe_type` describes it, for example"
+        "A message, service or action type as described by `describe_type`, for example"
         " robot://types/geometry_msgs/Twist.",
         _type,
     ),
 )
-"""Everything that can be read by URI."""
+"""All resources."""
 
 
 async def read_resource(agent: Agent, uri: str) -> Answer:
     """Return the content behind a URI.
 
     Raises:
-        ToolError: it leads nowhere, or it cannot be read now.
+        ToolError: unknown URI, or the content cannot be read now.
     """
     for resource in RESOURCES:
         if uri == resource.uri and not resource.is_template:
             return await resource.read(agent, "")
         if resource.is_template and uri.startswith(resource.start) and len(uri) > len(resource.start):
             return await resource.read(agent, uri.removeprefix(resource.start))
-    raise ToolError(f"there is no {uri[:200]!r}; there are {', '.join(each.uri for each in RESOURCES)}")
+    raise ToolError(f"unknown resource {uri[:200]!r}; available: {', '.join(each.uri for each in RESOURCES)}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,11 +105,11 @@ class Prompt:
     """Template of a task.
 
     Attributes:
-        name: as programs list it.
-        title: for people.
-        description: what it is for.
-        arguments: what has to be said, each with what it is.
-        text: what the model is told, with the arguments as `{name}`.
+        name: name in MCP.
+        title: name for people.
+        description: purpose.
+        arguments: required arguments, each with its description.
+        text: instructions for the model, with the arguments as `{name}`.
     """
 
     name: str
@@ -122,13 +122,13 @@ class Prompt:
         """Return the text with the arguments filled in.
 
         Raises:
-            ToolError: one is missing, or there is none of that name.
+            ToolError: an argument is missing or unknown.
         """
         missing = [name for name in self.arguments if not given.get(name)]
         strange = [name for name in given if name not in self.arguments]
         if missing or strange:
-            wrong = f"`{missing[0]}` is missing" if missing else f"there is no argument {strange[0][:100]!r}"
-            raise ToolError(f"{self.name}: {wrong}; its arguments are: {', '.join(self.arguments) or 'none'}")
+            wrong = f"`{missing[0]}` is missing" if missing else f"unknown argument {strange[0][:100]!r}"
+            raise ToolError(f"{self.name}: {wrong}; arguments: {', '.join(self.arguments) or 'none'}")
         text = self.text
         for name in self.arguments:
             text = text.replace(f"{{{name}}}", given[name][:1000])
@@ -142,35 +142,33 @@ PROMPTS: Final[Mapping[str, Prompt]] = MappingProxyType(
             Prompt(
                 "get_to_know",
                 "Get to know the robot",
-                "What the robot is, what it senses and what it can do.",
+                "Find out what the robot is, senses and can do.",
                 MappingProxyType({}),
-                "Find out what this robot is. List what it has, look through its camera and at its laser scan"
-                " or map if there are any, read its battery, and tell me in a few sentences what it is, what"
-                " it senses and what it can do. Do not move anything.",
+                "Find out what this robot is. List its topics, services and actions, look at its camera image"
+                " and its laser scan or map if it has them, read its battery, and tell me in a few sentences"
+                " what it is, what it senses and what it can do. Do not move anything.",
             ),
             Prompt(
                 "check_health",
                 "Check the robot's health",
-                "Whether something is wrong with the robot.",
+                "Find faults of the robot.",
                 MappingProxyType({}),
-                "Check whether this robot is well: read /diagnostics and the battery if there are any, look"
-                " for topics that should be published and are not, watch whether the sensors' rates are"
-                " steady, and list what is wrong, the gravest first, with what you saw. Do not change"
-                " anything.",
+                "Check the health of this robot: read /diagnostics and the battery if it has them, look for"
+                " topics without a publisher, check that the sensor rates are steady, and list all faults,"
+                " most severe first, with the evidence. Do not change anything.",
             ),
             Prompt(
                 "drive_to",
                 "Drive to a place",
-                "Drive the robot to a place, or to something that it sees.",
-                MappingProxyType({"place": "where to, for example `x=2, y=1 in map` or `the red box`"}),
-                "Drive the robot to this place: {place}. Find out first whether it has an action for"
-                " navigation (as /navigate_to_pose); prefer it to publishing velocities. If the place is"
-                " something to be seen, find it in the camera picture and turn that into coordinates with"
-                " the depth picture or the scan and `look_up_transform`. Keep clear of obstacles, move in"
-                " small steps, and tell at the end where the robot is. If something is unclear, ask me"
-                " before anything moves.",
+                "Drive the robot to a place or a visible object.",
+                MappingProxyType({"place": "destination, for example `x=2, y=1 in map` or `the red box`"}),
+                "Drive the robot to this place: {place}. Check first for a navigation action (such as"
+                " /navigate_to_pose) and prefer it to publishing velocities. If the place is a visible"
+                " object, find it in the camera image and determine its coordinates from the depth image or"
+                " the scan and `look_up_transform`. Keep clear of obstacles, move in small steps, and report"
+                " the final position. If anything is unclear, ask me before you move the robot.",
             ),
         )
     }
 )
-"""Every prompt by its name."""
+"""Prompts by name."""

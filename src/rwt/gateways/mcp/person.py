@@ -1,4 +1,4 @@
-"""The person at an agent's program, during one call of a tool."""
+"""Permission of the agent's user during one tool call."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ if TYPE_CHECKING:
 
     from rwt.gateways.mcp.approvals import Questions
 
-#: Under this key a question is asked and its answer comes.
-KEY: Final = "leave"
+#: Key of the question and its answer in MCP messages.
+KEY: Final = "permission"
 
 _FORM: Final[types.ElicitRequestedSchema] = {
     "type": "object",
     "properties": {
-        "allow": {"type": "boolean", "title": "Allow this", "description": "whether the robot may do it now"}
+        "allow": {"type": "boolean", "title": "Allow this", "description": "allow this request once"}
     },
     "required": ["allow"],
 }
 
-_NO: Final = "the person did not allow it: ask what they want instead, and do not try again"
+_NO: Final = "the user declined: ask what they want instead, and do not retry"
 _CANNOT: Final = (
-    "a person has to allow this, and this program cannot ask one: it has to support elicitation with forms."
-    " Tell the person; there is no other way."
+    "this requires the user's permission, and your client cannot ask: it does not support elicitation with"
+    " forms. Tell the user; there is no other way."
 )
 
 
 class Person:
-    """Asks the agent's user for permission; the model sees nothing of it.
+    """Asks the agent's user for permission; the model does not see the question.
 
     Since the specification of 2026-07-28, the question is the result of a call that is sent again with the
     answer. Older versions ask during the call.
@@ -42,8 +42,8 @@ class Person:
     Args:
         context: context of the call.
         params: the call.
-        questions: those that wait for their answers.
-        now: seconds on a clock that never goes back.
+        questions: unanswered questions.
+        now: monotonic time in seconds.
     """
 
     def __init__(
@@ -65,11 +65,11 @@ class Person:
 
         Args:
             owner: identity of the agent.
-            what: what for.
+            what: request to permit, as a verb phrase.
 
         Raises:
-            ToolError: the person says no, or cannot be asked.
-            AnswerNeeded: the answer comes with another request.
+            ToolError: the user declined or cannot be asked.
+            AnswerNeeded: the answer will come with another request.
         """
         if not self._can_ask():
             raise ToolError(_CANNOT)
@@ -93,7 +93,7 @@ class Person:
             raise AnswerNeeded(text, word)
 
     def _read_answer(self, owner: str) -> frozenset[str]:
-        """Return the permission in the response that came with the call."""
+        """Return the permissions in the answer that came with the call."""
         word = self._params.request_state
         answer = (self._params.input_responses or {}).get(KEY)
         if word is None or not isinstance(answer, types.ElicitResult):

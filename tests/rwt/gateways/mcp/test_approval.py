@@ -65,12 +65,12 @@ async def test_a_givenis_for_one_act(era: Era) -> None:
 
 
 @pytest.mark.parametrize("era", ERAS)
-@pytest.mark.parametrize("answer", NO, ids=["decline", "cancel", "accept without leave"])
-async def test_without_a_givennothing_happens(era: Era, answer: ElicitResult) -> None:
+@pytest.mark.parametrize("answer", NO, ids=["decline", "cancel", "accept without permission"])
+async def test_without_permission_nothing_happens(era: Era, answer: ElicitResult) -> None:
     person = Person(answer)
     async with small_robot(**ASKED) as (server, robot):
         async with agent_at(url_of(server), era, elicitation_callback=person.ask) as agent:
-            assert "the person did not allow it" in await refused(agent, "publish", **DRIVE)
+            assert "the user declined" in await refused(agent, "publish", **DRIVE)
         assert robot.heard == [] and len(person.questions) == 1
         assert server.graph.topic("/cmd_vel") is not None
 
@@ -80,7 +80,7 @@ async def test_a_program_that_cannot_ask_is_refused(era: Era) -> None:
     async with small_robot(**ASKED) as (server, robot):
         async with agent_at(url_of(server), era) as agent:
             text = await refused(agent, "publish", **DRIVE)
-            assert "this program cannot ask" in text
+            assert "your client cannot ask" in text
         assert robot.heard == []
 
 
@@ -89,7 +89,7 @@ async def test_a_givencannot_be_used_again_or_for_something_else() -> None:
         async with agent_at(url_of(server), elicitation_callback=yes().ask) as agent:
             first = await agent.session.call_tool("publish", DRIVE, allow_input_required=True)
             assert isinstance(first, InputRequiredResult) and first.request_state
-            answer: Any = {"leave": ElicitResult(action="accept", content={"allow": True})}
+            answer: Any = {"permission": ElicitResult(action="accept", content={"allow": True})}
             faster = {**DRIVE, "message": {"linear": {"x": 5.0}}}
             again = await agent.session.call_tool(
                 "publish", faster, input_responses=answer, request_state=first.request_state,
@@ -113,7 +113,7 @@ async def test_the_command_asks_too() -> None:
     person = yes()
     async with small_robot() as (server, robot):
         async with agent_of_connection(server.urls[0], confirm=["/cmd_vel"]) as agent:
-            assert "this program cannot ask" in await refused(agent, "publish", **DRIVE)
+            assert "your client cannot ask" in await refused(agent, "publish", **DRIVE)
         asked = agent_of_connection(server.urls[0], person=person.ask, confirm=["/cmd_vel"])
         async with asked as agent:
             await done(agent, "publish", **DRIVE)
@@ -176,7 +176,7 @@ GATED: dict[str, Any] = {
 
 
 @pytest.mark.parametrize("era", ERAS)
-async def test_the_person_gives_the_giventhat_the_gate_wants(era: Era) -> None:
+async def test_the_user_grants_the_approval_that_the_gate_requires(era: Era) -> None:
     person = yes()
     async with (
         small_robot(Settings.model_validate(GATED)) as (server, robot),
@@ -193,13 +193,13 @@ async def test_the_person_gives_the_giventhat_the_gate_wants(era: Era) -> None:
 
 
 @pytest.mark.parametrize("era", ERAS)
-async def test_without_the_giventhat_the_gate_wants_nothing_happens(era: Era) -> None:
+async def test_without_the_approval_that_the_gate_requires_nothing_happens(era: Era) -> None:
     for options in ({}, {"elicitation_callback": Person(NO[0]).ask}):
         async with (
             small_robot(Settings.model_validate(GATED)) as (server, robot),
             agent_at(url_of(server), era, "the-token-of-a-pilot", **options) as agent,
         ):
-            expected = "did not allow it" if options else "this program cannot ask one"
+            expected = "the user declined" if options else "your client cannot ask"
             assert expected in await refused(agent, "publish", **DRIVE, seconds=0.2)
             assert expected in await refused(agent, "send_goal", action="/count", goal={"order": 2})
             assert robot.heard == [] and not robot.begun.is_set()

@@ -49,14 +49,12 @@ async def test_an_agent_of_a_robot_elsewhere_keeps_to_the_lease(take: str) -> No
         async with agent_of_connection(server.urls[0]) as agent:
             drive = {"topic": "/cmd_vel", "message": {"linear": {"x": 0.25}}}
             late = await refused(agent, "publish", **drive, seconds=31)
-            assert (
-                "nobody may go on for longer than 30 s without a word (the lease of the robot's gate)" in late
-            )
+            assert "but the lease on /cmd_vel (safety gate) lasts 30 s" in late
             assert 0.25 not in heard
             assert "published " in await done(agent, "publish", **drive, seconds=0.1)
             await until(lambda: 0.25 in heard and heard[-1] == 0.0)
 
-            # While another drives it is told who does; and nothing of it is heard.
+            # While another client drives, the error names it and nothing is published.
             with anyio.fail_after(20):
                 while not await _takes_lease(other):  # noqa: ASYNC110 - the agent's ends in its own time
                     await anyio.sleep(0.01)

@@ -106,12 +106,12 @@ async def test_numbers_are_watched_and_conditions_waited_for(way: str) -> None:
 async def test_acts_reach_the_robot_and_velocities_end_with_a_stop(way: str) -> None:
     async with _agent(way) as (agent, robot):
         told = await done(agent, "publish", topic="/cmd_vel", message={"linear": {"x": 0.5}}, seconds=0.4)
-        assert told.endswith("and at the end zeros")
+        assert told.endswith(", then zeros")
         with anyio.fail_after(20):
             await robot.stopped.wait()
         assert robot.heard[-1] == 0.0 and set(robot.heard[:-1]) == {0.5} and len(robot.heard) > 2
         await done(agent, "publish", topic="/new", message={"data": "x"}, type="std_msgs/String")
-        assert "give its `type`" in await refused(agent, "publish", topic="/newer", message={"data": "x"})
+        assert "pass its `type`" in await refused(agent, "publish", topic="/newer", message={"data": "x"})
         assert (await value(agent, "call_service", service="/add", request={"a": 2, "b": 3})) == {"sum": 5}
         assert "not calibrated" in await refused(agent, "call_service", service="/fail")
         assert "did you mean /add?" in await refused(agent, "call_service", service="/ad")
@@ -128,7 +128,7 @@ async def test_goals_are_followed_left_running_and_cancelled(way: str) -> None:
         left = await done(agent, "send_goal", action="/count", goal={"order": 0}, timeout=0.3)
         found = re.search(r"goal_id: (\S+)\.", left)
         assert found and "last feedback:" in left
-        assert "goes on" in await done(agent, "check_goal", goal_id=found[1])
+        assert "and continues" in await done(agent, "check_goal", goal_id=found[1])
         assert "the goal canceled" in await done(agent, "cancel_goal", goal_id=found[1])
         with anyio.fail_after(20):
             await robot.canceled.wait()
@@ -166,14 +166,14 @@ async def test_progress_is_reported_and_a_cancelled_call_cancels_its_goal(way: s
 async def test_errors_say_what_is_wrong_and_what_to_do(way: str) -> None:
     async with _agent(way) as (agent, _):
         assert "did you mean /battery?" in await refused(agent, "read_topic", topic="/batery")
-        assert "no message came on /cmd_vel within 0.1 s" in await refused(
+        assert "no message on /cmd_vel within 0.1 s" in await refused(
             agent, "read_topic", topic="/cmd_vel", timeout=0.1
         )
         assert "there are header, voltage" in await refused(
             agent, "read_topic", topic="/battery", fields=["charg3"]
         )
         wrong = await refused(agent, "read_topic", topik="/battery")
-        assert "`topic`: Field required" in wrong and "Its arguments are: topic, timeout, fields" in wrong
+        assert "`topic`: Field required" in wrong and "Arguments: topic, timeout, fields" in wrong
         assert "at most 60 s" in await refused(agent, "watch_numbers", topic="/number", seconds=600)
         assert "nought_msgs/Nought" in await refused(agent, "describe_type", type="nought_msgs/Nought")
 

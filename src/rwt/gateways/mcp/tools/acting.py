@@ -16,29 +16,29 @@ if TYPE_CHECKING:
     from rwt.gateways.mcp.agent import Agent
     from rwt_participant.handles import Publisher
 
-Fields = Annotated[dict[str, Any], Field(description="its fields; those left out have their defaults")]
+Fields = Annotated[dict[str, Any], Field(description="field values; omitted fields keep their defaults")]
 
-#: What makes a robot stand still when nothing else is said: a velocity of zeros.
+#: Types whose zero message stops a robot.
 _STOPPED_BY_ZEROS: Final = frozenset({"geometry_msgs/Twist", "geometry_msgs/TwistStamped"})
 
 
 class PublishArguments(Arguments):
-    """See the tool."""
+    """Arguments of `publish`."""
 
-    topic: Annotated[Name, Field(description="absolute name, as /cmd_vel")]
+    topic: Annotated[Name, Field(description="absolute name, such as /cmd_vel")]
     message: Fields
     type: Annotated[
-        str, Field(max_length=256, description="of a topic that is new; else the topic's own is taken")
+        str, Field(max_length=256, description="required only for a new topic; otherwise the topic's type")
     ] = ""
-    seconds: Annotated[Seconds, Field(description="how long to publish it again and again; 0: once")] = 0.0
+    seconds: Annotated[Seconds, Field(description="repeat the message for this long; 0: publish once")] = 0.0
     rate: Annotated[
-        float, Field(gt=0, le=50, allow_inf_nan=False, description="messages a second meanwhile")
+        float, Field(gt=0, le=50, allow_inf_nan=False, description="messages per second while repeating")
     ] = 10.0
     stop: Annotated[
         dict[str, Any] | None,
         Field(
-            description="the message published at the end, also when the call is cancelled; by default zeros"
-            " for velocities (geometry_msgs/Twist), for other types none"
+            description="last message, sent even if the call is cancelled; default: zeros for velocities"
+            " (geometry_msgs/Twist), none for other types"
         ),
     ] = None
 
@@ -56,16 +56,16 @@ async def _publish(agent: Agent, asked: PublishArguments) -> Answer:
     async with agent.advertise(asked.topic, type) as publisher:
         lease = await agent.lease_seconds(asked.topic)
         if lease is not None and seconds > lease:
-            # It is this side that would publish, and cannot tell an agent that has died from one that waits.
+            # The server repeats the message and cannot distinguish an agent that died from one that waits.
             raise ToolError(
-                f"`seconds` is {seconds:g}, and on {asked.topic} nobody may go on for longer than {lease:g} s"
-                " without a word (the lease of the robot's gate): publish for that long, and again to go on"
+                f"`seconds` is {seconds:g}, but the lease on {asked.topic} (safety gate) lasts {lease:g} s:"
+                f" publish for at most {lease:g} s, and call again to continue"
             )
         await _publish_first(agent, publisher, asked)
         if not seconds:
             return (f"published one message on {publisher.name}",)
         count = await _publish_for(agent, publisher, asked, seconds, stop)
-    ending = "" if stop is None else f", and at the end {as_text(stop) if stop else 'zeros'}"
+    ending = "" if stop is None else f", then {as_text(stop) if stop else 'zeros'}"
     return (f"published {count} messages on {publisher.name} in {seconds:g} s{ending}",)
 
 
@@ -78,7 +78,7 @@ async def _message_type(agent: Agent, asked: PublishArguments) -> str:
     except UnknownType:
         raise
     except NotFound as error:
-        raise ToolError(f"{error}; for a topic of your own give its `type`") from None
+        raise ToolError(f"{error}; to create a topic, pass its `type`") from None
 
 
 async def _publish_first(agent: Agent, publisher: Publisher, asked: PublishArguments) -> None:
@@ -115,8 +115,8 @@ async def _publish_for(
 PUBLISH: Final = Tool(
     "publish",
     "Publish a message",
-    "Publishes a message on a topic, once, or again and again for some seconds. To drive a robot publish a"
-    " velocity with `seconds`: at the end the robot is stopped, whatever happens meanwhile.",
+    "Publish a message on a topic, once or repeatedly. To drive a robot, publish a velocity with `seconds`:"
+    " the robot is stopped at the end, even if the call fails or is cancelled.",
     PublishArguments,
     _publish,
     act="publish",
@@ -124,11 +124,11 @@ PUBLISH: Final = Tool(
 
 
 class CallServiceArguments(Arguments):
-    """See the tool."""
+    """Arguments of `call_service`."""
 
     service: Annotated[Name, Field(description="absolute name")]
     request: Fields = Field(default_factory=dict)
-    timeout: Annotated[Seconds, Field(gt=0, description="seconds to wait for the answer")] = 10.0
+    timeout: Annotated[Seconds, Field(gt=0, description="seconds to wait for the response")] = 10.0
 
 
 async def _call_service(agent: Agent, asked: CallServiceArguments) -> Answer:
@@ -141,8 +141,8 @@ async def _call_service(agent: Agent, asked: CallServiceArguments) -> Answer:
 CALL_SERVICE: Final = Tool(
     "call_service",
     "Call a service",
-    "Calls a service and waits for its response. `list_robot` tells its type, and `describe_type` the fields"
-    " of the request.",
+    "Call a service and wait for its response. `list_robot` shows its type, `describe_type` the fields of the"
+    " request.",
     CallServiceArguments,
     _call_service,
     act="call",
@@ -150,10 +150,10 @@ CALL_SERVICE: Final = Tool(
 
 
 class SetParameterArguments(Arguments):
-    """See the tool."""
+    """Arguments of `set_parameter`."""
 
     name: Annotated[Name, Field(description="`/node:parameter` on ROS 2, `/parameter` on ROS 1")]
-    value: Annotated[Any, Field(description="true, false, a number, a text, or a list of one of these")]
+    value: Annotated[Any, Field(description="true, false, a number, a string, or a list of one of these")]
 
 
 async def _set_parameter(agent: Agent, asked: SetParameterArguments) -> Answer:
@@ -165,7 +165,7 @@ async def _set_parameter(agent: Agent, asked: SetParameterArguments) -> Answer:
 SET_PARAMETER: Final = Tool(
     "set_parameter",
     "Set a parameter",
-    "Sets a parameter of a node, which may refuse the value.",
+    "Set a parameter of a node. The node may reject the value.",
     SetParameterArguments,
     _set_parameter,
     act="set_param",

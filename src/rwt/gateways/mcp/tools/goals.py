@@ -1,4 +1,4 @@
-"""Tools for actions: sending a goal, following it, cancelling it."""
+"""Tools that send, follow and cancel goals of actions."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ if TYPE_CHECKING:
     from rwt_participant.goals import Goal
     from rwt_participant.messages import Message
 
-#: Seconds between two reports of progress.
+#: Seconds between progress reports.
 _REPORT_EVERY: Final = 0.5
 
-#: Seconds for which the end of a goal is waited for that was asked to end.
+#: Seconds to wait for a goal to end after a cancel request.
 _CANCEL_SECONDS: Final = 5.0
 
 
 class SendGoalArguments(Arguments):
-    """See the tool."""
+    """Arguments of `send_goal`."""
 
-    action: Annotated[Name, Field(description="absolute name, as /navigate_to_pose")]
+    action: Annotated[Name, Field(description="absolute name, such as /navigate_to_pose")]
     goal: Fields = Field(default_factory=dict)
     timeout: Annotated[
-        Seconds, Field(description="seconds to wait for the end; after them the goal goes on")
+        Seconds, Field(description="seconds to wait for the result; the goal continues after them")
     ] = 30.0
 
 
@@ -60,7 +60,7 @@ async def _type_of(agent: Agent, action: str) -> ActionType:
         raise NotFound(f"there is no action {name}{meant}")
     found = await agent.robot.interface(row.type)
     if not isinstance(found, ActionType):
-        raise NotFound(f"the type of {name}, {row.type}, is no action's")
+        raise NotFound(f"{name} has the type {row.type}, which is not an action type")
     return found
 
 
@@ -101,8 +101,8 @@ def _brief(message: Message | None) -> str:
 
 async def _still_running(agent: Agent, sent: AgentGoal, goal: Goal) -> Answer:
     how = (
-        f"the goal is {goal.status.name.lower()}, and goes on. goal_id: {goal.id}. Use `check_goal` to wait"
-        " for its end, or `cancel_goal` to end it."
+        f"the goal is {goal.status.name.lower()} and continues. goal_id: {goal.id}. Use `check_goal` to wait"
+        " for its result, or `cancel_goal` to cancel it."
     )
     if sent.feedback is None:
         return (how,)
@@ -112,9 +112,9 @@ async def _still_running(agent: Agent, sent: AgentGoal, goal: Goal) -> Answer:
 SEND_GOAL: Final = Tool(
     "send_goal",
     "Send a goal",
-    "Sends a goal to an action, such as driving to a place, and waits for its end with reports of progress."
-    " Where it takes longer than `timeout` the goal goes on and its id is returned. A cancelled call cancels"
-    " the goal.",
+    "Send a goal to an action, for example to drive to a place, and wait for the result with progress"
+    " reports. If it takes longer than `timeout`, the goal continues and its id is returned. Cancelling the"
+    " call cancels the goal.",
     SendGoalArguments,
     _send_goal,
     act="goals",
@@ -122,10 +122,10 @@ SEND_GOAL: Final = Tool(
 
 
 class CheckGoalArguments(Arguments):
-    """See the tool."""
+    """Arguments of `check_goal`."""
 
-    goal_id: Annotated[Name, Field(description="as `send_goal` returned it")]
-    timeout: Annotated[Seconds, Field(description="seconds to wait for the end")] = 0.0
+    goal_id: Annotated[Name, Field(description="id returned by `send_goal`")]
+    timeout: Annotated[Seconds, Field(description="seconds to wait for the result")] = 0.0
 
 
 async def _check_goal(agent: Agent, asked: CheckGoalArguments) -> Answer:
@@ -137,15 +137,15 @@ async def _check_goal(agent: Agent, asked: CheckGoalArguments) -> Answer:
 def _found(agent: Agent, id: str) -> tuple[AgentGoal, Goal]:
     sent = agent.goals.find(agent.owner, id)
     if sent.goal is None:
-        raise ToolError(f"the goal {id} is being sent: ask again")
+        raise ToolError(f"the goal {id} is still being sent: try again")
     return sent, sent.goal
 
 
 CHECK_GOAL: Final = Tool(
     "check_goal",
     "Follow a goal",
-    "Tells how far a goal is that `send_goal` has left running, and waits for its end. A goal that has ended"
-    " tells its result once.",
+    "Report the progress of a goal that `send_goal` left running, and wait for its result. The result is"
+    " returned once.",
     CheckGoalArguments,
     _check_goal,
     act="goals",
@@ -153,9 +153,9 @@ CHECK_GOAL: Final = Tool(
 
 
 class CancelGoalArguments(Arguments):
-    """See the tool."""
+    """Arguments of `cancel_goal`."""
 
-    goal_id: Annotated[Name, Field(description="as `send_goal` returned it")]
+    goal_id: Annotated[Name, Field(description="id returned by `send_goal`")]
 
 
 async def _cancel_goal(agent: Agent, asked: CancelGoalArguments) -> Answer:
@@ -171,8 +171,7 @@ async def _cancel_goal(agent: Agent, asked: CancelGoalArguments) -> Answer:
 CANCEL_GOAL: Final = Tool(
     "cancel_goal",
     "Cancel a goal",
-    "Asks that a goal end early which `send_goal` has left running, and tells how it ended. No person is"
-    " asked before.",
+    "Cancel a goal that `send_goal` left running, and report how it ended. Needs no approval.",
     CancelGoalArguments,
     _cancel_goal,
     act="goals",

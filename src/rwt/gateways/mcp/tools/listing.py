@@ -1,4 +1,4 @@
-"""Tools that tell what is there: topics, services, actions, parameters, types."""
+"""Tools that list topics, services, actions, parameters and types."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 Kind = Literal["topics", "services", "actions", "parameters"]
 
-#: Lines of each kind; more are named by a narrower filter.
+#: Lines per kind; a narrower filter shows the others.
 _MOST_LINES: Final = 120
 
-#: What every node has beside what it is for.
+#: Services that every node has.
 _PLUMBING: Final = (
     "*/describe_parameters",
     "*/get_parameter_types",
@@ -42,7 +42,7 @@ _PLUMBING: Final = (
 
 
 class ListRobotArguments(Arguments):
-    """See the tool."""
+    """Arguments of `list_robot`."""
 
     kinds: Annotated[
         tuple[Kind, ...],
@@ -50,10 +50,10 @@ class ListRobotArguments(Arguments):
     ] = ("topics", "services", "actions")
     filter: Annotated[
         str,
-        Field(max_length=256, description="only names that fit, for example `/camera/*` or `*battery*`"),
+        Field(max_length=256, description="only names that match, such as `/camera/*` or `*battery*`"),
     ] = "*"
     plumbing: Annotated[
-        bool, Field(description="whether to list the services too that every node has (parameters, loggers)")
+        bool, Field(description="include the services that every node has (parameters, loggers)")
     ] = False
 
 
@@ -81,7 +81,7 @@ def _row(each: Listed) -> str:
     """Return one line: name, type, publishers and subscribers."""
     if each.publishers is None or each.subscribers is None:
         return f"{each.name} [{each.type}]" if each.type else each.name
-    ends = f"{len(each.publishers)} publishing, {len(each.subscribers)} listening"
+    ends = f"{len(each.publishers)} publishers, {len(each.subscribers)} subscribers"
     return f"{each.name} [{each.type or 'no type yet'}] ({ends})"
 
 
@@ -95,17 +95,17 @@ def _lines(kind: str, rows: Iterable[str]) -> str:
 LIST_ROBOT: Final = Tool(
     "list_robot",
     "List what the robot has",
-    "Lists the robot's topics (streams of messages), services (calls with an answer), actions (long-running"
-    " goals) and parameters, with their types. Start here. Names are absolute, as /battery_state.",
+    "List the robot's topics (streams of messages), services (calls with a response), actions (long-running"
+    " goals) and parameters, with their types. Start here. Names are absolute, such as /battery_state.",
     ListRobotArguments,
     _list_robot,
 )
 
 
 class DescribeTypeArguments(Arguments):
-    """See the tool."""
+    """Arguments of `describe_type`."""
 
-    type: Annotated[Name, Field(description="as geometry_msgs/Twist, std_srvs/srv/SetBool")]
+    type: Annotated[Name, Field(description="such as geometry_msgs/Twist or std_srvs/srv/SetBool")]
 
 
 async def _describe_type(agent: Agent, asked: DescribeTypeArguments) -> Answer:
@@ -114,7 +114,7 @@ async def _describe_type(agent: Agent, asked: DescribeTypeArguments) -> Answer:
 
 
 def describe(interface: MessageType | ServiceType | ActionType) -> str:
-    """An interface for a model: its fields with those of nested messages, and an example to fill in."""
+    """Return the fields of an interface, nested messages included, and an example with defaults."""
     if isinstance(interface, MessageType):
         return f"message {interface.name}\n{_message(interface)}"
     if isinstance(interface, ServiceType):
@@ -148,8 +148,8 @@ def _fields(type: MessageType, indent: str, lines: list[str], within: tuple[str,
 DESCRIBE_TYPE: Final = Tool(
     "describe_type",
     "Describe a type",
-    "Describes a message, service or action type: every field with its type, constants, and an example with"
-    " default values. Use it before publishing, calling or sending a goal.",
+    "Describe a message, service or action type: fields with types, constants, and an example with default"
+    " values. Use it before you publish, call or send a goal.",
     DescribeTypeArguments,
     _describe_type,
 )

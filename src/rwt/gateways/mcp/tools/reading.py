@@ -1,4 +1,4 @@
-"""Tools that read: messages, numbers over a time, conditions, parameters."""
+"""Tools that read messages, numbers over time, conditions and parameters."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ if TYPE_CHECKING:
 
 FieldPath = Annotated[str, Field(min_length=1, max_length=256)]
 
-#: Messages of a time window that are looked at.
+#: Messages that `watch_numbers` evaluates; later ones are skipped.
 _MOST_MESSAGES: Final = 10_000
 
-#: Fields whose numbers are watched.
+#: Fields that `watch_numbers` evaluates.
 _MOST_FIELDS: Final = 20
 
-#: Values of one field that are listed.
+#: Values listed per field.
 _SHOWN_VALUES: Final = 20
 
 
 class ReadTopicArguments(Arguments):
-    """See the tool."""
+    """Arguments of `read_topic`."""
 
-    topic: Annotated[Name, Field(description="absolute name, as /odom")]
+    topic: Annotated[Name, Field(description="absolute name, such as /odom")]
     timeout: Annotated[Seconds, Field(description="seconds to wait for a message")] = 5.0
     fields: Annotated[
         tuple[FieldPath, ...],
-        Field(max_length=50, description="only these, as `pose.pose.position.x` or `ranges[0]`"),
+        Field(max_length=50, description="only these fields, such as `pose.pose.position.x` or `ranges[0]`"),
     ] = ()
 
 
@@ -47,8 +47,8 @@ async def next_message(agent: Agent, topic: str, seconds: float) -> tuple[Messag
     """Return the next or latched message of a topic, with the name of its type.
 
     Raises:
-        ToolError: none came.
-        NotFound: there is no such topic.
+        ToolError: no message within the time.
+        NotFound: unknown topic.
     """
     type = (await agent.robot.type_of(topic)).name
     patience = agent.bounded_seconds(seconds, "timeout")
@@ -65,8 +65,8 @@ async def next_message(agent: Agent, topic: str, seconds: float) -> tuple[Messag
             await came.wait()
     if not found:
         raise ToolError(
-            f"no message came on {topic} within {patience:g} s: perhaps nobody publishes it now"
-            " (`list_robot` tells), or seldom: ask with a longer `timeout`"
+            f"no message on {topic} within {patience:g} s: check with `list_robot` that it has a publisher,"
+            " or use a longer `timeout`"
         )
     return found[0], type
 
@@ -88,8 +88,8 @@ async def _read_topic(agent: Agent, asked: ReadTopicArguments) -> Answer:
 READ_TOPIC: Final = Tool(
     "read_topic",
     "Read a message",
-    "Reads the next message of a topic, or the last one where the topic keeps it. Camera images come as"
-    " pictures, laser scans and maps as drawings with a summary, everything else as JSON. Use `fields` to get"
+    "Read the next message of a topic, or the last one of a latched topic. Camera images are returned as"
+    " images, laser scans and maps as drawings with a summary, everything else as JSON. Use `fields` to get"
     " only some fields of a large message.",
     ReadTopicArguments,
     _read_topic,
@@ -97,13 +97,13 @@ READ_TOPIC: Final = Tool(
 
 
 class WatchNumbersArguments(Arguments):
-    """See the tool."""
+    """Arguments of `watch_numbers`."""
 
     topic: Annotated[Name, Field(description="absolute name")]
-    seconds: Annotated[Seconds, Field(description="how long to watch")] = 2.0
+    seconds: Annotated[Seconds, Field(description="duration in seconds")] = 2.0
     fields: Annotated[
         tuple[FieldPath, ...],
-        Field(max_length=_MOST_FIELDS, description="fields that hold a number; by default all, up to 20"),
+        Field(max_length=_MOST_FIELDS, description="numeric fields; default: all, up to 20"),
     ] = ()
 
 
@@ -122,7 +122,7 @@ async def _watch_numbers(agent: Agent, asked: WatchNumbersArguments) -> Answer:
         try:
             found = {path: _number(message, path) for path in asked.fields}
         except ToolError as error:
-            wrong.append(error)  # A callback of the robot's: the tool itself raises it.
+            wrong.append(error)  # Raised by the tool, not in the callback of the robot.
             return
         for path, value in (found or _all_numbers(message)).items():
             values.setdefault(path, []).append(value)
@@ -132,7 +132,7 @@ async def _watch_numbers(agent: Agent, asked: WatchNumbersArguments) -> Answer:
     if wrong:
         raise wrong[0]
     if not times:
-        raise ToolError(f"no message came on {asked.topic} within {seconds:g} s: watch longer")
+        raise ToolError(f"no message on {asked.topic} within {seconds:g} s: use a longer `seconds`")
     if not values:
         raise ToolError(f"{type} has no field with a single number: use `read_topic`")
     about: dict[str, object] = {"messages": len(times), "seconds": seconds}
@@ -151,7 +151,7 @@ def _all_numbers(message: Message) -> dict[str, float]:
 def _number(message: Message, path: str) -> float:
     value = field(message, path)
     if not isinstance(value, bool | int | float):
-        raise ToolError(f"`{path}`: expected a number, and it holds {type(value).__name__}")
+        raise ToolError(f"`{path}`: expected a number, got {type(value).__name__}")
     return float(value)
 
 
@@ -173,15 +173,15 @@ def _statistics(values: list[float]) -> dict[str, object]:
 WATCH_NUMBERS: Final = Tool(
     "watch_numbers",
     "Watch numbers over a time",
-    "Watches numeric fields of a topic for some seconds: first, last, smallest, largest and mean value, a few"
-    " values in between, and how many messages came a second.",
+    "Watch numeric fields of a topic for some seconds: first, last, minimum, maximum and mean value, sample"
+    " values, and messages per second.",
     WatchNumbersArguments,
     _watch_numbers,
 )
 
 Comparison = Literal["==", "!=", "<", "<=", ">", ">=", "contains"]
 
-# The values are whatever a field holds; those that cannot be compared raise TypeError.
+# Fields hold any type; values that cannot be compared raise TypeError.
 _COMPARE: Final[Mapping[Comparison, Callable[[Any, Any], object]]] = MappingProxyType(
     {
         "==": operator.eq,
@@ -196,14 +196,14 @@ _COMPARE: Final[Mapping[Comparison, Callable[[Any, Any], object]]] = MappingProx
 
 
 class WaitForArguments(Arguments):
-    """See the tool."""
+    """Arguments of `wait_for`."""
 
     topic: Annotated[Name, Field(description="absolute name")]
-    field: Annotated[FieldPath, Field(description="as `percentage` or `pose.pose.position.x`")]
-    comparison: Annotated[Comparison, Field(description="how the field and the value are compared")]
+    field: Annotated[FieldPath, Field(description="such as `percentage` or `pose.pose.position.x`")]
+    comparison: Annotated[Comparison, Field(description="operator between field and value")]
     value: Annotated[
         float | bool | Annotated[str, Field(max_length=1000)],
-        Field(description="a number, true, false or a text"),
+        Field(description="number, true, false or string"),
     ]
     timeout: Annotated[Seconds, Field(description="seconds to wait")] = 30.0
 
@@ -242,7 +242,7 @@ async def _wait_for(agent: Agent, asked: WaitForArguments) -> Answer:
     async with agent.robot.subscribe(asked.topic, take, type):
         with agent.robot.clock.within(patience):
             await ended.wait()
-    seen = as_text(plain(last[0]))[:1000] if last else "nothing: no message came"
+    seen = as_text(plain(last[0]))[:1000] if last else "no message"
     condition = f"{asked.field} {asked.comparison} {asked.value!r}"
     if not outcome:
         raise ToolError(f"{condition} did not become true within {patience:g} s; last seen: {seen}")
@@ -254,15 +254,15 @@ async def _wait_for(agent: Agent, asked: WaitForArguments) -> Answer:
 WAIT_FOR: Final = Tool(
     "wait_for",
     "Wait for a condition",
-    "Waits until a field of a topic's messages fulfils a condition, for example until the battery's"
-    " `percentage` is below 0.2. Looks at every message, so that nothing short is missed.",
+    "Wait until a field of a topic's messages fulfils a condition, for example until the battery's"
+    " `percentage` is below 0.2. Every message is checked, so short events are not missed.",
     WaitForArguments,
     _wait_for,
 )
 
 
 class GetParameterArguments(Arguments):
-    """See the tool."""
+    """Arguments of `get_parameter`."""
 
     name: Annotated[Name, Field(description="`/node:parameter` on ROS 2, `/parameter` on ROS 1")]
 
@@ -275,7 +275,7 @@ async def _get_parameter(agent: Agent, asked: GetParameterArguments) -> Answer:
 GET_PARAMETER: Final = Tool(
     "get_parameter",
     "Read a parameter",
-    'Reads a parameter of a node. `list_robot` with `kinds` of ["parameters"] lists their names.',
+    'Read a parameter of a node. `list_robot` with `kinds` ["parameters"] lists the names.',
     GetParameterArguments,
     _get_parameter,
 )

@@ -1,4 +1,4 @@
-"""Tools that look at recordings."""
+"""Tools that read recordings."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ if TYPE_CHECKING:
 
 def _recordings(agent: Agent) -> Recordings:
     if agent.recordings is None:
-        raise ToolError("there are no recordings to look at here (mcp.recordings)")
+        raise ToolError("no recordings are available (setting mcp.recordings)")
     return agent.recordings
 
 
 class DescribeRecordingArguments(Arguments):
-    """See the tool."""
+    """Arguments of `describe_recording`."""
 
     recording: Annotated[
-        str, Field(max_length=256, description="name of a recording; empty lists which there are")
+        str, Field(max_length=256, description="name of a recording; empty: list all recordings")
     ] = ""
 
 
@@ -50,7 +50,7 @@ async def _describe_recording(agent: Agent, asked: DescribeRecordingArguments) -
 DESCRIBE_RECORDING: Final = Tool(
     "describe_recording",
     "Look at recordings",
-    "Lists the recordings that are here, or what one of them holds: how long it is, its topics and messages.",
+    "List the recordings, or describe one: duration, topics and message counts.",
     DescribeRecordingArguments,
     _describe_recording,
     reads_recordings=True,
@@ -58,9 +58,9 @@ DESCRIBE_RECORDING: Final = Tool(
 
 
 class ReadRecordingArguments(Arguments):
-    """See the tool."""
+    """Arguments of `read_recording`."""
 
-    recording: Annotated[Name, Field(description="its name")]
+    recording: Annotated[Name, Field(description="name of the recording")]
     topic: Annotated[Name, Field(description="absolute name")]
     at: Annotated[
         float,
@@ -87,7 +87,7 @@ async def _read_recording(agent: Agent, asked: ReadRecordingArguments) -> Answer
 READ_RECORDING: Final = Tool(
     "read_recording",
     "Read a recorded message",
-    "Reads the first message of a topic from some time of a recording on, shown as `read_topic` shows it.",
+    "Read the first message of a topic at or after a time of a recording, formatted as by `read_topic`.",
     ReadRecordingArguments,
     _read_recording,
     reads_recordings=True,

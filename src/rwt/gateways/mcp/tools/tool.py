@@ -1,4 +1,4 @@
-"""One tool: its name, what it is told, and what it does."""
+"""Tools of agents: name, arguments and function."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class Arguments(BaseModel):
-    """Arguments of a tool. Unknown ones are rejected, so that misspelt names are noticed."""
+    """Arguments of a tool. Unknown ones are rejected, so that misspelt names are reported."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -33,13 +33,13 @@ class Tool(Generic[A]):
     """Tool for agents.
 
     Attributes:
-        name: as models call it.
-        title: for people.
-        description: for models: what it does and when to use it.
-        arguments: the model of what it is told.
-        run: does it.
-        act: the right that it needs, where it changes something at the robot; None for one that only looks.
-        reads_recordings: True if it is there only where recordings are.
+        name: name in MCP.
+        title: name for people.
+        description: purpose and use, for the model.
+        arguments: pydantic model of the arguments.
+        run: implementation.
+        act: required right; None for a tool that only reads.
+        reads_recordings: True if the tool needs the setting `mcp.recordings`.
     """
 
     name: str
@@ -52,11 +52,11 @@ class Tool(Generic[A]):
 
     @cached_property
     def schema(self) -> dict[str, Any]:
-        """The JSON Schema of its arguments."""
+        """The JSON Schema of the arguments."""
         return _plain_schema(self.arguments.model_json_schema())
 
     def is_offered_to(self, agent: Agent) -> bool:
-        """Return True if an agent can use the tool at all."""
+        """Return True if an agent may use the tool."""
         if self.reads_recordings and agent.recordings is None:
             return False
         return self.act is None or self.act in agent.acts
@@ -65,8 +65,9 @@ class Tool(Generic[A]):
         """Run the tool for an agent.
 
         Raises:
-            ToolError: the arguments are wrong, or it cannot be done.
-            RobotError, AccessError: the robot does not do it, or the agent may not.
+            ToolError: wrong arguments, or the tool failed.
+            RobotError: the robot rejected the request.
+            AccessError: the agent lacks the right.
         """
         try:
             checked = self.arguments.model_validate(arguments)
@@ -75,17 +76,17 @@ class Tool(Generic[A]):
         return await self.run(agent, checked)
 
     def complaint(self, error: ValidationError) -> str:
-        """Return what is wrong with arguments, for the agent."""
+        """Return the faults of arguments as text for the agent."""
         said = []
         for each in error.errors(include_url=False, include_context=False)[:5]:
             where = ".".join(map(str, each["loc"]))[:100] or "arguments"
             said.append(f"`{where}`: {each['msg']}")
         known = ", ".join(self.arguments.model_fields)
-        return f"{self.name}: {'; '.join(said)}. Its arguments are: {known}"
+        return f"{self.name}: {'; '.join(said)}. Arguments: {known}"
 
 
 def _plain_schema(schema: dict[str, Any]) -> dict[str, Any]:
-    """Return a schema without titles that repeat names."""
+    """Remove titles that repeat names."""
     schema.pop("title", None)
     for each in schema.get("properties", {}).values():
         each.pop("title", None)

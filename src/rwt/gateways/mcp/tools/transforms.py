@@ -1,4 +1,4 @@
-"""Tools about frames: which there are, and where one is seen from another."""
+"""Tools that list frames and look up transforms."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 
 class ListFramesArguments(Arguments):
-    """See the tool."""
+    """Arguments of `list_frames`."""
 
-    seconds: Annotated[Seconds, Field(description="how long to listen for frames that move")] = 1.0
+    seconds: Annotated[Seconds, Field(description="seconds to listen for moving frames")] = 1.0
 
 
 async def _list_frames(agent: Agent, asked: ListFramesArguments) -> Answer:
@@ -26,28 +26,27 @@ async def _list_frames(agent: Agent, asked: ListFramesArguments) -> Answer:
     transforms = agent.robot.tf
     await transforms.start()
     await agent.robot.clock.sleep(seconds)
-    text = transforms.buffer.tree() or f"no transform came on /tf or /tf_static within {seconds:g} s"
+    text = transforms.buffer.tree() or f"no transform on /tf or /tf_static within {seconds:g} s"
     return (bounded(text, agent.settings.result_bytes),)
 
 
 LIST_FRAMES: Final = Tool(
     "list_frames",
     "List the frames",
-    "Lists the coordinate frames of the robot as a tree, from /tf and /tf_static, with how often each"
-    " is told.",
+    "List the coordinate frames from /tf and /tf_static as a tree, with the rate of each.",
     ListFramesArguments,
     _list_frames,
 )
 
 
 class TransformArguments(Arguments):
-    """See the tool."""
+    """Arguments of `look_up_transform`."""
 
-    target: Annotated[Name, Field(description="frame in which the answer is, as map")]
-    source: Annotated[Name, Field(description="frame that is looked for, as base_link")]
+    target: Annotated[Name, Field(description="frame of the result, such as map")]
+    source: Annotated[Name, Field(description="frame to locate, such as base_link")]
     point: Annotated[
         tuple[float, float, float] | None,
-        Field(description="x, y, z in metres of a point in the source frame, to have it in the target frame"),
+        Field(description="x, y, z in metres of a point in the source frame, converted to the target frame"),
     ] = None
     timeout: Annotated[Seconds, Field(description="seconds to wait for the transforms")] = 5.0
 
@@ -73,8 +72,8 @@ async def _look_up(agent: Agent, asked: TransformArguments) -> Answer:
 LOOK_UP_TRANSFORM: Final = Tool(
     "look_up_transform",
     "Look up a transform",
-    "Tells where a frame is, seen from another, for example where base_link is in map: position in metres,"
-    " orientation as a quaternion and in degrees. It can take a point along.",
+    "Return the pose of one frame in another, for example of base_link in map: position in metres,"
+    " orientation as a quaternion and in degrees. Optionally convert a point.",
     TransformArguments,
     _look_up,
 )
