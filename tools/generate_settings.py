@@ -20,24 +20,23 @@ TARGET = Path(__file__).parents[1] / "docs" / "reference" / "settings.md"
 _HEAD = """\
 # Settings
 
-This page is made from the program by `tools/generate_settings.py`.
+This page is generated from the program by `tools/generate_settings.py`.
 
-A setting comes from a TOML file (`--config FILE`, or the file that `RWT_CONFIG` names), from the
-environment, or from the command line; the later of these wins. `limits.connections` below is
+A setting comes from a TOML file (`--config FILE`, or the file named by `RWT_CONFIG`), from the
+environment, or from the command line; the later of these wins. Three ways to set `limits.connections`:
 
 - `connections = 20` under `[limits]` in the file,
 - `RWT_LIMITS__CONNECTIONS=20` in the environment,
 - `--set limits.connections=20` on the command line.
 
-In the environment and after `--set` a list is written with commas or as in TOML, and names that you
-choose yourself (`NAME` below) are in lower case in the environment. `rwt config show` prints what is in
-effect and where it came from. An unknown key is refused, and the nearest known one is named.
-[How to secure a server](../how-to/secure.md) shows the settings at work.
+In the environment and after `--set`, write a list with commas or as in TOML. Names that you choose
+(`NAME` below) are in lower case in the environment. `rwt config show` prints each value and its source.
+An unknown key is rejected with the nearest known one. Examples: [secure a server](../how-to/secure.md).
 """
 
 _ROLES = """
-Two roles are there without being configured: `admin` may do everything, and `viewer` is `read_only`. A
-configured role of the same name takes their place.
+Two roles are built in: `admin` may do everything, and `viewer` is `read_only`. A configured role of the
+same name replaces them.
 """
 
 
@@ -68,15 +67,15 @@ def _section(table: Key) -> Iterator[str]:
         yield f"\n## `[{'.'.join(table)}]`\n"
         yield inspect.cleandoc(table_at(table).__doc__ or "")
     else:
-        yield "## At the top of the file"
+        yield "## Top level of the file"
     if table[:1] == ("roles",):
         yield _ROLES.rstrip()
-    yield "\n| setting | takes | default | what it is |\n|---|---|---|---|"
+    yield "\n| setting | value | default | meaning |\n|---|---|---|---|"
 
 
 def _default(field: FieldInfo) -> str:
     if field.is_required():
-        return "needed"
+        return "required"
     value = field.get_default(call_default_factory=True)
     return "not set" if value is None else f"`{json.dumps(value)}`"
 

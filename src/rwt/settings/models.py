@@ -73,103 +73,111 @@ _CONNECTION: Final = Limits()
 
 
 class LimitSettings(ClientLimits):
-    """What one client, or all of them together, may take. A refusal names the setting."""
+    """Limits per client and in total. A rejection names the setting."""
 
-    connections: Annotated[
-        Count, Field(description="open connections of one listener, plain HTTP included")
-    ] = _CONNECTION.connections
+    connections: Annotated[Count, Field(description="open connections per listener, plain HTTP included")] = (
+        _CONNECTION.connections
+    )
     incoming_bytes: Annotated[
         Bytes,
         Field(
-            description="bytes of messages whose end has not come, over all connections of the server; beyond"
-            " it the client whose message began first is disconnected; while a quarter as many came to their"
-            " end and wait for their turn, no more of large ones is received or inflated"
+            description="bytes of incomplete messages over all connections; beyond it, the client whose"
+            " message began first is disconnected. While complete messages of a quarter as many"
+            " bytes wait to be processed, large messages are neither received nor inflated"
         ),
     ] = 48 * MIB
     handshake_seconds: Annotated[
-        Seconds, Field(description="from connecting to the end of the HTTP request")
+        Seconds, Field(description="seconds from connecting to the end of the HTTP request")
     ] = _CONNECTION.handshake_seconds
     idle_http_seconds: Annotated[
-        Seconds, Field(description="how long a kept-alive HTTP connection may wait between two requests")
+        Seconds, Field(description="idle seconds between two requests on a kept-alive HTTP connection")
     ] = _CONNECTION.idle_http_seconds
     stalled_http_seconds: Annotated[
-        Seconds, Field(description="how long the reader of a page or stream may take nothing of what waits")
+        Seconds,
+        Field(
+            description="seconds without progress after which the reader of a page or stream is disconnected"
+        ),
     ] = _CONNECTION.stalled_http_seconds
     ping_seconds: Annotated[
-        SecondsOrNone, Field(description="silence after which a client is pinged; 0 never pings")
+        SecondsOrNone, Field(description="seconds of silence after which a client is pinged; 0: never")
     ] = _CONNECTION.ping_seconds
     pong_seconds: Annotated[
-        Seconds, Field(description="further silence after which a client counts as gone")
+        Seconds, Field(description="further seconds of silence after which a client is disconnected")
     ] = _CONNECTION.pong_seconds
     idle_peer_seconds: Annotated[
-        Seconds, Field(description="silence after which a client over UDP is forgotten")
+        Seconds, Field(description="seconds of silence after which a UDP client is forgotten")
     ] = _CONNECTION.idle_peer_seconds
-    close_seconds: Annotated[Seconds, Field(description="how long a closing connection may take")] = (
+    close_seconds: Annotated[Seconds, Field(description="seconds that closing a connection may take")] = (
         _CONNECTION.close_seconds
     )
     video_viewers: Annotated[
-        Count, Field(description="streams and snapshots of pictures that are looked at at a time")
+        Count, Field(description="concurrent viewers of image streams and snapshots")
     ] = 100
     video_encoders: Annotated[
-        Count, Field(description="different streams of pictures at a time; equal ones share an encoder")
+        Count, Field(description="different image streams at a time; equal ones share an encoder")
     ] = 16
     video_pixels: Annotated[
         Count,
-        Field(description="pixels of a picture of each different video together; those of VP9 count twice"),
+        Field(description="pixels per image, summed over all different video streams; VP9 counts twice"),
     ] = 1_500_000
-    data_frames: Annotated[Count, Field(description="the same bound as a number of messages")] = (
+    data_frames: Annotated[Count, Field(description="the same limit as a number of messages")] = (
         _CONNECTION.data_frames
     )
     control_bytes: Annotated[
-        Bytes, Field(description="replies queued for one client; beyond it the client is disconnected")
+        Bytes,
+        Field(description="bytes of replies queued for one client; beyond it, the client is disconnected"),
     ] = _CONNECTION.control_bytes
-    control_frames: Annotated[Count, Field(description="the same bound as a number of messages")] = (
+    control_frames: Annotated[Count, Field(description="the same limit as a number of messages")] = (
         _CONNECTION.control_frames
     )
 
 
 class DialSettings(Table):
-    """Hubs at which the robot dials in, so that clients reach it from outside of its own network."""
+    """Hubs that the robot connects to, so that clients outside of its network reach it."""
 
     urls: Annotated[
         tuple[str, ...], Field(description="hubs, as `wss://HUB/robots/NAME` with the robot's name")
     ] = ()
     token: Annotated[
         PlainToken | None,
-        Field(description="what the hubs want to see: 16 to 256 of the characters A-Z a-z 0-9 - . _ ~"),
+        Field(description="token for the hubs: 16 to 256 of the characters A-Z a-z 0-9 - . _ ~"),
     ] = None
     cafile: Annotated[
         Path | None,
-        Field(description="PEM file with the authority of the hubs' certificates; not set: the system's"),
+        Field(
+            description="PEM file with the authority of the hubs' certificates; not set: the system's"
+            " authorities"
+        ),
     ] = None
 
 
 class ZenohSettings(Table):
-    """How a graph over Zenoh is joined with those of other processes. Used with `graph = "zenoh"`."""
+    """Connection to other processes over Zenoh. Used with `graph = "zenoh"`."""
 
     listen: Annotated[
-        tuple[str, ...], Field(description="endpoints to be found at, like `tcp/0.0.0.0:7447`")
+        tuple[str, ...], Field(description="endpoints to listen on, such as `tcp/0.0.0.0:7447`")
     ] = ()
     connect: Annotated[
         tuple[str, ...],
-        Field(description="endpoints of peers or routers; one that is not there yet is tried again"),
+        Field(description="endpoints of peers or routers; unreachable ones are retried"),
     ] = ()
     mode: Annotated[
         Literal["peer", "client", "router"] | None,
         Field(
-            description="`client` leaves all to the router it is connected to; not set: the file's, or peer"
+            description="`client` communicates only through the router it is connected to; not set: the"
+            " mode in `config`, or peer"
         ),
     ] = None
     multicast: Annotated[
         bool | None,
-        Field(description="whether peers are looked for on the local network; not set: the file's, or no"),
+        Field(description="discover peers on the local network; not set: as in `config`, or no"),
     ] = None
     config: Annotated[
         Path | None,
-        Field(description="Zenoh's own configuration file (JSON5), for TLS, access control and the rest"),
+        Field(description="Zenoh's own configuration file (JSON5), for example for TLS and access control"),
     ] = None
     domain: Annotated[
-        int, Field(ge=0, le=2**32 - 1, description="ROS_DOMAIN_ID: graphs of different domains do not meet")
+        int, Field(ge=0, le=2**32 - 1, description="ROS_DOMAIN_ID: graphs of different domains are separate")
     ] = 0
 
 
@@ -179,30 +187,34 @@ class RecorderSettings(Table):
 
     folder: Annotated[
         Path | None,
-        Field(description="where they are put; not set: there are no such services"),
+        Field(description="folder for recordings; not set: the services do not exist"),
     ] = None
     recording_bytes: Annotated[
-        Bytes, Field(description="content of one recording, before compression; there it ends")
+        Bytes, Field(description="largest recording in bytes before compression; it ends there")
     ] = 1024 * MIB
     folder_bytes: Annotated[
-        Bytes, Field(description="all files of the folder; there a recording ends, and none is begun")
+        Bytes,
+        Field(description="largest size of all files in the folder; recordings end there, and none starts"),
     ] = 8 * 1024 * MIB
 
 
 class WebSettings(Table):
-    """The robot's own page, which browsers get at `/`."""
+    """The dashboard, served at `/`."""
 
     enabled: Annotated[
         bool,
-        Field(description="whether the page is served, where it is built; else `/` is a plain list"),
+        Field(description="serve the dashboard if it was built; otherwise `/` is a plain list"),
     ] = True
     layouts: Annotated[
         Path | None,
-        Field(description="folder of layouts, `NAME.json`, which everybody can open with `?layout=NAME`"),
+        Field(description="folder of layouts, `NAME.json`, which every visitor can open with `?layout=NAME`"),
     ] = None
     embed: Annotated[
         tuple[str, ...],
-        Field(description="origins of pages that may show this one in a frame, as `https://example.org`"),
+        Field(
+            description="origins of pages that may embed the dashboard in a frame, such as"
+            " `https://example.org`"
+        ),
     ] = ()
 
 
@@ -211,10 +223,11 @@ class Settings(BridgeSettings):
 
     listen: Annotated[
         tuple[str, ...],
-        Field(description="URLs to serve on; port 0 picks a free one; may be empty where `dial.urls` is not"),
+        Field(description="URLs to serve on; port 0 selects a free one; may be empty if `dial.urls` is set"),
     ] = ("ws://127.0.0.1:9090",)
     distro: Annotated[
-        Literal["jazzy", "noetic"], Field(description="ROS distribution whose names and messages are spoken")
+        Literal["jazzy", "noetic"],
+        Field(description="ROS distribution that determines names, times, parameters and actions"),
     ] = "jazzy"
     interfaces: Annotated[
         tuple[Path, ...], Field(description="folders of `.msg`, `.srv` and `.action` files")
@@ -223,40 +236,46 @@ class Settings(BridgeSettings):
         tuple[Path, ...],
         Field(description="folders of ROS packages whose meshes are served under `/packages/`"),
     ] = ()
-    demo: Annotated[bool, Field(description="whether the demo robot takes part")] = False
+    demo: Annotated[bool, Field(description="add the demo robot")] = False
     nodes: Annotated[
         tuple[str, ...],
         _named("rwt.nodes", NODES, _NODES_EXPECTED),
         _NODES_EXPECTED,
-        Field(description="ready-made nodes that take part; `[]` for none"),
+        Field(description="nodes to run in the server; `[]`: none"),
     ] = NODES
     gateways: Annotated[
         tuple[str, ...],
         _named("rwt.gateways", GATEWAYS, _GATEWAYS_EXPECTED),
         _GATEWAYS_EXPECTED,
         Field(
-            description="protocols that are spoken beside rosbridge, on the same port; `[]` for none; `mcp`,"
-            " for agents, needs the extra `mcp`"
+            description="protocols beside rosbridge on the same port; `[]`: none; `mcp` (agents) needs the"
+            " extra `mcp`"
         ),
     ] = ("foxglove", "http")
     encodings: Annotated[
         tuple[str, ...],
         _named("rwt.codecs", (), Expected("a list of names of installed encodings")),
         Field(
-            description="encodings of other distributions that clients may ask for with `compression`, beside"
-            " the built-in ones"
+            description="encodings of other distributions that clients may request with `compression`,"
+            " beside the built-in ones"
         ),
     ] = ()
     deflate: Annotated[
         Literal["off", "shared", "context"],
-        Field(description="permessage-deflate for WebSocket clients that ask: `shared` or in `context`"),
+        Field(
+            description="permessage-deflate for WebSocket clients that offer it: `shared` (no context"
+            " takeover) or with `context`"
+        ),
     ] = "off"
     proxies: Annotated[
         tuple[str, ...],
         AfterValidator(_check_proxies),
-        Field(description="addresses or networks of reverse proxies that are believed who their clients are"),
+        Field(
+            description="addresses or networks of trusted reverse proxies, whose forwarded client addresses"
+            " are used"
+        ),
     ] = ()
-    access_log: Annotated[bool, Field(description="whether each HTTP request is logged")] = False
+    access_log: Annotated[bool, Field(description="log each HTTP request")] = False
     limits: LimitSettings = LimitSettings()
     tls: TlsSettings = TlsSettings()
     dial: DialSettings = DialSettings()
@@ -270,14 +289,14 @@ class Settings(BridgeSettings):
         str,
         _named("rwt.graphs", GRAPHS, _GRAPH_EXPECTED),
         _GRAPH_EXPECTED,
-        Field(description="`zenoh` joins the graph with those of other processes; needs the extra `zenoh`"),
+        Field(description="`zenoh` shares the graph with other processes; needs the extra `zenoh`"),
     ] = "memory"
     zenoh: ZenohSettings = ZenohSettings()
     workers: Annotated[
         Count,
         Field(
-            description="processes that serve the same ports, with one graph over Zenoh; more than one needs"
-            " Linux and the extra `zenoh`"
+            description="processes that serve the same ports and share one graph over Zenoh; more than one"
+            " needs Linux and the extra `zenoh`"
         ),
     ] = 1
 

@@ -34,54 +34,58 @@ RememberSeconds = Annotated[float, Field(ge=0.0, le=86_400.0)]
 
 
 class LeaseSettings(Table):
-    """Lets one client at a time publish on the topics of a rule, as long as its messages come."""
+    """One client at a time may publish on the topics of the rule, as long as its messages continue."""
 
     seconds: Annotated[
         LeaseSeconds,
-        Field(description="silence of the holder after which the robot is stopped, and the lease is free"),
+        Field(
+            description="seconds of silence after which the holder's robot is stopped and the lease is free"
+        ),
     ] = 0.5
     take: Annotated[
         Literal["publish", "service"],
-        Field(description="how a client takes a free lease: by publishing, or only by `/gate/take_lease`"),
+        Field(description="how to take a free lease: by publishing, or only by `/gate/take_lease`"),
     ] = "publish"
     precedence: Annotated[
         tuple[str, ...],
         Field(
-            description="roles that take the lease from those after them, the strongest first; roles that are"
-            " not named are the weakest"
+            description="roles in order of precedence: each may take the lease from those after it; roles"
+            " not listed come last"
         ),
     ] = ()
 
 
 class StopMessageSettings(Table):
-    """The message that makes the robot stand still, which the gate itself publishes."""
+    """Message published by the gate to stop the robot."""
 
     message: Annotated[
         Mapping[str, object],
-        Field(description="its fields; those left out have their defaults, which for a velocity is zero"),
+        Field(description="field values; omitted fields have their defaults (zero for a velocity)"),
     ] = Field(default_factory=dict)
     repeat_seconds: Annotated[
         RepeatSeconds,
-        Field(description="how long it is published again: longer than the robot's own time-out"),
+        Field(
+            description="seconds for which the message is repeated; choose more than the robot's own timeout"
+        ),
     ] = 1.0
 
 
 class FieldLimit(Table):
-    """What a field may hold."""
+    """Limits for the value of a field."""
 
-    min: Annotated[Number | None, Field(description="the smallest number")] = None
-    max: Annotated[Number | None, Field(description="the largest number")] = None
+    min: Annotated[Number | None, Field(description="minimum")] = None
+    max: Annotated[Number | None, Field(description="maximum")] = None
     rate: Annotated[
         Annotated[float, Field(gt=0, allow_inf_nan=False)] | None,
         Field(
-            description="by how much the number may move away from that of the stop message in a second, on"
-            " topics; towards it, it may move at once"
+            description="largest change per second away from the value of the stop message, on topics;"
+            " towards that value there is no limit"
         ),
     ] = None
-    one_of: Annotated[tuple[str, ...], Field(description="the texts that are taken, such as frame ids")] = ()
+    one_of: Annotated[tuple[str, ...], Field(description="accepted strings, such as frame ids")] = ()
     beyond: Annotated[
         Literal["refuse", "clamp"],
-        Field(description="whether a message beyond the limit is refused, or its number brought within"),
+        Field(description="reject a value out of range, or clamp it"),
     ] = "refuse"
 
     @model_validator(mode="after")
@@ -99,20 +103,23 @@ class FieldLimit(Table):
 
 
 class ApprovalSettings(Table):
-    """Asks a person before anything of a rule happens."""
+    """Approval by a person before each request."""
 
-    roles: Annotated[Globs, Field(min_length=1, description="roles that may say yes")]
+    roles: Annotated[Globs, Field(min_length=1, description="roles that may approve")]
     seconds: Annotated[
-        ApprovalSeconds, Field(description="time in which somebody has to; after it the answer is no")
+        ApprovalSeconds, Field(description="seconds to approve; after them the request is rejected")
     ] = 60.0
     remember_seconds: Annotated[
         RememberSeconds,
-        Field(description="the longest time for which one yes may hold; 0: each yes is for one act"),
+        Field(
+            description="longest time in seconds that one approval may cover; 0: each approval is for one"
+            " request"
+        ),
     ] = 0.0
 
 
 class GateRule(Table):
-    """What clients have to keep to, on what the globs name. Of several rules that fit, each holds."""
+    """Rule for the names that the globs match. If several rules match, all apply."""
 
     topics: Annotated[Globs, Field(description="topics that clients publish on")] = ()
     services: Annotated[Globs, Field(description="services that clients call")] = ()
@@ -120,22 +127,21 @@ class GateRule(Table):
     parameters: Annotated[
         Globs, Field(description="parameters that clients set: `/node:name` on ROS 2, `/name` on ROS 1")
     ] = ()
-    roles: Annotated[Globs, Field(description="roles for which the rule holds")] = ("*",)
-    emergency: Annotated[
-        bool, Field(description="whether the emergency stop ends and refuses all of this")
-    ] = False
+    roles: Annotated[Globs, Field(description="roles to which the rule applies")] = ("*",)
+    emergency: Annotated[bool, Field(description="stopped and rejected by the emergency stop")] = False
     lease: LeaseSettings | None = None
     stop: StopMessageSettings | None = None
     fields: Mapping[FieldPath, FieldLimit] = Field(
         default_factory=dict,
         description="limits of fields of the message, the request or the goal, each under its path",
     )
-    finite: Annotated[bool, Field(description="whether NaN and infinity are refused")] = True
+    finite: Annotated[bool, Field(description="reject NaN and infinity")] = True
     largest_bytes: Annotated[
-        CountOrNone, Field(description="bytes of the largest message, request or goal; 0 for any size")
+        CountOrNone, Field(description="largest message, request or goal in bytes; 0: no limit")
     ] = 0
     messages_per_second: Annotated[
-        CountOrNone, Field(description="messages a second on each topic, of all clients; 0 for any number")
+        CountOrNone,
+        Field(description="messages per second on each topic, of all clients together; 0: no limit"),
     ] = 0
     approval: ApprovalSettings | None = None
 
@@ -159,34 +165,32 @@ class GateRule(Table):
 
 
 class EmergencySettings(Table):
-    """The emergency stop: who may press it, and who may release it."""
+    """Emergency stop: roles that may stop, and release."""
 
     stop_roles: Annotated[Globs, Field(description="roles that may stop the robot")] = ("*",)
-    release_roles: Annotated[Globs, Field(description="roles that may let it move again")] = ("admin",)
-    at_start: Annotated[
-        bool, Field(description="whether the server begins stopped, until somebody releases it")
-    ] = False
+    release_roles: Annotated[Globs, Field(description="roles that may release the stop")] = ("admin",)
+    at_start: Annotated[bool, Field(description="start stopped, until the stop is released")] = False
 
 
 class AuditSettings(Table):
-    """The file of who did what to the robot: a JSON object a line, for `rwt audit`."""
+    """Audit log: one JSON object per line, read by `rwt audit`."""
 
-    file: Annotated[Path | None, Field(description="the file; not set: nothing is written")] = None
-    file_bytes: Annotated[Bytes, Field(description="size at which a new file is begun")] = 10 * MIB
+    file: Annotated[Path | None, Field(description="the file; not set: no audit")] = None
+    file_bytes: Annotated[Bytes, Field(description="size in bytes at which a new file is started")] = 10 * MIB
     files: Annotated[
-        Count, Field(le=1000, description="files kept, the newest without a number; older ones are deleted")
+        Count, Field(le=1000, description="files to keep; the newest has no number, older ones are deleted")
     ] = 5
     queue_bytes: Annotated[
-        Bytes, Field(description="lines that wait for the disk; beyond it they are dropped, and counted")
+        Bytes, Field(description="bytes queued for the disk; beyond it, lines are dropped and counted")
     ] = MIB
 
 
 class GateSettings(Table):
-    """What clients' acts have to pass before they reach the robot. It is software and no safety function."""
+    """Rules that requests of clients must pass. The gate is software, not a safety function."""
 
     mode: Annotated[
         Literal["enforce", "observe"],
-        Field(description="`observe` only says what would have been refused"),
+        Field(description="`observe` only logs what would be rejected"),
     ] = "enforce"
     rules: Mapping[str, GateRule] = Field(
         default_factory=dict, description="what clients have to keep to, each rule under a name of its own"

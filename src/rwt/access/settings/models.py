@@ -59,77 +59,80 @@ class ClientLimits(Table):
     connections_per_address: Annotated[
         CountOrNone,
         Field(
-            description="open connections from one address that is not this machine's, those of plain HTTP"
-            " and in TLS handshakes included; 0 for any number"
+            description="open connections per remote address, plain HTTP and TLS handshakes included; 0: no"
+            " limit"
         ),
     ] = _CONNECTION.connections_per_address
-    subscriptions: Annotated[Count, Field(description="subscriptions of one client")] = 1000
+    subscriptions: Annotated[Count, Field(description="subscriptions per client")] = 1000
     advertisements: Annotated[
-        Count, Field(description="topics, services and actions together that one client offers")
+        Count, Field(description="topics, services and actions, together, that one client advertises")
     ] = 1000
-    calls: Annotated[Count, Field(description="calls and goals of one client under way at a time")] = 10_000
+    calls: Annotated[Count, Field(description="pending calls and goals per client")] = 10_000
     kept_bytes: Annotated[
         Bytes,
         Field(
-            description="bytes kept for one client: requests under way, and samples of its latched topics,"
-            " also after it has left; clients of one address together four times as many"
+            description="bytes kept for one client: pending requests, and samples of its latched topics,"
+            " even after it disconnects; four times as many for all clients of one address"
         ),
     ] = 64 * MIB
     parameter_bytes: Annotated[
         Bytes,
         Field(
-            description="bytes of parameters that one client may have set, until they are deleted or set by"
-            " others; clients of one address together twice as many"
+            description="bytes of parameters set by one client, until others set or delete them; twice as"
+            " many for all clients of one address"
         ),
     ] = 2 * MIB
     work_per_second: Annotated[
         WorkRate,
         Field(
-            description="seconds of one processor's work that a client may cause each second in the long run,"
-            " and all clients of an address that is not this machine's: its messages with all that they set"
-            " off, pages and pictures. Beyond it they wait behind the work for others, and pages are refused;"
-            " 0 for any number"
+            description="CPU seconds per second that one client, or all clients of one remote address, may"
+            " use on average, for messages with their consequences, pages and images. Beyond"
+            " it, messages wait behind those of others, and pages are rejected; 0: no limit"
         ),
     ] = 0.5
     work_burst: Annotated[
-        SecondsOrNone, Field(description="seconds of work at once before their rate counts")
+        SecondsOrNone, Field(description="CPU seconds that a client may use at once before the rate applies")
     ] = 0.5
     messages_per_second: Annotated[
         CountOrNone,
-        Field(description="messages that one client may send each second in the long run; 0 for any number"),
+        Field(description="messages per second that one client may send on average; 0: no limit"),
     ] = 0
     messages_burst: Annotated[
-        Count, Field(description="messages that one client may send at once before their rate counts")
+        Count, Field(description="messages that one client may send at once before the rate applies")
     ] = 20_000
     max_depth: Annotated[
         int,
-        Field(ge=4, le=500, description="objects and arrays open at once in one message, itself included"),
+        Field(ge=4, le=500, description="nesting depth of one message, including the message itself"),
     ] = WIRE_LIMITS.max_depth
     structure_bytes: Annotated[
         Bytes,
         Field(
-            description="bytes of one message in CBOR or BSON beside its long strings and typed arrays;"
-            " brackets of one in JSON, unless its payload has every field of its type as ROS writes it"
+            description="structure of one message: in CBOR and BSON, its bytes without long strings and"
+            " typed arrays; in JSON, its brackets, unless the payload has every field of its"
+            " type in the order of ROS"
         ),
     ] = WIRE_LIMITS.structure_bytes
-    fragmented_messages: Annotated[
-        Count, Field(description="messages of one client that may be in pieces at the same time")
-    ] = WIRE_LIMITS.fragmented_messages
+    fragmented_messages: Annotated[Count, Field(description="incomplete fragmented messages per client")] = (
+        WIRE_LIMITS.fragmented_messages
+    )
     fragment_characters: Annotated[
-        Count, Field(description="characters of all pieces of one client together")
+        Count, Field(description="characters of all fragments of one client together")
     ] = WIRE_LIMITS.fragment_characters
     fragment_seconds: Annotated[
-        Seconds, Field(description="time after the last piece until the others are forgotten")
+        Seconds, Field(description="seconds after the last fragment until an incomplete message is dropped")
     ] = WIRE_LIMITS.fragment_seconds
     outgoing_message_bytes: Annotated[
         Bytes,
-        Field(description="largest message to a client; a larger reply fails its call, a sample is dropped"),
+        Field(
+            description="largest message to a client; the call of a larger reply fails, a larger sample is"
+            " dropped"
+        ),
     ] = _CONNECTION.outgoing_bytes
     data_bytes: Annotated[
         Bytes,
         Field(
-            description="samples queued for one client behind its connection, and as many again behind its"
-            " throttles; beyond it the oldest of the topic is dropped"
+            description="bytes of samples queued for one client's connection, and as many for its"
+            " throttles; beyond it, the oldest sample of the topic is dropped"
         ),
     ] = _CONNECTION.data_bytes
 
@@ -154,17 +157,17 @@ HashedToken = Annotated[SecretStr, _written_as(_SHA256, "64 hex digits")]
 
 
 class TokenSettings(Table):
-    """A bearer token, in plain or as its SHA-256, and the role that it gives."""
+    """Bearer token, in plain text or as SHA-256, and its role."""
 
     token: Annotated[
         PlainToken | None,
-        Field(description="the token itself: 16 to 256 of the characters A-Z a-z 0-9 - . _ ~"),
+        Field(description="the token: 16 to 256 of the characters A-Z a-z 0-9 - . _ ~"),
     ] = None
     sha256: Annotated[
         HashedToken | None,
-        Field(description="the SHA-256 of the token, 64 hex digits, in place of it"),
+        Field(description="SHA-256 of the token, 64 hex digits, instead of `token`"),
     ] = None
-    role: Annotated[str, Field(description="the role of whoever shows it")]
+    role: Annotated[str, Field(description="role of clients with this token")]
 
     @model_validator(mode="after")
     def _exactly_one(self) -> TokenSettings:
@@ -174,57 +177,58 @@ class TokenSettings(Table):
 
 
 class AuthSettings(Table):
-    """Who may come in, and as what. With no tokens and no secret everybody may, as `default_role`."""
+    """Authentication. Without tokens and without a secret, every client gets `default_role`."""
 
     default_role: Annotated[
         str | None,
         Field(
-            description="role of a client without credentials; not set: `admin` if there are neither tokens"
-            " nor a secret, else nobody comes in without"
+            description="role of clients without credentials; not set: `admin` if neither tokens nor a"
+            " secret are configured, otherwise such clients are rejected"
         ),
     ] = None
     rosauth_secret_file: Annotated[
         Path | None,
-        Field(description="file whose first line is the 16 characters of the secret that rosauth shares"),
+        Field(description="file whose first line is rosauth's secret of 16 characters"),
     ] = None
     rosauth_role: Annotated[
         str | None,
         Field(
-            description="role of a client that rosauth vouches for with a `level` that names no role; not"
-            " set: `admin` if no roles are configured, else it is refused"
+            description="role of rosauth clients whose `level` names no role; not set: `admin` if no roles"
+            " are configured, otherwise they are rejected"
         ),
     ] = None
     allowed_time_delta: Annotated[
         Seconds,
-        Field(description="seconds by which the time in an `auth` may differ from this machine's clock"),
+        Field(
+            description="seconds by which the time of an `auth` message may differ from the server's clock"
+        ),
     ] = 5.0
-    seconds: Annotated[
-        Seconds, Field(description="time in which a client that must authenticate has to do it")
-    ] = 10.0
+    seconds: Annotated[Seconds, Field(description="seconds within which a client must authenticate")] = 10.0
     tokens: Mapping[str, TokenSettings] = Field(
         default_factory=dict, description="bearer tokens, each under a name of its own"
     )
 
 
 class RoleSettings(Table):
-    """What a role may do: globs of resolved names, in which `*` also matches `/`; the rest is refused."""
+    """Permissions of a role: globs of resolved names, in which `*` also matches `/`. All else is rejected."""
 
     read_only: Annotated[
-        bool, Field(description="may subscribe to every topic and read every parameter, and nothing else")
+        bool, Field(description="subscribe to every topic and read every parameter, nothing else")
     ] = False
     publish: Annotated[Globs, Field(description="topics to publish on")] = ()
     subscribe: Annotated[Globs, Field(description="topics to subscribe to")] = ()
-    call: Annotated[Globs, Field(description="services to call; those of rosapi are always open")] = ()
-    provide: Annotated[Globs, Field(description="services and actions to offer")] = ()
+    call: Annotated[Globs, Field(description="services to call; those of rosapi are always allowed")] = ()
+    provide: Annotated[Globs, Field(description="services and actions to advertise")] = ()
     displace: Annotated[
         Globs,
         Field(
-            description="those of `provide` that may also be offered in the place of the robot's own, which"
-            " come back when the client leaves"
+            description="names of `provide` that may replace the robot's own, which return when the client"
+            " disconnects"
         ),
     ] = ()
     goals: Annotated[
-        Globs, Field(description="actions to send goals to, over their services and topics of ROS 2 too")
+        Globs,
+        Field(description="actions to send goals to, including through their services and topics of ROS 2"),
     ] = ()
     get_param: Annotated[
         Globs, Field(description="parameters to read: `/node:name` on ROS 2, `/name` on ROS 1")
@@ -233,49 +237,47 @@ class RoleSettings(Table):
 
 
 class OriginSettings(Table):
-    """Which web pages may connect, and by which names. Programs that send no origin are not asked for one."""
+    """Web pages that may connect, and accepted host names. Requests without an origin are not checked."""
 
     allow: Annotated[
         Globs,
         Field(
-            description="origins that may connect besides the default ones, for example"
-            ' `https://ui.example.com` or `https://*.example.com`; `"null"` for pages from files, which lets'
-            ' in sandboxed frames of every site; `"*"` lets every page in'
+            description="further origins that may connect, for example `https://ui.example.com` or"
+            ' `https://*.example.com`; `"null"`: pages from files, and with them sandboxed'
+            ' frames of every site; `"*"`: every page'
         ),
     ] = ()
     hosts: Annotated[
         Globs,
         Field(
-            description="names by which this server may be addressed over HTTP and WebSocket, for example"
-            " `robot.example.com`; those of this machine always are. Not set: on a loopback address no other,"
-            " elsewhere every name"
+            description="accepted host names of this server, for example `robot.example.com`, beside those"
+            " of this machine. Not set: no others on a loopback address, all elsewhere"
         ),
     ] = ()
 
 
 class TlsSettings(Table):
-    """The certificate of `wss://` and of every other encrypted listener."""
+    """Certificate of all encrypted listeners, such as `wss://`."""
 
-    certfile: Annotated[
-        Path | None, Field(description="PEM file with the certificate and those that vouch for it")
-    ] = None
+    certfile: Annotated[Path | None, Field(description="PEM file with the certificate and its chain")] = None
     keyfile: Annotated[Path | None, Field(description="PEM file with the private key")] = None
     auto: Annotated[
         bool,
         Field(
-            description="whether the server makes its certificate itself, with a small authority that devices"
-            " are given once; needs the extra `tls`"
+            description="create a certificate with a local authority, which devices install once; needs the"
+            " extra `tls`"
         ),
     ] = False
     folder: Annotated[
         Path | None,
-        Field(description="where that is kept; by default `rwt/tls` in the user's folder for state"),
+        Field(description="folder of that authority; default: `rwt/tls` in the user's state folder"),
     ] = None
     names: Annotated[
         tuple[HostName, ...],
         Field(
             max_length=64,
-            description="names and addresses that it vouches for, besides the private ones of this machine",
+            description="further names and addresses in the certificate, beside the private ones of this"
+            " machine",
         ),
     ] = ()
 

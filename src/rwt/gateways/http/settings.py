@@ -13,22 +13,23 @@ class HttpSettings(Table):
     """The robot over plain HTTP, at `/api`."""
 
     wait_seconds: Annotated[
-        Seconds, Field(description="longest time that a request may wait for a message or an answer")
+        Seconds,
+        Field(description="longest time in seconds that a request may wait for a message or a response"),
     ] = 60.0
     stream_bytes: Annotated[
         Bytes,
         Field(
-            description="bytes that may wait for the reader of one stream of events; beyond it the oldest are"
+            description="bytes queued for the reader of one event stream; beyond it, the oldest events are"
             " dropped"
         ),
     ] = 4 * MIB
     goals: Annotated[
         Count,
         Field(
-            description="goals that one role's clients of one address may have, those that have ended"
-            " included: of these the oldest are forgotten first"
+            description="goals of one role's clients of one address, including ended goals, of which the"
+            " oldest are forgotten first"
         ),
     ] = 100
-    goal_seconds: Annotated[Seconds, Field(description="how long a goal that has ended can be asked for")] = (
+    goal_seconds: Annotated[Seconds, Field(description="seconds for which an ended goal can be queried")] = (
         600.0
     )

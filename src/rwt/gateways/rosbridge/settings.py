@@ -15,18 +15,18 @@ class BridgeSettings(AccessSettings):
 
     profile: Annotated[
         Literal["compat", "ros1", "ros2-2024", "2.0.0"],
-        Field(description="protocol text to follow; `compat` takes what any client sends"),
+        Field(description="protocol version; `compat` accepts every client"),
     ] = "compat"
-    max_message_size: Annotated[Bytes, Field(description="largest message taken from a client, bytes")] = (
+    max_message_size: Annotated[Bytes, Field(description="largest message from a client, in bytes")] = (
         MAX_MESSAGE_BYTES
     )
     default_call_service_timeout: Annotated[
         SecondsOrNone,
-        Field(description="seconds a service call may take when its caller says nothing; 0 waits for ever"),
+        Field(description="timeout of service calls without one of their own, in seconds; 0: none"),
     ] = CALL_SECONDS
     unregister_timeout: Annotated[
-        SecondsOrNone, Field(description="seconds a topic outlives its last rosbridge publisher")
+        SecondsOrNone, Field(description="seconds that a topic remains after its last rosbridge publisher")
     ] = LINGER_SECONDS
     bson_only_mode: Annotated[
-        bool, Field(description="whether every message, both ways, is BSON; needs the extra `bson`")
+        bool, Field(description="BSON for every message in both directions; needs the extra `bson`")
     ] = False
