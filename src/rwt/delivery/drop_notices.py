@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
 
-from rwt_transports.endpoint import DropReason
+from rwt_transports.endpoint import DropReason, FlowRules
 
 if TYPE_CHECKING:
     from rwt.delivery.counters import Counters, TopicCounts
     from rwt_graph.clock import Clock
     from rwt_participant.timers import Timer
+    from rwt_protocol.frames import Frame
+    from rwt_transports.endpoint import Flow, Sink
 
 NOTICE_SECONDS: Final = 1.0
 LOG_SECONDS: Final = 60.0
@@ -115,3 +117,25 @@ def _described(reason: DropReason, count: int) -> str:
 
 def _times(count: int) -> str:
     return "once" if count == 1 else f"{count} times"
+
+
+class NoticeFlow:
+    """Notices to one client about one topic, in a flow of depth one: at most one waits for a slow client."""
+
+    __slots__ = ("_flow", "_sink", "_topic")
+
+    def __init__(self, sink: Sink, topic: str) -> None:
+        self._sink = sink
+        self._topic = topic
+        self._flow: Flow | None = None
+
+    def send(self, frame: Frame) -> None:
+        """Send a notice in place of one that still waits."""
+        if self._flow is None:
+            self._flow = self._sink.flow(f"status of {self._topic}", FlowRules(depth=1, notes=True))
+        self._flow.send(frame)
+
+    def close(self) -> None:
+        """Close the flow."""
+        if self._flow is not None:
+            self._flow.close()

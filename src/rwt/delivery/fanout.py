@@ -13,7 +13,7 @@ from rwt_protocol.frames import Burst, Frame
 
 if TYPE_CHECKING:
     from rwt.delivery.counters import EncodingCounts, TopicCounts
-    from rwt.delivery.throttle import Gate
+    from rwt.delivery.throttle import Throttle
     from rwt_graph.api import Participant, Sample, Subscription
     from rwt_graph.clock import Clock
     from rwt_interfaces.payload import Form
@@ -54,7 +54,7 @@ _MAX_DEFERRED: Final = 8
 """Maximum number of deferred samples per topic; beyond it, the oldest is encoded at once."""
 
 
-class _Encoded:
+class _EncodedSample:
     """Sample that is encoded on first use; the frame is shared by all gates of the stream."""
 
     __slots__ = ("_frame", "_stream", "sample")
@@ -93,7 +93,7 @@ class EncodedStream:
 
     * **open** gates pass every sample. Frames go straight to their senders, and the frames of one turn of the
       event loop share a :class:`~rwt_protocol.frames.Burst`.
-    * **throttled** gates decide for each sample (:meth:`Gate.offer`). The frame is encoded when the first one
+    * **throttled** gates decide for each sample (:meth:`Throttle.offer`). The frame is encoded when the first one
       needs it.
 
     Call :meth:`sort` after a gate was added, removed or reconfigured.
@@ -129,15 +129,15 @@ class EncodedStream:
         self.steps: Callable[[Sample], Iterator[None]] | None = getattr(encode, "steps", None)
         self._monotonic = monotonic
         self._sent_at = float("-inf")
-        self._open_since: dict[Gate, int] = {}
+        self._open_since: dict[Throttle, int] = {}
         self._sendings = 0
         self.counts = counts
         self.form = form
-        self._gates: list[Gate] = []
+        self._gates: list[Throttle] = []
         self._direct: tuple[tuple[Callable[[Burst], bool], Callable[[Frame], None]], ...] = ()
         self._burst: Burst | None = None
         self._apart: list[Callable[[Frame], None]] = []
-        self._gated: tuple[Gate, ...] = ()
+        self._gated: tuple[Throttle, ...] = ()
         self._encoded = 0
         self._encoded_bytes = 0
 
@@ -149,12 +149,12 @@ class EncodedStream:
         """True if there is an open gate, so that every sample is encoded."""
         return bool(self._direct)
 
-    def add(self, gate: Gate) -> None:
+    def add(self, gate: Throttle) -> None:
         """Add a gate, effective from the next sample."""
         self._gates.append(gate)
         self.sort()
 
-    def remove(self, gate: Gate) -> None:
+    def remove(self, gate: Throttle) -> None:
         """Remove a gate."""
         self._gates.remove(gate)
         self._open_since.pop(gate, None)
@@ -205,13 +205,13 @@ class EncodedStream:
     def deliver_but_to(self, newer: Collection[object], sample: Sample) -> None:
         """Send a sample to every gate except `newer`."""
         self._end_burst()
-        self._offer(_Encoded(self, sample), [gate for gate in self._gates if gate not in newer])
+        self._offer(_EncodedSample(self, sample), [gate for gate in self._gates if gate not in newer])
 
     def deliver(self, sample: Sample) -> None:
         """Send a sample to every gate."""
         if sample.expires_ns:
             self._end_burst()
-            self._offer(_Encoded(self, sample), self._gates)
+            self._offer(_EncodedSample(self, sample), self._gates)
             return
         frame: Frame | None = None
         direct = self._direct
@@ -228,7 +228,7 @@ class EncodedStream:
             else:
                 self._begin_burst(frame)
         if self._gated:
-            self._offer(_Encoded(self, sample, frame), self._gated)
+            self._offer(_EncodedSample(self, sample, frame), self._gated)
 
     def _begin_burst(self, frame: Frame) -> None:
         """Send a frame to every open gate, and begin a burst for the frames that follow in this turn.
@@ -258,14 +258,14 @@ class EncodedStream:
         if burst is not None:
             burst.seal()
 
-    def _offer(self, encoded: _Encoded, gates: Iterable[Gate]) -> None:
+    def _offer(self, encoded: _EncodedSample, gates: Iterable[Throttle]) -> None:
         for gate in gates:
-            gate.offer(encoded)
+            gate.offer(encoded.sample, encoded.send)
 
-    def replay(self, sample: Sample, gate: Gate) -> None:
+    def replay(self, sample: Sample, gate: Throttle) -> None:
         """Send a retained sample to one gate (SUB-13)."""
         self._end_burst()
-        gate.offer(_Encoded(self, sample))
+        gate.offer(sample, _EncodedSample(self, sample).send)
 
 
 class SampleStream:
@@ -380,7 +380,7 @@ class Fanout:
         self.subscription = self._participant.subscribe(self.topic, self._deliver, self.type)
         old.close()
 
-    def join(self, gate: Gate, name: str, encoding: SampleEncoding) -> EncodedStream:
+    def join(self, gate: Throttle, name: str, encoding: SampleEncoding) -> EncodedStream:
         """Add a gate to the stream of this spelling and encoding, which is created if needed."""
         if self._late_samples:
             self._joined[gate] = self._number  # Samples from before it joined reach it by replay() only.
@@ -398,7 +398,7 @@ class Fanout:
         stream.add(gate)
         return stream
 
-    def leave(self, gate: Gate, name: str, encoding: SampleEncoding) -> None:
+    def leave(self, gate: Throttle, name: str, encoding: SampleEncoding) -> None:
         """Remove a gate from its stream; drop the stream if it is empty."""
         key = (name, encoding.name)
         stream = self._encoded_streams[key]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from rwt_protocol.fragments import cut
 from rwt_transports.endpoint import DropReason
@@ -26,38 +26,8 @@ def _refuse(_burst: Burst) -> bool:
     return False
 
 
-class Encoded(Protocol):
-    """Sample that is encoded on first use, once for all gates of a stream."""
-
-    @property
-    def sample(self) -> Sample:
-        """Sample to encode."""
-
-    def send(self, take: Callable[[Frame], None]) -> None:
-        """Give the frame to `take`, now or when it is made; asked for each time one is sent."""
-
-
-class Gate(Protocol):
-    """Decision of a fan-out when a sample goes to one client: a :class:`Throttle`, or
-    :class:`rwt.delivery.next_sample.NextSample`."""
-
-    @property
-    def is_open(self) -> bool:
-        """True if every sample passes, so that callers may bypass the gate."""
-
-    @property
-    def send(self) -> Callable[[Frame], None]:
-        """Function that sends the frames of an open gate."""
-
-    @property
-    def join(self) -> Callable[[Burst], bool]:
-        """Lets a burst of an open gate go."""
-
-    def note_sent(self, at: float) -> None:
-        """Note that the last sample bypassed the open gate at the monotonic time `at`."""
-
-    def offer(self, encoded: Encoded) -> None:
-        """Take one sample, while the gate is not open."""
+SendTo = Callable[[Callable[["Frame"], None]], None]
+"""Gives the frame of a sample to a function: now, or once it is encoded."""
 
 
 class Room:
@@ -114,7 +84,7 @@ class Throttle:
         self._throttle = 0.0
         self._lifespan_ns = 0
         self._deadline: DeadlineWatch | None = None
-        self._queue: deque[tuple[Encoded, int]] = deque(maxlen=0)
+        self._queue: deque[tuple[Sample, SendTo, int]] = deque(maxlen=0)
         self._last = float("-inf")
         self._timer: Timer | None = None
         self._is_closed = False
@@ -169,20 +139,20 @@ class Throttle:
             self._deadline.close()
         self._deadline = deadline
 
-    def offer(self, encoded: Encoded) -> None:
+    def offer(self, sample: Sample, send_to: SendTo) -> None:
         """Take one sample: send it now, keep it for later, or drop it."""
         if self._deadline is not None:
             self._deadline.met()
         if not self._queue and self._due():
-            self._send(encoded)
+            self._send(sample, send_to)
         elif self._queue.maxlen:
-            self._enqueue(encoded)
+            self._enqueue(sample, send_to)
         else:
             self._withheld(DropReason.THROTTLE)
 
-    def _enqueue(self, encoded: Encoded) -> None:
+    def _enqueue(self, sample: Sample, send_to: SendTo) -> None:
         """Queue a sample; older ones of its topic are dropped to make room."""
-        size = encoded.sample.payload.kept_size
+        size = sample.payload.kept_size
         full = len(self._queue) == self._queue.maxlen
         while self._queue and (full or self._room.left < size):
             self._pop()
@@ -192,14 +162,14 @@ class Throttle:
             self._withheld(DropReason.QUEUE)
             return
         self._room.left -= size
-        self._queue.append((encoded, size))
+        self._queue.append((sample, send_to, size))
         if self._timer is None:
             self._start_timer()
 
-    def _pop(self) -> Encoded:
-        encoded, size = self._queue.popleft()
+    def _pop(self) -> tuple[Sample, SendTo]:
+        sample, send_to, size = self._queue.popleft()
         self._room.left += size
-        return encoded
+        return sample, send_to
 
     def close(self) -> None:
         """Drop what is queued, and what is being encoded (THR-07)."""
@@ -214,15 +184,15 @@ class Throttle:
 
     def _send_due(self) -> None:
         while self._queue and self._due():
-            self._send(self._pop())
+            self._send(*self._pop())
 
-    def _send(self, encoded: Encoded) -> None:
-        expires_ns = self._expiry(encoded.sample)
+    def _send(self, sample: Sample, send_to: SendTo) -> None:
+        expires_ns = self._expiry(sample)
         if expires_ns and expires_ns < self._clock.time_ns():
             self._expired(DropReason.LIFESPAN)
             return
         self._last = self._clock.monotonic()
-        encoded.send(partial(self._send_frame, expires_ns))
+        send_to(partial(self._send_frame, expires_ns))
 
     def _send_frame(self, expires_ns: int, frame: Frame) -> None:
         if not self._is_closed:

@@ -14,17 +14,18 @@ from __future__ import annotations
 
 import logging
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Generic, NamedTuple, Protocol, TypeVar
 
 from rwt.access.audit import LineRate, is_written, one_line
 from rwt.access.quotas import RateLimit
 from rwt.delivery.shared_graph import SharedGraph
-from rwt.delivery.turns import TakesTurns, client_turns
+from rwt.delivery.turns import client_turns
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import HttpExtension
-from rwt_transports.turns import CLIENT_SECONDS
+from rwt_transports.turns import CLIENT_SECONDS, STEP_SECONDS
 from rwt_transports.websocket.close_codes import POLICY
 
 if TYPE_CHECKING:
@@ -34,7 +35,15 @@ if TYPE_CHECKING:
     from rwt.access.graph_view import GraphView
     from rwt.access.roles import Role
     from rwt_graph.api import Graph
+    from rwt_transports.api import FlowControl
     from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
+
+ALONE_BYTES: Final = 2 * 1024 * 1024
+"""Larger messages of a connection wait for a turn of their own: receiving one has used a good part of this
+turn."""
+
+_SMALL_BYTES: Final = 4096
+"""Maximum size of a message that is read in a turn that is full."""
 
 T = TypeVar("T")
 C = TypeVar("C", bound="ConnectedClient[Any]")  # Whatever its messages wait as.
@@ -209,6 +218,17 @@ class ControlLane:
         )
 
 
+def _always() -> bool:
+    return True
+
+
+class Arriving(NamedTuple):
+    """Message that is being read in steps, in turns in which `may_go_on` returns True."""
+
+    steps: Iterator[None]
+    may_go_on: Callable[[], bool] = _always
+
+
 class UnreadFrame(NamedTuple):
     """A frame that waits for a later turn before it is read."""
 
@@ -216,8 +236,8 @@ class UnreadFrame(NamedTuple):
     binary: bool
 
 
-class ConnectedClient(TakesTurns[T | UnreadFrame]):
-    """A client with a connection. A new connection is a new, empty client (DIS-06).
+class ConnectedClient(ABC, Generic[T]):
+    """A client with a connection, whose messages are read in turns. A new connection is a new client (DIS-06).
 
     Life cycle::
 
@@ -226,16 +246,24 @@ class ConnectedClient(TakesTurns[T | UnreadFrame]):
                     └─────┘
                 reload_role()
 
-    * **connected**: messages are read in turns (:class:`rwt.delivery.turns.TakesTurns`). The role may change;
-      what it no longer allows is withdrawn. A client that is no longer admitted, or exceeds its rate of
-      messages, is disconnected.
-    * **releasing**: the gateway no longer lists the client; what it held is released in steps.
+    Messages wait beyond the client's share of a turn (`CLIENT_SECONDS`), in turns that all clients together
+    have filled (`CLIENTS_SECONDS`), and beyond the client's rate of work. While something waits, the client is
+    **held**: nothing is read from it. A client that exceeds its rate of messages, or is no longer admitted, is
+    disconnected.
 
     Attributes by purpose:
 
-    * Connection: ``number``, ``info``, ``sink``, ``replies``.
+    * Connection: ``number``, ``info``, ``sink``, ``replies``, ``_flow_control`` (None without one, and once
+      over).
     * View of the graph: ``graph``, and ``is_role_by_auth`` (True once an `auth` op gave the role).
-    * Accounting: ``messages`` (received so far), ``_rate`` (limit on them, None without one).
+    * Accounting: ``messages`` (received so far), ``_rate`` (limit on them, None without one), ``_work``.
+    * Work, in seconds: ``_worked`` (in all), ``_counted`` (of these, charged to the client), ``_turn_began``
+      (``_worked`` at the beginning of this turn), ``_began`` (monotonic time at which the current frame
+      began).
+    * This turn: ``_received`` (bytes that had arrived at the last read: another number is another turn),
+      ``_is_beyond`` (True if the client is beyond its rate), ``_needs_turn`` (True if it then needs a turn of
+      its own).
+    * What waits: ``_waiting``, ``_is_held``; ``_over`` once the connection has ended.
 
     Args:
         gateway: gateway of the client.
@@ -253,10 +281,11 @@ class ConnectedClient(TakesTurns[T | UnreadFrame]):
         graph: ClientGraph,
         replies: ControlLane,
     ) -> None:
-        super().__init__(gateway.turns, graph.work, graph.clock.monotonic)
         limits = gateway.access.limits
         rate = limits.messages_per_second
         self._gateway = gateway
+        self._turns = gateway.turns
+        self._monotonic = graph.clock.monotonic
         self.number = number
         self.info = info
         self.sink = replies.sink
@@ -265,10 +294,19 @@ class ConnectedClient(TakesTurns[T | UnreadFrame]):
         self.is_role_by_auth = False
         self.messages = 0
         self._rate = RateLimit(rate, limits.messages_burst) if rate else None
+        self._work = graph.work
+        self._flow_control: FlowControl | None = None
+        self._is_held = False
+        self._over = False
+        self._received = 0
+        self._worked = self._counted = self._turn_began = 0.0
+        self._is_beyond = self._needs_turn = graph.work.excess > 0.0
+        self._began = 0.0
+        self._waiting: deque[T | UnreadFrame | Arriving] = deque()
 
     def receive(self, data: bytes, binary: bool) -> None:
         """Read one frame and do what it asks, or let it wait if the client has used its share of the turn."""
-        if self._must_defer(self.sink.received, len(data)):
+        if self._must_defer(len(data)):
             self._wait_unread(data, binary)
             return
         now = self._began = self._monotonic()
@@ -280,12 +318,6 @@ class ConnectedClient(TakesTurns[T | UnreadFrame]):
     def _wait_unread(self, data: bytes, binary: bool) -> None:
         # The wire reuses its buffers.
         self._wait(UnreadFrame(data if type(data) is bytes else bytes(data), binary))
-
-    def _take_up(self, what: T | UnreadFrame, now: float) -> None:
-        if isinstance(what, UnreadFrame):
-            self._read(what.data, what.binary, now)
-        else:
-            self._resume(what, now)
 
     @abstractmethod
     def _resume(self, what: T, now: float) -> None:
@@ -314,6 +346,119 @@ class ConnectedClient(TakesTurns[T | UnreadFrame]):
         self.sink.close(POLICY, reason)
         return False
 
+    def set_flow_control(self, flow_control: FlowControl) -> None:
+        """Pause this client through `flow_control` while its messages wait."""
+        self._flow_control = flow_control
+
+    def _must_defer(self, size: int) -> bool:
+        """Return True if a message of `size` bytes has to wait."""
+        received = self.sink.received
+        if received != self._received:
+            self._received = received
+            self._turn_began = self._worked
+            self._needs_turn = self._is_beyond
+        return (size > ALONE_BYTES and self._flow_control is not None) or (
+            (
+                self._is_held
+                or self._needs_turn
+                or self._turns.is_full
+                or self._worked - self._turn_began > CLIENT_SECONDS
+            )
+            and self._must_wait(size)
+        )
+
+    def _must_wait(self, size: int) -> bool:
+        """As :meth:`_must_defer`, after its quick checks."""
+        worked = self._worked - self._turn_began
+        if (
+            self._waiting
+            or worked > CLIENT_SECONDS
+            or (self._turns.is_full and (worked or size > _SMALL_BYTES))
+        ):
+            return True
+        if self._needs_turn:
+            self._is_beyond = self._work.excess > 0.0
+            # Once per read, which is within one turn.
+            self._needs_turn = self._is_beyond and not self._turns.take(self)
+        return self._needs_turn
+
+    def _has_time(self) -> bool:
+        """Return True if another step of a large message may begin in this turn."""
+        return self._worked - self._turn_began + self._monotonic() - self._began <= STEP_SECONDS
+
+    def _count_work(self) -> None:
+        """Charge the work since the last call; too slow for every message."""
+        seconds = self._worked - self._counted
+        self._counted = self._worked
+        self._work.add(seconds, "messages")
+        self._turns.note(seconds)
+        self._is_beyond = self._needs_turn = self._work.excess > 0.0
+
+    def take_steps(self, steps: Iterator[None], may_go_on: Callable[[], bool]) -> None:
+        """Take the steps in which its wire reads a message; they are work of the client."""
+        self._wait(Arriving(steps, may_go_on))
+
+    def _wait(self, what: T | UnreadFrame | Arriving) -> None:
+        """Put off a frame, a message, or the rest of one, and read nothing from this client until then."""
+        self._waiting.append(what)
+        if not self._is_held:
+            self._is_held = True
+            if self._flow_control is not None:
+                self._flow_control.pause()
+            self._ask_for_turn()
+
+    def _ask_for_turn(self) -> None:
+        if self._is_beyond:
+            self._work.note_wait()
+        self._turns.wait(self._go_on)
+
+    def _is_held_up(self, what: T | UnreadFrame) -> bool:
+        """Return True if `what` has to wait for something else than a turn."""
+        return False
+
+    def _go_on(self) -> None:
+        """Do as much of what waits as this turn has time for."""
+        first = self._waiting[0] if self._waiting else None
+        if first is not None and (
+            not first.may_go_on() if isinstance(first, Arriving) else self._is_held_up(first)
+        ):
+            self._turns.retry(self._ask_for_turn)
+            return
+        waiting, self._waiting = self._waiting, deque()
+        self._turn_began = self._worked
+        try:
+            while waiting and not (self._waiting or self._over):
+                if self._worked - self._turn_began > CLIENT_SECONDS:
+                    break
+                what = waiting.popleft()
+                now = self._began = self._monotonic()
+                if isinstance(what, Arriving):
+                    self._read_on(what)
+                elif isinstance(what, UnreadFrame):
+                    self._read(what.data, what.binary, now)
+                else:
+                    self._resume(what, now)
+                self._worked += self._monotonic() - now
+        finally:
+            if not self._over:
+                self._waiting += waiting
+                self._count_work()
+            if self._waiting:
+                self._ask_for_turn()
+            else:
+                self._is_held = False
+                if self._flow_control is not None:
+                    self._flow_control.resume()
+                if self._over:
+                    self._flow_control = None
+
+    def _read_on(self, arriving: Arriving) -> None:
+        """Take steps of reading a message; the rest waits for a later turn."""
+        for _ in arriving.steps:
+            if not self._has_time():
+                self._wait(arriving)
+                return
+
     def take_role(self, role: Role) -> None:
         """Switch to another role. What is open stays open until :meth:`withdraw_refused`."""
         self.graph.take_role(role)
@@ -336,7 +481,10 @@ class ConnectedClient(TakesTurns[T | UnreadFrame]):
 
     def closed(self, code: int, reason: str) -> None:
         """Called when the connection has ended: release everything (DIS-01 … DIS-07)."""
-        self._end_turns()
+        self._over = True
+        self._waiting.clear()
+        if not self._is_held:
+            self._flow_control = None  # Break the cycle: the connection refers to this client.
         self.graph.leave()
         self._gateway.left(self)
         self._release_in_turns(self._all_releases())

@@ -6,12 +6,11 @@ import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Final
 
-from rwt.delivery.drop_notices import DropNotices
+from rwt.delivery.drop_notices import DropNotices, NoticeFlow
 from rwt.delivery.flow_rules import rules_as_published
 from rwt.delivery.throttle import Room, Throttle
 from rwt.gateways.foxglove.errors import NotPossible
-from rwt.gateways.foxglove.replies import Notice
-from rwt.gateways.foxglove.wire.server_messages import message_data, subscription_number
+from rwt.gateways.foxglove.wire.server_messages import Level, message_data, status, subscription_number
 from rwt_transports.endpoint import DropReason
 
 if TYPE_CHECKING:
@@ -92,13 +91,14 @@ class _Delivery:
         self._encoding = IN_JSON if channel.in_json else SERIALISED
         self._graph = graph
         self._fanout = fanout
-        self._notice = Notice(replies.sink, topic)
+        self._notices = NoticeFlow(replies.sink, topic)
+        self._last_notice = ""
         self._drops = DropNotices(
             topic,
             fanout.counts,
             graph.counters,
             clock,
-            self._notice.say,
+            self._notify,
             lambda text: replies.log(logging.INFO, text),
             _reason,
         )
@@ -116,12 +116,17 @@ class _Delivery:
         for sample in kept:
             stream.replay(sample, self._gate)
 
+    def _notify(self, text: str) -> None:
+        if text != self._last_notice:
+            self._last_notice = text
+            self._notices.send(status(Level.WARNING, text, f"dropped {self.channel.topic}"))
+
     def end(self) -> None:
         """Stop the flow of samples."""
         self._gate.close()
         self._flow.close()
         self._drops.close()
-        self._notice.close()
+        self._notices.close()
         self._fanout.leave(self._gate, self.channel.topic, self._encoding)
         self._graph.unsubscribe(self._fanout)
 

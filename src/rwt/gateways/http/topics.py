@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Final
 import anyio
 
 from rwt.delivery.drop_notices import DropNotices
-from rwt.delivery.next_sample import NextSample
 from rwt.delivery.throttle import Room, Throttle
 from rwt.gateways.http.events import SAMPLES, EventQueue, event
 from rwt.gateways.http.problems import HttpProblem
@@ -178,17 +177,21 @@ async def _next_sample(graph: ClientGraph, name: str, type: str | None, seconds:
     """Return the next message of a topic; None on timeout."""
     fanout = graph.subscribe(name, type)
     came = anyio.Event()
-    gate = NextSample(came.set)
+    found: list[Sample] = []
+
+    def take(sample: Sample) -> None:
+        if not found:
+            found.append(sample.detach())
+            came.set()
+
+    stream = fanout.take_samples(take)
     try:
-        fanout.join(gate, name, SAMPLES)
-        try:
-            with anyio.move_on_after(seconds):
-                await came.wait()
-        finally:
-            fanout.leave(gate, name, SAMPLES)
+        with anyio.move_on_after(seconds):
+            await came.wait()
     finally:
+        fanout.end_samples(stream)
         graph.unsubscribe(fanout)
-    return gate.sample
+    return found[0] if found else None
 
 
 class TopicEvents:

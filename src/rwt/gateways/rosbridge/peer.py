@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rwt.access.errors import AccessError, NotAuthenticated
 from rwt.delivery.counters import UNKNOWN
-from rwt.delivery.turns import ALONE_BYTES, Arriving
-from rwt.gateways.base import ConnectedClient, UnreadFrame
+from rwt.gateways.base import ALONE_BYTES, Arriving, ConnectedClient, UnreadFrame
 from rwt.gateways.rosbridge.numpy_loading import LARGE
 from rwt.gateways.rosbridge.ops.actions import PeerActions
 from rwt.gateways.rosbridge.ops.services import PeerServices

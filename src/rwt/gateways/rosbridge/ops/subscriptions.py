@@ -6,11 +6,10 @@ import logging
 from typing import TYPE_CHECKING
 
 from rwt.delivery.deadline import DeadlineWatch
-from rwt.delivery.drop_notices import DropNotices
+from rwt.delivery.drop_notices import DropNotices, NoticeFlow
 from rwt.delivery.throttle import Room, Throttle
 from rwt.gateways.rosbridge.ops.qos import history_depth, qos_request
 from rwt_protocol.ops import Status
-from rwt_transports.endpoint import FlowRules
 
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
@@ -18,32 +17,9 @@ if TYPE_CHECKING:
     from rwt.gateways.rosbridge.reply import Replies
     from rwt_protocol import ops
     from rwt_protocol.codecs import Encoding
-    from rwt_transports.endpoint import Flow
 
 #: A throttle rate beyond this many milliseconds, three hundred centuries, is no longer than it.
 _LONGEST_THROTTLE = 10**15
-
-
-class _Notices:
-    """Queue of depth one for a client's `status` messages about one topic."""
-
-    def __init__(self, replies: Replies, topic: str) -> None:
-        self._replies = replies
-        self._topic = topic
-        self._flow: Flow | None = None
-
-    def send(self, text: str) -> None:
-        frame = self._replies.session.answer(Status(level="warning", msg=text))
-        if frame is None:
-            return
-        if self._flow is None:
-            rules = FlowRules(depth=1, notes=True)
-            self._flow = self._replies.sink.flow(f"status of {self._topic}", rules)
-        self._flow.send(frame)
-
-    def close(self) -> None:
-        if self._flow is not None:
-            self._flow.close()
 
 
 class ClientSubscription:
@@ -63,13 +39,14 @@ class ClientSubscription:
         self._requests: dict[str | int | None, tuple[ops.Subscribe, Encoding]] = {}
         clock = graph.clock
         self._clock = clock
-        self._notices = _Notices(replies, name)
+        self._replies = replies
+        self._notices = NoticeFlow(replies.sink, name)
         self._drops = DropNotices(
             name,
             fanout.counts,
             graph.counters,
             clock,
-            self._notices.send,
+            self._notify,
             lambda text: replies.log(logging.INFO, text),
         )
         self._flow = replies.sink.flow(name, on_drop=self._drops.dropped, time_ns=clock.time_ns)
@@ -85,6 +62,11 @@ class ClientSubscription:
     def has(self, id_: str | int | None) -> bool:
         """Return True if there is a subscription with this id."""
         return id_ in self._requests
+
+    def _notify(self, text: str) -> None:
+        frame = self._replies.session.answer(Status(level="warning", msg=text))
+        if frame is not None:
+            self._notices.send(frame)
 
     def put(self, op: ops.Subscribe, encoding: Encoding) -> None:
         """Add a subscription, or change the one of the same id (SUB-09).
