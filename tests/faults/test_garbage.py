@@ -13,7 +13,7 @@ import pytest
 from rwt.cli.commands.serve import MAX_SCANNED, BoundedGarbageCollection
 from rwt.delivery.throttle import Throttle
 from rwt.gateways.rosbridge.ops.actions import PeerGoal
-from rwt.gateways.rosbridge.ops.offers import Offer
+from rwt.gateways.rosbridge.ops.offers import Provided
 from rwt.gateways.rosbridge.ops.subscriptions import ClientSubscription
 from rwt.gateways.rosbridge.peer import Peer
 from rwt_graph.memory.actions import MemoryActionServer
@@ -29,7 +29,7 @@ from tests.waiting import wait_until
 COUNT = 200
 """Of what each client has."""
 
-OWNED = (ClientSubscription, Throttle, PeerGoal, Offer, MemoryActionServer, Peer)
+OWNED = (ClientSubscription, Throttle, PeerGoal, Provided, MemoryActionServer, Peer)
 """Whose instances belong to clients here."""
 
 FEW = 3 * COUNT

@@ -66,6 +66,7 @@ class DropNotices:
         self._unreported: set[str] = set()
         self._timer: Timer | None = None
         self._logged = float("-inf")
+        self._last = ""  # Last notice: an equal one says nothing new.
 
     def withheld(self, reason: DropReason) -> None:
         """Count a sample that the throttle dropped, as the client requested."""
@@ -102,7 +103,9 @@ class DropNotices:
         if now - self._logged >= LOG_SECONDS:
             self._logged = now
             self._log(text)
-        self._notify(text)
+        if text != self._last:
+            self._last = text
+            self._notify(text)
 
     def _reason(self, what: str) -> str:
         if what == "deadline":

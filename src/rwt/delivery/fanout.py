@@ -93,8 +93,8 @@ class EncodedStream:
 
     * **open** gates pass every sample. Frames go straight to their senders, and the frames of one turn of the
       event loop share a :class:`~rwt_protocol.frames.Burst`.
-    * **throttled** gates decide for each sample (:meth:`Throttle.offer`). The frame is encoded when the first one
-      needs it.
+    * **throttled** gates decide for each sample (:meth:`Throttle.offer`). The frame is encoded when the first
+      one needs it.
 
     Call :meth:`sort` after a gate was added, removed or reconfigured.
 

@@ -237,7 +237,7 @@ class UnreadFrame(NamedTuple):
 
 
 class ConnectedClient(ABC, Generic[T]):
-    """A client with a connection, whose messages are read in turns. A new connection is a new client (DIS-06).
+    """A client with a connection, whose messages are read in turns. Each connection is a new client (DIS-06).
 
     Life cycle::
 
@@ -247,9 +247,9 @@ class ConnectedClient(ABC, Generic[T]):
                 reload_role()
 
     Messages wait beyond the client's share of a turn (`CLIENT_SECONDS`), in turns that all clients together
-    have filled (`CLIENTS_SECONDS`), and beyond the client's rate of work. While something waits, the client is
-    **held**: nothing is read from it. A client that exceeds its rate of messages, or is no longer admitted, is
-    disconnected.
+    have filled (`CLIENTS_SECONDS`), and beyond the client's rate of work. While something waits, the client
+    is **held**: nothing is read from it. A client that exceeds its rate of messages, or is no longer
+    admitted, is disconnected.
 
     Attributes by purpose:
 

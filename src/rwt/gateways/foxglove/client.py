@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, Never
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
+from typing import TYPE_CHECKING, Final, TypeVar
 
 from rwt.access.errors import AccessError
 from rwt.delivery.counters import UNKNOWN
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 
 _MOST_REASONS: Final = 5
 """Maximum number of errors reported for one message; of the others, only the number is reported."""
+
+T = TypeVar("T")
 
 _REFUSALS: Final = (RobotError, AccessError, FoxgloveError)
 
@@ -90,12 +92,62 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
         try:
             message = said.parse_binary(data) if binary else said.parse_text(data)
             op = type(message).__name__
-            steps = _HANDLERS[type(message)](self, message)  # type: ignore[arg-type]  # each has its own row
+            steps = self._handle(message)
         except Exception as error:
-            self.failed(op, error)
+            self._failed(op, error)
         else:
             if steps is not None:
-                self._run(_refusing(self, op, steps))
+                self._run(self._refusing(op, steps))
+
+    def _handle(self, message: said.Text | said.Binary) -> Iterator[None] | None:
+        """Do what a message asks; what may take long is returned as steps."""
+        match message:
+            case said.MessageData():
+                return self.publications.publish(message)
+            case said.ServiceCallRequest():
+                return self.services.call(message, self.listing.services)
+            case said.Subscribe():
+                channels = self.listing.channels
+                subscribe = partial(self.subscriptions.subscribe, channels=channels)
+                return self._each("subscribe", message.subscriptions, subscribe)
+            case said.Unsubscribe():
+                return self._each("unsubscribe", message.subscription_ids, self.subscriptions.unsubscribe)
+            case said.Advertise():
+                return self._each("advertise", message.channels, self.publications.advertise)
+            case said.Unadvertise():
+                return self._each("unadvertise", message.channel_ids, self.publications.unadvertise)
+            case said.GetParameters():
+                self.parameters.get(message)
+            case said.SetParameters():
+                self.parameters.set(message)
+            case said.SubscribeParameterUpdates():
+                self.parameters.watch(message.parameter_names)
+                self._foxglove.watched()
+            case said.UnsubscribeParameterUpdates():
+                self.parameters.unwatch(message.parameter_names)
+                self._foxglove.watched()
+            case said.SubscribeConnectionGraph():
+                if self.connections is None:
+                    self.connections = Connections()
+                    self.tell_connections(self._foxglove.listing_of(self).connections())
+            case said.UnsubscribeConnectionGraph():
+                self.connections = None
+            case said.FetchAsset():
+                if self.assets is None:
+                    raise NotPossible("fetchAsset: this server has no files (the setting `packages`)")
+                self.assets.fetch(message, self._foxglove.spawn)
+            case said.PlaybackControlRequest():
+                if self.playback is None:
+                    raise NotPossible("playback control: no recording is played here (rwt bag play)")
+                self.playback.request(message)
+        return None
+
+    def _refusing(self, op: str, steps: Iterator[None]) -> Iterator[None]:
+        """Run the steps of a message, and report rejections to the client."""
+        try:
+            yield from steps
+        except Exception as error:
+            self._failed(op, error)
 
     def _run(self, steps: Iterator[None]) -> None:
         """Take steps of a message now, and the rest in later turns."""
@@ -104,8 +156,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
                 self._wait(steps)
                 return
 
-    def failed(self, op: str, error: Exception) -> None:
-        """Tell the client why something of it is refused; of a mistake of the server, that there is one."""
+    def _failed(self, op: str, error: Exception) -> None:
         self.graph.counters.refuse(op)
         if isinstance(error, _REFUSALS):
             self.replies.say(Level.ERROR, str(error))
@@ -113,53 +164,42 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
         self.replies.log_internal_error(op, error)
         self.replies.say(Level.ERROR, "internal error")
 
-    def each(self, op: str, items: Iterable[object], do: Callable[[Never], None]) -> Iterator[None]:
-        """Do something with each of many things, and say of which it is refused."""
+    def _each(self, op: str, items: Iterable[T], do: Callable[[T], None]) -> Iterator[None]:
+        """Do something with each item in steps, and report those that are rejected."""
         reasons: dict[str, None] = {}
-        untold = 0
+        more = 0
         for item in items:
             try:
-                do(item)  # type: ignore[arg-type]  # of the kind that the caller's message has
+                do(item)
             except _REFUSALS as error:
                 self.graph.counters.refuse(op)
                 if len(reasons) < _MOST_REASONS:
                     reasons[str(error)] = None
                 else:
-                    untold += 1
+                    more += 1
             yield
         if reasons:
-            more = f"; and {untold} more" if untold else ""
-            self.replies.say(Level.ERROR, "; ".join(reasons) + more)
+            self.replies.say(Level.ERROR, "; ".join(reasons) + (f"; and {more} more" if more else ""))
 
     # -- what it is told -----------------------------------------------------------------------------------
 
     def take_change(self, change: Change) -> None:
-        """Tell it of another listing, and end subscriptions of what is gone."""
+        """Announce another listing, and end subscriptions of removed channels."""
         self.subscriptions.end(change.gone)
         for frame in change.frames:
             self.replies.send(frame)
 
     def tell_time(self, frame: Frame) -> None:
-        """Tell it the time, unless an older one still waits for it: then in its place."""
+        """Send the time, in place of an older one that still waits."""
         self._time.send(frame)
 
     def tell_connections(self, now: Connections) -> None:
-        """Tell it who takes part in what, as far as it has asked and does not know."""
+        """Send what has changed in the connection graph, if the client subscribes to it."""
         if self.connections is not None:
             frame = now.since(self.connections)
             self.connections = now
             if frame is not None:
                 self.replies.send(frame)
-
-    def ignore_connections(self) -> None:
-        """Tell it that no more."""
-        self.connections = None
-
-    def watch_connections(self) -> None:
-        """Tell it now, and after every change."""
-        if self.connections is None:
-            self.connections = Connections()
-            self.tell_connections(self._foxglove.listing_of(self).connections())
 
     # -- life ----------------------------------------------------------------------------------------------
 
@@ -177,26 +217,6 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
         if self.connections is not None:
             self.tell_connections(now.connections())
 
-    def watch(self, names: Iterable[str], *, watches: bool) -> None:
-        """Tell it of changes of parameters, or no more."""
-        if watches:
-            self.parameters.watch(tuple(names))
-        else:
-            self.parameters.unwatch(names)
-        self._foxglove.watched()
-
-    def fetch(self, asked: said.FetchAsset) -> None:
-        """Answer with a file."""
-        if self.assets is None:
-            raise NotPossible("fetchAsset: this server has no files (the setting `packages`)")
-        self.assets.fetch(asked, self._foxglove.spawn)
-
-    def control_playback(self, asked: said.PlaybackControlRequest) -> None:
-        """Control the recording."""
-        if self.playback is None:
-            raise NotPossible("playback control: no recording is played here (rwt bag play)")
-        self.playback.request(asked)
-
     def _releases(self) -> Iterator[None]:
         self._time.close()
         self.subscriptions.close()
@@ -204,49 +224,3 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
         if self.assets is not None:
             self.assets.close()
         yield
-
-
-def _refusing(client: FoxgloveClient, op: str, steps: Iterator[None]) -> Iterator[None]:
-    """Run the steps of a message, and report rejections to the client."""
-    try:
-        yield from steps
-    except Exception as error:
-        client.failed(op, error)
-
-
-_HANDLERS: Final[
-    Mapping[type[said.Text | said.Binary], Callable[[FoxgloveClient, Never], Iterator[None] | None]]
-] = MappingProxyType(
-    {
-        said.Subscribe: lambda client, message: client.each(
-            "subscribe",
-            message.subscriptions,
-            lambda one: client.subscriptions.subscribe(one, client.listing.channels),
-        ),
-        said.Unsubscribe: lambda client, message: client.each(
-            "unsubscribe", message.subscription_ids, client.subscriptions.unsubscribe
-        ),
-        said.Advertise: lambda client, message: client.each(
-            "advertise", message.channels, client.publications.advertise
-        ),
-        said.Unadvertise: lambda client, message: client.each(
-            "unadvertise", message.channel_ids, client.publications.unadvertise
-        ),
-        said.MessageData: lambda client, message: client.publications.publish(message),
-        said.ServiceCallRequest: lambda client, message: client.services.call(
-            message, client.listing.services
-        ),
-        said.GetParameters: lambda client, message: client.parameters.get(message),
-        said.SetParameters: lambda client, message: client.parameters.set(message),
-        said.SubscribeParameterUpdates: lambda client, message: client.watch(
-            message.parameter_names, watches=True
-        ),
-        said.UnsubscribeParameterUpdates: lambda client, message: client.watch(
-            message.parameter_names, watches=False
-        ),
-        said.SubscribeConnectionGraph: lambda client, _: client.watch_connections(),
-        said.UnsubscribeConnectionGraph: lambda client, _: client.ignore_connections(),
-        said.FetchAsset: lambda client, message: client.fetch(message),
-        said.PlaybackControlRequest: lambda client, message: client.control_playback(message),
-    }
-)

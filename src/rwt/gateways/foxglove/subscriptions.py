@@ -91,14 +91,13 @@ class _Delivery:
         self._encoding = IN_JSON if channel.in_json else SERIALISED
         self._graph = graph
         self._fanout = fanout
-        self._notices = NoticeFlow(replies.sink, topic)
-        self._last_notice = ""
+        notices = self._notices = NoticeFlow(replies.sink, topic)
         self._drops = DropNotices(
             topic,
             fanout.counts,
             graph.counters,
             clock,
-            self._notify,
+            lambda text: notices.send(status(Level.WARNING, text, f"dropped {topic}")),
             lambda text: replies.log(logging.INFO, text),
             _reason,
         )
@@ -115,11 +114,6 @@ class _Delivery:
         kept = self._fanout.subscription.history() + self._graph.startup_samples(self._fanout)
         for sample in kept:
             stream.replay(sample, self._gate)
-
-    def _notify(self, text: str) -> None:
-        if text != self._last_notice:
-            self._last_notice = text
-            self._notices.send(status(Level.WARNING, text, f"dropped {self.channel.topic}"))
 
     def end(self) -> None:
         """Stop the flow of samples."""

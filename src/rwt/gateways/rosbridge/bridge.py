@@ -11,7 +11,6 @@ from rwt.access.errors import AccessError
 from rwt.access.settings import SettingsError
 from rwt.gateways.base import ConnectionGateway
 from rwt.gateways.rosbridge.ops import actions, services, topics
-from rwt.gateways.rosbridge.ops.offers import Offers
 from rwt.gateways.rosbridge.peer import Peer
 from rwt.gateways.rosbridge.pending_auth import PendingAuth
 from rwt_interfaces.payload import Payload
@@ -28,6 +27,7 @@ from rwt_protocol.session import Session
 if TYPE_CHECKING:
     from rwt.access.roles import Role
     from rwt.gateways.rosbridge.numpy_loading import NumpyLoading
+    from rwt.gateways.rosbridge.ops.offers import Offers
     from rwt.gateways.rosbridge.settings import BridgeSettings
     from rwt_graph.api import Graph, Participant, Publisher
     from rwt_graph.clock import Clock
@@ -98,8 +98,8 @@ class Bridge(ConnectionGateway[Peer]):
         self.settings = settings
         self.loading = loading
         self.orphans = actions.OrphanedGoals()
-        self.service_offers: Offers[services.Asked] = Offers()
-        self.action_offers: Offers[actions.Accepted] = Offers()
+        self.service_offers: Offers[services.Asked] = {}
+        self.action_offers: Offers[actions.Accepted] = {}
         self._connected = ConnectedClients(self.shared.participant, graph.registry, graph.clock)
         self._codec = _exclusive_codec(settings)
         self.dispatcher: Dispatcher[Peer] = Dispatcher(

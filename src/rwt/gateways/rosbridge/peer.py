@@ -253,7 +253,7 @@ class Peer(ConnectedClient[_Waiting]):
             self._resume(what, self._monotonic())
 
     def _releases(self) -> Steps:
-        yield from self.services.close()
+        yield from self.services.provided.close()
         yield from self.actions.close()
         yield from self.topics.close()
 

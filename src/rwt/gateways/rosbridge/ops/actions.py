@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Final, Never
 
-from rwt.gateways.rosbridge.ops.offers import Offer, Offers
+from rwt.gateways.rosbridge.ops.offers import Offers, PeerOffers, Provided
 from rwt.gateways.rosbridge.ops.payloads import (
     IN_STEPS,
     arguments_in_steps,
@@ -152,7 +152,7 @@ class PeerGoal:
 Accepted = tuple["ActionType", "ServerGoal"]
 
 
-class _ProvidedAction(Offer[Accepted]):
+class _ProvidedAction(Provided[Accepted]):
     """Action that a client provides, with its active goals."""
 
     __slots__ = ("_count", "_name", "_replies", "_type")
@@ -212,7 +212,7 @@ class PeerActions:
         orphans: the goals of clients that have gone.
     """
 
-    __slots__ = ("_address", "_offers", "_orphans", "_provided", "_sent", "graph", "now", "replies")
+    __slots__ = ("_address", "_orphans", "_provided", "_sent", "graph", "now", "replies")
 
     def __init__(
         self,
@@ -226,10 +226,9 @@ class PeerActions:
         self.replies = replies
         self.now = graph.clock.time_ns
         self._address = address
-        self._offers = offers
         self._orphans = orphans
         self._sent: set[PeerGoal] = set()
-        self._provided: dict[str, _ProvidedAction] = {}
+        self._provided = PeerOffers(graph, address, offers)
 
     @property
     def goals_running(self) -> int:
@@ -284,21 +283,14 @@ class PeerActions:
     def advertise(self, op: AdvertiseAction) -> None:
         """Offer an action on the client's behalf, in place of any other of that name (ACT-12, ACT-18)."""
         provided = _ProvidedAction(op, self.graph, self._address, self.replies)
-        name = self.graph.advertise_action(op.action, op.type, provided.take)
-        self._forget(name)
-        self._provided[name] = provided
-        self._offers.add(provided)
+        self.graph.advertise_action(op.action, op.type, provided.take)
+        self._provided.add(provided)
 
     def unadvertise(self, op: UnadvertiseAction) -> None:
         """Withdraw an action of this client; its running goals are aborted (ACT-18)."""
         if not self.graph.withdraw_action(op.action):
             raise Refused(f"unadvertise_action: this client does not advertise {op.action}", level="warning")
-        self._forget(resolve(op.action))
-
-    def _forget(self, name: str) -> None:
-        provided = self._provided.pop(name, None)
-        if provided is not None:
-            self._offers.remove(provided)
+        self._provided.discard(resolve(op.action))
 
     def feedback(self, op: ActionFeedback) -> Steps | None:
         """Pass on the feedback of a client that offers the action (ACT-14); a large one in steps."""
@@ -362,23 +354,11 @@ class PeerActions:
         Raises:
             Refused: there is none of that id.
         """
-        name = resolve(action)
-        provided: Offer[Accepted] | None = self._provided.get(name)
-        found = provided.pending.get(id) if provided and isinstance(id, str) else None
-        if found is None and isinstance(id, str):
-            elsewhere = self._offers.asked(name, id, self.graph, self._address)
-            found = elsewhere.pending[id] if elsewhere else None
-        if found is not None:
-            return found
-        if provided is None:
-            raise Refused(f"{op}: this client does not advertise {action}")
-        raise Refused(f"{op}: no goal of {action} runs under id {id!r}", level="warning")
+        return self._provided.pending(op, action, id, f"no goal of {action} runs")[str(id)]
 
     def close(self) -> Steps:
         """Let the goals run on; they can still be cancelled from the same address (ACT-19)."""
-        for name in tuple(self._provided):
-            self._forget(name)
-            yield
+        yield from self._provided.close()
         for goal in tuple(self._sent):
             goal.orphan()
             self._orphans.add(goal, self._address)

@@ -9,21 +9,23 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Generic, TypeVar
 
 from rwt_graph.names import resolve
+from rwt_protocol.errors import Refused
 
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
+    from rwt_protocol.dispatcher import Steps
 
 T = TypeVar("T")
 
 
-class Offer(Generic[T]):
+class Provided(Generic[T]):
     """Service or action that a client provides.
 
     Attributes:
         name: absolute name.
-        address: the client's.
-        role: the name of the client's role when it offered it.
-        pending: what the client was asked and has not answered, by the id of the question.
+        address: address of the client.
+        role: name of the client's role at the time of advertising.
+        pending: unanswered requests by id.
     """
 
     __slots__ = ("address", "name", "pending", "role")
@@ -35,37 +37,73 @@ class Offer(Generic[T]):
         self.pending: dict[str, T] = {}
 
 
-class Offers(Generic[T]):
-    """The services, or the actions, that all clients of one bridge offer."""
+Offers = dict[str, list[Provided[T]]]
+"""Services, or actions, that all clients of one bridge provide, by absolute name."""
 
-    def __init__(self) -> None:
-        self._offers: dict[str, list[Offer[T]]] = {}
 
-    def add(self, offer: Offer[T]) -> None:
-        """Add an offer."""
-        self._offers.setdefault(offer.name, []).append(offer)
+class PeerOffers(Generic[T]):
+    """Services, or actions, that one client provides.
 
-    def remove(self, offer: Offer[T]) -> None:
-        """Remove an offer that was withdrawn."""
-        offers = self._offers[offer.name]
-        offers.remove(offer)
-        if not offers:
-            del self._offers[offer.name]
+    Args:
+        graph: the graph as the client may see it.
+        address: address of the client.
+        offers: those of all clients.
+    """
 
-    def asked(self, name: str, id_: str, graph: ClientGraph, address: str) -> Offer[T] | None:
-        """Return the offer whose client received request `id_`, for a response over another connection.
+    __slots__ = ("_address", "_graph", "_offers", "_own")
+
+    def __init__(self, graph: ClientGraph, address: str, offers: Offers[T]) -> None:
+        self._graph = graph
+        self._address = address
+        self._offers = offers
+        self._own: dict[str, Provided[T]] = {}
+
+    def add(self, provided: Provided[T]) -> None:
+        """Add an advertised service or action, in place of the client's own of that name."""
+        self.discard(provided.name)
+        self._own[provided.name] = provided
+        self._offers.setdefault(provided.name, []).append(provided)
+
+    def discard(self, name: str) -> None:
+        """Remove what was withdrawn; idempotent."""
+        provided = self._own.pop(name, None)
+        if provided is not None:
+            offers = self._offers[name]
+            offers.remove(provided)
+            if not offers:
+                del self._offers[name]
+
+    def close(self) -> Steps:
+        """Remove everything."""
+        for name in tuple(self._own):
+            self.discard(name)
+            yield
+
+    def pending(self, op: str, name: str, id: str | int | None, what: str) -> dict[str, T]:
+        """Return the pending requests that contain `id`, possibly advertised over another connection.
 
         Args:
-            name: absolute name of the service or action.
-            id_: under which the client was asked.
-            graph: the graph as whoever answers may see it.
-            address: of whoever answers: the one that offers must have the same, and the same role.
+            op: op of the response.
+            name: service or action, as the client spells it.
+            id: id of the request.
+            what: description of such a request, for the error.
 
         Raises:
+            Refused: there is none.
             NotAllowed: the role may not provide anything of that name (any more).
         """
-        for offer in self._offers.get(name, ()):
-            if id_ in offer.pending and offer.address == address and offer.role == graph.role.name:
-                graph.require("provide", name)
-                return offer
-        return None
+        absolute = resolve(name)
+        own = self._own.get(absolute)
+        if isinstance(id, str):
+            if own is not None and id in own.pending:
+                return own.pending
+            for other in self._offers.get(absolute, ()):
+                if id in other.pending and (other.address, other.role) == (
+                    self._address,
+                    self._graph.role.name,
+                ):
+                    self._graph.require("provide", absolute)
+                    return other.pending
+        if own is None:
+            raise Refused(f"{op}: this client does not advertise {name}")
+        raise Refused(f"{op}: {what} under id {id!r}", level="warning")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Final, Never
 
-from rwt.gateways.rosbridge.ops.offers import Offer, Offers
+from rwt.gateways.rosbridge.ops.offers import Offers, PeerOffers, Provided
 from rwt.gateways.rosbridge.ops.payloads import (
     IN_STEPS,
     arguments_in_steps,
@@ -51,7 +51,7 @@ _ANSWER: Final = "service_response.values"
 Asked = tuple["ServiceType", "ServiceCall"]
 
 
-class _ProvidedService(Offer[Asked]):
+class _ProvidedService(Provided[Asked]):
     """Service that a client offers, with its pending calls."""
 
     __slots__ = ("_count", "_name", "_replies")
@@ -79,6 +79,9 @@ class _ProvidedService(Offer[Asked]):
 class PeerServices:
     """Services that one client calls and provides.
 
+    Attributes:
+        provided: services that the client provides; the client's graph withdraws them (DIS-04).
+
     Args:
         graph: the graph as the client may see it.
         replies: control lane to the client.
@@ -87,7 +90,7 @@ class PeerServices:
         timeout: seconds that a call may take whose caller says nothing; 0 waits without end (SRV-10).
     """
 
-    __slots__ = ("_address", "_graph", "_now", "_offers", "_provided", "_replies", "_timeout")
+    __slots__ = ("_address", "_graph", "_now", "_replies", "_timeout", "provided")
 
     def __init__(
         self, graph: ClientGraph, replies: Replies, address: str, offers: Offers[Asked], timeout: float
@@ -95,10 +98,9 @@ class PeerServices:
         self._graph = graph
         self._replies = replies
         self._address = address
-        self._offers = offers
         self._timeout = timeout
         self._now = graph.clock.time_ns
-        self._provided: dict[str, _ProvidedService] = {}
+        self.provided = PeerOffers(graph, address, offers)
 
     def call(self, op: CallService) -> Steps | None:
         """Call a service of the graph and answer with the caller's id (SRV-01 … SRV-14); large arguments are
@@ -173,10 +175,8 @@ class PeerServices:
     def advertise(self, op: AdvertiseService) -> None:
         """Offer a service on the client's behalf, in place of any other of that name (SVP-01, SVP-07)."""
         provided = _ProvidedService(op.service, self._graph, self._address, self._replies)
-        name = self._graph.advertise_service(op.service, op.type, provided.ask)
-        self._forget(name)
-        self._provided[name] = provided
-        self._offers.add(provided)
+        self._graph.advertise_service(op.service, op.type, provided.ask)
+        self.provided.add(provided)
 
     def unadvertise(self, op: UnadvertiseService) -> None:
         """Withdraw a service of this client; its waiting calls fail (SVP-08 … SVP-10)."""
@@ -184,18 +184,7 @@ class PeerServices:
             raise Refused(
                 f"unadvertise_service: this client does not advertise {op.service}", level="warning"
             )
-        self._forget(resolve(op.service))
-
-    def _forget(self, name: str) -> None:
-        provided = self._provided.pop(name, None)
-        if provided is not None:
-            self._offers.remove(provided)
-
-    def close(self) -> Steps:
-        """Forget what the client offered; it is withdrawn with the client's graph (DIS-04)."""
-        for name in tuple(self._provided):
-            self._forget(name)
-            yield
+        self.provided.discard(resolve(op.service))
 
     def answer(self, op: ServiceResponse) -> Steps | None:
         """Pass a provider's response to the caller (SVP-03 … SVP-08); a large one is checked in steps.
@@ -226,7 +215,7 @@ class PeerServices:
 
     def _answer_in_steps(self, op: ServiceResponse, values: RawJson) -> Steps:
         # It waits on meanwhile, so that it ends with its provider or its time, whichever comes first.
-        type, _ = self._waiting(op.service, op.id)[0]
+        type, _ = self._pending(op.service, op.id)[str(op.id)]
         try:
             response = yield from payload_in_steps(type.response, values, _ANSWER, self._now)
         except Refused as refused:
@@ -251,26 +240,10 @@ class PeerServices:
         Raises:
             Refused: no such call is pending.
         """
-        asked, pending = self._waiting(service, id)
-        del pending[str(id)]
-        return asked
+        return self._pending(service, id).pop(str(id))
 
-    def _waiting(self, service: str, id: str | int | None) -> tuple[Asked, dict[str, Asked]]:
-        """Return the pending call with this id, and the calls that contain it.
-
-        Raises:
-            Refused: no such call is pending.
-        """
-        name = resolve(service)
-        provided: Offer[Asked] | None = self._provided.get(name)
-        if isinstance(id, str):
-            offer = provided if provided is not None and id in provided.pending else None
-            offer = offer or self._offers.asked(name, id, self._graph, self._address)
-            if offer is not None:
-                return offer.pending[id], offer.pending
-        if provided is None:
-            raise Refused(f"service_response: this client does not advertise {service}")
-        raise Refused(f"service_response: no call of {service} waits under id {id!r}", level="warning")
+    def _pending(self, service: str, id: str | int | None) -> dict[str, Asked]:
+        return self.provided.pending("service_response", service, id, f"no call of {service} waits")
 
 
 HANDLERS: Final[Mapping[type[Op], Callable[[PeerServices, Never], Steps | None]]] = {

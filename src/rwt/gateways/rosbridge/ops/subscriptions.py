@@ -39,14 +39,19 @@ class ClientSubscription:
         self._requests: dict[str | int | None, tuple[ops.Subscribe, Encoding]] = {}
         clock = graph.clock
         self._clock = clock
-        self._replies = replies
-        self._notices = NoticeFlow(replies.sink, name)
+        notices = self._notices = NoticeFlow(replies.sink, name)
+
+        def notify(text: str) -> None:  # Not a method: that would be a reference cycle.
+            frame = replies.session.answer(Status(level="warning", msg=text))
+            if frame is not None:
+                notices.send(frame)
+
         self._drops = DropNotices(
             name,
             fanout.counts,
             graph.counters,
             clock,
-            self._notify,
+            notify,
             lambda text: replies.log(logging.INFO, text),
         )
         self._flow = replies.sink.flow(name, on_drop=self._drops.dropped, time_ns=clock.time_ns)
@@ -62,11 +67,6 @@ class ClientSubscription:
     def has(self, id_: str | int | None) -> bool:
         """Return True if there is a subscription with this id."""
         return id_ in self._requests
-
-    def _notify(self, text: str) -> None:
-        frame = self._replies.session.answer(Status(level="warning", msg=text))
-        if frame is not None:
-            self._notices.send(frame)
 
     def put(self, op: ops.Subscribe, encoding: Encoding) -> None:
         """Add a subscription, or change the one of the same id (SUB-09).
