@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rwt.gateways.mcp.agent import Recordings
 from rwt.gateways.mcp.errors import ToolError
-from rwt.gateways.mcp.recordings import RecordedTopicRow, RecordingInfo, Recordings
 from rwt.nodes.playback.publications import add_recorded_types, read_payload
 from rwt.nodes.recording import RecordingError, open_recording
 from rwt_interfaces.errors import InterfaceError
@@ -38,18 +38,15 @@ class RecordingFolder(Recordings):
         except OSError as error:
             raise ToolError(f"the recordings cannot be listed: {error.strerror}") from None
 
-    def describe(self, name: str, sees: Callable[[str], bool]) -> RecordingInfo:  # noqa: D102 - inherited
+    def describe(self, name: str, sees: Callable[[str], bool]) -> list[str]:  # noqa: D102 - inherited
         with self._opened(name) as recording:
-            return RecordingInfo(
-                name,
-                (recording.end_ns - recording.start_ns) / _SECOND,
-                recording.start_ns,
-                tuple(
-                    RecordedTopicRow(each.name, each.type, each.count)
-                    for each in recording.topics
-                    if sees(each.name)
-                ),
-            )
+            start, seconds = recording.start_ns, (recording.end_ns - recording.start_ns) / _SECOND
+            lines = [f"{name}: {seconds:.1f} s, from {start} ns since the epoch; topics:"]
+            for topic in recording.topics:
+                if sees(topic.name):
+                    count = "" if topic.count is None else f" ({topic.count} messages)"
+                    lines.append(f"{topic.name} [{topic.type}]{count}")
+            return lines
 
     def message(self, name: str, topic: str, seconds: float) -> tuple[Message, str, float]:  # noqa: D102 - inherited
         with self._opened(name) as recording:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Protocol
 
 from rwt.gateways.mcp.content.show import show
@@ -12,7 +12,6 @@ from rwt.gateways.mcp.errors import ToolError
 if TYPE_CHECKING:
     from rwt.gateways.mcp.content.answer import Answer
     from rwt.gateways.mcp.goals import GoalTable
-    from rwt.gateways.mcp.recordings import Recordings
     from rwt.gateways.mcp.settings import McpSettings
     from rwt_participant.api import RobotApi
     from rwt_participant.handles import Publisher
@@ -22,27 +21,27 @@ Act = Literal["publish", "call", "goals", "set_param"]
 """Acts that change something at the robot, by the names of the rights in the settings of roles."""
 
 
-class ReportProgress(Protocol):
-    """Reports the progress of a tool to the agent's program."""
+ReportProgress = Callable[[float, float | None, str | None], Awaitable[None]]
+"""Reports the progress of a tool to the agent's program: amount done, amount at the end if known, text."""
 
-    async def __call__(self, progress: float, total: float | None = None, message: str | None = None) -> None:
-        """Report progress.
-
-        Args:
-            progress: amount done, which grows with each call.
-            total: amount at the end, if known.
-            message: text for people.
-        """
+InThread = Callable[[Callable[[], "Answer"]], Awaitable["Answer"]]
+"""Runs slow work in a thread, and charges it to the client that asked for it."""
 
 
-class InThread(Protocol):
-    """Runs slow work in a thread, and charges it to the client that asked for it."""
+class Recordings(Protocol):
+    """Folder of recordings. The methods block, and raise ToolError for what does not exist or is damaged."""
 
-    async def __call__(self, work: Callable[[], Answer]) -> Answer:
-        """Run a plain function, and return or raise what it does."""
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the files, sorted."""
+
+    def describe(self, name: str, sees: Callable[[str], bool]) -> list[str]:
+        """Return lines about a recording and its topics, of which `sees` returns True."""
+
+    def message(self, name: str, topic: str, seconds: float) -> tuple[Message, str, float]:
+        """Return the first message of a topic at or after an offset in seconds, its type and its offset."""
 
 
-async def _no_progress(progress: float, total: float | None = None, message: str | None = None) -> None:
+async def _no_progress(progress: float, total: float | None, message: str | None) -> None:
     """No-op: the agent's program did not ask for progress."""
 
 
@@ -94,7 +93,7 @@ class Agent:
     pass_gate: Callable[[float], Awaitable[bool]] = _no_approval
     confirm: Callable[[Act, str, str], Awaitable[None]] = _no_confirmation
     recordings: Recordings | None = None
-    report_progress: ReportProgress = field(default=_no_progress)
+    report_progress: ReportProgress = _no_progress
 
     def bounded_seconds(self, seconds: float, what: str) -> float:
         """Return the time that a tool may take.

@@ -25,11 +25,11 @@ from rwt.access.roles import glob_pattern
 from rwt.access.settings import LINGER_SECONDS
 from rwt.gateways.base import Gateway
 from rwt.gateways.mcp.agent import Agent
-from rwt.gateways.mcp.approvals import Questions
 from rwt.gateways.mcp.asgi import Exchange
 from rwt.gateways.mcp.client_robot import ClientRobot
 from rwt.gateways.mcp.errors import ToolError
 from rwt.gateways.mcp.goals import GoalTable
+from rwt.gateways.mcp.person import Questions
 from rwt.gateways.mcp.server import make_server
 from rwt.gateways.mcp.tools import TOOLS
 from rwt.gateways.visitors import Visitor, Visitors, peer_of
@@ -42,7 +42,6 @@ from rwt_transports.http.routes import (
     HttpResponse,
     MetricFamily,
     Route,
-    any_of,
     is_local,
 )
 
@@ -56,9 +55,8 @@ if TYPE_CHECKING:
     from rwt.access.gate.gate import Gate
     from rwt.access.graph_view import GraphView
     from rwt.access.roles import Role
-    from rwt.gateways.mcp.agent import Act
+    from rwt.gateways.mcp.agent import Act, Recordings
     from rwt.gateways.mcp.content.answer import Answer
-    from rwt.gateways.mcp.recordings import Recordings
     from rwt.gateways.mcp.server import Allow
     from rwt.gateways.mcp.settings import McpSettings
     from rwt_graph.api import Graph
@@ -162,11 +160,10 @@ class McpGateway(Gateway):
         several_processes: bool = False,
     ) -> None:
         super().__init__(graph, access, NODE, LINGER_SECONDS)
-        self._settings = settings
+        self.settings = settings
         self._recordings = recordings
         self._visitors: Visitors[Visitor] = Visitors(self.shared.counters, graph.clock, LINGER_SECONDS)
         self._goals = GoalTable(settings.goals, several_processes=several_processes)
-        self._asks_about = any_of(settings.confirm)
         self._callers: set[_Caller] = set()
         self._sessions: dict[str, _Session] = {}
         self._tool_calls: dict[tuple[str, str], int] = {}
@@ -262,7 +259,7 @@ class McpGateway(Gateway):
         admission = self.access.admission
         role = admission.role_of_token(info)
         if role is None and admission.default_role is not None:
-            role = admission.roles.get(self._settings.default_role)
+            role = admission.roles.get(self.settings.default_role)
         if role is None:
             raise Refused(401, "agents need a bearer token here (auth.tokens)")
         return role
@@ -273,7 +270,7 @@ class McpGateway(Gateway):
         Raises:
             Refused: a limit is reached.
         """
-        settings, network = self._settings, network_of(request.address)
+        settings, network = self.settings, network_of(request.address)
         most = settings.request_bytes // 16 if _opens_session(request) else settings.request_bytes
         if len(request.body) > most:
             text = f"a request of {len(request.body)} bytes; the limit is {most} here (mcp.request_bytes)"
@@ -299,7 +296,7 @@ class McpGateway(Gateway):
 
     def _forget_ended_sessions(self) -> None:
         """Remove sessions that the SDK has ended because they were idle."""
-        over = time.monotonic() - self._settings.session_idle_seconds
+        over = time.monotonic() - self.settings.session_idle_seconds
         self._sessions = {
             id: each for id, each in self._sessions.items() if each.under_way or each.used_at > over
         }
@@ -330,7 +327,7 @@ class McpGateway(Gateway):
         """Whoever sent a request, until its answer is there or nobody hears it any more."""
         caller = _caller_of(context)
         running = sum(len(each.clients) for each in self._callers)
-        if running >= self._settings.requests:
+        if running >= self.settings.requests:
             raise ToolError(f"{running} agents are being served now (mcp.requests): try again in a moment")
         name = f"mcp:{_name_of(context)}"
         client = self.access.client(self.shared, caller.role, caller.info.address, name)
@@ -345,7 +342,7 @@ class McpGateway(Gateway):
                 yield Agent(
                     owner=caller.owner,
                     robot=robot,
-                    settings=self._settings,
+                    settings=self.settings,
                     acts=_acts(caller.role),
                     goals=self._goals,
                     in_thread=partial(self._in_thread, client),
@@ -394,10 +391,6 @@ class McpGateway(Gateway):
         client.work.add(seconds, "pictures")
         return answer
 
-    def asks_about(self, name: str) -> bool:
-        """Return True if acts on this name require a person's approval (`mcp.confirm`)."""
-        return self._asks_about.fullmatch(name.lower()) is not None
-
     def note(self, context: ServerRequestContext[Any, Any], text: str, *, acts: bool) -> None:
         """Write into the audit what an agent does."""
         caller = _caller_of(context)
@@ -411,10 +404,6 @@ class McpGateway(Gateway):
         key = (tool, outcome)
         self._tool_calls[key] = self._tool_calls.get(key, 0) + 1
 
-    def monotonic(self) -> float:
-        """Seconds on a clock that never goes back."""
-        return time.monotonic()
-
     # -- pages of others -------------------------------------------------------------------------------------
 
     def _section(self, request: HttpRequest, reader: GraphView) -> str:
@@ -422,7 +411,7 @@ class McpGateway(Gateway):
         url = f"{scheme}://{request.headers.get('host', 'localhost:9090')}{request.prefix}{PATH}"
         return (
             f"<h2>Agents</h2><p>Model Context Protocol, streamable HTTP: <code>{html.escape(url)}</code>,"
-            f" {len(TOOLS)} tools, as role <code>{html.escape(self._settings.default_role)}</code> without a"
+            f" {len(TOOLS)} tools, as role <code>{html.escape(self.settings.default_role)}</code> without a"
             " token."
         )
 

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+import hashlib
+import json
+import secrets
+import time
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import mcp_types as types
 from mcp_types.version import MODERN_PROTOCOL_VERSIONS
 
-from rwt.gateways.mcp.approvals import Question
 from rwt.gateways.mcp.errors import AnswerNeeded, ToolError
 
 if TYPE_CHECKING:
     from mcp.server.context import ServerRequestContext
 
-    from rwt.gateways.mcp.approvals import Questions
 
 #: Key of the question and its answer in MCP messages.
 KEY: Final = "permission"
@@ -33,6 +36,60 @@ _CANNOT: Final = (
 )
 
 
+_ANSWER_SECONDS: Final = 600.0
+"""Time to wait for an answer, in seconds."""
+
+_MAX_QUESTIONS: Final = 256
+"""Maximum number of pending questions; beyond it the oldest are forgotten."""
+
+
+class _Pending(NamedTuple):
+    allowed: frozenset[str]
+    digest: bytes
+    until: float
+
+
+class Questions:
+    """Questions whose answers come with a later request.
+
+    Each is for one action by one owner with identical arguments, and is answered once.
+    """
+
+    def __init__(self) -> None:
+        self._pending: dict[str, _Pending] = {}
+
+    def ask(
+        self, allowed: frozenset[str], owner: str, tool: str, arguments: Mapping[str, object], now: float
+    ) -> str:
+        """Note a question, and return the token under which its answer comes.
+
+        Args:
+            allowed: what the answer allows, with what was allowed before.
+            owner: identity of the agent.
+            tool: name of the tool.
+            arguments: arguments of the tool.
+            now: monotonic time in seconds.
+        """
+        while len(self._pending) >= _MAX_QUESTIONS:
+            del self._pending[next(iter(self._pending))]
+        token = secrets.token_urlsafe(24)
+        self._pending[token] = _Pending(allowed, _digest(owner, tool, arguments), now + _ANSWER_SECONDS)
+        return token
+
+    def answered(
+        self, token: str, owner: str, tool: str, arguments: Mapping[str, object], now: float
+    ) -> frozenset[str] | None:
+        """Return what an answer to a question with the same arguments allows; None if it is unknown."""
+        pending = self._pending.pop(token, None)
+        if pending is None or now > pending.until or pending.digest != _digest(owner, tool, arguments):
+            return None
+        return pending.allowed
+
+
+def _digest(owner: str, tool: str, arguments: Mapping[str, object]) -> bytes:
+    return hashlib.sha256(json.dumps([owner, tool, arguments], sort_keys=True).encode()).digest()
+
+
 class Person:
     """Asks the agent's user for permission; the model does not see the question.
 
@@ -43,7 +100,6 @@ class Person:
         context: context of the call.
         params: the call.
         questions: unanswered questions.
-        now: monotonic time in seconds.
     """
 
     def __init__(
@@ -51,12 +107,11 @@ class Person:
         context: ServerRequestContext[Any, Any],
         params: types.CallToolRequestParams,
         questions: Questions,
-        now: float,
     ) -> None:
         self._context = context
         self._params = params
         self._questions = questions
-        self._now = now
+        self._now = time.monotonic()
         self._arguments = params.arguments or {}
         self._allowed: frozenset[str] | None = None
 
@@ -88,21 +143,21 @@ class Person:
         if self._allowed is None:
             self._allowed = self._read_answer(owner)
         if text not in self._allowed:
-            question = Question(text, self._allowed)
-            word = self._questions.ask(question, owner, self._params.name, self._arguments, self._now)
-            raise AnswerNeeded(text, word)
+            wanted = self._allowed | {text}
+            token = self._questions.ask(wanted, owner, self._params.name, self._arguments, self._now)
+            raise AnswerNeeded(text, token)
 
     def _read_answer(self, owner: str) -> frozenset[str]:
         """Return the permissions in the answer that came with the call."""
-        word = self._params.request_state
+        token = self._params.request_state
         answer = (self._params.input_responses or {}).get(KEY)
-        if word is None or not isinstance(answer, types.ElicitResult):
+        if token is None or not isinstance(answer, types.ElicitResult):
             return frozenset()
-        asked = self._questions.answered(word, owner, self._params.name, self._arguments, self._now)
-        if asked is None:
+        allowed = self._questions.answered(token, owner, self._params.name, self._arguments, self._now)
+        if allowed is None:
             return frozenset()
         _require_yes(answer)
-        return asked.allowed | {asked.text}
+        return allowed
 
 
 def _require_yes(answer: types.ElicitResult) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import logging
+import time
 from collections.abc import Awaitable, Callable
 from contextlib import AbstractAsyncContextManager
 from dataclasses import replace
@@ -22,12 +23,14 @@ from rwt.gateways.mcp.person import Person, asked
 from rwt.gateways.mcp.tools import TOOLS
 from rwt.gateways.visitors import Metered
 from rwt_participant.errors import RobotError
+from rwt_transports.http.routes import any_of
 
 if TYPE_CHECKING:
     from mcp.server.context import ServerRequestContext
 
     from rwt.gateways.mcp.agent import Act, Agent
-    from rwt.gateways.mcp.approvals import Questions
+    from rwt.gateways.mcp.person import Questions
+    from rwt.gateways.mcp.settings import McpSettings
     from rwt.gateways.mcp.tools.tool import Tool
 
     Context = ServerRequestContext[Any, Any]
@@ -39,21 +42,16 @@ Allow = Callable[[str, str], Awaitable[None]]
 
 
 class Host(Protocol):
-    """Surroundings of the server: identifies agents, and names the acts that require approval."""
+    """Surroundings of the server: identifies agents, logs and counts what they do."""
 
     questions: Questions
+    settings: McpSettings
 
     def agent(self, context: Context, allow: Allow | None = None) -> AbstractAsyncContextManager[Agent]:
         """Return the sender of a request being handled; `allow` asks its user. Raises :exc:`ToolError`."""
 
-    def asks_about(self, name: str) -> bool:
-        """Return True if acts on this name require a person's approval."""
-
     def note(self, context: Context, text: str, *, acts: bool) -> None:
         """Write into the audit what an agent does."""
-
-    def monotonic(self) -> float:
-        """Seconds on a clock that never goes back."""
 
     def count(self, tool: str, outcome: str) -> None:
         """Count a call of a tool: `done`, `asked`, `refused` or `failed`."""
@@ -83,12 +81,13 @@ class _Handlers:
 
     def __init__(self, host: Host) -> None:
         self._host = host
+        self._asks_about = any_of(host.settings.confirm)
 
     async def list_tools(
         self, context: Context, params: types.PaginatedRequestParams | None
     ) -> types.ListToolsResult:
         """List the tools that the agent can use."""
-        async with self._agent(context) as agent:
+        async with self._host.agent(context) as agent:
             offered = [_described(tool) for tool in TOOLS.values() if tool.is_offered_to(agent)]
         return types.ListToolsResult(tools=offered)
 
@@ -101,7 +100,7 @@ class _Handlers:
             raise MCPError(types.INVALID_PARAMS, f"there is no tool {params.name[:100]!r}: see tools/list")
         said = f"{tool.name} {as_text(given)}"
         self._host.note(context, said, acts=tool.act is not None)
-        person = Person(context, params, self._host.questions, self._host.monotonic())
+        person = Person(context, params, self._host.questions)
         try:
             async with self._host.agent(context, person.allow) as agent:
                 if not tool.is_offered_to(agent):
@@ -111,7 +110,7 @@ class _Handlers:
                     confirm=partial(self._confirm, context, person, agent.owner),
                     report_progress=context.session.report_progress,
                 )
-                answer = await Metered(tool(heard, given), agent.charge, self._host.monotonic)
+                answer = await Metered(tool(heard, given), agent.charge, time.monotonic)
         except AnswerNeeded as needed:
             self._host.count(tool.name, "asked")
             return asked(needed)
@@ -130,7 +129,7 @@ class _Handlers:
         self, context: Context, person: Person, owner: str, act: Act, name: str, what: str
     ) -> None:
         """Ask the agent's user if the settings require it."""
-        if self._host.asks_about(name):
+        if self._asks_about.fullmatch(name.lower()) is not None:
             await person.allow(owner, what)
             self._host.note(context, f"{act} {name}: the person allowed it", acts=True)
 
@@ -168,7 +167,7 @@ class _Handlers:
         self._host.note(context, f"read {uri}", acts=False)
         try:
             async with self._host.agent(context) as agent:
-                answer = await Metered(read_resource(agent, uri), agent.charge, self._host.monotonic)
+                answer = await Metered(read_resource(agent, uri), agent.charge, time.monotonic)
         except (ToolError, RobotError, AccessError) as error:
             raise MCPError(types.INVALID_PARAMS, str(error)) from None
         return types.ReadResourceResult(contents=[_resource_content(uri, part) for part in answer])
@@ -210,9 +209,6 @@ class _Handlers:
             description=prompt.description,
             messages=[types.PromptMessage(role="user", content=types.TextContent(text=text))],
         )
-
-    def _agent(self, context: Context) -> AbstractAsyncContextManager[Agent]:
-        return self._host.agent(context)
 
 
 def _not_offered(tool: Tool[Any], agent: Agent) -> str:

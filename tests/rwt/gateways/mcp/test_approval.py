@@ -9,7 +9,7 @@ import pytest
 from mcp_types import CallToolResult, ElicitRequestFormParams, ElicitResult, InputRequiredResult
 
 from rwt import Settings
-from rwt.gateways.mcp.approvals import Question, Questions
+from rwt.gateways.mcp.person import Questions
 from rwt_client import connect
 from tests.rwt.gateways.mcp.agents import Era, agent_at, agent_of_connection, done, refused, url_of
 from tests.rwt.gateways.mcp.robots import small_robot
@@ -135,7 +135,7 @@ async def test_an_answer_is_for_what_was_asked(
     owner: str, tool: str, arguments: dict[str, object], after: float, fits: bool
 ) -> None:
     questions = Questions()
-    question = Question("May it?", frozenset({"May it what?"}))
+    question = frozenset({"May it?", "May it what?"})
     word = questions.ask(question, "me", "publish", {"a": 1, "b": 2}, 0.0)
     found = questions.answered(word, owner, tool, arguments, after)
     assert found == (question if fits else None)
@@ -143,7 +143,7 @@ async def test_an_answer_is_for_what_was_asked(
 
 
 async def test_questions_without_answers_are_bounded() -> None:
-    questions, question = Questions(), Question("May it?", frozenset())
+    questions, question = Questions(), frozenset({"May it?"})
     words = [questions.ask(question, "me", "publish", {}, 0.0) for _ in range(1000)]
     assert [questions.answered(word, "me", "publish", {}, 0.0) for word in words].count(question) == 256
 

@@ -97,18 +97,16 @@ class CommandHost:
         import logging
 
         from rwt.composition.recordings import RecordingFolder
-        from rwt.gateways.mcp.approvals import Questions
         from rwt.gateways.mcp.goals import GoalTable
-        from rwt_transports.http.routes import any_of
+        from rwt.gateways.mcp.person import Questions
 
         self.questions = Questions()
         self._log = logging.getLogger("rwt.gateways.mcp.audit")
         self._robot = robot
-        self._settings = settings
+        self.settings = settings
         every: tuple[Act, ...] = ("publish", "call", "goals", "set_param")
         self._acts: frozenset[Act] = frozenset(every) if acts else frozenset()
         self._goals = GoalTable(settings.goals)
-        self._asks_about = any_of(settings.confirm)
         self._recordings = None if settings.recordings is None else RecordingFolder(settings.recordings)
 
     @asynccontextmanager
@@ -124,7 +122,7 @@ class CommandHost:
         yield Agent(
             owner="",
             robot=self._robot,
-            settings=self._settings,
+            settings=self.settings,
             acts=self._acts,
             goals=self._goals,
             in_thread=_in_thread,
@@ -136,10 +134,6 @@ class CommandHost:
             recordings=self._recordings,
         )
 
-    def asks_about(self, name: str) -> bool:
-        """True if acts on this name require confirmation."""
-        return self._asks_about.fullmatch(name.lower()) is not None
-
     def note(self, context: ServerRequestContext[Any, Any], text: str, *, acts: bool) -> None:
         """Log an act of the agent on standard error."""
         from rwt.access.audit import one_line
@@ -148,10 +142,6 @@ class CommandHost:
 
     def count(self, tool: str, outcome: str) -> None:
         """No-op: this program serves no metrics."""
-
-    def monotonic(self) -> float:
-        """Return seconds of a monotonic clock."""
-        return self._robot.clock.monotonic()
 
 
 async def _in_thread(work: Callable[[], Answer]) -> Answer:

@@ -12,8 +12,7 @@ from rwt.gateways.mcp.errors import ToolError
 from rwt.gateways.mcp.tools.tool import Arguments, Name, Tool
 
 if TYPE_CHECKING:
-    from rwt.gateways.mcp.agent import Agent
-    from rwt.gateways.mcp.recordings import Recordings
+    from rwt.gateways.mcp.agent import Agent, Recordings
 
 
 def _recordings(agent: Agent) -> Recordings:
@@ -37,11 +36,7 @@ async def _describe_recording(agent: Agent, asked: DescribeRecordingArguments) -
         if not asked.recording:
             names = recordings.names()
             return ("\n".join([f"recordings ({len(names)}):", *names[:200]]),)
-        info = recordings.describe(asked.recording, agent.sees)
-        lines = [f"{info.name}: {info.seconds:.1f} s, from {info.start_ns} ns since the epoch; topics:"]
-        for topic in info.topics:
-            count = "" if topic.count is None else f" ({topic.count} messages)"
-            lines.append(f"{topic.name} [{topic.type}]{count}")
+        lines = recordings.describe(asked.recording, agent.sees)
         return (bounded("\n".join(lines), agent.settings.result_bytes),)
 
     return await agent.in_thread(text)
