@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import anyio
 
@@ -80,19 +80,16 @@ Main = Callable[["Server"], Awaitable[object]] | Callable[["BlockingNode"], obje
 """Robot program: a coroutine function on the server's event loop, or a plain function beside it."""
 
 
-class HasRoles(Protocol):
-    """Owner of clients whose roles may change while the server runs."""
-
-    def reload_roles(self) -> None:
-        """Assign each client its role of the current settings, and withdraw what that does not allow."""
-
-
 @dataclass(frozen=True, slots=True)
 class _Running:
-    """Parts of a server that exist only while it runs."""
+    """Parts of a server that exist only while it runs.
+
+    Attributes:
+        reload_roles: functions that assign clients their roles of the current settings.
+    """
 
     bridge: Bridge
-    gateways: tuple[HasRoles, ...]
+    reload_roles: tuple[Callable[[], None], ...]
     metrics: ServerMetrics
     listeners: tuple[Listener, ...]
     tls: SSLContext | None
@@ -349,9 +346,8 @@ class Server:
         settings = self._read_settings()
         server_tls(settings.tls)  # Raises before anything changes.
         running.bridge.access.reload(settings)
-        running.bridge.reload_roles()
-        for gateway in running.gateways:
-            gateway.reload_roles()
+        for reload_roles in running.reload_roles:
+            reload_roles()
         if running.tls is not None:
             renew_server_tls(running.tls, settings.tls)
         self._warn_of_strangers(running.bridge.access, running.listeners)
@@ -435,7 +431,7 @@ class Server:
         if self._worker is None:
             stack.callback(Heartbeat(graph.clock).close)
         stack.enter_context(bounded_log())
-        reloaded: list[HasRoles] = [*gateways]
+        reload_roles = [each.reload_roles for each in (bridge, *gateways)]
         spoken = {name: accept for gateway in gateways for name, accept in gateway.websockets.items()}
         mounts = [await stack.enter_async_context(mount.running()) for mount in self._make_mounts()]
         doors = Listeners(
@@ -448,7 +444,7 @@ class Server:
             doors.peers = await stack.enter_async_context(peers)
             doors.media = media_routes(doors.peers, ready.video, media)
             if media is not None:
-                reloaded.append(media[0])
+                reload_roles.append(media[0].reload_roles)
             metrics.include(doors.peers.metrics)
         listeners = [await stack.enter_async_context(doors.listen(url)) for url in settings.listen]
         if self._worker is None or self._worker.number == 1:
@@ -462,7 +458,7 @@ class Server:
         if self._worker is not None:
             await stack.enter_async_context(self._worker.metrics.serve(metrics.text))
         self._warn_of_strangers(access, listeners)
-        return _Running(bridge, tuple(reloaded), metrics, tuple(listeners), tls, stack.pop_all())
+        return _Running(bridge, tuple(reload_roles), metrics, tuple(listeners), tls, stack.pop_all())
 
     def _start_gateways(
         self, access: Access, http: Sequence[HttpExtension], stack: AsyncExitStack

@@ -14,7 +14,7 @@ import httpx
 import pytest
 
 from rwt import Server
-from rwt.hub.hub import OpenHub, open_hub
+from rwt.hub.hub import Hub, open_hub
 from rwt_protocol.frames import Frame
 from rwt_transports import Limits
 from rwt_transports.connect import connect
@@ -34,7 +34,7 @@ BEHIND_PROXY = Proxies(["127.0.0.1"])
 
 
 @asynccontextmanager
-async def hub_with_robot(**settings: Any) -> AsyncIterator[tuple[OpenHub, Server]]:
+async def hub_with_robot(**settings: Any) -> AsyncIterator[tuple[Hub, Server]]:
     """A robot that serves through a hub, and nowhere else."""
     async with open_hub("ws://127.0.0.1:0", limits=SHORT, proxies=BEHIND_PROXY) as hub:
         urls = {"urls": (f"{hub.url}/robots/rosie",)}
@@ -75,7 +75,7 @@ async def test_what_waits_for_a_robot_that_reads_nothing_is_bounded_for_each_add
             await until(lambda: len(_closed(*boxes)) >= 3)
             assert other.ending is None
             assert all(code == 1008 and "--waiting-bytes" in why for code, why in _closed(*boxes))
-            assert hub._hub.waiting.total <= 3 * MIB + 2 * 256 * 1024
+            assert hub.waiting.total <= 3 * MIB + 2 * 256 * 1024
         failures.check()
 
 
@@ -96,7 +96,7 @@ async def test_what_waits_for_clients_that_read_nothing_is_bounded() -> None:
                 for _ in range(16):
                     each.sink.send(Frame(bytes(MIB), binary=True))
             await until(lambda: len(_closed(*program.clients)) >= 3)
-            assert hub._hub.waiting.total <= 9 * MIB
+            assert hub.waiting.total <= 9 * MIB
             async with client(hub, "/rosie") as ordinary:
                 ordinary.sink.send(Frame(b'{"op":"x"}'))
                 await until(lambda: ordinary.heard)
@@ -244,4 +244,4 @@ async def test_who_cannot_be_reached_costs_nothing() -> None:
             with pytest.raises(ConnectError, match="404"):
                 async with client(hub, path):
                     pass
-        assert hub._hub.waiting.total == 0 and not hub.robots
+        assert hub.waiting.total == 0 and not hub.robots

@@ -15,7 +15,7 @@ from websockets.typing import Subprotocol
 from rwt import Server, Settings
 from rwt.blocking import BlockingNode
 from rwt.gateways.foxglove.gateway import FoxgloveGateway
-from rwt.gateways.foxglove.wire.client_messages import MOST_TEXT
+from rwt.gateways.foxglove.wire.client_messages import MAX_TEXT_BYTES
 from tests.faults.conftest import MIB
 from tests.faults.test_hostile_bytes import memory_below
 
@@ -89,7 +89,7 @@ def test_texts_that_are_large_deep_or_many_are_refused_and_nothing_else_happens(
     many = [{"id": id, "channelId": 0} for id in range(5_000)]
     names = [f"/p{number}" for number in range(9_000)]
     texts = (
-        " " * (MOST_TEXT + 1),
+        " " * (MAX_TEXT_BYTES + 1),
         '{"op":"setParameters","parameters":[{"name":"a","value":' + "[" * 50_000,
         '{"op":"setParameters","parameters":[{"name":"a","value":[' + "[]," * 30_000 + "1]}]}",
         json.dumps({"op": "subscribe", "subscriptions": many}),

@@ -15,7 +15,7 @@ from anyio.abc import SocketAttribute, SocketStream
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt.hub.hub import OpenHub, open_hub
+from rwt.hub.hub import Hub, open_hub
 from rwt_protocol.frames import Frame
 from rwt_transports import BadUrl, Limits, Refused, listen
 from rwt_transports.backoff import Backoff
@@ -86,7 +86,7 @@ class Program:
 
 
 @asynccontextmanager
-async def client(hub: OpenHub, path: str, **headers: str) -> AsyncIterator[Mailbox]:
+async def client(hub: Hub, path: str, **headers: str) -> AsyncIterator[Mailbox]:
     boxes: list[Mailbox] = []
 
     def accept(sink: Sink, info: PeerInfo) -> Endpoint:
@@ -98,7 +98,7 @@ async def client(hub: OpenHub, path: str, **headers: str) -> AsyncIterator[Mailb
 
 
 @asynccontextmanager
-async def upgraded(hub: OpenHub, path: str) -> AsyncIterator[SocketStream]:
+async def upgraded(hub: Hub, path: str) -> AsyncIterator[SocketStream]:
     """A WebSocket that is opened, says nothing, reads nothing, and is cut off at the end."""
     host, _, port = hub.url.removeprefix("ws://").partition(":")
     request = (
@@ -115,7 +115,7 @@ async def upgraded(hub: OpenHub, path: str) -> AsyncIterator[SocketStream]:
 
 @asynccontextmanager
 async def robot(
-    hub: OpenHub, program: Program, name: str = "rosie", token: str | None = None
+    hub: Hub, program: Program, name: str = "rosie", token: str | None = None
 ) -> AsyncIterator[RelayStatus]:
     url = f"{hub.url}/robots/{name}"
     async with dial(url, program, token=token, limits=SHORT, backoff=AT_ONCE) as status:
@@ -222,7 +222,7 @@ async def test_a_client_that_is_cut_off_ends_its_connection_to_the_robot() -> No
 async def test_a_robot_that_goes_closes_its_clients() -> None:
     gone = anyio.Event()
 
-    async def serve(hub: OpenHub) -> None:
+    async def serve(hub: Hub) -> None:
         async with robot(hub, Program()):
             await gone.wait()
 
@@ -243,7 +243,7 @@ async def test_a_robot_that_goes_closes_its_clients() -> None:
 async def test_a_robot_that_is_cut_off_closes_its_clients_with_1012() -> None:
     endings: list[tuple[int, str]] = []
 
-    async def stay(hub: OpenHub, opened: anyio.Event) -> None:
+    async def stay(hub: Hub, opened: anyio.Event) -> None:
         async with client(hub, "/rosie") as box:
             opened.set()
             endings.append(await box.ended())
@@ -379,7 +379,7 @@ async def test_the_pages_of_a_hub() -> None:
 # -- pages of robots ---------------------------------------------------------------------------------------
 
 
-async def page_of(hub: OpenHub, path: str, *, method: str = "GET") -> tuple[int, bytes]:
+async def page_of(hub: Hub, path: str, *, method: str = "GET") -> tuple[int, bytes]:
     """Status and body of a page; of a stream, so much as comes before the other side ends it."""
     host, _, port = hub.url.removeprefix("ws://").partition(":")
     async with await anyio.connect_tcp(host, int(port)) as stream:
@@ -419,7 +419,7 @@ class Endless:
 
 
 @asynccontextmanager
-async def robot_with(hub: OpenHub, routes: Routes) -> AsyncIterator[None]:
+async def robot_with(hub: Hub, routes: Routes) -> AsyncIterator[None]:
     dialing = dial(f"{hub.url}/robots/rosie", Mailbox, routes=routes, limits=SHORT, backoff=AT_ONCE)
     async with dialing as status:
         await until(lambda: status.idle)

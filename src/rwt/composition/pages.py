@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import json
 import math
-from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 import anyio
 
-from rwt.gateways.visitors import peer_of
+from rwt.gateways.visitors import peer_of, then, url_of
 from rwt.observability.prometheus import CONTENT_TYPE
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import Audience, HttpResponse, Route, Routes, page_policy, refusal_as_text
@@ -179,7 +179,7 @@ def guarded(
             "Access-Control-Expose-Headers": "*",
             "Vary": "Origin",
         }
-        return _with_headers(answer, headers) if isinstance(answer, HttpResponse) else _later(answer, headers)
+        return then(answer, lambda response: replace(response, headers={**response.headers, **headers}))
 
     def answer_admitted(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
         try:
@@ -215,14 +215,6 @@ async def _in_turn(
     return answered if isinstance(answered, HttpResponse) else await answered
 
 
-def _with_headers(answer: HttpResponse, headers: Mapping[str, str]) -> HttpResponse:
-    return replace(answer, headers={**answer.headers, **headers})
-
-
-async def _later(answer: Awaitable[HttpResponse], headers: Mapping[str, str]) -> HttpResponse:
-    return _with_headers(await answer, headers)
-
-
 def _index(
     bridge: Bridge,
     metrics: ServerMetrics,
@@ -231,10 +223,7 @@ def _index(
     reader: GraphView,
 ) -> HttpResponse:
     """Return the index page: what is running, and how to connect."""
-    headers = request.headers
-    address = headers.get("host", "localhost:9090")
-    scheme = "wss" if headers.get("x-forwarded-proto") in ("https", "wss") else "ws"
-    host, port = _host_and_port(address)
+    host, port = _host_and_port(request.headers.get("host", "localhost:9090"))
     registry = reader.registry
     clients = "1 client is" if bridge.client_count == 1 else f"{bridge.client_count} clients are"
     beyond = metrics.clients_beyond_rate
@@ -245,7 +234,7 @@ def _index(
         clients=clients,
         work=f"{metrics.work:.0%}",
         beyond=f"; {beyond} beyond limits.work_per_second wait for each other" if beyond else "",
-        url=html.escape(f"{scheme}://{address}{request.prefix}"),
+        url=html.escape(url_of(request, "ws")),
         host=html.escape(host),
         port=html.escape(port),
         topics=_rows(

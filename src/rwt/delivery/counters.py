@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rwt_transports.endpoint import DropReason, Traffic
 
-MOST_TOPICS = 1000
+MAX_TOPICS = 1000
 """The most topics that are remembered; clients choose their names. Those not in use are forgotten first."""
 
 
@@ -98,7 +98,7 @@ class Counters:
         """Return the counters of a topic, which last at least until :meth:`release_topic`."""
         counts = self.topics.get(name)
         if counts is None:
-            if len(self.topics) >= MOST_TOPICS:
+            if len(self.topics) >= MAX_TOPICS:
                 self._forget_one()
             counts = self.topics[name] = TopicCounts(name)
         if not counts.users:

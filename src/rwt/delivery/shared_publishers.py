@@ -310,8 +310,8 @@ class SharedPublishers:
 STARTUP_SECONDS: Final = 1.0
 """Time for which a new publisher's samples are kept for late subscribers."""
 
-_MOST_SAMPLES: Final = 100
-_MOST_BYTES: Final = 64 * 1024
+_MAX_SAMPLES: Final = 100
+_MAX_BYTES: Final = 64 * 1024
 
 
 class StartupBuffer:
@@ -334,14 +334,14 @@ class StartupBuffer:
         Keeping a message copies it out of its receive buffer, which would be too slow for large streams.
         """
         size = payload.kept_size
-        if size > _MOST_BYTES:
+        if size > _MAX_BYTES:
             self._kept.clear()
             self._size = 0
             return
         kept = self._kept
         kept.append((payload.detach(), stamp_ns, size))
         self._size += size
-        while len(kept) > _MOST_SAMPLES or self._size > _MOST_BYTES:
+        while len(kept) > _MAX_SAMPLES or self._size > _MAX_BYTES:
             self._size -= kept.popleft()[2]
 
     def samples(self) -> tuple[Sample, ...]:

@@ -31,6 +31,28 @@ def peer_of(request: HttpRequest) -> PeerInfo:
     return PeerInfo("http", request.address, 0, target, request.headers)
 
 
+def url_of(request: HttpRequest, scheme: str) -> str:
+    """Return the URL under which the client of a request reaches the server.
+
+    Args:
+        request: request of the client.
+        scheme: `http` or `ws`; `s` is added if a proxy encrypts.
+    """
+    secure = "s" if request.headers.get("x-forwarded-proto") in ("https", "wss") else ""
+    return f"{scheme}{secure}://{request.headers.get('host', 'localhost:9090')}{request.prefix}"
+
+
+def then(
+    answer: HttpResponse | Awaitable[HttpResponse], do: Callable[[HttpResponse], HttpResponse]
+) -> HttpResponse | Awaitable[HttpResponse]:
+    """Apply a function to a response: now, or once it is there."""
+    return do(answer) if isinstance(answer, HttpResponse) else _later(answer, do)
+
+
+async def _later(answer: Awaitable[HttpResponse], do: Callable[[HttpResponse], HttpResponse]) -> HttpResponse:
+    return do(await answer)
+
+
 class Visitor:
     """Clients over HTTP that count as one.
 
@@ -139,7 +161,7 @@ class Metered(Awaitable[T]):
         self._monotonic = monotonic
 
     def __await__(self) -> Generator[Any, Any, T]:
-        steps = self._awaitable.__await__()
+        steps: Any = self._awaitable.__await__()
         step: Callable[[], Any] = partial(next, steps)
         while True:
             began = self._monotonic()
@@ -153,17 +175,9 @@ class Metered(Awaitable[T]):
             try:
                 sent = yield waited_for
             except BaseException as error:
-                step = _thrown(steps, error)
+                step = partial(steps.throw, error)
             else:
-                step = _sent(steps, sent)
-
-
-def _thrown(steps: Any, error: BaseException) -> Callable[[], Any]:
-    return lambda: steps.throw(error)
-
-
-def _sent(steps: Any, value: object) -> Callable[[], Any]:
-    return lambda: next(steps) if value is None else steps.send(value)
+                step = partial(next, steps) if sent is None else partial(steps.send, sent)
 
 
 def counted(extension: HttpExtension[AnyReader], counters: Counters) -> HttpExtension[AnyReader]:
@@ -182,19 +196,10 @@ def _answer(
     reader: AnyReader,
 ) -> HttpResponse | Awaitable[HttpResponse]:
     counters.requested(len(request.body))
-    answer = page(request, reader)
-    if isinstance(answer, HttpResponse):
-        return _count(answer, counters, request)
-    return _count_later(answer, counters, request)
+    return then(page(request, reader), partial(_count, counters, request))
 
 
-async def _count_later(
-    answer: Awaitable[HttpResponse], counters: Counters, request: HttpRequest
-) -> HttpResponse:
-    return _count(await answer, counters, request)
-
-
-def _count(answer: HttpResponse, counters: Counters, request: HttpRequest) -> HttpResponse:
+def _count(counters: Counters, request: HttpRequest, answer: HttpResponse) -> HttpResponse:
     if isinstance(answer.body, bytes):
         counters.answered(0 if request.method == "HEAD" else len(answer.body))
         return answer

@@ -18,7 +18,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iter
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from ssl import SSLContext
-from typing import Final, Protocol
+from typing import Final
 
 import anyio
 
@@ -68,9 +68,9 @@ PATIENCE_SECONDS = 10.0
 """Maximum time that a client waits for a connection of its robot."""
 GRACE_SECONDS = 3.0
 """Time for which a robot without a connection stays listed: it may be about to open the next one."""
-MOST_IDLE = 16
+MAX_IDLE = 16
 """Maximum number of idle connections per robot."""
-MOST_WAITING = 256
+MAX_WAITING = 256
 """Maximum number of waiting clients per robot."""
 
 
@@ -92,7 +92,7 @@ class Robot:
     instance: str
     address: str
     idle: deque[_RobotEnd] = field(default_factory=deque)
-    waiting: deque[_Waiting] = field(default_factory=deque)
+    waiting: deque[_WaitingEnd] = field(default_factory=deque)
     pairs: set[_RobotEnd] = field(default_factory=set)
     alone_since: float | None = None
 
@@ -111,6 +111,9 @@ class Hub:
         grace: seconds for which a robot without a connection stays listed.
         addresses: counter of connections per address; a robot's own connections are not counted.
         waiting_bytes: limit per client address, see :class:`~rwt.hub.waiting_bytes.WaitingBytes`.
+
+    Attributes:
+        url: URL at which it listens, with the actual port; empty until it is open.
     """
 
     def __init__(
@@ -120,6 +123,7 @@ class Hub:
         addresses: AddressCount | None = None,
         waiting_bytes: int = ADDRESS_BYTES,
     ) -> None:
+        self.url = ""
         self._grace = grace
         self.waiting = WaitingBytes(waiting_bytes)
         self.addresses = addresses or AddressCount()
@@ -186,8 +190,8 @@ class Hub:
         if robot is None:
             robot = self._robots[name] = Robot(name, instance, info.address)
             logger.info("robot %s dialled in from %s", name, info.address or "?")
-        if len(robot.idle) >= MOST_IDLE:
-            raise Refused(429, f"{MOST_IDLE} connections of {name} wait already")
+        if len(robot.idle) >= MAX_IDLE:
+            raise Refused(429, f"{MAX_IDLE} connections of {name} wait already")
         side = _RobotEnd(self, robot, sink, info.address)
         self.addresses.leave(info.address)
         robot.idle.append(side)
@@ -250,8 +254,8 @@ class Hub:
         robot = self._robots.get(name)
         if robot is None:
             raise Refused(404, f"no robot called {name[:80]!r} is here; GET / lists those that are")
-        if len(robot.waiting) >= MOST_WAITING:
-            raise Refused(503, f"{MOST_WAITING} clients wait for {name} already")
+        if len(robot.waiting) >= MAX_WAITING:
+            raise Refused(503, f"{MAX_WAITING} clients wait for {name} already")
         client = _ClientEnd(self, robot, sink, info.address, encode_assignment(info, path))
         robot.waiting.append(client)
         self.counts.clients += 1
@@ -269,13 +273,13 @@ class Hub:
             # Without the slash, relative links would lead to other robots.
             query = f"?{request.query}" if request.query else ""
             return HttpResponse(status=308, headers={"Location": f"{prefix}/{query}"})
-        if len(robot.waiting) >= MOST_WAITING:
-            return HttpResponse(f"{MOST_WAITING} clients wait for {name} already\n".encode(), 503)
+        if len(robot.waiting) >= MAX_WAITING:
+            return HttpResponse(f"{MAX_WAITING} clients wait for {name} already\n".encode(), 503)
         reader = _PageEnd(self, robot, request.address, encode_request(request, path, prefix))
         robot.waiting.append(reader)
         self.counts.pages += 1
         self.match(robot)
-        return reader.inbox.response(reader.leave, head_only=request.method == "HEAD")
+        return reader.inbox.response(reader.closed, head_only=request.method == "HEAD")
 
     def match(self, robot: Robot) -> None:
         """Assign idle connections to waiting clients."""
@@ -285,16 +289,6 @@ class Hub:
             side.begin(client)
 
 
-class RelaySink(Protocol):
-    """Interface of the connection that the hub writes to."""
-
-    def send(self, frame: Frame) -> None:
-        """Queue one message."""
-
-    def close(self, code: int = ..., reason: str = ...) -> None:
-        """Close after sending the queue."""
-
-
 class _RelayEnd(ABC):
     """One of two connections that the hub joins.
 
@@ -302,7 +296,7 @@ class _RelayEnd(ABC):
         address: address of the client; of the robot, while it has no client.
     """
 
-    def __init__(self, hub: Hub, robot: Robot, sink: RelaySink, address: str) -> None:
+    def __init__(self, hub: Hub, robot: Robot, sink: Sink | PageInbox, address: str) -> None:
         self.address = address
         self.hub = hub
         self.robot = robot
@@ -403,7 +397,7 @@ class _RobotEnd(_RelayEnd):
         """Refuse a message from a robot that has no client."""
         self.sink.close(POLICY, "a robot speaks after the assignment of a client")
 
-    def begin(self, client: _Waiting) -> None:
+    def begin(self, client: _WaitingEnd) -> None:
         """Serve this client. The robot's messages are charged to the client's address."""
         self.address = client.address
         self.sink.send(Frame(client.assignment))
@@ -421,27 +415,31 @@ class _RobotEnd(_RelayEnd):
         self.hang_up(code if may_travel(code) else GOING_AWAY, reason)
 
 
-class _ClientEnd(_RelayEnd):
-    """Connection of a client.
+class _WaitingEnd(_RelayEnd):
+    """End that waits for a connection of its robot.
 
     Attributes:
         assignment: first message to the robot.
         since: time at which it was first seen waiting.
     """
 
-    def __init__(self, hub: Hub, robot: Robot, sink: Sink, address: str, assignment: bytes) -> None:
+    def __init__(self, hub: Hub, robot: Robot, sink: Sink | PageInbox, address: str, first: bytes) -> None:
         super().__init__(hub, robot, sink, address)
-        self.assignment = assignment
+        self.assignment = first
         self.since: float | None = None
-
-    def set_flow_control(self, flow_control: FlowControl) -> None:
-        flow_control.pause()
-        super().set_flow_control(flow_control)
 
     def closed(self, code: int, reason: str) -> None:
         super().closed(code, reason)
         if self in self.robot.waiting:
             self.robot.waiting.remove(self)
+
+
+class _ClientEnd(_WaitingEnd):
+    """Connection of a client."""
+
+    def set_flow_control(self, flow_control: FlowControl) -> None:
+        flow_control.pause()
+        super().set_flow_control(flow_control)
 
     def end(self, code: int, reason: str) -> None:
         if may_travel(code):
@@ -450,27 +448,17 @@ class _ClientEnd(_RelayEnd):
             self.hang_up(SERVICE_RESTART, f"the robot {self.robot.name} is gone: {reason}")
 
 
-class _PageEnd(_RelayEnd):
+class _PageEnd(_WaitingEnd):
     """HTTP request for a page, in the place of a client.
 
     Attributes:
-        assignment: first message to the robot.
-        since: time at which it was first seen waiting.
         inbox: response of the robot.
     """
 
-    def __init__(self, hub: Hub, robot: Robot, address: str, assignment: bytes) -> None:
+    def __init__(self, hub: Hub, robot: Robot, address: str, first: bytes) -> None:
         self.inbox = PageInbox()
-        super().__init__(hub, robot, self.inbox, address)
+        super().__init__(hub, robot, self.inbox, address, first)
         self.flow_control = self.inbox
-        self.assignment = assignment
-        self.since: float | None = None
-
-    def leave(self, code: int, reason: str) -> None:
-        """Called when the page has no reader any more."""
-        self.closed(code, reason)
-        if self in self.robot.waiting:
-            self.robot.waiting.remove(self)
 
     def end(self, code: int, reason: str) -> None:
         self.inbox.close(code, reason)
@@ -480,18 +468,9 @@ class _PageEnd(_RelayEnd):
         super().hang_up(code, reason)
 
 
-_Waiting = _ClientEnd | _PageEnd
-
-
 @dataclass(slots=True)
 class HubCounts:
-    """Totals of a hub.
-
-    Attributes:
-        clients: clients.
-        pages: requests for pages of robots.
-        bytes: bytes of messages and pages, in both directions.
-    """
+    """Totals of a hub: clients, requests for pages of robots, and bytes in both directions."""
 
     clients: int = 0
     pages: int = 0
@@ -499,27 +478,6 @@ class HubCounts:
 
 
 # -- opening a hub ----------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class OpenHub:
-    """Open hub.
-
-    Attributes:
-        url: URL at which it listens, with the actual port.
-    """
-
-    url: str
-    _hub: Hub
-
-    @property
-    def robots(self) -> tuple[Robot, ...]:
-        """Robots that have dialled in, by name."""
-        return self._hub.robots
-
-    def take_tokens(self, tokens: Collection[str]) -> None:
-        """Replace the tokens, for robots that dial in from now on."""
-        self._hub.take_tokens(tokens)
 
 
 @asynccontextmanager
@@ -535,7 +493,7 @@ async def open_hub(
     access_log: bool = False,
     metrics_page: MetricsPage | None = None,
     waiting_bytes: int = ADDRESS_BYTES,
-) -> AsyncIterator[OpenHub]:
+) -> AsyncIterator[Hub]:
     """Relay between robots and clients at `url` within the block; leaving it closes all with 1001.
 
     Args:
@@ -571,7 +529,8 @@ async def open_hub(
         background_tasks() as tasks,
     ):
         tasks.start_soon(hub.watch)
-        yield OpenHub(listener.url, hub)
+        hub.url = listener.url
+        yield hub
 
 
 # -- pages of the hub --------------------------------------------------------------------------------------

@@ -118,33 +118,17 @@ class GatewayCounts:
         self.counters = gateway.shared.counters
         self.clients = [(client, client.sink.traffic) for client in gateway.clients]
 
-    @property
-    def received(self) -> int:
-        """Messages from clients."""
-        return self.counters.received + sum(client.messages for client, _ in self.clients)
-
-    @property
-    def received_bytes(self) -> int:
-        """Bytes from clients."""
-        return self.counters.received_bytes + sum(traffic.received_bytes for _, traffic in self.clients)
-
-    @property
-    def sent(self) -> int:
-        """Messages to clients."""
-        return self.counters.sent + sum(traffic.messages for _, traffic in self.clients)
-
-    @property
-    def sent_bytes(self) -> int:
-        """Bytes to clients."""
-        return self.counters.sent_bytes + sum(traffic.bytes for _, traffic in self.clients)
-
 
 _OF_GATEWAY: Final[tuple[tuple[str, str, Callable[[GatewayCounts], int]], ...]] = (
     ("rwt_connections_total", "Clients that have connected.", lambda it: it.counters.clients),
-    ("rwt_received_messages_total", "Messages from clients.", lambda it: it.received),
-    ("rwt_received_bytes_total", "Bytes read from clients.", lambda it: it.received_bytes),
-    ("rwt_sent_messages_total", "Messages to clients.", lambda it: it.sent),
-    ("rwt_sent_bytes_total", "Bytes written to clients.", lambda it: it.sent_bytes),
+    ("rwt_received_messages_total", "Messages from clients.",
+     lambda it: it.counters.received + sum(client.messages for client, _ in it.clients)),
+    ("rwt_received_bytes_total", "Bytes read from clients.",
+     lambda it: it.counters.received_bytes + sum(traffic.received_bytes for _, traffic in it.clients)),
+    ("rwt_sent_messages_total", "Messages to clients.",
+     lambda it: it.counters.sent + sum(traffic.messages for _, traffic in it.clients)),
+    ("rwt_sent_bytes_total", "Bytes written to clients.",
+     lambda it: it.counters.sent_bytes + sum(traffic.bytes for _, traffic in it.clients)),
     ("rwt_service_calls_total", "Service calls of clients.", lambda it: it.counters.calls),
     ("rwt_action_goals_total", "Goals that clients sent.", lambda it: it.counters.goals),
     ("rwt_missed_deadlines_total", "Deadlines of `qos` that passed without a message.",

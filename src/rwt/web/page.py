@@ -15,7 +15,7 @@ from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, Htt
 INDEX: Final = "index.html"
 LAYOUTS: Final = "/web/layouts/"
 _LAYOUT_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
-_MOST_LAYOUT_BYTES: Final = 1024 * 1024
+_MAX_LAYOUT_BYTES: Final = 1024 * 1024
 _AUTHORITY: Final = re.compile(r"[A-Za-z0-9.\-_~\[\]:]{1,255}")
 """Characters allowed in a source of a Content-Security-Policy: no space, comma or semicolon."""
 _HTTP_OF: Final = {"ws": "http", "wss": "https"}
@@ -136,10 +136,8 @@ class WebPage:
         path = (self._layouts or Path()) / f"{stem}.json"
         if self._layouts is None or _LAYOUT_NAME.fullmatch(stem) is None or not path.is_file():
             return HttpResponse(f"there is no layout {stem!a} here\n".encode(), 404)
-        if path.stat().st_size > _MOST_LAYOUT_BYTES:
-            return HttpResponse(
-                f"the layout {stem} is larger than {_MOST_LAYOUT_BYTES} bytes\n".encode(), 500
-            )
+        if path.stat().st_size > _MAX_LAYOUT_BYTES:
+            return HttpResponse(f"the layout {stem} is larger than {_MAX_LAYOUT_BYTES} bytes\n".encode(), 500)
         return HttpResponse(
             path.read_bytes(), content_type="application/json", headers={"Cache-Control": "no-cache"}
         )

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from rwt_protocol.frames import Frame
     from rwt_transports.endpoint import PeerInfo, Sink
 
-_MOST_REASONS: Final = 5
+_MAX_REASONS: Final = 5
 """Maximum number of errors reported for one message; of the others, only the number is reported."""
 
 T = TypeVar("T")
@@ -129,7 +129,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
             case said.SubscribeConnectionGraph():
                 if self.connections is None:
                     self.connections = Connections()
-                    self.tell_connections(self._foxglove.listing_of(self).connections())
+                    self.send_connections(self._foxglove.listing_of(self).connections())
             case said.UnsubscribeConnectionGraph():
                 self.connections = None
             case said.FetchAsset():
@@ -173,7 +173,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
                 do(item)
             except _REFUSALS as error:
                 self.graph.counters.refuse(op)
-                if len(reasons) < _MOST_REASONS:
+                if len(reasons) < _MAX_REASONS:
                     reasons[str(error)] = None
                 else:
                     more += 1
@@ -189,11 +189,11 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
         for frame in change.frames:
             self.replies.send(frame)
 
-    def tell_time(self, frame: Frame) -> None:
+    def send_time(self, frame: Frame) -> None:
         """Send the time, in place of an older one that still waits."""
         self._time.send(frame)
 
-    def tell_connections(self, now: Connections) -> None:
+    def send_connections(self, now: Connections) -> None:
         """Send what has changed in the connection graph, if the client subscribes to it."""
         if self.connections is not None:
             frame = now.since(self.connections)
@@ -215,7 +215,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
         now = self.listing
         self.take_change(now.difference(before.channels, before.services, now.channels, now.services))
         if self.connections is not None:
-            self.tell_connections(now.connections())
+            self.send_connections(now.connections())
 
     def _releases(self) -> Iterator[None]:
         self._time.close()

@@ -20,6 +20,7 @@ from rwt.gateways.foxglove.playback import state_frame, state_of
 from rwt.gateways.foxglove.settings import FoxgloveSettings
 from rwt.gateways.foxglove.wire.payloads import encodings
 from rwt.gateways.foxglove.wire.server_messages import server_info, time
+from rwt.gateways.visitors import url_of
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import HttpExtension, HttpRequest
 
@@ -44,7 +45,7 @@ SUBPROTOCOLS: Final = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 _LOOK_SECONDS: Final = 0.1
 """Interval at which the gateway checks the graph for changes, in seconds."""
 
-_SHARE: Final = 0.1
+_MAX_SHARE: Final = 0.1
 """Maximum share of time for announcing changes of the graph; beyond it, announcements are delayed."""
 
 
@@ -57,7 +58,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
     * Announcements: ``_catalogue`` (ids of channels and services), ``_listings`` (what each role sees),
       ``_seen`` (version of the graph that all clients know), ``_look_timer`` (runs while clients are
       connected).
-    * Time and playback: ``_told_time``, ``_told_playback``, ``_time_timer`` (runs while clients are
+    * Time and playback: ``_sent_time``, ``_sent_playback``, ``_time_timer`` (runs while clients are
       connected, unless the clock is the wall clock).
     * Parameters: ``_feed``.
 
@@ -95,11 +96,11 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
         self._catalogue = Catalogue(NODE)
         self._listings: dict[Role, Listing] = {}
         self._seen = -1
-        self._feed = ParameterFeed(self.shared, self._tell_parameters)
+        self._feed = ParameterFeed(self.shared, self._send_parameters)
         self._look_timer: Timer | None = None
         self._time_timer: Timer | None = None
-        self._told_time = -1
-        self._told_playback: PlaybackState | None = None
+        self._sent_time = -1
+        self._sent_playback: PlaybackState | None = None
 
     def accept(self, sink: Sink, info: PeerInfo, *, loopback: bool) -> Endpoint:
         """Accept a new client, see :class:`~rwt.gateways.base.AcceptPeer`."""
@@ -158,10 +159,10 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
             listing = self._listings[role] = Listing(self._catalogue, view)
             listing.refresh()
         elif self._seen != self._graph.version:
-            self._tell(listing)
+            self._announce(listing)
         return listing
 
-    def _tell(self, listing: Listing) -> None:
+    def _announce(self, listing: Listing) -> None:
         """Refresh the listing of a role, and announce the changes to its clients."""
         change = listing.refresh()
         clients = [client for client in self._clients.values() if client.listing is listing]
@@ -171,7 +172,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
         if any(client.connections is not None for client in clients):
             connections = listing.connections()
             for client in clients:
-                client.tell_connections(connections)
+                client.send_connections(connections)
 
     def _look(self) -> None:
         """Announce changes of the graph since the last call."""
@@ -182,37 +183,37 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
             shown = {client.listing for client in self._clients.values()}
             self._listings = {role: each for role, each in self._listings.items() if each in shown}
             for listing in self._listings.values():
-                self._tell(listing)
+                self._announce(listing)
             self._catalogue.keep(self._listings.values())
             self._seen = version
         if self._clients:
             worked = self._clock.monotonic() - began
-            self._look_timer = self._clock.call_later(max(_LOOK_SECONDS, worked / _SHARE), self._look)
+            self._look_timer = self._clock.call_later(max(_LOOK_SECONDS, worked / _MAX_SHARE), self._look)
 
     def _start_looking(self) -> None:
         if self._look_timer is None:
             self._look_timer = self._clock.call_later(_LOOK_SECONDS, self._look)
         if self._time_timer is None and not self._clock.is_real:
-            self._time_timer = self._clock.call_later(0.0, self._tell_time)
+            self._time_timer = self._clock.call_later(0.0, self._send_time)
 
-    def _tell_time(self) -> None:
+    def _send_time(self) -> None:
         """Send all clients the time and the playback state if they have changed."""
         self._time_timer = None
         now = self._clock.time_ns()
-        if now != self._told_time and now >= 0:
-            self._told_time = now
+        if now != self._sent_time and now >= 0:
+            self._sent_time = now
             frame = time(now)
             for client in self._clients.values():
-                client.tell_time(frame)
+                client.send_time(frame)
         if self.playback is not None:
-            state, told = state_of(self.playback), self._told_playback
+            state, told = state_of(self.playback), self._sent_playback
             if state != told:
-                self._told_playback = state
+                self._sent_playback = state
                 frame = state_frame(self.playback, did_seek=told is not None and state.seeks != told.seeks)
                 for client in self._clients.values():
                     client.replies.send(frame)
         if self._clients:
-            self._time_timer = self._clock.call_later(1 / self.settings.time_hz, self._tell_time)
+            self._time_timer = self._clock.call_later(1 / self.settings.time_hz, self._send_time)
 
     # -- parameters ----------------------------------------------------------------------------------------
 
@@ -222,7 +223,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
         names = {name for each in clients for name in each.watched}
         self._feed.watch(names, everything=any(each.watches_all for each in clients))
 
-    def _tell_parameters(self, values: Mapping[str, object]) -> None:
+    def _send_parameters(self, values: Mapping[str, object]) -> None:
         for client in self._clients.values():
             client.parameters.changed(values)
 
@@ -248,10 +249,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
 
 def _section(request: HttpRequest, reader: GraphView) -> str:
     """Return the section of the index page: how to connect."""
-    scheme = "wss" if request.headers.get("x-forwarded-proto") in ("https", "wss") else "ws"
-    host = request.headers.get("host", "localhost:9090")
-    url = html.escape(f"{scheme}://{host}{request.prefix}")
     return (
         "<h2>Foxglove and Lichtblick</h2><p>Open a connection, choose <em>Foxglove WebSocket</em>, and enter"
-        f"<pre>{url}</pre>"
+        f"<pre>{html.escape(url_of(request, 'ws'))}</pre>"
     )

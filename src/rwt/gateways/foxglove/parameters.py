@@ -35,10 +35,10 @@ GET: Final = "/rosapi/get_param"
 SET: Final = "/rosapi/set_param"
 DELETE: Final = "/rosapi/delete_param"
 
-_AT_ONCE: Final = 8
+_MAX_CALLS: Final = 8
 """Maximum number of concurrent rosapi calls per client."""
 
-_MOST_REQUESTS: Final = 16
+_MAX_REQUESTS: Final = 16
 """Maximum number of pending requests per client."""
 
 Done = Callable[["Payload | str"], None]
@@ -115,14 +115,14 @@ class ParameterRequests:
     Args:
         graph: the graph as the client may see it.
         replies: control lane to the client.
-        most_names: that it may ask for at once, or watch.
+        max_names: that it may ask for at once, or watch.
         turns: of the event loop, in which what it asks for is done.
     """
 
-    def __init__(self, graph: ClientGraph, replies: StatusLane, most_names: int, turns: Turns) -> None:
+    def __init__(self, graph: ClientGraph, replies: StatusLane, max_names: int, turns: Turns) -> None:
         self._graph = graph
         self._replies = replies
-        self._most_names = most_names
+        self._max_names = max_names
         self._requests = 0
         self._calls = 0
         self._due: deque[Callable[[], None]] = deque()
@@ -222,12 +222,12 @@ class ParameterRequests:
             self._replies.send(frame)
 
     def _begin(self, names: int) -> None:
-        if names > self._most_names:
+        if names > self._max_names:
             raise NotPossible(
-                f"{names} parameters at once, and {self._most_names} are the most"
+                f"{names} parameters at once, and {self._max_names} are the most"
                 " (foxglove.parameter_names): ask for all, or in parts"
             )
-        if self._requests >= _MOST_REQUESTS:
+        if self._requests >= _MAX_REQUESTS:
             raise NotPossible(f"{self._requests} requests about parameters wait already: await their answers")
         self._requests += 1
 
@@ -244,12 +244,12 @@ class ParameterRequests:
     # -- calls ---------------------------------------------------------------------------------------------
 
     def _call(self, service: str, request: Mapping[str, object], done: Done) -> None:
-        """Call a service of rosapi once fewer than :data:`_AT_ONCE` calls of the client are pending."""
+        """Call a service of rosapi once fewer than :data:`_MAX_CALLS` calls of the client are pending."""
         self._due.append(partial(self._call_now, service, request, done))
         self._want_turn()
 
     def _want_turn(self) -> None:
-        if self._due and self._calls < _AT_ONCE and not self._has_turn and not self._closed:
+        if self._due and self._calls < _MAX_CALLS and not self._has_turn and not self._closed:
             self._has_turn = True
             self._turns.wait(self._go_on)
 
@@ -257,7 +257,7 @@ class ParameterRequests:
         self._has_turn = False
         monotonic = self._graph.clock.monotonic
         began, worked = monotonic(), 0.0
-        while self._due and self._calls < _AT_ONCE and worked < CLIENT_SECONDS and not self._closed:
+        while self._due and self._calls < _MAX_CALLS and worked < CLIENT_SECONDS and not self._closed:
             self._due.popleft()()
             worked = monotonic() - began
         self._turns.note(worked)
@@ -298,9 +298,9 @@ class ParameterRequests:
             self.watches_all = True
             return
         wanted = self.watched | {from_client(name, self._graph.distro) for name in names}
-        if len(wanted) > self._most_names:
+        if len(wanted) > self._max_names:
             raise NotPossible(
-                f"{len(wanted)} parameters are watched, and {self._most_names} are the most"
+                f"{len(wanted)} parameters are watched, and {self._max_names} are the most"
                 " (foxglove.parameter_names): watch all, by naming none"
             )
         self.watched = wanted

@@ -10,7 +10,7 @@ from rwt.access.errors import QuotaExceeded
 from rwt.gateways.http.events import EventQueue, event, payload_event
 from rwt.gateways.http.problems import HttpProblem
 from rwt.gateways.http.representations import CBOR, EVENTS, JSON, chosen, value_response
-from rwt.gateways.http.requests import Query, name_below, payload_of
+from rwt.gateways.http.requests import Query, name_and_type, name_below, payload_of
 from rwt_graph.api import GoalEvents
 from rwt_participant.errors import CallFailed, GoalRejected, ProviderNotFound
 from rwt_participant.goals import GoalStatus
@@ -106,7 +106,7 @@ class HttpGoal:
         }
 
     def _on_accepted(self) -> None:
-        self._tell(event({"state": GoalStatus.ACCEPTED.name.lower()}, "state"))
+        self._send_all(event({"state": GoalStatus.ACCEPTED.name.lower()}, "state"))
 
     def _on_feedback(self, feedback: Payload) -> None:
         if self._keep("feedback", feedback):
@@ -127,7 +127,7 @@ class HttpGoal:
             self._reason = "" if self._sent is None else self._sent.reason
             if self._keep("result", outcome):
                 self._result = outcome.detach()
-        self._tell(self.end_event())
+        self._send_all(self.end_event())
         for reader in tuple(self.readers):
             reader.queue.end()
         self._timer = self.client.graph.clock.call_later(self._goals.keep_seconds, self.forget)
@@ -149,7 +149,7 @@ class HttpGoal:
             return False
         return True
 
-    def _tell(self, data: bytes) -> None:
+    def _send_all(self, data: bytes) -> None:
         for reader in tuple(self.readers):
             reader.queue.tell(data)
 
@@ -177,14 +177,14 @@ class GoalEventStream:
     Args:
         client: whose stream it is.
         goal: the goal.
-        most_bytes: bytes that may wait.
+        max_bytes: bytes that may wait.
     """
 
-    def __init__(self, client: HttpClient, goal: HttpGoal, most_bytes: int) -> None:
+    def __init__(self, client: HttpClient, goal: HttpGoal, max_bytes: int) -> None:
         self._client = client
         self._goal = goal
         self._dropped = 0
-        self.queue = EventQueue(_EVENTS, most_bytes, self._drop, self._close)
+        self.queue = EventQueue(_EVENTS, max_bytes, self._drop, self._close)
         goal.readers.add(self)
         if goal.ended:
             self.queue.tell(goal.end_event())
@@ -307,11 +307,7 @@ class ActionPages:
     def list(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """The actions that are shown, with their types."""
         Query(request)
-        registry = reader.registry
-        actions = [
-            {"name": action.name, "type": registry.type_name(action.type)} for action in reader.actions()
-        ]
-        return value_response(request, actions)
+        return value_response(request, [name_and_type(reader, each) for each in reader.actions()])
 
     def get(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """One action, or one goal of it: its state, or its events."""
@@ -323,7 +319,7 @@ class ActionPages:
         action = reader.action(name)
         if action is None:
             raise HttpProblem("not-found", f"no action {name} is here")
-        return value_response(request, {"name": action.name, "type": reader.registry.type_name(action.type)})
+        return value_response(request, name_and_type(reader, action))
 
     def _goal(self, request: HttpRequest, reader: GraphView, found: re.Match[str]) -> HttpResponse:
         Query(request)

@@ -69,7 +69,7 @@ class EventQueue:
 
     Args:
         depth: samples that may wait.
-        most_bytes: bytes that may wait.
+        max_bytes: bytes that may wait.
         on_drop: called for each sample that is dropped.
         on_close: called once, at its end.
     """
@@ -77,12 +77,12 @@ class EventQueue:
     def __init__(
         self,
         depth: int,
-        most_bytes: int,
+        max_bytes: int,
         on_drop: Callable[[DropReason], None],
         on_close: Callable[[], None],
     ) -> None:
         self._depth = depth
-        self._most_bytes = most_bytes
+        self._max_bytes = max_bytes
         self._on_drop = on_drop
         self._on_close = on_close
         self._waiting: deque[bytes] = deque()
@@ -102,13 +102,13 @@ class EventQueue:
         """Queue the bytes of one event, which others give way to."""
         if self._ended:
             return
-        if len(data) > self._most_bytes:
+        if len(data) > self._max_bytes:
             self._on_drop(DropReason.SIZE)
             return
         self._waiting.append(data)
         self._size += len(data)
-        while self._size > self._most_bytes or len(self._waiting) > self._depth:
-            reason = DropReason.BACKLOG if self._size > self._most_bytes else DropReason.QUEUE
+        while self._size > self._max_bytes or len(self._waiting) > self._depth:
+            reason = DropReason.BACKLOG if self._size > self._max_bytes else DropReason.QUEUE
             self._size -= len(self._waiting.popleft())
             self._on_drop(reason)
         self._awake.set()

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import html
 from collections.abc import Awaitable, Iterable, Mapping
-from functools import partial
+from functools import lru_cache, partial
 from importlib.metadata import version
+from importlib.resources import files
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
@@ -15,12 +16,12 @@ from rwt.access.settings import LINGER_SECONDS
 from rwt.gateways.base import Gateway
 from rwt.gateways.http import actions, openapi, parameters, services, topics
 from rwt.gateways.http.clients import Clients, page
-from rwt.gateways.http.page import try_page
-from rwt.gateways.http.problems import HttpProblem, refusal
-from rwt.gateways.http.representations import CBOR, EVENTS, HTML, JSON, chosen, tagged_bytes, value_response
+from rwt.gateways.http.problems import KINDS, HttpProblem, refusal
+from rwt.gateways.http.representations import CBOR, EVENTS, HTML, JSON, chosen, tagged, value_response
 from rwt.gateways.http.requests import Query, text_below
 from rwt.gateways.http.schemas import document
-from rwt_transports.http.routes import Audience, HttpExtension, MetricFamily, Route
+from rwt.gateways.visitors import url_of
+from rwt_transports.http.routes import Audience, HttpExtension, HttpResponse, MetricFamily, Route, page_policy
 
 if TYPE_CHECKING:
     from rwt.access.access import Access
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     from rwt.gateways.http.clients import Handler
     from rwt.gateways.http.settings import HttpSettings
     from rwt_graph.api import Graph
-    from rwt_transports.http.routes import HttpRequest, HttpResponse
+    from rwt_transports.http.routes import HttpRequest
 
 GATEWAY_NODE: Final = "/http_bridge"
 """The node as which all clients over HTTP act."""
@@ -143,7 +144,8 @@ class HttpGateway(Gateway):
     def _api(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """Return the API page for browsers, or links for programs."""
         if chosen(request, (JSON, CBOR, HTML)) == HTML:
-            return try_page()
+            text, policy = _page()
+            return HttpResponse(text, content_type="text/html; charset=utf-8", headers=policy)
         Query(request)
         kinds = ("topics", "services", "actions", "parameters")
         links = {kind: f"{request.prefix}/api/{kind}" for kind in kinds}
@@ -160,20 +162,18 @@ class HttpGateway(Gateway):
         if known is None or known[0] != state:
             title = f"A robot that speaks ROS {reader.distro.ros_version} ({reader.distro.name})"
             made = openapi.describe(reader, self._settings, request.prefix, title)
-            if key not in self._documents and len(self._documents) >= _MOST_DOCUMENTS:
+            if key not in self._documents and len(self._documents) >= _MAX_DOCUMENTS:
                 self._documents.clear()
             known = self._documents[key] = (state, msgspec.json.encode(made))
-        return tagged_bytes(request, known[1], JSON if media == JSON else OPENAPI_JSON)
+        return tagged(request, known[1], JSON if media == JSON else OPENAPI_JSON)
 
     def _section(self, request: HttpRequest, reader: GraphView) -> str:
         """Return the section of the index page."""
-        prefix = html.escape(request.prefix)
-        host = html.escape(request.headers.get("host", "localhost:9090"))
-        scheme = "https" if request.headers.get("x-forwarded-proto") in ("https", "wss") else "http"
+        url = html.escape(url_of(request, "http"))
         return (
             "<h2>HTTP</h2><pre>"
-            f"curl {scheme}://{host}{prefix}/api/topics                              # what is here\n"
-            f"curl -H 'Accept: text/event-stream' {scheme}://{host}{prefix}/api/topics/TOPIC</pre>"
+            f"curl {url}/api/topics                              # what is here\n"
+            f"curl -H 'Accept: text/event-stream' {url}/api/topics/TOPIC</pre>"
             '<p><a href="api">Try it in a page</a>, or make a client from'
             ' <a href="api/openapi.json">its OpenAPI document</a>.'
         )
@@ -193,7 +193,7 @@ class HttpGateway(Gateway):
         )
 
 
-_MOST_DOCUMENTS: Final = 50
+_MAX_DOCUMENTS: Final = 50
 """Maximum number of cached documents, one for each role and prefix."""
 
 
@@ -208,3 +208,18 @@ def _type(request: HttpRequest, reader: GraphView) -> HttpResponse:
     Query(request)
     message = reader.registry.message(text_below(request, _TYPES, "type"))
     return value_response(request, document(message), media=SCHEMA_JSON)
+
+
+@lru_cache(maxsize=1)
+def _page() -> tuple[bytes, Mapping[str, str]]:
+    """Return the page on which people try the API, with restrictive headers."""
+    problems = "".join(
+        f'<tr id="{name}"><td><code>{name}</code><td>{kind.status}<td>{html.escape(kind.title)}'
+        f"<td>{html.escape(kind.instead)}"
+        for name, kind in KINDS.items()
+    )
+    text = files(__package__).joinpath("page.html").read_text("utf-8")
+    script = text.partition("<script>")[2].partition("</script>")[0]
+    policy = dict(page_policy(script))
+    policy["Content-Security-Policy"] += "; connect-src 'self'"
+    return text.replace("<!-- problems -->", problems).encode(), policy

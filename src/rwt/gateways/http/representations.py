@@ -94,8 +94,8 @@ def value_response(
     if chosen(request, (media, CBOR)) == CBOR:
         import cbor2  # Only for those who use it.
 
-        return _tagged(request, cbor2.dumps(_converted(value, Payload.plain)), status, CBOR, headers)
-    return _tagged(request, json_of(value), status, media, headers)
+        return tagged(request, cbor2.dumps(_converted(value, Payload.plain)), CBOR, status, headers)
+    return tagged(request, json_of(value), media, status, headers)
 
 
 def json_of(value: object) -> bytes:
@@ -112,21 +112,14 @@ def payload_response(
         HttpProblem: it accepts neither JSON nor CBOR.
     """
     if chosen(request) == CBOR:
-        return _tagged(request, payload.cbor(), 200, CBOR, headers)
-    return _tagged(request, bytes(payload.json()), 200, JSON, headers)
+        return tagged(request, payload.cbor(), CBOR, 200, headers)
+    return tagged(request, bytes(payload.json()), JSON, 200, headers)
 
 
-def tagged_bytes(
-    request: HttpRequest, body: bytes, media: str, headers: Mapping[str, str] | None = None
+def tagged(
+    request: HttpRequest, body: bytes, media: str, status: int = 200, headers: Mapping[str, str] | None = None
 ) -> HttpResponse:
-    """A body that is made already."""
-    return _tagged(request, body, 200, media, headers)
-
-
-def _tagged(
-    request: HttpRequest, body: bytes, status: int, media: str, headers: Mapping[str, str] | None
-) -> HttpResponse:
-    """Add an entity tag; drop the body if the client has it (RFC 9110 section 13.1.2)."""
+    """Return a response with an entity tag; without its body if the client has it (RFC 9110 13.1.2)."""
     all_headers = {"Cache-Control": "no-cache", "Vary": "Accept", **(headers or {})}
     if status != 200 or request.method not in ("GET", "HEAD"):
         return HttpResponse(body, status, media, all_headers)

@@ -23,20 +23,22 @@ from rwt_protocol.payloads import Decoded
 from rwt_transports.turns import in_turns
 
 if TYPE_CHECKING:
+    from rwt.access.graph_view import GraphView
+    from rwt_graph.api import ActionInfo, ServiceInfo, TopicInfo
     from rwt_interfaces.structs import MessageType
     from rwt_transports.http.routes import HttpRequest
 
 IN_STEPS: Final = LARGE_BYTES
 """Bytes from which a body is read in steps."""
 
-_MOST_BRACKETS: Final = 32 * 1024
+_MAX_BRACKETS: Final = 32 * 1024
 """Maximum number of objects and arrays in a larger body that is not complete in ROS's own order of fields:
 each needs many times its size in memory.
 """
 
 _CBOR_LIMITS: Final = WireLimits(max_depth=100, structure_bytes=64 * 1024)
 
-_MOST_PARAMETERS: Final = 20
+_MAX_PARAMETERS: Final = 20
 
 
 def name_below(request: HttpRequest, prefix: str, what: str) -> str:
@@ -64,6 +66,11 @@ def text_below(request: HttpRequest, prefix: str, what: str) -> str:
     return text
 
 
+def name_and_type(reader: GraphView, row: TopicInfo | ServiceInfo | ActionInfo) -> dict[str, str | None]:
+    """Return a row of a listing."""
+    return {"name": row.name, "type": reader.registry.type_name(row.type) if row.type else None}
+
+
 class Query:
     """Query of a request; unknown names are rejected.
 
@@ -77,9 +84,9 @@ class Query:
 
     def __init__(self, request: HttpRequest, known: Collection[str] = ()) -> None:
         try:
-            given = parse_qs(request.query, keep_blank_values=True, max_num_fields=_MOST_PARAMETERS)
+            given = parse_qs(request.query, keep_blank_values=True, max_num_fields=_MAX_PARAMETERS)
         except ValueError:
-            raise HttpProblem("invalid-request", f"more than {_MOST_PARAMETERS} parameters") from None
+            raise HttpProblem("invalid-request", f"more than {_MAX_PARAMETERS} parameters") from None
         given.pop("token", None)
         for name, values in given.items():
             if name not in known:
@@ -157,13 +164,13 @@ async def payload_of(type: MessageType, request: HttpRequest, now: Callable[[], 
         return Payload.from_json(type, b"{}", now)
     if len(body) < IN_STEPS:
         return Payload.from_json(type, body, now)
-    is_dense = body.count(b"{") + body.count(b"[") > _MOST_BRACKETS
+    is_dense = body.count(b"{") + body.count(b"[") > _MAX_BRACKETS
     try:
         return await in_turns(Payload.from_json_in_steps(type, body, now, is_dense=is_dense))
     except NotExact:
         raise HttpProblem(
             "too-large",
-            f"more than {_MOST_BRACKETS} brackets: so many are taken only in a message that has every field"
+            f"more than {_MAX_BRACKETS} brackets: so many are taken only in a message that has every field"
             f" of {type.name}, each as ROS writes it",
         ) from None
 

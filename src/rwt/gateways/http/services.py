@@ -8,7 +8,7 @@ import anyio
 
 from rwt.gateways.http.problems import HttpProblem
 from rwt.gateways.http.representations import payload_response, value_response
-from rwt.gateways.http.requests import Query, name_below, payload_of
+from rwt.gateways.http.requests import Query, name_and_type, name_below, payload_of
 from rwt_participant.errors import CallFailed, ProviderNotFound
 
 if TYPE_CHECKING:
@@ -41,11 +41,7 @@ class ServicePages:
     def list(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """The services that are shown, with their types."""
         Query(request)
-        registry = reader.registry
-        services = [
-            {"name": service.name, "type": registry.type_name(service.type)} for service in reader.services()
-        ]
-        return value_response(request, services)
+        return value_response(request, [name_and_type(reader, each) for each in reader.services()])
 
     def get(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """One service: its type and who offers it."""
@@ -54,9 +50,7 @@ class ServicePages:
         service = reader.service(name)
         if service is None:
             raise HttpProblem("not-found", f"no service {name} is here")
-        return value_response(
-            request, {"name": service.name, "type": reader.registry.type_name(service.type)}
-        )
+        return value_response(request, name_and_type(reader, service))
 
     async def call(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """Call a service with the body as its request; the answer is its response."""

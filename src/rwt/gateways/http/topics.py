@@ -13,7 +13,7 @@ from rwt.delivery.throttle import Room, Throttle
 from rwt.gateways.http.events import SAMPLES, EventQueue, event
 from rwt.gateways.http.problems import HttpProblem
 from rwt.gateways.http.representations import CBOR, EVENTS, JSON, chosen, payload_response, value_response
-from rwt.gateways.http.requests import IN_STEPS, Query, name_below, payload_of
+from rwt.gateways.http.requests import IN_STEPS, Query, name_and_type, name_below, payload_of
 from rwt_participant.qos import LATCHED, Durability
 from rwt_transports.http.routes import HttpResponse
 
@@ -38,10 +38,10 @@ WAIT_SECONDS: Final = 5.0
 _MARK: Final = object()
 """Mark under which a client of the gateway advertises its topics."""
 
-MOST_THROTTLE: Final = 3600.0
+MAX_THROTTLE_SECONDS: Final = 3600.0
 """Seconds between two events at most."""
 
-MOST_EVENTS: Final = 10_000
+MAX_EVENTS: Final = 10_000
 """Events that may wait for a reader at most."""
 
 _EVENTS: Final = 100
@@ -68,12 +68,7 @@ class TopicPages:
     def list(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """The topics that are shown, with their types."""
         Query(request)
-        registry = reader.registry
-        topics = [
-            {"name": topic.name, "type": registry.type_name(topic.type) if topic.type else None}
-            for topic in reader.topics()
-        ]
-        return value_response(request, topics)
+        return value_response(request, [name_and_type(reader, each) for each in reader.topics()])
 
     def get(self, request: HttpRequest, reader: GraphView) -> HttpResponse | Awaitable[HttpResponse]:
         """Return the latched message, the next one, or all messages as events.
@@ -84,8 +79,8 @@ class TopicPages:
         media = chosen(request, (JSON, CBOR, EVENTS))
         with self._clients.client_of(request, reader) as client:
             query = Query(request, ("wait", "type", "throttle", "queue"))
-            throttle = query.seconds("throttle", 0.0, MOST_THROTTLE)
-            depth = query.count("queue", _EVENTS, MOST_EVENTS)
+            throttle = query.seconds("throttle", 0.0, MAX_THROTTLE_SECONDS)
+            depth = query.count("queue", _EVENTS, MAX_EVENTS)
             if media == EVENTS:
                 return self._events(request, client, name, query.text("type"), throttle, depth)
             longest = self._settings.wait_seconds
@@ -142,7 +137,7 @@ class TopicPages:
             type,
             throttle=throttle,
             depth=depth,
-            most_bytes=self._settings.stream_bytes,
+            max_bytes=self._settings.stream_bytes,
             log=self._log,
         )
         client.add_stream(stream, request)
@@ -206,7 +201,7 @@ class TopicEvents:
         type: the topic's, where nobody has advertised it yet.
         throttle: seconds between two events at least; of those in between the newest comes late.
         depth: events that may wait while the reader is slow.
-        most_bytes: their bytes together.
+        max_bytes: their bytes together.
         log: writes a line of the log.
 
     Raises:
@@ -221,17 +216,17 @@ class TopicEvents:
         *,
         throttle: float,
         depth: int,
-        most_bytes: int,
+        max_bytes: int,
         log: Callable[[str], None],
     ) -> None:
         self._client = client
         self._name = name
         graph = client.graph
         self._fanout = graph.subscribe(name, type)
-        self._drops = DropNotices(name, self._fanout.counts, graph.counters, graph.clock, self._tell, log)
+        self._drops = DropNotices(name, self._fanout.counts, graph.counters, graph.clock, self._notify, log)
         self._dropped = 0
-        self.queue = EventQueue(depth, most_bytes, self._drop, self._close)
-        room = Room(most_bytes)
+        self.queue = EventQueue(depth, max_bytes, self._drop, self._close)
+        room = Room(max_bytes)
         self._throttle = Throttle(graph.clock, self.queue, self._drops.withheld, self._drop, room)
         self._throttle.configure(throttle, 1 if throttle else 0)
         self._stream = self._fanout.join(self._throttle, name, SAMPLES)
@@ -255,7 +250,7 @@ class TopicEvents:
         self._dropped += 1
         self._drops.dropped(reason)
 
-    def _tell(self, text: str) -> None:
+    def _notify(self, text: str) -> None:
         self.queue.tell(event({"topic": self._name, "dropped": self._dropped, "instead": _INSTEAD}, "drops"))
 
     def _close(self) -> None:

@@ -32,7 +32,7 @@ from rwt.gateways.mcp.goals import GoalTable
 from rwt.gateways.mcp.person import Questions
 from rwt.gateways.mcp.server import make_server
 from rwt.gateways.mcp.tools import TOOLS
-from rwt.gateways.visitors import Visitor, Visitors, peer_of
+from rwt.gateways.visitors import Visitor, Visitors, peer_of, url_of
 from rwt_transports.errors import Refused
 from rwt_transports.http.addresses import network_of
 from rwt_transports.http.routes import (
@@ -407,8 +407,7 @@ class McpGateway(Gateway):
     # -- pages of others -------------------------------------------------------------------------------------
 
     def _section(self, request: HttpRequest, reader: GraphView) -> str:
-        scheme = "https" if request.headers.get("x-forwarded-proto") in ("https", "wss") else "http"
-        url = f"{scheme}://{request.headers.get('host', 'localhost:9090')}{request.prefix}{PATH}"
+        url = url_of(request, "http") + PATH
         return (
             f"<h2>Agents</h2><p>Model Context Protocol, streamable HTTP: <code>{html.escape(url)}</code>,"
             f" {len(TOOLS)} tools, as role <code>{html.escape(self.settings.default_role)}</code> without a"

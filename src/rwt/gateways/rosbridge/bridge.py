@@ -194,8 +194,8 @@ class ConnectedClients:
         self._distro = registry.distro
         self._clients: dict[int, dict[str, object]] = {}
         self._due = False
-        self._tell_count()
-        self._tell_list()
+        self._publish_count()
+        self._publish_list()
 
     def joined(self, number: int, address: str) -> None:
         """A client has connected."""
@@ -209,15 +209,15 @@ class ConnectedClients:
         self._changed()
 
     def _changed(self) -> None:
-        self._tell_count()
+        self._publish_count()
         if not self._due:
             self._due = True
-            self._clock.call_later(0.0, self._tell_list)
+            self._clock.call_later(0.0, self._publish_list)
 
-    def _tell_count(self) -> None:
+    def _publish_count(self) -> None:
         _publish(self._count, {"data": len(self._clients)})
 
-    def _tell_list(self) -> None:
+    def _publish_list(self) -> None:
         self._due = False
         _publish(self._list, {"clients": list(self._clients.values())})
 

@@ -13,7 +13,7 @@ from rwt_protocol.limits import has_more_brackets
 if TYPE_CHECKING:
     from rwt_protocol.frames import Buffer
 
-LARGE: Final = 64 * 1024
+LARGE_BYTES: Final = 64 * 1024
 """Bytes of a message up to which numpy does nothing for it."""
 
 _NUMBERS: Final = re.compile(rb"\xd8[\x41-\x57]")
@@ -35,7 +35,7 @@ class NumpyLoading:
 
     def holds_up(self, data: Buffer, binary: bool) -> bool:
         """Return True if a message has to wait until numpy is loaded."""
-        if self.is_over or len(data) <= LARGE:
+        if self.is_over or len(data) <= LARGE_BYTES:
             return False
         if self._thread is None:
             if "numpy" in sys.modules:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from rwt.access.errors import AccessError, NotAuthenticated
 from rwt.delivery.counters import UNKNOWN
 from rwt.gateways.base import ALONE_BYTES, Arriving, ConnectedClient, UnreadFrame
-from rwt.gateways.rosbridge.numpy_loading import LARGE
+from rwt.gateways.rosbridge.numpy_loading import LARGE_BYTES
 from rwt.gateways.rosbridge.ops.actions import PeerActions
 from rwt.gateways.rosbridge.ops.services import PeerServices
 from rwt.gateways.rosbridge.ops.topics import PeerTopics
@@ -96,7 +96,7 @@ class Peer(ConnectedClient[_Waiting]):
             self._received = received
             self._turn_began = self._worked
             self._needs_turn = self._is_beyond
-        if len(data) > LARGE and (
+        if len(data) > LARGE_BYTES and (
             (len(data) > ALONE_BYTES and self._flow_control is not None)
             or (self._loading is not None and self._loading.holds_up(data, binary))
         ):
@@ -144,7 +144,7 @@ class Peer(ConnectedClient[_Waiting]):
 
     def _decode(self, data: bytes, binary: bool, now: float) -> None:
         """Run the messages of a frame; a large binary one is decoded in steps."""
-        if binary and len(data) > LARGE:
+        if binary and len(data) > LARGE_BYTES:
             self._read_on(Arriving(self._read_in_steps(data)))
         else:
             self._do_all(self._session.decode(data, binary, now), now)

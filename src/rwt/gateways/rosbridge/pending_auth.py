@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 #: Size limit of an `auth` op, in bytes. It bounds the memory of connections without credentials.
 _MAX_AUTH_BYTES: Final = 16 * 1024
 
+_NO_AUTH: Final = "this server wants `auth` as the first message"
+
 
 class PendingAuth:
     """Endpoint of a connection until its first message, which must be a valid `auth` op.
@@ -60,52 +62,43 @@ class PendingAuth:
         self._session = session
         self._admission = admission
         self._monotonic = clock.monotonic
-        self._is_decided = False  # True once handed over or closed.
-        self._timer: Timer | None = clock.call_later(timeout, self._too_late)
+        self._timer: Timer | None = clock.call_later(timeout, self._too_late)  # None once decided.
 
     def receive(self, data: bytes, binary: bool) -> None:
         """Read the first message: one frame with the `auth` op and nothing else."""
-        if not self._is_decided:
-            self._first(data, binary)
+        if self._timer is None:
+            return
+        rosauth = self._admission.rosauth
+        if rosauth is not None and len(data) <= _MAX_AUTH_BYTES:
+            items = self._session.decode(data, binary, self._monotonic())
+            if len(items) == 1 and isinstance(items[0], Auth):
+                try:
+                    role = rosauth.authenticate(items[0])
+                except NotAuthenticated as refused:
+                    self._turn_away(str(refused))
+                    return
+                self._decide()
+                self._sink.hand_over(self._join(role))
+                return
+        self._turn_away(_NO_AUTH)
 
     def oversized(self, size: int, limit: int, head: bytes) -> None:
         """Called for a message over the size limit."""
-        self._turn_away("this server wants `auth` as the first message")
+        self._turn_away(_NO_AUTH)
 
     def closed(self, code: int, reason: str) -> None:
         """Called when the connection has ended."""
-        self._stop_timer()
-        self._is_decided = True
-
-    def _first(self, data: bytes, binary: bool) -> None:
-        if len(data) > _MAX_AUTH_BYTES:
-            self._turn_away("this server wants `auth` as the first message")
-            return
-        items = self._session.decode(data, binary, self._monotonic())
-        rosauth = self._admission.rosauth
-        if rosauth is None or len(items) != 1 or not isinstance(items[0], Auth):
-            self._turn_away("this server wants `auth` as the first message")
-            return
-        try:
-            role = rosauth.authenticate(items[0])
-        except NotAuthenticated as refused:
-            self._turn_away(str(refused))
-            return
-        self._stop_timer()
-        self._is_decided = True
-        self._sink.hand_over(self._join(role))
+        self._decide()
 
     def _turn_away(self, reason: str) -> None:
-        self._is_decided = True
-        self._stop_timer()
+        self._decide()
         self._admission.log_refusal(self._info, reason)
         self._sink.close(POLICY, reason)
 
     def _too_late(self) -> None:
-        self._timer = None
         self._turn_away("no `auth` came in time (auth.seconds)")
 
-    def _stop_timer(self) -> None:
+    def _decide(self) -> None:
         timer, self._timer = self._timer, None
         if timer is not None:
             timer.cancel()

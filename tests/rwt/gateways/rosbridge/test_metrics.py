@@ -15,7 +15,7 @@ from websockets.asyncio.client import connect as connect_websocket
 from rwt import Server, Settings
 from rwt.access.quotas import WORK_KINDS
 from rwt.composition.pages import routes
-from rwt.delivery.counters import MOST_TOPICS, Counters, TopicCounts
+from rwt.delivery.counters import MAX_TOPICS, Counters, TopicCounts
 from rwt.gateways.rosbridge.bridge import Bridge
 from rwt.observability.metrics import ServerMetrics
 from rwt.observability.prometheus import PrometheusText
@@ -187,22 +187,22 @@ def test_the_process(page: Callable[[], Page]) -> None:
 def test_topics_that_clients_invent_are_not_remembered_for_ever() -> None:
     counters = Counters()
     used = counters.use_topic("/used")
-    for number in range(2 * MOST_TOPICS):
+    for number in range(2 * MAX_TOPICS):
         counters.release_topic(counters.use_topic(f"/invented{number}"))
-    assert len(counters.topics) == MOST_TOPICS
+    assert len(counters.topics) == MAX_TOPICS
     assert counters.topics["/used"] is used
 
 
 def test_the_topic_longest_out_of_use_is_forgotten_first() -> None:
     counters = Counters()
-    for number in range(MOST_TOPICS):
+    for number in range(MAX_TOPICS):
         counters.release_topic(counters.use_topic(f"/{number}"))
     again = counters.use_topic("/0")
     counters.use_topic("/new")
     assert "/1" not in counters.topics
     assert counters.topics["/0"] is again
     counters.release_topic(again)
-    for number in range(MOST_TOPICS - 2):
+    for number in range(MAX_TOPICS - 2):
         counters.use_topic(f"/newer{number}")
     assert "/0" in counters.topics
     counters.use_topic("/newest")
@@ -226,9 +226,9 @@ class Counting(dict[str, TopicCounts]):
 def test_a_new_topic_among_many_in_use_costs_no_walk_through_them() -> None:
     counters = Counters()
     table = counters.topics = Counting()
-    for number in range(3 * MOST_TOPICS):
+    for number in range(3 * MAX_TOPICS):
         counters.use_topic(f"/{number}")
-    assert len(table) == 3 * MOST_TOPICS
+    assert len(table) == 3 * MAX_TOPICS
     assert table.walks == 0
 
 

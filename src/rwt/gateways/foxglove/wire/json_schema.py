@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 Schema = dict[str, object]
 
-_MOST_FIELDS: Final = 10_000
+_MAX_FIELDS: Final = 10_000
 """Maximum number of fields of a schema; nested types count at each use."""
 
 
@@ -56,7 +56,7 @@ class _Schemas:
 
     def of_message(self, message: MessageType) -> Schema:
         self._fields += len(message.slots)
-        if self._fields > _MOST_FIELDS:
+        if self._fields > _MAX_FIELDS:
             raise _TooLarge
         return {"type": "object", "properties": {slot.name: self._of(slot.type) for slot in message.slots}}
 

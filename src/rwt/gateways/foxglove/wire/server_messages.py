@@ -11,7 +11,7 @@ import msgspec
 
 from rwt_protocol.frames import Buffer, Frame, GapFrame
 
-_encode: Final = msgspec.json.Encoder().encode
+encoded: Final = msgspec.json.Encoder().encode
 
 MESSAGE_DATA: Final = 1
 TIME: Final = 2
@@ -55,12 +55,7 @@ class PlaybackStatus(IntEnum):
 def text(op: str, **members: object) -> Frame:
     """A text with these members, of which those that are None are left out."""
     given = {name: value for name, value in members.items() if value is not None}
-    return Frame(_encode({"op": op, **given}))
-
-
-def encoded(value: object) -> bytes:
-    """A value as JSON, to be put into a text by :func:`texts`."""
-    return _encode(value)
+    return Frame(encoded({"op": op, **given}))
 
 
 def texts(op: str, member: str, items: Iterable[bytes]) -> list[Frame]:
@@ -125,7 +120,8 @@ def status(level: Level, message: str, id: str | None = None) -> Frame:
 
 
 _KIND_OF_MESSAGE: Final = bytes((MESSAGE_DATA,))
-_NUMBER: Final = Layout("<I").pack
+subscription_number: Final = Layout("<I").pack
+"""Id of a subscription in the gap of its messages."""
 _STAMP: Final = Layout("<Q").pack
 _TIME: Final = Layout("<BQ").pack
 _RESPONSE: Final = Layout("<BIII").pack
@@ -136,11 +132,6 @@ _STATE: Final = Layout("<BBQfBI").pack
 def message_data(time_ns: int, payload: Sequence[Buffer]) -> GapFrame:
     """Return a channel message with a shared payload and a gap for the id (:func:`subscription_number`)."""
     return GapFrame(_KIND_OF_MESSAGE, 4, _STAMP(time_ns), *payload, binary=True)
-
-
-def subscription_number(id: int) -> bytes:
-    """The id of a subscription as it stands in its messages."""
-    return _NUMBER(id)
 
 
 def time(time_ns: int) -> Frame:

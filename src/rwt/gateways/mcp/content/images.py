@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 #: Pixels of a compressed picture that are unpacked.
-_MOST_PIXELS: Final = 40_000_000
+_MAX_PIXELS: Final = 40_000_000
 
 #: Cells of a map that are drawn.
-_MOST_CELLS: Final = 100_000_000
+_MAX_CELLS: Final = 100_000_000
 
 _JPEG_QUALITY: Final = 80
 
@@ -33,10 +33,10 @@ def draw_image(message: Message, side: int) -> Answer:
         ImageFormat: it cannot be read.
     """
     if hasattr(message, "format"):
-        image = open_compressed(message, _MOST_PIXELS)
+        image = open_compressed(message, _MAX_PIXELS)
         about = f"{image.width}x{image.height} {message.format}"
     else:
-        if message.width * message.height > _MOST_PIXELS:
+        if message.width * message.height > _MAX_PIXELS:
             raise ImageFormat(f"a picture of {message.width}x{message.height} is too large")
         image = image_to_pillow(message)
         about = f"{message.width}x{message.height} {message.encoding}"
@@ -136,7 +136,7 @@ def draw_map(message: Message, side: int) -> Answer:
     info = message.info
     count = info.width * info.height
     cells = message.data
-    if not count or count > _MOST_CELLS or len(cells) < count:
+    if not count or count > _MAX_CELLS or len(cells) < count:
         raise ImageFormat(f"{len(cells)} cells are no map of {info.width}x{info.height}")
     raw = isinstance(cells, bytes | bytearray | memoryview)
     flat = np.frombuffer(cells, np.int8, count) if raw else np.asarray(cells[:count], np.int8)

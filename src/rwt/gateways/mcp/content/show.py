@@ -51,13 +51,13 @@ _SEEN: Final[Mapping[str, Callable[[Message, int], Answer]]] = MappingProxyType(
 )
 
 
-def show(message: Message, type: str, most_bytes: int, side: int) -> Answer:
+def show(message: Message, type: str, max_bytes: int, side: int) -> Answer:
     """Present a message to a model: as an image with a description if possible, otherwise as JSON.
 
     Args:
         message: the message.
         type: its type's two-part name.
-        most_bytes: of the text.
+        max_bytes: of the text.
         side: pixels of a picture's width and height.
     """
     draw = _SEEN.get(type)
@@ -65,5 +65,5 @@ def show(message: Message, type: str, most_bytes: int, side: int) -> Answer:
         try:
             return draw(message, side)
         except ImageFormat as error:
-            return (bounded(f"it cannot be drawn: {error}; {as_text(plain(message))}", most_bytes),)
-    return (bounded(as_text(plain(message)), most_bytes),)
+            return (bounded(f"it cannot be drawn: {error}; {as_text(plain(message))}", max_bytes),)
+    return (bounded(as_text(plain(message)), max_bytes),)

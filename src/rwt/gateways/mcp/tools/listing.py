@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 Kind = Literal["topics", "services", "actions", "parameters"]
 
 #: Lines per kind; a narrower filter shows the others.
-_MOST_LINES: Final = 120
+_MAX_LINES: Final = 120
 
 #: Services that every node has.
 _PLUMBING: Final = (
@@ -87,8 +87,8 @@ def _row(each: Listed) -> str:
 
 def _lines(kind: str, rows: Iterable[str]) -> str:
     found = list(rows)
-    shown = found[:_MOST_LINES]
-    more = [f"… and {len(found) - _MOST_LINES} more: use `filter`"] if len(found) > _MOST_LINES else []
+    shown = found[:_MAX_LINES]
+    more = [f"… and {len(found) - _MAX_LINES} more: use `filter`"] if len(found) > _MAX_LINES else []
     return "\n".join([f"{kind} ({len(found)}):", *shown, *more])
 
 

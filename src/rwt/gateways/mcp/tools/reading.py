@@ -23,10 +23,10 @@ if TYPE_CHECKING:
 FieldPath = Annotated[str, Field(min_length=1, max_length=256)]
 
 #: Messages that `watch_numbers` evaluates; later ones are skipped.
-_MOST_MESSAGES: Final = 10_000
+_MAX_MESSAGES: Final = 10_000
 
 #: Fields that `watch_numbers` evaluates.
-_MOST_FIELDS: Final = 20
+_MAX_FIELDS: Final = 20
 
 #: Values listed per field.
 _SHOWN_VALUES: Final = 20
@@ -103,7 +103,7 @@ class WatchNumbersArguments(Arguments):
     seconds: Annotated[Seconds, Field(description="duration in seconds")] = 2.0
     fields: Annotated[
         tuple[FieldPath, ...],
-        Field(max_length=_MOST_FIELDS, description="numeric fields; default: all, up to 20"),
+        Field(max_length=_MAX_FIELDS, description="numeric fields; default: all, up to 20"),
     ] = ()
 
 
@@ -116,7 +116,7 @@ async def _watch_numbers(agent: Agent, asked: WatchNumbersArguments) -> Answer:
     wrong: list[ToolError] = []
 
     def take(message: Message) -> None:
-        if len(times) >= _MOST_MESSAGES or wrong:
+        if len(times) >= _MAX_MESSAGES or wrong:
             return
         times.append(agent.robot.clock.monotonic() - began)
         try:
@@ -145,7 +145,7 @@ async def _watch_numbers(agent: Agent, asked: WatchNumbersArguments) -> Answer:
 def _all_numbers(message: Message) -> dict[str, float]:
     """Return the first field with a number, except in the header."""
     found = [each for each in numeric_fields(message).items() if not each[0].startswith("header.")]
-    return dict(found[:_MOST_FIELDS])
+    return dict(found[:_MAX_FIELDS])
 
 
 def _number(message: Message, path: str) -> float:

@@ -49,7 +49,7 @@ _RESULT: Final = "action_result.values"
 _OUTCOMES: Final = frozenset({GoalStatus.SUCCEEDED, GoalStatus.CANCELED})
 
 #: Goals whose sender has disconnected are remembered for a later `cancel_action_goal`, up to this many.
-_MOST_ORPHANS: Final = 1000
+_MAX_ORPHANS: Final = 1000
 
 
 class OrphanedGoals:
@@ -61,7 +61,7 @@ class OrphanedGoals:
     def add(self, goal: PeerGoal, address: str) -> None:
         """Remember a goal of a client at `address`; beyond a bound the oldest is forgotten."""
         self._senders[goal] = address
-        while len(self._senders) > _MOST_ORPHANS:
+        while len(self._senders) > _MAX_ORPHANS:
             del self._senders[next(iter(self._senders))]
 
     def find(self, address: str, action: str, id_: str | int | None) -> PeerGoal | None:

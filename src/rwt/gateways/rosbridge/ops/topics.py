@@ -30,10 +30,10 @@ if TYPE_CHECKING:
 
 
 #: Names under which one client may hear of one topic: `/a`, `a`, and what careless programs make of it.
-_MOST_SPELLINGS: Final = 4
+_MAX_SPELLINGS: Final = 4
 
 #: Names of topics, in any spelling, for which a client's publisher is remembered.
-_MOST_NAMES: Final = 4096
+_MAX_NAMES: Final = 4096
 
 
 class PeerTopics:
@@ -145,7 +145,7 @@ class PeerTopics:
             raise Refused(f"publish: {unknown}: send `advertise` first, or `type` with the message") from None
         if op.qos is not None:
             self._forget_publisher(publisher.topic)  # It may have taken the place of another.
-        if len(self._publishers) >= _MOST_NAMES:
+        if len(self._publishers) >= _MAX_NAMES:
             self.forget_publishers()
         self._publishers[op.topic] = publisher
         return publisher
@@ -196,7 +196,7 @@ class PeerTopics:
     def _check_spellings(self, fanout: Fanout, name: str) -> None:
         """Reject excessive spellings of a topic: each is a stream of its own (PUB-09)."""
         spellings = [held for held, known in self._subscriptions.items() if known.fanout is fanout]
-        if len(spellings) >= _MOST_SPELLINGS:
+        if len(spellings) >= _MAX_SPELLINGS:
             self._graph.unsubscribe(fanout)
             raise Refused(
                 f"subscribe: {name}: this client hears of the topic under {len(spellings)} names already: "
