@@ -15,7 +15,7 @@ from websockets.typing import Subprotocol
 from rwt import Server, Settings
 from rwt.blocking import BlockingNode
 from rwt.gateways.foxglove.gateway import FoxgloveGateway
-from rwt.gateways.foxglove.wire.client_messages import MAX_TEXT_BYTES
+from rwt.gateways.foxglove.wire.client_messages import MAX_BYTES
 from tests.faults.conftest import MIB
 from tests.faults.test_hostile_bytes import memory_below
 
@@ -77,7 +77,7 @@ def test_a_viewer_that_does_not_read_costs_the_others_nothing(robot: BlockingNod
             while isinstance(frame, str) or frame[0] != 1:
                 frame = quick.recv(timeout=20)
             assert struct.unpack_from("<I", frame, len(frame) - SIZE - 8)[0] == number
-        (gateway,) = [it for it in robot.server._while_running.gateways if isinstance(it, FoxgloveGateway)]
+        (gateway,) = [it for it in robot.server.metrics._gateways if isinstance(it, FoxgloveGateway)]
         traffic = [client.sink.traffic for client in gateway.clients]
         # What waits for it is bounded, the oldest are dropped, and nothing of the other's.
         assert max(each.queued_bytes for each in traffic) < DATA_BYTES + 3 * SIZE
@@ -89,7 +89,7 @@ def test_texts_that_are_large_deep_or_many_are_refused_and_nothing_else_happens(
     many = [{"id": id, "channelId": 0} for id in range(5_000)]
     names = [f"/p{number}" for number in range(9_000)]
     texts = (
-        " " * (MAX_TEXT_BYTES + 1),
+        " " * (MAX_BYTES + 1),
         '{"op":"setParameters","parameters":[{"name":"a","value":' + "[" * 50_000,
         '{"op":"setParameters","parameters":[{"name":"a","value":[' + "[]," * 30_000 + "1]}]}",
         json.dumps({"op": "subscribe", "subscriptions": many}),

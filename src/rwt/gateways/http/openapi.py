@@ -168,7 +168,7 @@ class _Description:
                 _ok(self.schemas.reference(type)),
                 query=(
                     self._seconds("wait", "wait so many seconds for the next message"),
-                    _query("throttle", {"type": "number", "minimum": 0, "maximum": topics.MAX_THROTTLE_SECONDS},
+                    _query("throttle", {"type": "number", "minimum": 0, "maximum": topics.MAX_THROTTLE},
                            "of events: seconds between two at least"),
                     _query("queue", {"type": "integer", "minimum": 1, "maximum": topics.MAX_EVENTS},
                            "of events: how many may wait for a slow reader"),

@@ -38,7 +38,7 @@ WAIT_SECONDS: Final = 5.0
 _MARK: Final = object()
 """Mark under which a client of the gateway advertises its topics."""
 
-MAX_THROTTLE_SECONDS: Final = 3600.0
+MAX_THROTTLE: Final = 3600.0
 """Seconds between two events at most."""
 
 MAX_EVENTS: Final = 10_000
@@ -79,7 +79,7 @@ class TopicPages:
         media = chosen(request, (JSON, CBOR, EVENTS))
         with self._clients.client_of(request, reader) as client:
             query = Query(request, ("wait", "type", "throttle", "queue"))
-            throttle = query.seconds("throttle", 0.0, MAX_THROTTLE_SECONDS)
+            throttle = query.seconds("throttle", 0.0, MAX_THROTTLE)
             depth = query.count("queue", _EVENTS, MAX_EVENTS)
             if media == EVENTS:
                 return self._events(request, client, name, query.text("type"), throttle, depth)

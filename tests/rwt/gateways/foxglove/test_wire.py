@@ -194,7 +194,7 @@ def test_a_binary_frame_that_is_no_message(data: bytes, words: str) -> None:
         (b'{"op":"fetchAsset","uri":"' + b"x" * 5000 + b'","requestId":1}', "length <= 4096"),
         (b'{"op":"setParameters","parameters":[{"name":"a","value":' + b"[" * 5000, "not JSON"),
         (b'{"op":"unadvertise","channelIds":["\xff"]}', "."),
-        (b" " * (said.MAX_TEXT_BYTES + 1), "1048577 bytes, and 1048576 are taken"),
+        (b" " * (said.MAX_BYTES + 1), "1048577 bytes, and 1048576 are taken"),
     ],
 )
 def test_a_text_that_is_no_message(data: bytes, words: str) -> None:

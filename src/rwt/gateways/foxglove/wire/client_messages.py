@@ -20,7 +20,7 @@ from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.serialise.json import require_quick_numbers
 from rwt_interfaces.steps import finished
 
-MAX_TEXT_BYTES: Final = 1024 * 1024
+MAX_BYTES: Final = 1024 * 1024
 """Maximum bytes of a text frame. Payloads are binary; each byte of JSON can cost fifty bytes once decoded."""
 
 Id = Annotated[int, Meta(ge=0, le=2**32 - 1)]
@@ -209,9 +209,9 @@ def parse_text(data: bytes | memoryview) -> Text:
     Raises:
         InvalidFrame: it is none; no other exception, whatever the bytes.
     """
-    if len(data) > MAX_TEXT_BYTES:
+    if len(data) > MAX_BYTES:
         raise InvalidFrame(
-            f"a text of {len(data)} bytes, and {MAX_TEXT_BYTES} are taken: publish in binary frames, and ask for"
+            f"a text of {len(data)} bytes, and {MAX_BYTES} are taken: publish in binary frames, and ask for"
             " less at once"
         )
     try:
