@@ -42,12 +42,7 @@ def exit_of(error: BaseException) -> BaseException:
 
 
 class ServerThread:
-    """Context in which a server runs on an event loop in its own thread.
-
-    Args:
-        server: server to enter.
-        loop: event loop to start.
-    """
+    """Context in which a server runs on an event loop in its own thread."""
 
     def __init__(self, server: Server, loop: Loop) -> None:
         self._server = server
@@ -135,11 +130,7 @@ class ServerThread:
 
 
 class BlockingNode(node.BlockingGraphNode):
-    """Node with blocking methods, in the graph of its own server; see :class:`rwt_graph.Node`.
-
-    Attributes:
-        server: server of the graph.
-    """
+    """Node with blocking methods, in the graph of its own server; see :class:`rwt_graph.Node`."""
 
     def __init__(self, inner: Node, server: Server, thread: ServerThread) -> None:
         super().__init__(inner)

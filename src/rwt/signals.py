@@ -40,9 +40,6 @@ def on_signals(handlers: Mapping[int, Callable[[], object]]) -> Iterator[None]:
 
     A stop signal is handled once: a second one has its previous effect, so that a second Ctrl-C ends a
     program that hangs. No-op outside the main thread, the only one that receives signals.
-
-    Args:
-        handlers: functions by signal.
     """
     call_soon = call_soon_threadsafe()
 

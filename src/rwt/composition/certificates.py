@@ -24,13 +24,7 @@ _PERIOD: Final = 3600.0
 
 
 class CertificateRenewal:
-    """Replaces the certificate if it expires or no longer names the machine; checks every hour.
-
-    Args:
-        clock: clock of the event loop.
-        context: what the listeners encrypt by.
-        settings: where the certificate is.
-    """
+    """Replaces the certificate if it expires or no longer names the machine; checks every hour."""
 
     def __init__(self, clock: Clock, context: SSLContext, settings: TlsSettings) -> None:
         self._clock = clock

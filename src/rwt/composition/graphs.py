@@ -51,7 +51,6 @@ def make_graph(
     """Return the graph of the settings, not entered.
 
     Args:
-        settings: settings of the server.
         make: what makes it, instead of the setting `graph`.
         registry: the interfaces; None for those that the settings name.
         clock: None for the wall clock.

@@ -38,10 +38,8 @@ class Listeners:
     """Listeners of one server, which share counts, limits and pages.
 
     Args:
-        settings: settings of the server.
         bridge: takes in clients whose WebSocket has no other subprotocol.
         gateways: what takes in the others, by subprotocol.
-        metrics: metrics of the server.
         tls: certificate and key of listeners that encrypt.
         http: extensions of nodes and gateways.
         middleware: stand between the transports and the gateways, the outermost last.
@@ -49,9 +47,7 @@ class Listeners:
         mounts: apps of others below paths of their own.
 
     Attributes:
-        limits: the bounds that the transports keep.
         addresses: number of connections by address.
-        buffers: what they all receive large messages in.
         peers: what takes in clients over WebRTC, where there is such a thing.
         media: the routes by which they send and get pictures.
     """

@@ -146,9 +146,7 @@ def start_gateway_node(graph: Graph, urls: Sequence[str], settings: Settings) ->
     """Start the node of all clients, with its parameters `port` (requested) and `actual_port` (CFG-01).
 
     Args:
-        graph: the robot.
         urls: where the server listens, with the ports it has got.
-        settings: settings of the server.
     """
     node = Node(graph, GATEWAY_NODE)
     for name, each in (("port", settings.listen), ("actual_port", urls)):
@@ -163,7 +161,6 @@ def start_recording(graph: Graph, file: Path | None, stack: ExitStack, *, intros
     """Start recording, introspection or both, until `stack` is closed.
 
     Args:
-        graph: graph to record.
         file: MCAP; None records nothing.
         stack: closes the recorder; then what the last messages could not be written for is raised.
         introspection: True if calls and goals are published, and recorded if anything is.

@@ -66,7 +66,6 @@ def routes(
 
     Args:
         bridge: whose graph and clients the pages show.
-        metrics: metrics of the server.
         extensions: extensions of nodes and gateways.
         loopback: True if the listener is only reached from this machine.
         gather: joins the metrics with those of other processes on the same port.

@@ -32,8 +32,6 @@ async def webrtc_peers(
     """Accept peers within the block.
 
     Args:
-        settings: what the operator has set.
-        limits: bounds of each connection.
         addresses: number of connections by address.
         buffers: what all clients of the server receive large messages in.
 
@@ -98,7 +96,6 @@ def media_routes(
     """Return the routes of media to and from peers.
 
     Args:
-        peers: that are accepted.
         video: video server; None where the settings name no such node.
         media: of :func:`webrtc_media`.
     """

@@ -25,9 +25,6 @@ class DeferredSends:
     Attributes by purpose: ``_added`` and ``_sent`` count samples; ``_is_scheduled`` is True while a turn is
     requested; ``_is_stepping`` is True inside a step, which may add samples.
 
-    Args:
-        turns: turns of all topics of the gateway.
-
     Attributes:
         waiting: steps and send function of each deferred sample; read-only.
     """

@@ -36,11 +36,6 @@ class DropNotices:
 
     Args:
         topic: as the client spells it.
-        counts: counts of the topic.
-        counters: counters of the gateway.
-        clock: the graph's.
-        notify: tells the client.
-        log: writes a line of the log.
         describe: what is said of samples that were lost, by the reason and how many they are.
     """
 

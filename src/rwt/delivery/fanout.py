@@ -31,7 +31,6 @@ class SampleEncoding(Protocol):
     """Encoding of samples for the clients of a gateway.
 
     Attributes:
-        name: name of the encoding.
         form: payload representation that frames are built from.
     """
 

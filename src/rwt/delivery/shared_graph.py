@@ -20,16 +20,12 @@ class SharedGraph:
     """Graph as a gateway takes part in it, without access rules.
 
     Attributes:
-        graph: the robot.
         participant: the node under which all clients act.
-        counters: what is counted.
         publishers: the publishers that clients share.
 
     Args:
-        graph: the robot.
         node: the node's absolute name.
         linger: seconds that a publisher outlives its last user.
-        log: writes a line of the log.
     """
 
     def __init__(self, graph: Graph, node: str, linger: float, log: Callable[[str], None]) -> None:

@@ -65,7 +65,6 @@ class SharedPublisher:
     Attributes:
         publish: publishes a message, which the caller counts. Not a method, since it runs for every message:
             the publisher's own function, or :meth:`_publish` while a message needs more.
-        counts: counters of the topic.
         deadline: checks that clients publish as often as they promised; None without a deadline.
         users: keys of the users that acquired the publisher.
         linger: timer that closes a publisher without users.
@@ -134,7 +133,6 @@ class SharedPublisher:
         """Publish a message of a latched topic.
 
         Args:
-            payload: message.
             kept: charge that ends when the message is no longer retained.
         """
         if self.kept_next_to_go is not None:
@@ -226,9 +224,7 @@ class SharedPublishers:
 
         Args:
             topic: absolute name.
-            type: message type.
             qos: policies for a new publisher; None for the graph's default.
-            user: key of the user.
             lacks: names the requested policies that the publisher does not offer (ADV-11). A publisher
                 without other users is then replaced.
 
@@ -281,7 +277,6 @@ class SharedPublishers:
 
         Args:
             topic: absolute name.
-            user: key of the user.
             charge: ends now if the publisher has other users, else when it closes or is used again.
         """
         shared = self._by_topic.get(topic)

@@ -55,8 +55,6 @@ class Throttle:
     Times count from the last sample sent, on the clock's steady time. Nothing that has expired is sent.
 
     Args:
-        clock: the graph's.
-        flow: where frames go.
         withheld: called for each sample that the throttle holds back and drops.
         expired: called for each sample that outlived its lifespan here.
         room: what all queues of one client together may hold.

@@ -56,8 +56,6 @@ class AcceptPeer(Protocol):
         """Accept a new client.
 
         Args:
-            sink: connection to the client.
-            info: peer of the connection.
             loopback: True if the listener can only be reached from this machine.
 
         Raises:
@@ -143,8 +141,6 @@ class ConnectionGateway(Gateway, Generic[C]):
         """Make an admitted connection a client, and count and log it.
 
         Args:
-            role: role of the client.
-            info: peer of the connection.
             make: makes the client from its number and the graph as it may see it.
         """
         self._count += 1
@@ -173,14 +169,8 @@ class ControlLane:
     """Control lane to one client: messages besides samples, their size limit, and log lines about the client.
 
     Attributes:
-        sink: connection to the client.
         max_bytes: size of the largest message (`limits.outgoing_message_bytes`).
         log_rate: rate of log lines about the client.
-
-    Args:
-        gateway: gateway of the client.
-        number: number of the client.
-        sink: connection to the client.
     """
 
     __slots__ = ("_audit", "_number", "_prefix", "log_rate", "max_bytes", "monotonic", "sink")
@@ -266,11 +256,7 @@ class ConnectedClient(ABC, Generic[T]):
     * What waits: ``_waiting``, ``_is_held``; ``_over`` once the connection has ended.
 
     Args:
-        gateway: gateway of the client.
         number: number of the client, unique in the gateway.
-        info: peer of the connection.
-        graph: the graph as the client may see it.
-        replies: control lane to the client.
     """
 
     def __init__(

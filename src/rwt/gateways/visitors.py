@@ -35,7 +35,6 @@ def url_of(request: HttpRequest, scheme: str) -> str:
     """Return the URL under which the client of a request reaches the server.
 
     Args:
-        request: request of the client.
         scheme: `http` or `ws`; `s` is added if a proxy encrypts.
     """
     secure = "s" if request.headers.get("x-forwarded-proto") in ("https", "wss") else ""
@@ -99,17 +98,7 @@ class Visitor:
 
 
 class Visitors(Generic[V]):
-    """All visitors of one gateway.
-
-    Attributes:
-        clock: clock of the graph.
-        linger: seconds that a visitor stays after its last request.
-
-    Args:
-        counters: counters of the gateway.
-        clock: see above.
-        linger: see above.
-    """
+    """All visitors of one gateway."""
 
     def __init__(self, counters: Counters, clock: Clock, linger: float) -> None:
         self._counters = counters
@@ -146,7 +135,6 @@ class Metered(Awaitable[T]):
     """Awaitable that charges its work at each suspension and at its end.
 
     Args:
-        awaitable: the work.
         charge: called with seconds of work.
         monotonic: seconds on a clock that never goes back.
     """

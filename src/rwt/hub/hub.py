@@ -81,7 +81,6 @@ class Robot:
     Attributes:
         name: name of the robot, which is its path.
         instance: random id of the program; distinguishes it from another of the same name.
-        address: address of the robot.
         idle: connections that wait for a client.
         waiting: clients that wait for a connection.
         pairs: connections that serve a client.
@@ -449,11 +448,7 @@ class _ClientEnd(_WaitingEnd):
 
 
 class _PageEnd(_WaitingEnd):
-    """HTTP request for a page, in the place of a client.
-
-    Attributes:
-        inbox: response of the robot.
-    """
+    """HTTP request for a page, in the place of a client."""
 
     def __init__(self, hub: Hub, robot: Robot, address: str, first: bytes) -> None:
         self.inbox = PageInbox()

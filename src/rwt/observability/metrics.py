@@ -34,12 +34,7 @@ class ServerMetrics:
     """Metrics of one server, collected on request.
 
     Args:
-        bridge: rosbridge gateway of the server.
         extensions: HTTP extensions, whose metrics are included.
-        gateways: other gateways.
-
-    Attributes:
-        dials: status of each dial-out.
     """
 
     def __init__(

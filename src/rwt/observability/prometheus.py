@@ -40,7 +40,6 @@ class PrometheusText:
 
         Args:
             name: name without suffix.
-            help: description.
             bounds: upper bounds of the buckets, ascending.
             counts: observations per bucket, and last those above every bound.
             total: sum of all observations.

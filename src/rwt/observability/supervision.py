@@ -50,11 +50,7 @@ def heartbeat_seconds() -> float | None:
 
 
 class Heartbeat:
-    """Reports to the service manager that the event loop runs, so that a hanging server is restarted.
-
-    Args:
-        clock: clock of the event loop.
-    """
+    """Reports to the service manager that the event loop runs, so that a hanging server is restarted."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock

@@ -29,8 +29,6 @@ class StaticFile:
     """File of the build.
 
     Attributes:
-        path: path of the file.
-        content_type: media type.
         etag: quoted hash of the content.
         immutable: True if the name contains that hash.
         encodings: content codings of which there is a compressed copy.

@@ -32,15 +32,7 @@ Pages = Callable[[HttpRequest, "GraphView"], "HttpResponse | Awaitable[HttpRespo
 
 
 class Assets:
-    """Files that one client requests, sent one after the other.
-
-    Args:
-        graph: the graph as the client may see it.
-        replies: control lane to the client.
-        pages: what has the files.
-        settings: how large, and how many.
-        address: the client's.
-    """
+    """Files that one client requests, sent one after the other."""
 
     def __init__(
         self, graph: ClientGraph, replies: StatusLane, pages: Pages, settings: FoxgloveSettings, address: str
@@ -55,12 +47,7 @@ class Assets:
         self._closed = False
 
     def fetch(self, asked: FetchAsset, spawn: Callable[[Callable[[], Awaitable[None]], str], None]) -> None:
-        """Answer with a file, or with the reason why it is not available.
-
-        Args:
-            asked: which.
-            spawn: runs a coroutine function.
-        """
+        """Answer with a file, or with the reason why it is not available."""
         try:
             if not asked.uri.startswith(SCHEME):
                 raise NotPossible(

@@ -27,7 +27,6 @@ class TopicChannel:
     Attributes:
         id: one that no other channel of the server has had.
         topic: absolute name.
-        type: type of its messages.
         announced: what is said of it, in JSON.
         in_json: True if its messages are JSON, for viewers cannot read what the robot serialises.
     """
@@ -46,7 +45,6 @@ class OfferedService:
     Attributes:
         id: one that no other service of the server has had.
         name: absolute name.
-        type: see above.
         announced: what is said of it, in JSON.
     """
 
@@ -175,7 +173,6 @@ class Change(NamedTuple):
     """Changes of a listing.
 
     Attributes:
-        frames: what tells its clients.
         gone: ids of the channels that are not there any more.
     """
 
@@ -184,13 +181,7 @@ class Change(NamedTuple):
 
 
 class Listing:
-    """Listing for clients of one role: topics that they may subscribe to, and services that they may call.
-
-    Attributes:
-        view: the graph as the role sees it.
-        channels: by id.
-        services: by id.
-    """
+    """Listing for clients of one role: topics that they may subscribe to, and services that they may call."""
 
     def __init__(self, catalogue: Catalogue, view: GraphView) -> None:
         self.view = view

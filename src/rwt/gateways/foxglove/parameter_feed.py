@@ -24,7 +24,6 @@ class ParameterFeed:
     """Reports changes of watched parameters.
 
     Args:
-        shared: the gateway's part in the graph.
         tell: is given changed values by full name; None for a parameter that was deleted.
     """
 

@@ -113,10 +113,7 @@ class ParameterRequests:
     """Parameters that one client reads, sets and watches.
 
     Args:
-        graph: the graph as the client may see it.
-        replies: control lane to the client.
         max_names: that it may ask for at once, or watch.
-        turns: of the event loop, in which what it asks for is done.
     """
 
     def __init__(self, graph: ClientGraph, replies: StatusLane, max_names: int, turns: Turns) -> None:

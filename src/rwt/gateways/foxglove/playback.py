@@ -26,7 +26,6 @@ class PlaybackState(NamedTuple):
     """State of a playback, without its position.
 
     Attributes:
-        status: see :class:`~rwt.gateways.foxglove.wire.server_messages.PlaybackStatus`.
         speed: recorded seconds in a second.
         seeks: number of seeks.
     """
@@ -54,13 +53,7 @@ def state_frame(playback: Playback, *, did_seek: bool, request_id: bytes = b"") 
 
 
 class PlaybackControl:
-    """Playback control by one client.
-
-    Args:
-        graph: the graph as the client may see it.
-        replies: control lane to the client.
-        playback: the recording.
-    """
+    """Playback control by one client."""
 
     def __init__(self, graph: ClientGraph, replies: StatusLane, playback: Playback) -> None:
         self._graph = graph

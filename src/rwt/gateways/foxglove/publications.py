@@ -31,8 +31,6 @@ class ClientChannels:
     """Channels that one client has advertised, by its ids.
 
     Args:
-        graph: the graph as the client may see it.
-        replies: control lane to the client.
         structure: maximum number of brackets in its JSON.
     """
 

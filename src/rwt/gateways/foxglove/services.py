@@ -28,9 +28,6 @@ class ServiceCalls:
     """Calls of one client.
 
     Args:
-        graph: the graph as the client may see it.
-        replies: control lane to the client.
-        structure: brackets that its JSON may have.
         timeout: seconds that a call may take; None for ever.
     """
 

@@ -126,12 +126,7 @@ class _Delivery:
 
 
 class Subscriptions:
-    """Subscriptions of one client, by its ids.
-
-    Args:
-        graph: the graph as the client may see it.
-        replies: control lane to the client.
-    """
+    """Subscriptions of one client, by its ids."""
 
     def __init__(self, graph: ClientGraph, replies: StatusLane) -> None:
         self._graph = graph

@@ -46,12 +46,9 @@ class HttpGoal:
     """Goal, from sending it until it is forgotten.
 
     Attributes:
-        client: whose goal it is.
         action: the action's absolute name.
         id: 32 hex digits; empty until the graph has given it.
-        ended: True if it has its end.
         failure: why it ended without a result; None where it has one, or runs.
-        readers: streams of its events.
     """
 
     def __init__(self, goals: Goals, client: HttpClient, action: str) -> None:
@@ -169,16 +166,7 @@ class HttpGoal:
 
 
 class GoalEventStream:
-    """Event stream of one reader of a goal: ``state``, ``feedback`` and finally ``result``.
-
-    Attributes:
-        queue: event queue of the reader.
-
-    Args:
-        client: whose stream it is.
-        goal: the goal.
-        max_bytes: bytes that may wait.
-    """
+    """Event stream of one reader of a goal: ``state``, ``feedback`` and finally ``result``."""
 
     def __init__(self, client: HttpClient, goal: HttpGoal, max_bytes: int) -> None:
         self._client = client
@@ -218,7 +206,6 @@ class Goals:
         keep_seconds: how long one that has ended is kept.
 
     Args:
-        settings: settings of the gateway.
         several_processes: True if another process may know a goal that this one does not.
     """
 
@@ -294,8 +281,6 @@ class ActionPages:
     """Routes of actions and goals.
 
     Args:
-        clients: clients of the gateway.
-        settings: settings of the gateway.
         several_processes: True if a request may come to another process than the goal was sent to.
     """
 

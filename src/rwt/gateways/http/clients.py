@@ -39,8 +39,6 @@ class HttpClient(Visitor):
     Quotas apply to all of them together. When the client leaves, its publishers and leases are released.
 
     Attributes:
-        graph: the graph as the clients may see it.
-        address: address of the clients.
         streams: open streams, each with the request that began it.
     """
 
@@ -72,7 +70,6 @@ class Clients(Visitors[HttpClient]):
     """All clients of the gateway.
 
     Args:
-        gateway: the gateway.
         linger: seconds that a client stays after its last request.
     """
 

@@ -69,7 +69,6 @@ class EventQueue:
 
     Args:
         depth: samples that may wait.
-        max_bytes: bytes that may wait.
         on_drop: called for each sample that is dropped.
         on_close: called once, at its end.
     """

@@ -69,10 +69,7 @@ def describe(reader: GraphView, settings: HttpSettings, prefix: str, title: str)
     """Return the document for one reader, with the operations that its role allows.
 
     Args:
-        reader: sender of the request.
-        settings: settings of the gateway.
         prefix: the path below which a proxy shows the server, without a slash at its end.
-        title: title of the document.
     """
     description = _Description(reader, settings)
     return {

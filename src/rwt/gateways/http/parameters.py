@@ -27,11 +27,7 @@ ANSWER_SECONDS: Final = 10.0
 
 
 class ParameterPages:
-    """Routes of parameters: ``/node:name`` on ROS 2, ``/name`` on ROS 1.
-
-    Args:
-        clients: clients of the gateway.
-    """
+    """Routes of parameters: ``/node:name`` on ROS 2, ``/name`` on ROS 1."""
 
     def __init__(self, clients: Clients) -> None:
         self._clients = clients

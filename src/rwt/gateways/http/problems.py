@@ -116,7 +116,6 @@ class HttpProblem(Exception):
         detail: what is wrong, and where.
         instead: what to do; that of the kind by default.
         where: what of the request the problem is about, as a JSON Pointer into its body or a query's name.
-        headers: headers of the answer.
     """
 
     def __init__(

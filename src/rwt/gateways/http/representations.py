@@ -82,10 +82,7 @@ def value_response(
     """Return a response with a plain value in the form that the request accepts.
 
     Args:
-        request: what is answered.
         value: dicts, lists, scalars, and :class:`rwt_interfaces.payload.Payload` within them.
-        status: HTTP status.
-        headers: further headers.
         media: the type of its JSON, for what has one of its own.
 
     Raises:

@@ -75,7 +75,6 @@ class Query:
     """Query of a request; unknown names are rejected.
 
     Args:
-        request: whose query it is.
         known: the names that it may have; ``token`` may always be there.
 
     Raises:

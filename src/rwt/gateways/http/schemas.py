@@ -36,7 +36,6 @@ class Schemas:
         """Return a reference to the schema of a message.
 
         Args:
-            message: the type.
             incoming: True if clients send it, and may leave fields out.
         """
         time = message.time

@@ -27,12 +27,7 @@ CALL_SECONDS: Final = 10.0
 
 
 class ServicePages:
-    """Routes of services.
-
-    Args:
-        clients: clients of the gateway.
-        settings: settings of the gateway.
-    """
+    """Routes of services."""
 
     def __init__(self, clients: Clients, settings: HttpSettings) -> None:
         self._clients = clients

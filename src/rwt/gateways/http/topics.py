@@ -52,13 +52,7 @@ _INSTEAD: Final = "read faster, ask for fewer with ?throttle=SECONDS, or let mor
 
 
 class TopicPages:
-    """Routes of topics.
-
-    Args:
-        clients: clients of the gateway.
-        settings: settings of the gateway.
-        access: for the log.
-    """
+    """Routes of topics."""
 
     def __init__(self, clients: Clients, settings: HttpSettings, access: Access) -> None:
         self._clients = clients
@@ -192,17 +186,10 @@ async def _next_sample(graph: ClientGraph, name: str, type: str | None, seconds:
 class TopicEvents:
     """Event stream of one reader of a topic.
 
-    Attributes:
-        queue: event queue of the reader.
-
     Args:
-        client: whose stream it is.
-        name: the topic's.
         type: the topic's, where nobody has advertised it yet.
         throttle: seconds between two events at least; of those in between the newest comes late.
         depth: events that may wait while the reader is slow.
-        max_bytes: their bytes together.
-        log: writes a line of the log.
 
     Raises:
         RobotError, AccessError: as :meth:`rwt.access.client_graph.ClientGraph.subscribe`.

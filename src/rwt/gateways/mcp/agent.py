@@ -63,7 +63,6 @@ class Agent:
         robot: robot as the agent may see it and act on it.
         settings: bounds of requests and answers.
         acts: rights to change something; the tools that need others are not offered.
-        goals: goals that agents have sent.
         in_thread: runs slow work in a thread.
         charge: counts seconds of work for the client.
         sees: returns True if the agent may see a topic.
@@ -76,7 +75,6 @@ class Agent:
         confirm: asks the person at the agent's program to confirm an act; raises
             :exc:`~rwt.gateways.mcp.errors.ToolError` if that is refused.
         recordings: recordings that the agent may read; None for none.
-        report_progress: reports progress to the agent's program.
     """
 
     owner: str

@@ -49,8 +49,6 @@ class Exchange:
     """Request that an ASGI application answers in a task of its own; cancelled when the client disconnects.
 
     Args:
-        application: what answers.
-        request: what came.
         extra: further entries of the scope.
         on_gone: called when nobody hears the answer any more, or it has ended.
         on_end: called once when the application has ended.
@@ -85,11 +83,7 @@ class Exchange:
         self._cancel = anyio.CancelScope()
 
     async def respond(self, tasks: TaskGroup) -> HttpResponse:
-        """Return the response once its head is known.
-
-        Args:
-            tasks: where the application runs.
-        """
+        """Return the response once its head is known."""
         tasks.start_soon(self._run)
         try:
             with anyio.move_on_after(_PATIENCE if self._takes_events() else None):
@@ -217,7 +211,6 @@ class _LateBody(AsyncIterator[bytes]):
     """Events of a late response: those of the application, or its single answer as one event.
 
     Args:
-        body: what the application writes.
         started: set when it is known what that is.
         is_events: True if it writes events.
     """

@@ -42,8 +42,6 @@ class ClientRobot(GraphVerbs):
     """Robot in this process as one client may see it: every verb passes :class:`ClientGraph`.
 
     Args:
-        graph: graph of the robot, for its clock, thread and tasks.
-        client: the client's view of it.
         name: absolute name of the gateway's node.
         ask_for_approval: asks the person at the agent's program to approve what the gate holds back of this
             client, for so many seconds; returns True if an approval was given. None without a gate.

@@ -21,7 +21,6 @@ class AnswerNeeded(AgentError):
     """A person must be asked before a tool continues.
 
     Attributes:
-        question: question for the person.
         key: under which the answer is expected.
     """
 

@@ -17,11 +17,9 @@ class AgentGoal:
     """Goal of an agent.
 
     Attributes:
-        owner: sender of the goal.
         goal: None while it is being sent.
         result_type: type name of the action's result.
         feedback_type: type name of the action's feedback.
-        feedback: last feedback.
         reports: number of feedback messages.
     """
 

@@ -65,10 +65,6 @@ class Questions:
 
         Args:
             allowed: what the answer allows, with what was allowed before.
-            owner: identity of the agent.
-            tool: name of the tool.
-            arguments: arguments of the tool.
-            now: monotonic time in seconds.
         """
         while len(self._pending) >= _MAX_QUESTIONS:
             del self._pending[next(iter(self._pending))]
@@ -95,11 +91,6 @@ class Person:
 
     Since the specification of 2026-07-28, the question is the result of a call that is sent again with the
     answer. Older versions ask during the call.
-
-    Args:
-        context: context of the call.
-        params: the call.
-        questions: unanswered questions.
     """
 
     def __init__(

@@ -38,11 +38,7 @@ class PendingAuth:
 
     Args:
         join: makes the connection a client of that role.
-        sink: the connection.
-        info: peer of the connection.
-        session: wire state of the client.
         admission: verifies the `auth` op, and logs refusals.
-        clock: clock of the timeout.
         timeout: seconds until the connection is closed.
     """
 

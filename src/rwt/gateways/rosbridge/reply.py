@@ -25,18 +25,7 @@ _LOG_LEVELS = {
 
 
 class Replies(ControlLane):
-    """Control lane to one rosbridge client: all messages except samples.
-
-    Attributes:
-        session: wire state of the client.
-
-    Args:
-        bridge: gateway of the client.
-        number: number of the client.
-        sink: connection to the client.
-        info: peer of the connection.
-        session: wire state of the client.
-    """
+    """Control lane to one rosbridge client: all messages except samples."""
 
     __slots__ = ("_info", "session")
 

@@ -44,10 +44,7 @@ class ClientChannel(Struct, frozen=True, rename="camel"):
     """Channel on which a client publishes.
 
     Attributes:
-        id: the client's.
-        topic: name of the topic.
         encoding: encoding of its messages: ``cdr``, ``ros1`` or ``json``.
-        schema_name: the type of its messages.
     """
 
     id: Id

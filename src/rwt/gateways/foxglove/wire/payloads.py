@@ -44,7 +44,6 @@ def payload_of(type: MessageType, encoding: str, data: memoryview, now: Callable
     """Return the message in `data`.
 
     Args:
-        type: what it should be.
         encoding: one of :func:`encodings`.
         data: a view of the frame that it came in.
         now: ROS time in nanoseconds, for headers without a stamp.

@@ -89,10 +89,6 @@ def server_info(
     """Return the first message: identity and capabilities of the server.
 
     Args:
-        name: for people.
-        capabilities: what of the protocol it has.
-        encodings: of messages and requests that clients may send.
-        metadata: more about it, by key.
         session_id: another one where a client cannot go on with what it knew of the server.
         time_range: begin and end of the recording that is played, nanoseconds since the epoch.
     """
@@ -168,7 +164,6 @@ def playback_state(
     """Return the current state of the playback.
 
     Args:
-        status: see :class:`PlaybackStatus`.
         time_ns: where it is, nanoseconds since the epoch.
         speed: recorded seconds in a second.
         did_seek: True if it has jumped there.

@@ -14,7 +14,6 @@ class Picture:
     """Image for the model.
 
     Attributes:
-        data: the file.
         mime_type: `image/jpeg` or `image/png`.
     """
 

@@ -52,14 +52,7 @@ _SEEN: Final[Mapping[str, Callable[[Message, int], Answer]]] = MappingProxyType(
 
 
 def show(message: Message, type: str, max_bytes: int, side: int) -> Answer:
-    """Present a message to a model: as an image with a description if possible, otherwise as JSON.
-
-    Args:
-        message: the message.
-        type: its type's two-part name.
-        max_bytes: of the text.
-        side: pixels of a picture's width and height.
-    """
+    """Present a message to a model: as an image with a description if possible, otherwise as JSON."""
     draw = _SEEN.get(type)
     if draw is not None:
         try:

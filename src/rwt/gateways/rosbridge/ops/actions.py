@@ -200,16 +200,7 @@ class PeerActions:
     """Goals that one client sends, and actions that it provides.
 
     Attributes:
-        graph: the graph as the client may see it.
-        replies: control lane to the client.
         now: ROS time in nanoseconds.
-
-    Args:
-        graph: see above.
-        replies: see above.
-        address: the client's.
-        offers: offers of all clients.
-        orphans: the goals of clients that have gone.
     """
 
     __slots__ = ("_address", "_orphans", "_provided", "_sent", "graph", "now", "replies")

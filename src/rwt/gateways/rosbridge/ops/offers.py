@@ -23,7 +23,6 @@ class Provided(Generic[T]):
 
     Attributes:
         name: absolute name.
-        address: address of the client.
         role: name of the client's role at the time of advertising.
         pending: unanswered requests by id.
     """
@@ -42,13 +41,7 @@ Offers = dict[str, list[Provided[T]]]
 
 
 class PeerOffers(Generic[T]):
-    """Services, or actions, that one client provides.
-
-    Args:
-        graph: the graph as the client may see it.
-        address: address of the client.
-        offers: those of all clients.
-    """
+    """Services, or actions, that one client provides."""
 
     __slots__ = ("_address", "_graph", "_offers", "_own")
 
@@ -83,9 +76,7 @@ class PeerOffers(Generic[T]):
         """Return the pending requests that contain `id`, possibly advertised over another connection.
 
         Args:
-            op: op of the response.
             name: service or action, as the client spells it.
-            id: id of the request.
             what: description of such a request, for the error.
 
         Raises:

@@ -83,10 +83,6 @@ class PeerServices:
         provided: services that the client provides; the client's graph withdraws them (DIS-04).
 
     Args:
-        graph: the graph as the client may see it.
-        replies: control lane to the client.
-        address: the client's.
-        offers: offers of all clients.
         timeout: seconds that a call may take whose caller says nothing; 0 waits without end (SRV-10).
     """
 

@@ -27,9 +27,6 @@ class ClientSubscription:
 
     The smallest `throttle_rate` (SUB-05), `queue_length` (X06) and `fragment_size` (SUB-07) apply, and the
     strongest requested encoding (SUB-08).
-
-    Attributes:
-        fanout: fanout of the topic.
     """
 
     def __init__(self, graph: ClientGraph, replies: Replies, name: str, fanout: Fanout, room: Room) -> None:

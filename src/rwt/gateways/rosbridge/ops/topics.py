@@ -40,9 +40,6 @@ class PeerTopics:
     """Topics that one client publishes and subscribes to.
 
     Args:
-        graph: the graph as the client may see it.
-        replies: control lane to the client.
-        encoding_of: the encoding of a `compression`.
         queued: bytes that all throttled subscriptions together may keep in their queues.
     """
 
