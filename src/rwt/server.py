@@ -463,7 +463,6 @@ class Server:
     def _start_gateways(
         self, access: Access, http: Sequence[HttpExtension], stack: AsyncExitStack
     ) -> list[Gateway]:
-        """Start the gateways of the settings and of the program; `stack` closes them."""
         graph, settings = self.graph, self.settings
         made = [partial(make_gateway, name, graph, settings, access, http) for name in settings.gateways]
         gateways: list[Gateway] = []
@@ -491,7 +490,6 @@ class Server:
             )
 
     def _start_extra_nodes(self, stack: ExitStack) -> list[HttpExtension]:
-        """Start the program's own nodes; return their HTTP extensions."""
         nodes = []
         for make in self._extra_nodes:
             nodes.append(node := make(self.graph))

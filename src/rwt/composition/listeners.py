@@ -183,11 +183,6 @@ def _with_mounts(accept: Accept, mounts: Iterable[AsgiMount]) -> Accept:
 
 
 def _add_mount(routes: Routes, mount: AsgiMount, *, secure: bool) -> None:
-    """Pass all requests below an app's path to the app.
-
-    Raises:
-        SettingsError: the server has pages there.
-    """
     from rwt_transports.asgi.mount import METHODS
 
     taken = [path for path in routes.paths if mount.serves(path)]
@@ -201,7 +196,6 @@ def _add_mount(routes: Routes, mount: AsgiMount, *, secure: bool) -> None:
 
 
 def _limits(settings: Settings) -> Limits:
-    """Return the limits of the transports."""
     limits = settings.limits
     return Limits(
         message_bytes=settings.max_message_size,

@@ -126,11 +126,6 @@ def _foreign(origin: str) -> Refused:
 
 
 def _admitted(access: Access, audience: Audience, request: HttpRequest) -> GraphView:
-    """Return the graph as the sender of a request may see it.
-
-    Raises:
-        Refused: they are none of the audience, or their address is beyond its rate of work.
-    """
     reader = access.reader(peer_of(request))
     if audience is Audience.EVERY_TOPIC and not reader.sees_every_topic:
         role = reader.role.name
@@ -221,7 +216,6 @@ def _index(
     request: HttpRequest,
     reader: GraphView,
 ) -> HttpResponse:
-    """Return the index page: what is running, and how to connect."""
     host, port = _host_and_port(request.headers.get("host", "localhost:9090"))
     registry = reader.registry
     clients = "1 client is" if bridge.client_count == 1 else f"{bridge.client_count} clients are"
@@ -293,7 +287,6 @@ def _role(features: Sequence[str], request: HttpRequest, reader: GraphView) -> H
 
 
 def _health(bridge: Bridge, metrics: ServerMetrics) -> HttpResponse:
-    """Report liveness and load, for load balancers and supervisors."""
     running = bridge.shared.graph.running
     body = {
         "status": "ok" if running else "stopped",

@@ -27,7 +27,6 @@ class _Nobody:
     work = Work(0.0, 0.0, WorkTotals(), time.monotonic)
 
     def may_subscribe(self, topic: str) -> bool:
-        """Return False: there are no topics."""
         return False
 
     def while_allowed(self, topics: Iterable[str], end: Callable[[str], None]) -> NoReturn:

@@ -113,7 +113,6 @@ class Counters:
             self._unused[counts.topic] = None
 
     def _forget_one(self) -> None:
-        """Remove the topic that has been unused for longest, if any."""
         # Not looked for among all topics: with 10,000 in use that would be most of what a new one costs.
         name = next(iter(self._unused), None)
         if name is not None:

@@ -354,7 +354,6 @@ class ConnectedClient(ABC, Generic[T]):
         )
 
     def _must_wait(self, size: int) -> bool:
-        """As :meth:`_must_defer`, after its quick checks."""
         worked = self._worked - self._turn_began
         if (
             self._waiting
@@ -439,7 +438,6 @@ class ConnectedClient(ABC, Generic[T]):
                     self._flow_control = None
 
     def _read_on(self, arriving: Arriving) -> None:
-        """Take steps of reading a message; the rest waits for a later turn."""
         for _ in arriving.steps:
             if not self._has_time():
                 self._wait(arriving)

@@ -207,5 +207,4 @@ class _CountedStream(AsyncIterator[bytes]):
         return piece
 
     async def aclose(self) -> None:
-        """Close the stream."""
         await close_iterator(self._pieces)

@@ -311,7 +311,6 @@ class _RelayEnd(ABC):
         self.hub.match(self.robot)
 
     def receive(self, data: bytes, binary: bool) -> None:
-        """Pass a message on."""
         frame = Frame(data, binary=binary)
         if self.other is None:
             self.too_early(frame)
@@ -355,11 +354,9 @@ class _RelayEnd(ABC):
 
     @property
     def client(self) -> _RelayEnd:
-        """Client's end of the pair."""
         return self
 
     def closed(self, code: int, reason: str) -> None:
-        """Called when the connection has ended; ends the other one."""
         self.hub.waiting.give_back(self)
         self._early.clear()
         other, self.other = self.other, None

@@ -82,11 +82,6 @@ class Assets:
             self._runs = False
 
     async def _read(self, path: str) -> list[bytes]:
-        """Return the content of a file.
-
-        Raises:
-            NotPossible: there is none, it is none that is served, or it is too large.
-        """
         request = HttpRequest("GET", PATH + quote(path, safe="/%"), address=self._address)
         clock = self._graph.clock
         began = clock.monotonic()

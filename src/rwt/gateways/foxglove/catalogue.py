@@ -161,7 +161,6 @@ class Connections(NamedTuple):
 def _changed(
     now: Mapping[str, tuple[str, ...]], before: Mapping[str, tuple[str, ...]], kept: Iterable[str], ids: str
 ) -> list[dict[str, object]]:
-    """Return the names whose nodes have changed."""
     return [
         {"name": name, ids: now.get(name, ())}
         for name in sorted(kept)

@@ -150,7 +150,6 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
             self._failed(op, error)
 
     def _run(self, steps: Iterator[None]) -> None:
-        """Take steps of a message now, and the rest in later turns."""
         for _ in steps:
             if not self._has_time():
                 self._wait(steps)

@@ -133,7 +133,6 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
         )
 
     def _capabilities(self, role: Role) -> list[Capability]:
-        """Return the capabilities that clients of a role can use."""
         has: dict[Capability, bool] = {
             "clientPublish": bool(role.globs["publish"]),
             "parameters": bool(role.globs["get_param"]) and self._graph.service(GET) is not None,
@@ -248,7 +247,6 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
 
 
 def _section(request: HttpRequest, reader: GraphView) -> str:
-    """Return the section of the index page: how to connect."""
     return (
         "<h2>Foxglove and Lichtblick</h2><p>Open a connection, choose <em>Foxglove WebSocket</em>, and enter"
         f"<pre>{html.escape(url_of(request, 'ws'))}</pre>"

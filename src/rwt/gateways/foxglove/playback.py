@@ -80,7 +80,6 @@ class PlaybackControl:
         go_on()
 
     def _calls(self, asked: PlaybackControlRequest) -> Iterator[tuple[str, Mapping[str, object]]]:
-        """Return the player's services to call, with their requests."""
         playback = self._playback
         if not asked.plays and not playback.paused:
             yield "pause", {}

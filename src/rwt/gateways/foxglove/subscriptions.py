@@ -109,14 +109,12 @@ class _Delivery:
         self._gate = Throttle(clock, self._flow, self._drops.withheld, self._drops.dropped, Room(0))
 
     def begin(self) -> None:
-        """Start the flow of samples, latched ones first."""
         stream = self._fanout.join(self._gate, self.channel.topic, self._encoding)
         kept = self._fanout.subscription.history() + self._graph.startup_samples(self._fanout)
         for sample in kept:
             stream.replay(sample, self._gate)
 
     def end(self) -> None:
-        """Stop the flow of samples."""
         self._gate.close()
         self._flow.close()
         self._drops.close()

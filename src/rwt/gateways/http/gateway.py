@@ -127,7 +127,6 @@ class HttpGateway(Gateway):
         return handler(request, reader)
 
     def _version(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        """Return version and capabilities of the server."""
         Query(request)
         body = {
             "name": "robot-web-tools",
@@ -142,7 +141,6 @@ class HttpGateway(Gateway):
         return value_response(request, body)
 
     def _api(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        """Return the API page for browsers, or links for programs."""
         if chosen(request, (JSON, CBOR, HTML)) == HTML:
             text, policy = _page()
             return HttpResponse(text, content_type="text/html; charset=utf-8", headers=policy)
@@ -168,7 +166,6 @@ class HttpGateway(Gateway):
         return tagged(request, known[1], JSON if media == JSON else OPENAPI_JSON)
 
     def _section(self, request: HttpRequest, reader: GraphView) -> str:
-        """Return the section of the index page."""
         url = html.escape(url_of(request, "http"))
         return (
             "<h2>HTTP</h2><pre>"
@@ -204,7 +201,6 @@ def _unknown(request: HttpRequest, reader: GraphView) -> HttpResponse:
 
 
 def _type(request: HttpRequest, reader: GraphView) -> HttpResponse:
-    """Return the JSON Schema of a message type."""
     Query(request)
     message = reader.registry.message(text_below(request, _TYPES, "type"))
     return value_response(request, document(message), media=SCHEMA_JSON)
@@ -212,7 +208,6 @@ def _type(request: HttpRequest, reader: GraphView) -> HttpResponse:
 
 @lru_cache(maxsize=1)
 def _page() -> tuple[bytes, Mapping[str, str]]:
-    """Return the page on which people try the API, with restrictive headers."""
     problems = "".join(
         f'<tr id="{name}"><td><code>{name}</code><td>{kind.status}<td>{html.escape(kind.title)}'
         f"<td>{html.escape(kind.instead)}"

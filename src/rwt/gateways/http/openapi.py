@@ -285,10 +285,8 @@ def _query(name: str, schema: Mapping[str, object], description: str) -> Schema:
 
 
 def _written(schema: Mapping[str, object]) -> dict[str, Schema]:
-    """Return the content of a body in JSON or CBOR."""
     return {JSON: {"schema": schema}, CBOR: {"schema": schema}}
 
 
 def _ok(schema: Mapping[str, object]) -> Schema:
-    """Return the responses of an operation that returns a value."""
     return {"200": {"description": "as asked for", "content": _written(schema)}}

@@ -129,7 +129,6 @@ def tagged(
 
 
 def _converted(value: object, convert: Callable[[Payload], object]) -> object:
-    """Return a copy of plain objects in which the payloads are converted."""
     if isinstance(value, dict):
         return {name: _converted(item, convert) for name, item in value.items()}
     if isinstance(value, list | tuple):

@@ -92,7 +92,6 @@ class TopicPages:
     async def _next(
         self, request: HttpRequest, reader: GraphView, name: str, type: str | None, seconds: float
     ) -> HttpResponse:
-        """Return the next message."""
         with self._clients.client_of(request, reader) as client:
             sample = await _next_sample(client.graph, name, type, seconds)
         if sample is None:
@@ -141,11 +140,6 @@ class TopicPages:
 
 
 def _publisher(graph: ClientGraph, name: str, type: str | None, is_latched: bool) -> ClientPublisher:
-    """Return a publisher for a topic, kept as long as the client is present.
-
-    Raises:
-        RobotError, AccessError: as :meth:`rwt.access.client_graph.ClientGraph.publisher`.
-    """
     if not is_latched:
         return graph.publisher(name, type, _MARK)
     return graph.publisher(name, type, _MARK, LATCHED, _lacks_latch)
@@ -163,7 +157,6 @@ def _message(request: HttpRequest, reader: GraphView, sample: Sample) -> HttpRes
 
 
 async def _next_sample(graph: ClientGraph, name: str, type: str | None, seconds: float) -> Sample | None:
-    """Return the next message of a topic; None on timeout."""
     fanout = graph.subscribe(name, type)
     came = anyio.Event()
     found: list[Sample] = []

@@ -201,7 +201,6 @@ class _ResponseBody(AsyncIterator[bytes]):
             raise StopAsyncIteration from None
 
     async def aclose(self) -> None:
-        """Stop reading."""
         if not self._is_over:
             self._is_over = True
             self._leave()
@@ -235,5 +234,4 @@ class _LateBody(AsyncIterator[bytes]):
         return b"event: message\r\ndata: " + lines + b"\r\n\r\n"
 
     async def aclose(self) -> None:
-        """Stop reading."""
         await self._body.aclose()

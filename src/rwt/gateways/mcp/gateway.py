@@ -265,11 +265,6 @@ class McpGateway(Gateway):
         return role
 
     def _check_room(self, request: HttpRequest) -> None:
-        """Check the limits of requests and sessions.
-
-        Raises:
-            Refused: a limit is reached.
-        """
         settings, network = self.settings, network_of(request.address)
         most = settings.request_bytes // 16 if _opens_session(request) else settings.request_bytes
         if len(request.body) > most:
@@ -302,7 +297,6 @@ class McpGateway(Gateway):
         }
 
     def _note_session(self, request: HttpRequest, answer: HttpResponse, caller: _Caller) -> None:
-        """Note that a session has begun or ended."""
         known = request.headers.get("mcp-session-id", "")
         if request.method == "DELETE" and answer.status < 400:
             self._sessions.pop(known, None)
@@ -444,7 +438,6 @@ def _name_of(context: ServerRequestContext[Any, Any]) -> str:
 
 
 def _asked_by(gate: Gate, client: ClientGraph) -> Approval | None:
-    """Return the oldest pending approval of a client."""
     return next((each for each in gate.approvals.pending if each.client.name == client.gate_name), None)
 
 
@@ -462,6 +455,5 @@ def _opens_session(request: HttpRequest) -> bool:
 
 
 def _refusal(refused: Refused) -> HttpResponse:
-    """Return a rejection as a JSON-RPC error without an id."""
     body = {"jsonrpc": "2.0", "id": None, "error": {"code": -32600, "message": refused.reason}}
     return HttpResponse(json.dumps(body).encode(), refused.status, "application/json", refused.headers)

@@ -86,7 +86,6 @@ class _Handlers:
     async def list_tools(
         self, context: Context, params: types.PaginatedRequestParams | None
     ) -> types.ListToolsResult:
-        """List the tools that the agent can use."""
         async with self._host.agent(context) as agent:
             offered = [_described(tool) for tool in TOOLS.values() if tool.is_offered_to(agent)]
         return types.ListToolsResult(tools=offered)
@@ -128,7 +127,6 @@ class _Handlers:
     async def _confirm(
         self, context: Context, person: Person, owner: str, act: Act, name: str, what: str
     ) -> None:
-        """Ask the agent's user if the settings require it."""
         if self._asks_about.fullmatch(name.lower()) is not None:
             await person.allow(owner, what)
             self._host.note(context, f"{act} {name}: the person allowed it", acts=True)
@@ -136,7 +134,6 @@ class _Handlers:
     async def list_resources(
         self, context: Context, params: types.PaginatedRequestParams | None
     ) -> types.ListResourcesResult:
-        """List the resources with a fixed URI."""
         return types.ListResourcesResult(
             resources=[
                 types.Resource(uri=each.uri, name=each.uri, title=each.title, description=each.description)
@@ -148,7 +145,6 @@ class _Handlers:
     async def list_templates(
         self, context: Context, params: types.PaginatedRequestParams | None
     ) -> types.ListResourceTemplatesResult:
-        """List the resources with a parameter in their URI."""
         return types.ListResourceTemplatesResult(
             resource_templates=[
                 types.ResourceTemplate(
@@ -162,7 +158,6 @@ class _Handlers:
     async def read_resource(
         self, context: Context, params: types.ReadResourceRequestParams
     ) -> types.ReadResourceResult:
-        """Read a resource, presented as by a tool."""
         uri = str(params.uri)
         self._host.note(context, f"read {uri}", acts=False)
         try:
@@ -175,7 +170,6 @@ class _Handlers:
     async def list_prompts(
         self, context: Context, params: types.PaginatedRequestParams | None
     ) -> types.ListPromptsResult:
-        """List all prompts."""
         return types.ListPromptsResult(
             prompts=[
                 types.Prompt(
@@ -194,7 +188,6 @@ class _Handlers:
     async def get_prompt(
         self, context: Context, params: types.GetPromptRequestParams
     ) -> types.GetPromptResult:
-        """Return a prompt with its arguments filled in."""
         prompt = PROMPTS.get(params.name)
         if prompt is None:
             known = ", ".join(PROMPTS)

@@ -152,7 +152,6 @@ def _log_error(peer: Peer, op: ops.Op, error: Exception) -> None:
 
 
 def _wire_limits(settings: BridgeSettings) -> WireLimits:
-    """Return the limits of one client's session."""
     limits = settings.limits
     return WireLimits(
         settings.max_message_size,
@@ -165,11 +164,6 @@ def _wire_limits(settings: BridgeSettings) -> WireLimits:
 
 
 def _exclusive_codec(settings: BridgeSettings) -> Codec | None:
-    """Return the codec of every message if the settings require one encoding (BSN-01).
-
-    Raises:
-        SettingsError: it needs a package that is not installed.
-    """
     if not settings.bson_only_mode:
         return None
     try:

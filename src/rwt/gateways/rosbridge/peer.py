@@ -150,7 +150,6 @@ class Peer(ConnectedClient[_Waiting]):
             self._do_all(self._session.decode(data, binary, now), now)
 
     def _read_in_steps(self, data: bytes) -> Steps:
-        """Decode a large binary frame in steps, and run its messages."""
         items = yield from self._session.decode_in_steps(data, True, self._began)
         self._do_all(items, self._began)
 
@@ -171,7 +170,6 @@ class Peer(ConnectedClient[_Waiting]):
             self._do(item)
 
     def _do(self, item: Op | Refusal) -> None:
-        """Run one message, and answer it if it is refused."""
         if isinstance(item, Refusal):
             self.graph.counters.refuse(item.op if item.op in OPS else UNKNOWN)
             self.replies.log(logging.WARNING, item.reason, item.id)
@@ -211,7 +209,6 @@ class Peer(ConnectedClient[_Waiting]):
         return None
 
     def _after(self, op: Op, answer: Op | None) -> None:
-        """Report the outcome of a message."""
         if answer is not None:
             self.graph.counters.refuse(op.op)
             self.replies.refuse(answer)

@@ -48,7 +48,6 @@ def draw_image(message: Message, side: int) -> Answer:
 
 
 def _shades(depth: Image) -> tuple[Image, str]:
-    """Return depths as grey values, with a description."""
     import numpy as np
     from PIL import Image as pillow
 

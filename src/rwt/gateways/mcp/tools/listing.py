@@ -78,7 +78,6 @@ def _fits(name: str, asked: ListRobotArguments) -> bool:
 
 
 def _row(each: Listed) -> str:
-    """Return one line: name, type, publishers and subscribers."""
     if each.publishers is None or each.subscribers is None:
         return f"{each.name} [{each.type}]" if each.type else each.name
     ends = f"{len(each.publishers)} publishers, {len(each.subscribers)} subscribers"

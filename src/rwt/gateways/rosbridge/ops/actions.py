@@ -340,11 +340,6 @@ class PeerActions:
         abort(type, goal, f"the provider's result is malformed: {reason}")
 
     def _goal(self, op: str, action: str, id: str | int | None) -> Accepted:
-        """Return a goal that this client executes, possibly advertised over another connection.
-
-        Raises:
-            Refused: there is none of that id.
-        """
         return self._provided.pending(op, action, id, f"no goal of {action} runs")[str(id)]
 
     def close(self) -> Steps:

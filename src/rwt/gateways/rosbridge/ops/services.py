@@ -231,11 +231,6 @@ class PeerServices:
         call.fail(f"the provider's answer is malformed: {reason}")
 
     def _asked(self, service: str, id: str | int | None) -> Asked:
-        """Remove and return the pending call with this id.
-
-        Raises:
-            Refused: no such call is pending.
-        """
         return self._pending(service, id).pop(str(id))
 
     def _pending(self, service: str, id: str | int | None) -> dict[str, Asked]:
