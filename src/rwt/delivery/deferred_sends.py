@@ -22,8 +22,8 @@ class DeferredSends:
     Steps are taken in turns of the event loop, `TOPIC_SECONDS` in each. A program that causes them can take
     them with :meth:`steps` instead, so that they are its work and delay only it.
 
-    Attributes by purpose: ``_added`` and ``_sent`` count samples; ``_is_scheduled`` is True while a turn is
-    requested; ``_is_stepping`` is True inside a step, which may add samples.
+    Private attributes: ``_is_scheduled`` is True while a turn is requested; ``_is_stepping`` is True inside a
+    step, which may add samples.
 
     Attributes:
         waiting: steps and send function of each deferred sample; read-only.

@@ -28,11 +28,7 @@ exhausted, the call is fast."""
 
 
 class SampleEncoding(Protocol):
-    """Encoding of samples for the clients of a gateway.
-
-    Attributes:
-        form: payload representation that frames are built from.
-    """
+    """Encoding of samples for the clients of a gateway."""
 
     @property
     def name(self) -> str:
@@ -95,11 +91,8 @@ class EncodedStream:
     * **throttled** gates decide for each sample (:meth:`Throttle.offer`). The frame is encoded when the first
       one needs it.
 
-    Call :meth:`sort` after a gate was added, removed or reconfigured.
-
     Attributes by purpose:
 
-    * Encoding: ``form``, ``steps``, ``late``, ``_encode``.
     * Gates: ``_gates`` (all), ``_direct`` (``join`` and ``send`` of the open ones), ``_gated`` (the throttled
       ones), ``_open_since`` (for each open gate, the value of ``_sendings`` when it opened).
     * Burst: ``_burst`` (collects frames now; None if no gate joined it), ``_apart`` (senders of the open
@@ -110,7 +103,6 @@ class EncodedStream:
     Attributes:
         counts: totals of this topic and encoding, shared with the topic's other streams of the encoding. Up
             to date after :meth:`settle`.
-        form: payload representation that frames are built from.
         steps: generator that does the slow part of encoding a sample; None if encoding is fast.
         late: queue of samples whose encoding is deferred, shared by all streams of the topic.
     """
@@ -160,8 +152,7 @@ class EncodedStream:
         self.sort()
 
     def sort(self) -> None:
-        """Split the gates into open and throttled ones. Call after a gate was added, removed or
-        reconfigured."""
+        """Split the gates. Call after a gate was added, removed or reconfigured."""
         self.settle()
         self._note_sendings()
         self._end_burst()
@@ -314,15 +305,13 @@ class Fanout:
 
     Attributes by purpose:
 
-    * Graph: ``topic``, ``type``, ``subscription``, ``_participant``, ``_clock``.
     * Streams: ``_encoded_streams`` (by spelling and encoding), ``_sample_streams``, ``_active`` (both, as a
       tuple for the hot path), ``_is_stepped`` (True if an encoder works in steps).
-    * Deferral: ``late``, ``_late_samples`` (samples in the queue), ``_number`` (number of the newest deferred
+    * Deferral: ``late`` (the queue), ``_late_samples`` (samples in the queue), ``_number`` (number of the newest deferred
       sample), ``_joined`` (for gates and streams that joined meanwhile: ``_number`` at that time).
 
     Attributes:
         counts: totals of the topic. Up to date after :meth:`settle`.
-        late: queue of samples whose encoding is deferred.
     """
 
     def __init__(

@@ -52,23 +52,14 @@ class SharedPublisher:
       are the charges of its last users.
     * **closed**.
 
-    Attributes by purpose:
-
-    * Publishing: ``publish``, ``publisher``, ``topic``, ``type``, ``counts``, ``_sequence`` (last
-      `header.seq`).
-    * Use: ``users``, ``linger``, ``lingers_for``.
-    * Deadline: ``deadline``, ``_logged`` (monotonic time of the last log line about it), ``_log``,
-      ``_counters``.
-    * Retained messages: ``_kept`` (charges of those of a latched topic, oldest first), ``_startup``,
-      ``_startup_timer``.
+    Private attributes: ``_sequence`` (last `header.seq`), ``_logged`` (monotonic time of the last log line
+    about the deadline), ``_kept`` (charges of retained messages of a latched topic, oldest first).
 
     Attributes:
         publish: publishes a message, which the caller counts. Not a method, since it runs for every message:
             the publisher's own function, or :meth:`_publish` while a message needs more.
         deadline: checks that clients publish as often as they promised; None without a deadline.
         users: keys of the users that acquired the publisher.
-        linger: timer that closes a publisher without users.
-        lingers_for: charges that end when a publisher without users closes or is used again.
     """
 
     __slots__ = (
