@@ -307,8 +307,8 @@ class Fanout:
 
     * Streams: ``_encoded_streams`` (by spelling and encoding), ``_sample_streams``, ``_active`` (both, as a
       tuple for the hot path), ``_is_stepped`` (True if an encoder works in steps).
-    * Deferral: ``late`` (the queue), ``_late_samples`` (samples in the queue), ``_number`` (number of the newest deferred
-      sample), ``_joined`` (for gates and streams that joined meanwhile: ``_number`` at that time).
+    * Deferral: ``late`` (the queue), ``_late_samples`` (samples in it), ``_number`` (number of the newest
+      deferred sample), ``_joined`` (for gates and streams that joined meanwhile: ``_number`` at that time).
 
     Attributes:
         counts: totals of the topic. Up to date after :meth:`settle`.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from rwt.delivery.counters import Counters
@@ -22,6 +22,7 @@ class SharedGraph:
     Attributes:
         participant: the node under which all clients act.
         publishers: the publishers that clients share.
+        fanouts: fan-outs of the subscribed topics, by absolute name.
 
     Args:
         node: the node's absolute name.
@@ -34,12 +35,7 @@ class SharedGraph:
         self.counters = Counters()
         self.publishers = SharedPublishers(self.participant, graph.clock, linger, self.counters, log)
         self._turns = turns_of(graph.clock, TOPICS_SECONDS)  # of deferred samples
-        self._fanouts: dict[str, Fanout] = {}
-
-    @property
-    def fanouts(self) -> Mapping[str, Fanout]:
-        """Fan-outs of the subscribed topics, by absolute name."""
-        return self._fanouts
+        self.fanouts: dict[str, Fanout] = {}
 
     def fanout(self, topic: str, type: MessageType) -> Fanout:
         """Return the fan-out of a topic, which is created if needed.
@@ -47,9 +43,9 @@ class SharedGraph:
         Raises:
             TypeConflict: the topic has another type.
         """
-        fanout = self._fanouts.get(topic)
+        fanout = self.fanouts.get(topic)
         if fanout is None:
-            fanout = self._fanouts[topic] = Fanout(
+            fanout = self.fanouts[topic] = Fanout(
                 self.participant, topic, type, self.counters.use_topic(topic), self.graph.clock, self._turns
             )
         else:
@@ -61,8 +57,8 @@ class SharedGraph:
 
     def release(self, fanout: Fanout) -> None:
         """End a fan-out that has no listeners."""
-        if fanout.is_empty and self._fanouts.get(fanout.topic) is fanout:
-            del self._fanouts[fanout.topic]
+        if fanout.is_empty and self.fanouts.get(fanout.topic) is fanout:
+            del self.fanouts[fanout.topic]
             self.counters.release_topic(fanout.counts)
             fanout.close()
 

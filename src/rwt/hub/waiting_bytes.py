@@ -34,28 +34,26 @@ class WaitingBytes:
     Args:
         most: maximum number of waiting bytes for the clients of one address, in both directions. Local
             addresses have no limit of their own; all addresses together may use four times as much.
+
+    Attributes:
+        total: waiting bytes of all connections.
     """
 
     def __init__(self, most: int = ADDRESS_BYTES) -> None:
         self._most = most
-        self._total = 0
+        self.total = 0
         self._held: dict[Holder, int] = {}
         self._of_address: Counter[str] = Counter()
-
-    @property
-    def total(self) -> int:
-        """Waiting bytes of all connections."""
-        return self._total
 
     def take(self, holder: Holder, size: int) -> None:
         """Add `size` waiting bytes of a holder."""
         network = network_of(holder.address)
         self._held[holder] = self._held.get(holder, 0) + size
         self._of_address[network] += size
-        self._total += size
+        self.total += size
         if not is_local(network) and self._of_address[network] > self._most:
             self._cut_largest(network)
-        elif self._total > TOTAL_FACTOR * self._most:
+        elif self.total > TOTAL_FACTOR * self._most:
             ((largest, _),) = self._of_address.most_common(1)
             self._cut_largest(largest)
 
@@ -63,7 +61,7 @@ class WaitingBytes:
         """Clear the waiting bytes of a holder; idempotent."""
         size = self._held.pop(holder, 0)
         if size:
-            self._total -= size
+            self.total -= size
             network = network_of(holder.address)
             self._of_address[network] -= size
             if not self._of_address[network]:

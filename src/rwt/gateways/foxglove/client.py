@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from rwt.access.roles import Role
     from rwt.gateways.foxglove.catalogue import Change, Listing
     from rwt.gateways.foxglove.gateway import FoxgloveGateway
-    from rwt_protocol.frames import Frame
     from rwt_transports.endpoint import PeerInfo, Sink
 
 _MAX_REASONS: Final = 5
@@ -45,7 +44,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
     Attributes by purpose:
 
     * Announced to the client: ``listing`` (channels and services of its role), ``connections`` (the
-      connection graph it was last sent; None while it does not subscribe to it), ``_time`` (flow of `time`
+      connection graph it was last sent; None while it does not subscribe to it), ``time`` (flow of `time`
       messages, in which only the newest waits).
     * What the client has, by kind of message: ``subscriptions``, ``publications``, ``services``,
       ``parameters``, ``assets`` (None without files), ``playback`` (None without a recording).
@@ -74,7 +73,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
         self._foxglove = gateway
         self.listing = listing
         self.connections: Connections | None = None
-        self._time = sink.flow("time", FlowRules(depth=1, notes=True))
+        self.time = sink.flow("time", FlowRules(depth=1, notes=True))
         self.subscriptions = Subscriptions(graph, replies)
         self.publications = ClientChannels(graph, replies, structure)
         self.services = ServiceCalls(graph, replies, structure, gateway.call_timeout)
@@ -129,13 +128,13 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
             case said.SubscribeConnectionGraph():
                 if self.connections is None:
                     self.connections = Connections()
-                    self.send_connections(self._foxglove.listing_of(self).connections())
+                    self.send_connections(self._foxglove.listing(self.graph.role).connections())
             case said.UnsubscribeConnectionGraph():
                 self.connections = None
             case said.FetchAsset():
                 if self.assets is None:
                     raise NotPossible("fetchAsset: this server has no files (the setting `packages`)")
-                self.assets.fetch(message, self._foxglove.spawn)
+                self.assets.fetch(message, self._foxglove.shared.graph.spawn)
             case said.PlaybackControlRequest():
                 if self.playback is None:
                     raise NotPossible("playback control: no recording is played here (rwt bag play)")
@@ -188,10 +187,6 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
         for frame in change.frames:
             self.replies.send(frame)
 
-    def send_time(self, frame: Frame) -> None:
-        """Send the time, in place of an older one that still waits."""
-        self._time.send(frame)
-
     def send_connections(self, now: Connections) -> None:
         """Send what has changed in the connection graph, if the client subscribes to it."""
         if self.connections is not None:
@@ -210,14 +205,14 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
     def withdraw_refused(self) -> None:
         """Withdraw what the client's role does not allow, and announce what the role sees."""
         super().withdraw_refused()
-        before, self.listing = self.listing, self._foxglove.listing_of(self)
+        before, self.listing = self.listing, self._foxglove.listing(self.graph.role)
         now = self.listing
         self.take_change(now.difference(before.channels, before.services, now.channels, now.services))
         if self.connections is not None:
             self.send_connections(now.connections())
 
     def _releases(self) -> Iterator[None]:
-        self._time.close()
+        self.time.close()
         self.subscriptions.close()
         self.parameters.close()
         if self.assets is not None:

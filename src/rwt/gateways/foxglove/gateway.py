@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Mapping
 from importlib.metadata import version
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
@@ -108,7 +108,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
         if role is None:
             raise Refused(401, "Foxglove's protocol has no `auth` op: connect with a token (auth.tokens)")
         began = self._clock.monotonic()
-        listing = self._listing(role)
+        listing = self.listing(role)
         client = self.join(
             role, info, lambda number, graph: FoxgloveClient(self, number, sink, info, graph, listing)
         )
@@ -147,11 +147,8 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
 
     # -- what is shown -------------------------------------------------------------------------------------
 
-    def listing_of(self, client: FoxgloveClient) -> Listing:
-        """Return the listing of a client in its present role."""
-        return self._listing(client.graph.role)
-
-    def _listing(self, role: Role) -> Listing:
+    def listing(self, role: Role) -> Listing:
+        """Return the present listing of a role."""
         listing = self._listings.get(role)
         if listing is None:
             view = GraphView(self._graph, role, self.access.nobody.work)
@@ -203,7 +200,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
             self._sent_time = now
             frame = time(now)
             for client in self._clients.values():
-                client.send_time(frame)
+                client.time.send(frame)
         if self.playback is not None:
             state, told = state_of(self.playback), self._sent_playback
             if state != told:
@@ -227,10 +224,6 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
             client.parameters.changed(values)
 
     # -- life ----------------------------------------------------------------------------------------------
-
-    def spawn(self, task: Callable[[], Awaitable[None]], name: str) -> None:
-        """Run a coroutine function as a task of the graph."""
-        self._graph.spawn(task, name)
 
     def left(self, client: FoxgloveClient) -> None:
         """Remove a client whose connection has ended."""

@@ -7,7 +7,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from rwt.access.errors import QuotaExceeded
-from rwt.gateways.http.events import EventQueue, event, payload_event
+from rwt.gateways.http.clients import EventStream
+from rwt.gateways.http.events import event, payload_event
 from rwt.gateways.http.problems import HttpProblem
 from rwt.gateways.http.representations import CBOR, EVENTS, JSON, chosen, value_response
 from rwt.gateways.http.requests import Query, name_and_type, name_below, payload_of
@@ -17,7 +18,6 @@ from rwt_participant.goals import GoalStatus
 from rwt_transports.http.routes import HttpResponse
 
 if TYPE_CHECKING:
-    from rwt.access.client_graph import ClientGraph
     from rwt.access.graph_view import GraphView
     from rwt.access.quotas import Charge
     from rwt.gateways.http.clients import Clients, HttpClient
@@ -159,20 +159,19 @@ class HttpGoal:
         if not self.ended and self._sent is not None:
             self._sent.abandon()
         for reader in tuple(self.readers):
-            reader.end()
+            reader.queue.close()
         for charge in self._charges.values():
             charge.end()
         self.client.release()
 
 
-class GoalEventStream:
+class GoalEventStream(EventStream):
     """Event stream of one reader of a goal: ``state``, ``feedback`` and finally ``result``."""
 
     def __init__(self, client: HttpClient, goal: HttpGoal, max_bytes: int) -> None:
-        self._client = client
+        action = goal.action
+        super().__init__(client, _EVENTS, max_bytes, lambda graph: graph.role.allows("goals", action))
         self._goal = goal
-        self._dropped = 0
-        self.queue = EventQueue(_EVENTS, max_bytes, self._drop, self._close)
         goal.readers.add(self)
         if goal.ended:
             self.queue.tell(goal.end_event())
@@ -181,14 +180,6 @@ class GoalEventStream:
             body = goal.body()
             self.queue.tell(event({name: body[name] for name in ("state", "feedback")}, "state"))
 
-    def allowed(self, graph: ClientGraph) -> bool:
-        """Return True if the client's present role may see the goal."""
-        return graph.role.allows("goals", self._goal.action)
-
-    def end(self) -> None:
-        """End the stream."""
-        self.queue.close()
-
     def _drop(self, reason: DropReason) -> None:
         self._dropped += 1
         if self._dropped & (self._dropped - 1) == 0:  # After 1, 2, 4, … so that few are told of many.
@@ -196,7 +187,7 @@ class GoalEventStream:
 
     def _close(self) -> None:
         self._goal.readers.discard(self)
-        self._client.discard_stream(self)
+        super()._close()
 
 
 class Goals:
@@ -317,10 +308,7 @@ class ActionPages:
         if goal.ended and request.headers.get("last-event-id") == _RESULT_ID:
             return HttpResponse(status=204)  # A reader that has its end shall not come back.
         with self._clients.client_of(request, reader) as client:
-            stream = GoalEventStream(client, goal, self._settings.stream_bytes)
-            client.add_stream(stream, request)
-        headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-        return HttpResponse(stream.queue, 200, EVENTS, headers)
+            return GoalEventStream(client, goal, self._settings.stream_bytes).response(request)
 
     async def send(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """Send a goal to an action; it is a resource from then on."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable, Hashable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from rwt.gateways.http import problems
+from rwt.gateways.http.events import EventQueue
+from rwt.gateways.http.representations import EVENTS
 from rwt.gateways.visitors import Metered, Visitor, Visitors, peer_of
 from rwt_transports.errors import Refused
 from rwt_transports.http.addresses import network_of
@@ -17,20 +20,43 @@ if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
     from rwt.access.graph_view import GraphView
     from rwt.gateways.base import Gateway
-    from rwt_transports.endpoint import PeerInfo
+    from rwt_transports.endpoint import DropReason, PeerInfo
     from rwt_transports.http.routes import HttpRequest
 
 Handler = Callable[["HttpRequest", "GraphView"], HttpResponse | Awaitable[HttpResponse]]
 
 
-class Stream(Protocol):
-    """A streamed response without end."""
+class EventStream(ABC):
+    """Event stream of one reader, without an end of its own.
 
-    def allowed(self, graph: ClientGraph) -> bool:
-        """Return True if the present role of its client may see it."""
+    Attributes:
+        allowed: returns True if the client's present role may see it.
 
-    def end(self) -> None:
-        """End it."""
+    Args:
+        depth: events that may wait.
+        max_bytes: bytes that may wait.
+    """
+
+    def __init__(
+        self, client: HttpClient, depth: int, max_bytes: int, allowed: Callable[[ClientGraph], bool]
+    ) -> None:
+        self._client = client
+        self._dropped = 0
+        self.allowed = allowed
+        self.queue = EventQueue(depth, max_bytes, self._drop, self._close)
+
+    def response(self, request: HttpRequest) -> HttpResponse:
+        """Return the response with the stream, which holds the client."""
+        self._client.add_stream(self, request)
+        headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+        return HttpResponse(self.queue, 200, EVENTS, headers)
+
+    @abstractmethod
+    def _drop(self, reason: DropReason) -> None:
+        """Count and report a dropped event."""
+
+    def _close(self) -> None:
+        self._client.discard_stream(self)
 
 
 class HttpClient(Visitor):
@@ -48,19 +74,19 @@ class HttpClient(Visitor):
         super().__init__(clients, key)
         self.graph = graph
         self.address = address
-        self.streams: dict[Stream, PeerInfo] = {}
+        self.streams: dict[EventStream, PeerInfo] = {}
 
     def leave(self) -> None:
         """Release everything."""
         super().leave()
         self.graph.close()
 
-    def add_stream(self, stream: Stream, request: HttpRequest) -> None:
+    def add_stream(self, stream: EventStream, request: HttpRequest) -> None:
         """Add a stream, which holds the client."""
         self.hold()
         self.streams[stream] = peer_of(request)
 
-    def discard_stream(self, stream: Stream) -> None:
+    def discard_stream(self, stream: EventStream) -> None:
         """Remove a stream that has ended; a second call is a no-op."""
         if self.streams.pop(stream, None) is not None:
             self.release()
@@ -113,7 +139,7 @@ class Clients(Visitors[HttpClient]):
                 client.graph.withdraw_refused()
             for stream, info in tuple(client.streams.items()):
                 if role is None or not self._still_has(info, name) or not stream.allowed(client.graph):
-                    stream.end()
+                    stream.queue.close()
             client.release()
 
     def _still_has(self, info: PeerInfo, role: str) -> bool:
@@ -126,7 +152,7 @@ class Clients(Visitors[HttpClient]):
         """End every stream, and let every client leave."""
         for client in self.present:
             for stream in tuple(client.streams):
-                stream.end()
+                stream.queue.close()
         super().close()
 
 

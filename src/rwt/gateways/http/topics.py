@@ -10,7 +10,8 @@ import anyio
 
 from rwt.delivery.drop_notices import DropNotices
 from rwt.delivery.throttle import Room, Throttle
-from rwt.gateways.http.events import SAMPLES, EventQueue, event
+from rwt.gateways.http.clients import EventStream
+from rwt.gateways.http.events import SAMPLES, event
 from rwt.gateways.http.problems import HttpProblem
 from rwt.gateways.http.representations import CBOR, EVENTS, JSON, chosen, payload_response, value_response
 from rwt.gateways.http.requests import IN_STEPS, Query, name_and_type, name_below, payload_of
@@ -133,10 +134,8 @@ class TopicPages:
             max_bytes=self._settings.stream_bytes,
             log=self._log,
         )
-        client.add_stream(stream, request)
         stream.replay(int(last) if last.isascii() and last.isdecimal() and len(last) < 20 else -1)
-        headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-        return HttpResponse(stream.queue, 200, EVENTS, headers)
+        return stream.response(request)
 
 
 def _publisher(graph: ClientGraph, name: str, type: str | None, is_latched: bool) -> ClientPublisher:
@@ -176,7 +175,7 @@ async def _next_sample(graph: ClientGraph, name: str, type: str | None, seconds:
     return found[0] if found else None
 
 
-class TopicEvents:
+class TopicEvents(EventStream):
     """Event stream of one reader of a topic.
 
     Args:
@@ -199,13 +198,11 @@ class TopicEvents:
         max_bytes: int,
         log: Callable[[str], None],
     ) -> None:
-        self._client = client
+        super().__init__(client, depth, max_bytes, lambda graph: graph.may_subscribe(name))
         self._name = name
         graph = client.graph
         self._fanout = graph.subscribe(name, type)
         self._drops = DropNotices(name, self._fanout.counts, graph.counters, graph.clock, self._notify, log)
-        self._dropped = 0
-        self.queue = EventQueue(depth, max_bytes, self._drop, self._close)
         room = Room(max_bytes)
         self._throttle = Throttle(graph.clock, self.queue, self._drops.withheld, self._drop, room)
         self._throttle.configure(throttle, 1 if throttle else 0)
@@ -217,14 +214,6 @@ class TopicEvents:
         for sample in kept:
             if sample.stamp_ns > after_ns:
                 self._stream.replay(sample, self._throttle)
-
-    def allowed(self, graph: ClientGraph) -> bool:
-        """Return True if the client's present role may see the topic."""
-        return graph.may_subscribe(self._name)
-
-    def end(self) -> None:
-        """End the stream."""
-        self.queue.close()
 
     def _drop(self, reason: DropReason) -> None:
         self._dropped += 1
@@ -238,4 +227,4 @@ class TopicEvents:
         self._drops.close()
         self._fanout.leave(self._throttle, self._name, SAMPLES)
         self._client.graph.unsubscribe(self._fanout)
-        self._client.discard_stream(self)
+        super()._close()

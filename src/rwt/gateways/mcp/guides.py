@@ -50,37 +50,25 @@ class Resource:
         return self.uri.partition("{")[0]
 
 
-async def _overview(agent: Agent, _: str) -> Answer:
-    return await TOOLS["list_robot"](agent, {})
-
-
-async def _message(agent: Agent, topic: str) -> Answer:
-    return await TOOLS["read_topic"](agent, {"topic": f"/{topic}"})
-
-
-async def _type(agent: Agent, type: str) -> Answer:
-    return await TOOLS["describe_type"](agent, {"type": type})
-
-
 RESOURCES: Final = (
     Resource(
         "robot://overview",
         "Overview of the robot",
         "Topics, services and actions with their types, as `list_robot` lists them.",
-        _overview,
+        lambda agent, _: TOOLS["list_robot"](agent, {}),
     ),
     Resource(
         "robot://topics/{+topic}",
         "The next message of a topic",
         "A message as returned by `read_topic`, for example robot://topics/battery_state.",
-        _message,
+        lambda agent, topic: TOOLS["read_topic"](agent, {"topic": f"/{topic}"}),
     ),
     Resource(
         "robot://types/{+type}",
         "A type",
         "A message, service or action type as described by `describe_type`, for example"
         " robot://types/geometry_msgs/Twist.",
-        _type,
+        lambda agent, type: TOOLS["describe_type"](agent, {"type": type}),
     ),
 )
 """All resources."""

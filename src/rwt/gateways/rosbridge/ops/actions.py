@@ -82,9 +82,11 @@ class PeerGoal:
     Attributes:
         action: the action's absolute name.
         id: as the client marked it.
+        goal: goal in the graph.
+        ended: True once the goal has its result.
     """
 
-    __slots__ = ("_client", "_ended", "_fragment_size", "_goal", "_listening", "_name", "action", "id")
+    __slots__ = ("_client", "_fragment_size", "_listening", "_name", "action", "ended", "goal", "id")
 
     def __init__(self, client: PeerActions, op: SendActionGoal, args: Payload | None) -> None:
         name, suffix = split_suffix(op.action)
@@ -93,7 +95,7 @@ class PeerGoal:
         self._name = op.action
         self._fragment_size = op.fragment_size
         self._listening = True
-        self._ended = False
+        self.ended = False
         self.action = resolve(name)
         self.id = suffix if op.id is None else op.id
         events = GoalEvents(on_result=self._on_result, on_feedback=self._on_feedback if op.feedback else None)
@@ -104,26 +106,12 @@ class PeerGoal:
                 return args
             return arguments_of(type.goal, op.args, "send_action_goal.args", client.now)
 
-        self._goal: ClientGoal = client.graph.send_goal(self.action, goal_of, events)
-
-    @property
-    def goal_id(self) -> str:
-        """The id that the graph gave it."""
-        return self._goal.id
-
-    @property
-    def ended(self) -> bool:
-        """True once the goal has its result."""
-        return self._ended
-
-    def cancel(self) -> None:
-        """Ask the server to cancel; the outcome is the result (ACT-07, ACT-08)."""
-        self._goal.cancel()
+        self.goal: ClientGoal = client.graph.send_goal(self.action, goal_of, events)
 
     def orphan(self) -> None:
         """Report nothing more: the client has gone, and the goal runs on (ACT-19)."""
         self._listening = False
-        self._goal.want_feedback(False)
+        self.goal.want_feedback(False)
 
     def _on_feedback(self, feedback: Payload) -> None:
         if self._listening:
@@ -132,7 +120,7 @@ class PeerGoal:
             )
 
     def _on_result(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
-        self._ended = True
+        self.ended = True
         self._client.ended(self)
         if not self._listening:
             return
@@ -155,22 +143,17 @@ Accepted = tuple["ActionType", "ServerGoal"]
 class _ProvidedAction(Provided[Accepted]):
     """Action that a client provides, with its active goals."""
 
-    __slots__ = ("_count", "_name", "_replies", "_type")
+    __slots__ = ("_type",)
 
     def __init__(self, op: AdvertiseAction, graph: ClientGraph, address: str, replies: Replies) -> None:
-        super().__init__(op.action, graph, address)
-        self._replies = replies
-        self._name = op.action
+        super().__init__(op.action, graph, address, replies)
         self._type = op.type  # As the client spells it: it compares.
-        self._count = 0
 
     def take(self, type: ActionType, goal: ServerGoal) -> None:
         """Accept every goal and send it to the client under a new id (ACT-12, ACT-13)."""
-        self._count += 1
-        id_ = f"action_goal:{self._name}:{self._count}"
-        self.pending[id_] = (type, goal)
+        id_ = self._add("action_goal", (type, goal))
         goal.on_cancel = lambda: self._cancel(id_)
-        goal.on_end = lambda _: self._forget(id_)
+        goal.on_end = lambda _: self._end(id_)
         goal.accept()
         sent = self._replies.send(
             SendActionGoal(
@@ -186,9 +169,6 @@ class _ProvidedAction(Provided[Accepted]):
 
     def _cancel(self, id_: str) -> None:
         self._replies.send(CancelActionGoal(action=self._name, id=id_))
-
-    def _forget(self, id_: str) -> None:
-        self.pending.pop(id_, None)
 
 
 def abort(type: ActionType, goal: ServerGoal, reason: str) -> None:
@@ -262,14 +242,14 @@ class PeerActions:
         action = resolve(split_suffix(op.action)[0])
         for goal in self._sent:
             if goal.id == op.id and goal.action == action:
-                goal.cancel()
+                goal.goal.cancel()  # The outcome is the result (ACT-07, ACT-08).
                 return
         orphan = self._orphans.find(self._address, action, op.id)
         if orphan is None:
             raise Refused(
                 f"cancel_action_goal: no goal of {op.action} runs under id {op.id!r}", level="warning"
             )
-        self.graph.cancel_goal(action, orphan.goal_id)
+        self.graph.cancel_goal(action, orphan.goal.id)
 
     def advertise(self, op: AdvertiseAction) -> None:
         """Offer an action on the client's behalf, in place of any other of that name (ACT-12, ACT-18)."""

@@ -13,6 +13,7 @@ from rwt_protocol.errors import Refused
 
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
+    from rwt.gateways.rosbridge.reply import Replies
     from rwt_protocol.dispatcher import Steps
 
 T = TypeVar("T")
@@ -27,13 +28,26 @@ class Provided(Generic[T]):
         pending: unanswered requests by id.
     """
 
-    __slots__ = ("address", "name", "pending", "role")
+    __slots__ = ("_count", "_name", "_replies", "address", "name", "pending", "role")
 
-    def __init__(self, name: str, graph: ClientGraph, address: str) -> None:
+    def __init__(self, name: str, graph: ClientGraph, address: str, replies: Replies) -> None:
+        self._name = name  # As the client spells it.
+        self._replies = replies
+        self._count = 0
         self.name = resolve(name)
         self.address = address
         self.role = graph.role.name
         self.pending: dict[str, T] = {}
+
+    def _add(self, kind: str, request: T) -> str:
+        """Add a request under a new id."""
+        self._count += 1
+        id_ = f"{kind}:{self._name}:{self._count}"
+        self.pending[id_] = request
+        return id_
+
+    def _end(self, id_: str) -> None:
+        self.pending.pop(id_, None)
 
 
 Offers = dict[str, list[Provided[T]]]

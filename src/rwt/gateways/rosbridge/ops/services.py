@@ -54,26 +54,15 @@ Asked = tuple["ServiceType", "ServiceCall"]
 class _ProvidedService(Provided[Asked]):
     """Service that a client offers, with its pending calls."""
 
-    __slots__ = ("_count", "_name", "_replies")
-
-    def __init__(self, name: str, graph: ClientGraph, address: str, replies: Replies) -> None:
-        super().__init__(name, graph, address)
-        self._replies = replies
-        self._name = name
-        self._count = 0
+    __slots__ = ()
 
     def ask(self, type: ServiceType, call: ServiceCall) -> None:
         """Send a request to the client, under a new id (SVP-01, SVP-02)."""
-        self._count += 1
-        id_ = f"service_request:{self._name}:{self._count}"
-        self.pending[id_] = (type, call)
-        call.on_end = lambda: self._forget(id_)
+        id_ = self._add("service_request", (type, call))
+        call.on_end = lambda: self._end(id_)
         reason = self._replies.request(self._name, call.request, id_)
         if reason is not None:
             call.fail(f"the provider cannot be asked: {reason}")
-
-    def _forget(self, id_: str) -> None:
-        self.pending.pop(id_, None)
 
 
 class PeerServices:
