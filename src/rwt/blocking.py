@@ -130,7 +130,11 @@ class ServerThread:
 
 
 class BlockingNode(node.BlockingGraphNode):
-    """Node with blocking methods, in the graph of its own server; see :class:`rwt_graph.Node`."""
+    """Node with blocking methods, in the graph of its own server; see :class:`rwt_graph.Node`.
+
+    Attributes:
+        server: server of the graph.
+    """
 
     def __init__(self, inner: Node, server: Server, thread: ServerThread) -> None:
         super().__init__(inner)
