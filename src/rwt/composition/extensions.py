@@ -11,11 +11,7 @@ from rwt_protocol.extensions import ExtensionError, load_extension
 
 
 def extension_for(setting: str, group: str, name: str, builtin: Iterable[str]) -> Any:
-    """Import an extension that a setting names, see :func:`rwt_protocol.extensions.load_extension`.
-
-    Raises:
-        SettingsError: it is not installed, or cannot be imported.
-    """
+    """Import an extension that a setting names. Raises SettingsError."""
     try:
         return load_extension(group, name, builtin)
     except ExtensionError as error:
@@ -23,11 +19,7 @@ def extension_for(setting: str, group: str, name: str, builtin: Iterable[str]) -
 
 
 def load_encodings(names: Iterable[str]) -> None:
-    """Import the encodings of the setting `encodings`.
-
-    Raises:
-        SettingsError: one is not installed, cannot be imported, or cannot be told from another one.
-    """
+    """Import the encodings of the setting `encodings`. Raises SettingsError."""
     for name in names:
         try:
             load_encoding(name)

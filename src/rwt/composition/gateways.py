@@ -68,11 +68,7 @@ GATEWAYS: Final[Mapping[str, Callable[[Graph, Settings, Access, Sequence[HttpExt
 def make_gateway(
     name: str, graph: Graph, settings: Settings, access: Access, http: Sequence[HttpExtension]
 ) -> Gateway:
-    """Create a gateway from the settings: a built-in one, or that of an entry point in `rwt.gateways`.
-
-    Raises:
-        SettingsError: it needs a package that is not installed, or cannot be imported.
-    """
+    """Create a built-in gateway, or that of an entry point in `rwt.gateways`. Raises SettingsError."""
     builtin = GATEWAYS.get(name)
     if builtin is not None:
         return builtin(graph, settings, access, http)

@@ -23,11 +23,7 @@ MakeGraph: TypeAlias = "Callable[[Registry, Clock | None], Graph]"
 
 
 def make_registry(settings: Settings) -> Registry:
-    """Return the interfaces of a distribution, and of the folders in the settings.
-
-    Raises:
-        SettingsError: a folder or a file in it cannot be used.
-    """
+    """Return the interfaces of a distribution, and of the folders in the settings. Raises SettingsError."""
     registry = Registry(DISTROS[settings.distro])
     for folder in settings.interfaces:
         try:
@@ -103,11 +99,7 @@ def make_graph(
 
 
 def check_graph(graph: Graph, settings: Settings, registry: Registry | None, clock: Clock | None) -> None:
-    """Check that an existing graph matches the other settings.
-
-    Raises:
-        SettingsError: it is not.
-    """
+    """Raise SettingsError if an existing graph contradicts the other settings."""
     if registry is not None or clock is not None:
         raise SettingsError("registry, clock: the given graph has its own; leave them out")
     _check_registry(graph.registry, settings)

@@ -101,11 +101,7 @@ class Listeners:
         )
 
     def asgi(self, *, loopback: bool) -> AbstractAsyncContextManager[AsgiListener]:
-        """Accept clients of an ASGI server within the block.
-
-        Args:
-            loopback: True if it is only reached from this machine.
-        """
+        """Accept clients of an ASGI server; `loopback` if it is only reached from this machine."""
         from rwt_transports.asgi import asgi_listener  # Few servers are mounted in an app.
 
         url = "ws://127.0.0.1" if loopback else "ws://0.0.0.0"

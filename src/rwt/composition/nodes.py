@@ -73,12 +73,7 @@ def _make_node(name: str, graph: Graph, settings: Settings) -> ReadyNode:
 
 
 class StartedNodes(NamedTuple):
-    """HTTP extensions of the nodes that the settings name, and the video server.
-
-    Attributes:
-        http: to HTTP, with the robot's page.
-        video: video server, where there is such a node.
-    """
+    """HTTP extensions of the nodes that the settings name, and the video server."""
 
     http: list[HttpExtension]
     video: WebVideoServer | None
@@ -143,11 +138,7 @@ def _mesh_files(settings: Settings) -> MeshFiles:
 
 
 def start_gateway_node(graph: Graph, urls: Sequence[str], settings: Settings) -> Node:
-    """Start the node of all clients, with its parameters `port` (requested) and `actual_port` (CFG-01).
-
-    Args:
-        urls: where the server listens, with the ports it has got.
-    """
+    """Start the node of all clients, with its parameters `port` and `actual_port` (CFG-01)."""
     node = Node(graph, GATEWAY_NODE)
     for name, each in (("port", settings.listen), ("actual_port", urls)):
         ports = [urlsplit(url).port for url in each if url.startswith(("ws:", "wss:"))]

@@ -23,11 +23,7 @@ _SECOND = 1_000_000_000
 
 
 class RecordingFolder(Recordings):
-    """Recordings of one folder: MCAP files, bags of ROS 1, and folders of ROS 2 bags.
-
-    Args:
-        folder: see above; what is below its folders is not looked at.
-    """
+    """Recordings directly in one folder: MCAP files, bags of ROS 1, and folders of ROS 2 bags."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

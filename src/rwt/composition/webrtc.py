@@ -93,12 +93,7 @@ def webrtc_media(
 def media_routes(
     peers: Peers, video: WebVideoServer | None, media: tuple[IncomingMedia, AudioTopics] | None
 ) -> tuple[Route[GraphView], ...]:
-    """Return the routes of media to and from peers.
-
-    Args:
-        video: video server; None where the settings name no such node.
-        media: of :func:`webrtc_media`.
-    """
+    """Return the routes of media to and from peers."""
     if media is None:
         return ()
     from rwt.media.webrtc import watch_routes

@@ -16,13 +16,7 @@ UNKNOWN = "unknown"
 
 
 class EncodingCounts:
-    """Counters of a topic in one encoding.
-
-    Attributes:
-        encodes: samples that were encoded.
-        messages: frames that were handed to clients.
-        bytes: bytes in them.
-    """
+    """Counters of a topic in one encoding: encoded samples, and frames and bytes handed to clients."""
 
     __slots__ = ("bytes", "encodes", "messages")
 

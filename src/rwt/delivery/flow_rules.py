@@ -13,11 +13,7 @@ if TYPE_CHECKING:
 
 
 def rules_as_published(publishers: Iterable[EndpointInfo]) -> FlowRules:
-    """Return the queue rules of a topic: sensor streams keep the newest, all others what fits (SUB-17).
-
-    Args:
-        publishers: those of the topic now.
-    """
+    """Return the queue rules of a topic: sensor streams keep the newest, others what fits (SUB-17)."""
     offers = [each.qos for each in publishers]
     lossy = [
         qos

@@ -38,11 +38,7 @@ class SharedGraph:
         self.fanouts: dict[str, Fanout] = {}
 
     def fanout(self, topic: str, type: MessageType) -> Fanout:
-        """Return the fan-out of a topic, which is created if needed.
-
-        Raises:
-            TypeConflict: the topic has another type.
-        """
+        """Return the fan-out of a topic, which is created if needed. Raises TypeConflict."""
         fanout = self.fanouts.get(topic)
         if fanout is None:
             fanout = self.fanouts[topic] = Fanout(

@@ -31,11 +31,7 @@ SendTo = Callable[[Callable[["Frame"], None]], None]
 
 
 class Room:
-    """Limit of what the throttles of one client may queue together.
-
-    Attributes:
-        left: bytes.
-    """
+    """Bytes that the throttles of one client may still queue together."""
 
     __slots__ = ("left",)
 

@@ -138,11 +138,7 @@ class ConnectionGateway(Gateway, Generic[C]):
         """Accept a new client, see :class:`AcceptPeer`."""
 
     def join(self, role: Role, info: PeerInfo, make: Callable[[int, ClientGraph], C]) -> C:
-        """Make an admitted connection a client, and count and log it.
-
-        Args:
-            make: makes the client from its number and the graph as it may see it.
-        """
+        """Make an admitted connection a client by `make`, from its number and its graph; count and log it."""
         self._count += 1
         number = self._count
         graph = self.access.client(self.shared, role, info.address, f"{self.name}:{number}")

@@ -32,11 +32,7 @@ def peer_of(request: HttpRequest) -> PeerInfo:
 
 
 def url_of(request: HttpRequest, scheme: str) -> str:
-    """Return the URL under which the client of a request reaches the server.
-
-    Args:
-        scheme: `http` or `ws`; `s` is added if a proxy encrypts.
-    """
+    """Return the URL under which a client reaches the server, with `http` or `ws` as scheme, or encrypted."""
     secure = "s" if request.headers.get("x-forwarded-proto") in ("https", "wss") else ""
     return f"{scheme}{secure}://{request.headers.get('host', 'localhost:9090')}{request.prefix}"
 

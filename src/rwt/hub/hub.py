@@ -289,11 +289,7 @@ class Hub:
 
 
 class _RelayEnd(ABC):
-    """One of two connections that the hub joins.
-
-    Attributes:
-        address: address of the client; of the robot, while it has no client.
-    """
+    """One of two connections that the hub joins. A robot without a client has its own address."""
 
     def __init__(self, hub: Hub, robot: Robot, sink: Sink | PageInbox, address: str) -> None:
         self.address = address
@@ -412,12 +408,7 @@ class _RobotEnd(_RelayEnd):
 
 
 class _WaitingEnd(_RelayEnd):
-    """End that waits for a connection of its robot.
-
-    Attributes:
-        assignment: first message to the robot.
-        since: time at which it was first seen waiting.
-    """
+    """End that waits for a connection of its robot; `assignment` is the first message to the robot."""
 
     def __init__(self, hub: Hub, robot: Robot, sink: Sink | PageInbox, address: str, first: bytes) -> None:
         super().__init__(hub, robot, sink, address)

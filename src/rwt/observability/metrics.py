@@ -31,11 +31,7 @@ if TYPE_CHECKING:
 
 
 class ServerMetrics:
-    """Metrics of one server, collected on request.
-
-    Args:
-        extensions: HTTP extensions, whose metrics are included.
-    """
+    """Metrics of one server and of its HTTP extensions, collected on request."""
 
     def __init__(
         self,
@@ -291,12 +287,7 @@ _LOOKS_OF_WORK: Final = 20
 
 
 class LoopLag:
-    """Event loop lag: how late a timer runs, as a histogram. Also measures the rate of work for clients.
-
-    Attributes:
-        counts: measurements per bucket; the last count is above all bounds.
-        total: sum of all lags, in seconds.
-    """
+    """Histogram of the event loop lag, in seconds, and the rate of work for clients."""
 
     def __init__(self, clock: Clock, work: WorkTotals) -> None:
         self._clock = clock

@@ -36,14 +36,7 @@ class PrometheusText:
         counts: Iterable[int],
         total: float,
     ) -> None:
-        """Add a histogram.
-
-        Args:
-            name: name without suffix.
-            bounds: upper bounds of the buckets, ascending.
-            counts: observations per bucket, and last those above every bound.
-            total: sum of all observations.
-        """
+        """Add a histogram: ascending upper bounds, counts per bucket and above all, and the sum."""
         self._lines += _head(name, "histogram", help)
         below = 0
         for bound, count in zip([*map(_number, bounds), "+Inf"], counts, strict=True):
@@ -57,12 +50,7 @@ class PrometheusText:
 
 
 def merged(pages: Mapping[str, bytes], label: str) -> bytes:
-    """Merge the pages of several processes, labelling each sample with its process.
-
-    Args:
-        pages: texts of :class:`PrometheusText`, by the label's value.
-        label: name of the label; no sample may have it yet.
-    """
+    """Merge the pages of several processes, labelling each sample with its process."""
     families: dict[str, list[str]] = {}
     for value, page in pages.items():
         own = f'{label}="{_escaped(value)}"'

@@ -20,11 +20,7 @@ ALIVE: Final = "WATCHDOG=1"
 
 
 def tell(state: str) -> None:
-    """Notify the service manager; no-op if it did not start this process.
-
-    Args:
-        state: lines of ``NAME=VALUE``.
-    """
+    """Notify the service manager of lines ``NAME=VALUE``; no-op if it did not start this process."""
     address = os.environ.get("NOTIFY_SOCKET", "")
     if not address.startswith(("/", "@")):
         return

@@ -41,12 +41,7 @@ class StaticFile:
     encodings: frozenset[str]
 
     def answer(self, request: HttpRequest, headers: Mapping[str, str] | None = None) -> HttpResponse:
-        """Return the file in the smallest encoding that the client accepts; 304 if the client has it.
-
-        Args:
-            request: request, with ``Accept-Encoding`` and ``If-None-Match``.
-            headers: headers in addition to those about caching.
-        """
+        """Return the file in the smallest encoding that the client accepts; 304 if the client has it."""
         encoding, suffix = next(
             (each for each in _ENCODINGS if each[0] in self.encodings and _takes(request, each[0])), ("", "")
         )

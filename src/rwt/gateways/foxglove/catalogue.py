@@ -22,14 +22,7 @@ SCHEMA_ENCODINGS: Final[Mapping[str, str]] = {"cdr": "ros2msg", "ros1": "ros1msg
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TopicChannel:
-    """Topic as clients subscribe to it.
-
-    Attributes:
-        id: one that no other channel of the server has had.
-        topic: absolute name.
-        announced: what is said of it, in JSON.
-        in_json: True if its messages are JSON, for viewers cannot read what the robot serialises.
-    """
+    """Topic as clients subscribe to it; `in_json` if viewers cannot read what the robot serialises."""
 
     id: int
     topic: str
@@ -40,13 +33,7 @@ class TopicChannel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OfferedService:
-    """Service as clients call it.
-
-    Attributes:
-        id: one that no other service of the server has had.
-        name: absolute name.
-        announced: what is said of it, in JSON.
-    """
+    """Service as clients call it."""
 
     id: int
     name: str
@@ -169,11 +156,7 @@ def _changed(
 
 
 class Change(NamedTuple):
-    """Changes of a listing.
-
-    Attributes:
-        gone: ids of the channels that are not there any more.
-    """
+    """Frames that announce changes of a listing, and the ids of removed channels."""
 
     frames: tuple[Frame, ...]
     gone: frozenset[int]

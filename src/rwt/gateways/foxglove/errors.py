@@ -1,9 +1,4 @@
-"""Errors of the Foxglove gateway; their texts are sent to the client.
-
-- :exc:`FoxgloveError`
-    - :exc:`InvalidFrame`: the frame is no message of the protocol
-    - :exc:`NotPossible`: the requested thing does not exist, or not now
-"""
+"""Errors of the Foxglove gateway; their texts are sent to the client."""
 
 from __future__ import annotations
 

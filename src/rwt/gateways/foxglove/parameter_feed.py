@@ -21,11 +21,7 @@ _QOS: Final = QoS(depth=1000)
 
 
 class ParameterFeed:
-    """Reports changes of watched parameters.
-
-    Args:
-        tell: is given changed values by full name; None for a parameter that was deleted.
-    """
+    """Reports changed values of watched parameters by full name; None for a deleted parameter."""
 
     def __init__(self, shared: SharedGraph, tell: Callable[[Mapping[str, object]], None]) -> None:
         self._shared = shared
@@ -36,12 +32,7 @@ class ParameterFeed:
         self._timer: Timer | None = None
 
     def watch(self, names: Iterable[str], *, everything: bool) -> None:
-        """Watch these parameters instead of those before.
-
-        Args:
-            names: full names.
-            everything: True if all of the nodes' are watched, and those that the tree has now.
-        """
+        """Watch these parameters instead; or all of the nodes' and those that the tree has now."""
         graph = self._shared.graph
         wanted = {name for name in names if ":" not in name}
         of_nodes = everything or any(":" in name for name in names)

@@ -85,11 +85,7 @@ def _plain(value: object) -> object:
 
 
 def wanted_value(parameter: Parameter) -> object:
-    """Return the value to set; UNSET to delete the parameter.
-
-    Raises:
-        NotPossible: it is not of the type that the client says.
-    """
+    """Return the value to set; UNSET to delete the parameter. Raises NotPossible for a wrong type."""
     value, kind = parameter.value, parameter.type
     if value is UNSET or kind is UNSET or kind is None:
         return value
@@ -110,11 +106,7 @@ def _is_number(value: object) -> bool:
 
 
 class ParameterRequests:
-    """Parameters that one client reads, sets and watches.
-
-    Args:
-        max_names: that it may ask for at once, or watch.
-    """
+    """Parameters that one client reads, sets and watches; at most `max_names` at once."""
 
     def __init__(self, graph: ClientGraph, replies: StatusLane, max_names: int, turns: Turns) -> None:
         self._graph = graph
@@ -132,11 +124,7 @@ class ParameterRequests:
     # -- reading and setting -------------------------------------------------------------------------------
 
     def get(self, asked: GetParameters) -> None:
-        """Send the client the values of these parameters, or of all if it names none.
-
-        Raises:
-            NotPossible: it has asked for too much.
-        """
+        """Send the values of these parameters, or of all if it names none. Raises NotPossible at a limit."""
         self._begin(len(asked.parameter_names))
         if asked.parameter_names:
             names = [from_client(name, self._graph.distro) for name in asked.parameter_names]
@@ -154,11 +142,7 @@ class ParameterRequests:
         self._call(LIST, {}, listed)
 
     def set(self, asked: SetParameters) -> None:
-        """Set parameters, and send the client the new values if it gives an id.
-
-        Raises:
-            NotPossible: it sets too many, or a value is not of the type that it says.
-        """
+        """Set parameters, and send the new values if the client gives an id. Raises NotPossible."""
         distro = self._graph.distro
         wanted = [(from_client(each.name, distro), wanted_value(each)) for each in asked.parameters]
         self._begin(len(wanted))
@@ -286,11 +270,7 @@ class ParameterRequests:
     # -- watching ------------------------------------------------------------------------------------------
 
     def watch(self, names: Sequence[str]) -> None:
-        """Notify the client when these parameters change, or any parameter if it names none.
-
-        Raises:
-            NotPossible: it watches as many as it may.
-        """
+        """Report changes of these parameters, or of all if none. Raises NotPossible at a limit."""
         if not names:
             self.watches_all = True
             return

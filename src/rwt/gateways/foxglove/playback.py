@@ -23,12 +23,7 @@ _SAME_SPEED: Final = 1e-6
 
 
 class PlaybackState(NamedTuple):
-    """State of a playback, without its position.
-
-    Attributes:
-        speed: recorded seconds in a second.
-        seeks: number of seeks.
-    """
+    """State of a playback without its position; `speed` in recorded seconds per second."""
 
     status: PlaybackStatus
     speed: float

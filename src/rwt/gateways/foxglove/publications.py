@@ -28,11 +28,7 @@ class _Announced(NamedTuple):
 
 
 class ClientChannels:
-    """Channels that one client has advertised, by its ids.
-
-    Args:
-        structure: maximum number of brackets in its JSON.
-    """
+    """Channels that one client has advertised, by its ids; `structure` limits the brackets of its JSON."""
 
     def __init__(self, graph: ClientGraph, replies: StatusLane, structure: int) -> None:
         self._graph = graph
@@ -62,11 +58,7 @@ class ClientChannels:
         self._by_id[channel.id] = _Announced(channel, topic, publisher)
 
     def unadvertise(self, id: int) -> None:
-        """Withdraw a channel.
-
-        Raises:
-            NotPossible: the client has none of that id.
-        """
+        """Withdraw a channel. Raises NotPossible for an unknown id."""
         announced = self._by_id.pop(id, None)
         if announced is None:
             raise NotPossible(f"unadvertise: this client advertises no channel {id}")

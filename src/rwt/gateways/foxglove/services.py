@@ -25,11 +25,7 @@ if TYPE_CHECKING:
 
 
 class ServiceCalls:
-    """Calls of one client.
-
-    Args:
-        timeout: seconds that a call may take; None for ever.
-    """
+    """Calls of one client; a `timeout` in seconds, None for no timeout."""
 
     def __init__(
         self, graph: ClientGraph, replies: StatusLane, structure: int, timeout: float | None

@@ -26,12 +26,7 @@ if TYPE_CHECKING:
 
 
 class MessageEncoding:
-    """Encoding of samples as channel messages; all subscriptions share a frame with a gap for their ids.
-
-    Attributes:
-        name: as metrics call it.
-        form: what the messages are made of: what the robot serialises, or JSON.
-    """
+    """Encoding of samples as channel messages; all subscriptions share a frame with a gap for their ids."""
 
     def __init__(self, name: str, form: Form) -> None:
         self.name: Final = name

@@ -69,11 +69,7 @@ class HttpGoal:
         client.hold()
 
     def send(self, type: ActionType, payload: Payload) -> None:
-        """Send the goal.
-
-        Raises:
-            RobotError, AccessError: as :meth:`rwt.access.client_graph.ClientGraph.send_goal`.
-        """
+        """Send the goal. Raises what :meth:`rwt.access.client_graph.ClientGraph.send_goal` does."""
 
         def goal_of(now: ActionType) -> Payload:
             if now.goal is not payload.type:
@@ -211,11 +207,7 @@ class Goals:
         return len(self._known)
 
     def find(self, action: str, id: str) -> HttpGoal:
-        """Return a goal by the action's name and its id.
-
-        Raises:
-            HttpProblem: there is none, or it has been forgotten.
-        """
+        """Return a goal by its action and id. Raises HttpProblem if it is unknown or forgotten."""
         goal = self._known.get((action, id))
         if goal is None and self._several_processes:
             raise HttpProblem(
@@ -231,11 +223,7 @@ class Goals:
         return goal
 
     def make_room(self, client: HttpClient) -> None:
-        """Remove the client's oldest finished goal if its limit is reached.
-
-        Raises:
-            QuotaExceeded: all of them run.
-        """
+        """Remove the client's oldest finished goal at its limit. Raises QuotaExceeded if all of them run."""
         own = self._of_client.get(client, {})
         if len(own) < self._most:
             return
@@ -269,11 +257,7 @@ class Goals:
 
 
 class ActionPages:
-    """Routes of actions and goals.
-
-    Args:
-        several_processes: True if a request may come to another process than the goal was sent to.
-    """
+    """Routes of actions and goals."""
 
     def __init__(self, clients: Clients, settings: HttpSettings, *, several_processes: bool = False) -> None:
         self._clients = clients

@@ -27,15 +27,7 @@ Handler = Callable[["HttpRequest", "GraphView"], HttpResponse | Awaitable[HttpRe
 
 
 class EventStream(ABC):
-    """Event stream of one reader, without an end of its own.
-
-    Attributes:
-        allowed: returns True if the client's present role may see it.
-
-    Args:
-        depth: events that may wait.
-        max_bytes: bytes that may wait.
-    """
+    """Event stream of one reader, which ends when it is no longer `allowed`."""
 
     def __init__(
         self, client: HttpClient, depth: int, max_bytes: int, allowed: Callable[[ClientGraph], bool]
@@ -93,11 +85,7 @@ class HttpClient(Visitor):
 
 
 class Clients(Visitors[HttpClient]):
-    """All clients of the gateway.
-
-    Args:
-        linger: seconds that a client stays after its last request.
-    """
+    """All clients of the gateway."""
 
     def __init__(self, gateway: Gateway, linger: float) -> None:
         super().__init__(gateway.shared.counters, gateway.shared.graph.clock, linger)

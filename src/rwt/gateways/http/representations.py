@@ -25,11 +25,7 @@ VALUES: Final = (JSON, CBOR)
 
 
 def chosen(request: HttpRequest, offered: Sequence[str] = VALUES) -> str:
-    """Return the media type of `offered` that a request prefers (RFC 9110 section 12.5.1).
-
-    Raises:
-        HttpProblem: it accepts none of them.
-    """
+    """Return the offered media type that a request prefers (RFC 9110 12.5.1). Raises HttpProblem."""
     accept = request.headers.get("accept", "")
     if not accept.strip():
         return offered[0]
@@ -103,11 +99,7 @@ def json_of(value: object) -> bytes:
 def payload_response(
     request: HttpRequest, payload: Payload, headers: Mapping[str, str] | None = None
 ) -> HttpResponse:
-    """Return a response with a message in the form that the request accepts, as shared bytes.
-
-    Raises:
-        HttpProblem: it accepts neither JSON nor CBOR.
-    """
+    """Return a response with a message in the accepted form, as shared bytes. Raises HttpProblem."""
     if chosen(request) == CBOR:
         return tagged(request, payload.cbor(), CBOR, 200, headers)
     return tagged(request, bytes(payload.json()), JSON, 200, headers)

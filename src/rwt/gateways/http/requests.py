@@ -52,11 +52,7 @@ def name_below(request: HttpRequest, prefix: str, what: str) -> str:
 
 
 def text_below(request: HttpRequest, prefix: str, what: str) -> str:
-    """Return the rest of the path after a prefix, without enclosing slashes.
-
-    Raises:
-        HttpProblem: nothing, or its encoding is broken.
-    """
+    """Return the rest of the path after a prefix, without enclosing slashes. Raises HttpProblem if empty."""
     try:
         text = unquote(request.path.removeprefix(prefix), errors="strict").strip("/")
     except UnicodeDecodeError:
@@ -105,11 +101,7 @@ class Query:
         return self._given.get(name) or None
 
     def flag(self, name: str) -> bool:
-        """Return True if a flag is ``true`` or ``1``.
-
-        Raises:
-            HttpProblem: it is something else.
-        """
+        """Return True if a flag is ``true`` or ``1``. Raises HttpProblem for other values."""
         value = self._given.get(name, "false").lower()
         if value not in ("true", "false", "1", "0"):
             raise HttpProblem(
@@ -118,19 +110,11 @@ class Query:
         return value in ("true", "1")
 
     def seconds(self, name: str, default: float, most: float) -> float:
-        """Return a time in seconds, at most `most`.
-
-        Raises:
-            HttpProblem: it is no number, or out of range.
-        """
+        """Return a time in seconds, at most `most`. Raises HttpProblem."""
         return self._number(name, default, most, float)
 
     def count(self, name: str, default: int, most: int) -> int:
-        """Return a whole number from 1 to `most`.
-
-        Raises:
-            HttpProblem: it is no number, or out of range.
-        """
+        """Return a whole number from 1 to `most`. Raises HttpProblem."""
         return int(self._number(name, default, most, int, 1))
 
     def _number(
@@ -175,11 +159,7 @@ async def payload_of(type: MessageType, request: HttpRequest, now: Callable[[], 
 
 
 def value_of(request: HttpRequest) -> object:
-    """Return the body as a plain value.
-
-    Raises:
-        HttpProblem: it is in a form that is not read here, not well formed, or too large.
-    """
+    """Return the body as a plain value. Raises HttpProblem."""
     body = request.body
     if len(body) > IN_STEPS:
         raise HttpProblem("too-large", f"a value of {len(body)} bytes; {IN_STEPS} is the limit")
@@ -196,11 +176,7 @@ def value_of(request: HttpRequest) -> object:
 
 
 def media_of(request: HttpRequest) -> str:
-    """Return the media type of the body; JSON if it is missing, or the default of forms and curl.
-
-    Raises:
-        HttpProblem: another.
-    """
+    """Return the media type of the body, by default JSON. Raises HttpProblem for unknown types."""
     media = request.headers.get("content-type", "").partition(";")[0].strip().lower()
     if media in ("", JSON, "text/plain", "application/x-www-form-urlencoded") or media.endswith("+json"):
         return JSON

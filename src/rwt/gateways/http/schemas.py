@@ -33,11 +33,7 @@ class Schemas:
         self._place = place
 
     def reference(self, message: MessageType, *, incoming: bool = False) -> Schema:
-        """Return a reference to the schema of a message.
-
-        Args:
-            incoming: True if clients send it, and may leave fields out.
-        """
+        """Return a reference to the schema of a message; in an `incoming` one, fields may be left out."""
         time = message.time
         if time is not None:
             return self._time(time, incoming=incoming)

@@ -94,11 +94,7 @@ class Agent:
     report_progress: ReportProgress = _no_progress
 
     def bounded_seconds(self, seconds: float, what: str) -> float:
-        """Return the time that a tool may take.
-
-        Raises:
-            ToolError: it exceeds `mcp.longest_seconds`.
-        """
+        """Return the time that a tool may take. Raises ToolError beyond `mcp.longest_seconds`."""
         longest = self.settings.longest_seconds
         if seconds > longest:
             raise ToolError(f"`{what}`: {seconds:g} s is too long: at most {longest:g} s, and then ask again")

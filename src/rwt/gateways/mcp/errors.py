@@ -8,11 +8,7 @@ class ToolError(Exception):
 
 
 class AnswerNeeded(Exception):
-    """A person must be asked before a tool continues.
-
-    Attributes:
-        key: under which the answer is expected.
-    """
+    """A person must be asked before a tool continues; the answer is expected under `key`."""
 
     def __init__(self, question: str, key: str) -> None:
         super().__init__(question)

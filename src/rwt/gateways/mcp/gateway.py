@@ -251,11 +251,7 @@ class McpGateway(Gateway):
         return answer
 
     def _role(self, info: PeerInfo) -> Role:
-        """Return the role of an agent, from its token or the default for agents without one.
-
-        Raises:
-            Refused: its token is not known, or the settings name a role that is not there any more.
-        """
+        """Return the role of an agent, from its token or the default for agents without one."""
         admission = self.access.admission
         role = admission.role_of_token(info)
         if role is None and admission.default_role is not None:

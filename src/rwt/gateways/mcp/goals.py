@@ -63,11 +63,7 @@ class GoalTable:
         return {id: sent for id, sent in self._goals.items() if sent.owner == owner}
 
     def check_room(self, owner: str) -> None:
-        """Make room for one more goal of `owner`, by removing the oldest that has ended.
-
-        Raises:
-            ToolError: `mcp.goals` is reached, and none has ended.
-        """
+        """Make room for a goal by removing the oldest that has ended. Raises ToolError at `mcp.goals`."""
         mine = self.of(owner)
         if len(mine) < max(1, self._most // 4) and len(self._goals) < self._most:
             return
@@ -86,11 +82,7 @@ class GoalTable:
         self._goals[id] = sent
 
     def find(self, owner: str, id: str) -> AgentGoal:
-        """Return the goal of that id.
-
-        Raises:
-            ToolError: `owner` has not sent it, or has its result.
-        """
+        """Return the owner's goal of that id. Raises ToolError if it is unknown."""
         sent = self._goals.get(id)
         if sent is None or sent.owner != owner:
             known = ", ".join(self.of(owner)) or "none"

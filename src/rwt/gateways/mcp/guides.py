@@ -75,11 +75,7 @@ RESOURCES: Final = (
 
 
 async def read_resource(agent: Agent, uri: str) -> Answer:
-    """Return the content behind a URI.
-
-    Raises:
-        ToolError: unknown URI, or the content cannot be read now.
-    """
+    """Return the content behind a URI. Raises ToolError."""
     for resource in RESOURCES:
         if uri == resource.uri and not resource.is_template:
             return await resource.read(agent, "")
@@ -107,11 +103,7 @@ class Prompt:
     text: str
 
     def fill_in(self, given: Mapping[str, str]) -> str:
-        """Return the text with the arguments filled in.
-
-        Raises:
-            ToolError: an argument is missing or unknown.
-        """
+        """Return the text with the arguments filled in. Raises ToolError."""
         missing = [name for name in self.arguments if not given.get(name)]
         strange = [name for name in given if name not in self.arguments]
         if missing or strange:

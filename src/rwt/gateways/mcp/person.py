@@ -61,11 +61,7 @@ class Questions:
     def ask(
         self, allowed: frozenset[str], owner: str, tool: str, arguments: Mapping[str, object], now: float
     ) -> str:
-        """Note a question, and return the token under which its answer comes.
-
-        Args:
-            allowed: what the answer allows, with what was allowed before.
-        """
+        """Note a question and what its answer allows, and return the token under which the answer comes."""
         while len(self._pending) >= _MAX_QUESTIONS:
             del self._pending[next(iter(self._pending))]
         token = secrets.token_urlsafe(24)

@@ -23,11 +23,7 @@ _MANY_BRACKETS: Final = 64 * 1024
 
 
 class NumpyLoading:
-    """Imports numpy in a thread when the first message needs it.
-
-    Attributes:
-        is_over: True if no message has to wait any more.
-    """
+    """Imports numpy in a thread when the first message needs it."""
 
     def __init__(self) -> None:
         self._thread: threading.Thread | None = None

@@ -195,11 +195,7 @@ class Peer(ConnectedClient[_Waiting]):
                 end(refusal.name, refusal.id, refusal.reason)
 
     def work(self, op: Op, steps: Steps) -> Op | None:
-        """Run steps of a message now, and the rest in later turns.
-
-        Returns:
-            What reports the refusal of the message.
-        """
+        """Run steps of a message now, and the rest in later turns. Return the report of its refusal."""
         left = self._bridge.dispatcher.go_on(self, op, steps, self._has_time)
         if isinstance(left, Op):
             return left

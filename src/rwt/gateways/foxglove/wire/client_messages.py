@@ -41,11 +41,7 @@ class Subscription(Struct, frozen=True, rename="camel"):
 
 
 class ClientChannel(Struct, frozen=True, rename="camel"):
-    """Channel on which a client publishes.
-
-    Attributes:
-        encoding: encoding of its messages: ``cdr``, ``ros1`` or ``json``.
-    """
+    """Channel on which a client publishes, in the encoding ``cdr``, ``ros1`` or ``json``."""
 
     id: Id
     topic: Name
@@ -201,11 +197,7 @@ _LONGEST_ID: Final = 4096
 
 
 def parse_text(data: bytes | memoryview) -> Text:
-    """Return the message in a text frame.
-
-    Raises:
-        InvalidFrame: it is none; no other exception, whatever the bytes.
-    """
+    """Return the message in a text frame. Raises InvalidFrame, and nothing else, whatever the bytes."""
     if len(data) > MAX_BYTES:
         raise InvalidFrame(
             f"a text of {len(data)} bytes, and {MAX_BYTES} are taken: publish in binary frames, and ask for"

@@ -26,11 +26,7 @@ def encodings(distro: Distro) -> tuple[str, ...]:
 
 
 def check_encoding(encoding: str, distro: Distro) -> None:
-    """Reject an encoding that is not supported.
-
-    Raises:
-        NotPossible: it is one.
-    """
+    """Raise NotPossible for an encoding that is not supported."""
     if encoding not in encodings(distro):
         raise NotPossible(f"encoding {encoding[:80]!r}: expected {' or '.join(encodings(distro))}")
 

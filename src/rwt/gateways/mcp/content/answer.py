@@ -11,11 +11,7 @@ _CUT = "\n… cut at {most} bytes of {size}: ask for less, for example with `fie
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """Image for the model.
-
-    Attributes:
-        mime_type: `image/jpeg` or `image/png`.
-    """
+    """Image for the model, `image/jpeg` or `image/png`."""
 
     data: bytes
     mime_type: str

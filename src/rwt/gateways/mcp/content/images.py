@@ -24,14 +24,7 @@ _JPEG_QUALITY: Final = 80
 
 
 def draw_image(message: Message, side: int) -> Answer:
-    """Draw a `sensor_msgs/Image` or `sensor_msgs/CompressedImage`; in depth images, near is dark.
-
-    Args:
-        side: pixels, to which width and height are made smaller.
-
-    Raises:
-        ImageFormat: it cannot be read.
-    """
+    """Draw a `sensor_msgs/Image` or `CompressedImage`; near is dark in depth images. Raises ImageFormat."""
     if hasattr(message, "format"):
         image = open_compressed(message, _MAX_PIXELS)
         about = f"{image.width}x{image.height} {message.format}"
@@ -124,11 +117,7 @@ def _scan_in_words(message: Message, ranges: object, angles: object, valid: obje
 
 
 def draw_map(message: Message, side: int) -> Answer:
-    """Draw a `nav_msgs/OccupancyGrid` with north (+y) up, and describe its extent.
-
-    Raises:
-        ImageFormat: it holds fewer cells than it says.
-    """
+    """Draw a `nav_msgs/OccupancyGrid`, north (+y) up, and describe its extent. Raises ImageFormat."""
     import numpy as np
     from PIL import Image as pillow
 

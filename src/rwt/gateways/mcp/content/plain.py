@@ -76,14 +76,7 @@ def _numbers(items: Sequence[object]) -> dict[str, object]:
 
 
 def field(message: Message, path: str) -> object:
-    """Return the value of one field of a message.
-
-    Args:
-        path: as `pose.position.x` or `ranges[0]`.
-
-    Raises:
-        ToolError: there is no such field; says which there are.
-    """
+    """Return the value of one field, such as `pose.position.x` or `ranges[0]`. Raises ToolError."""
     value: object = message
     for step in path.split("."):
         name, *indices = step.split("[")

@@ -311,11 +311,7 @@ class PeerActions:
             goal.finish(GoalStatus.ABORTED, result)
 
     def result_malformed(self, action: str, id: str | int | None, reason: str) -> None:
-        """Abort the goal of an invalid result, so that its sender does not wait forever.
-
-        Raises:
-            Refused: it names none.
-        """
+        """Abort the goal of an invalid result, so that its sender does not wait forever."""
         type, goal = self._goal("action_result", action, id)
         abort(type, goal, f"the provider's result is malformed: {reason}")
 

@@ -94,11 +94,7 @@ def _too_dense(type: MessageType, raw: Encodable, where: str) -> Refused:
 
 
 def arguments_of(type: MessageType, raw: Encodable, where: str, now: Callable[[], int]) -> Payload:
-    """Check the arguments of a call or a goal: an object by name, a list by position, or none (SRV-02).
-
-    Raises:
-        Refused: as :func:`payload_of`.
-    """
+    """Check arguments: an object by name, a list by position, or none (SRV-02). Raises Refused."""
     if not isinstance(raw, RawJson | Decoded) or raw.kind == "object":
         return payload_of(type, raw, where, now)
     try:

@@ -211,11 +211,7 @@ class PeerServices:
         call.reply(response)
 
     def answer_malformed(self, service: str, id: str | int | None, reason: str) -> None:
-        """End the call of an invalid response, so that its caller does not wait forever.
-
-        Raises:
-            Refused: it names none.
-        """
+        """End the call of an invalid response, so that its caller does not wait forever."""
         _, call = self._asked(service, id)
         call.fail(f"the provider's answer is malformed: {reason}")
 

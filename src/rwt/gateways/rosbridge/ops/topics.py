@@ -37,11 +37,7 @@ _MAX_NAMES: Final = 4096
 
 
 class PeerTopics:
-    """Topics that one client publishes and subscribes to.
-
-    Args:
-        queued: bytes that all throttled subscriptions together may keep in their queues.
-    """
+    """Topics that one client publishes and subscribes to; `queued` bytes may wait in its throttles."""
 
     __slots__ = (
         "_encoding_of", "_exact", "_graph", "_now", "_publishers", "_replies", "_room", "_subscriptions",
