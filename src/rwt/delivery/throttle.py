@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import TYPE_CHECKING
 
+from rwt_participant.qos import History, Reliability
 from rwt_protocol.fragments import cut
-from rwt_transports.endpoint import DropReason
+from rwt_transports.endpoint import AS_MANY_AS_FIT, DropReason, FlowRules
 
 if TYPE_CHECKING:
     from rwt.delivery.deadline import DeadlineWatch
-    from rwt_graph.api import Sample
+    from rwt_graph.api import EndpointInfo, Sample
     from rwt_graph.clock import Clock
     from rwt_participant.timers import Timer
     from rwt_protocol.frames import Burst, Frame
@@ -213,3 +214,16 @@ class Throttle:
         self._send_due()
         if self._queue:
             self._start_timer()
+
+
+def rules_as_published(publishers: Iterable[EndpointInfo]) -> FlowRules:
+    """Return the queue rules of a topic: sensor streams keep the newest, others what fits (SUB-17)."""
+    offers = [each.qos for each in publishers]
+    lossy = [
+        qos
+        for qos in offers
+        if qos.reliability is Reliability.BEST_EFFORT and qos.history is History.KEEP_LAST
+    ]
+    if offers and len(lossy) == len(offers):
+        return FlowRules(max(1, *(qos.depth for qos in lossy)))
+    return AS_MANY_AS_FIT

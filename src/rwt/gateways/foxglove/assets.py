@@ -48,17 +48,12 @@ class Assets:
 
     def fetch(self, asked: FetchAsset, spawn: Callable[[Callable[[], Awaitable[None]], str], None]) -> None:
         """Answer with a file, or with the reason why it is not available."""
-        try:
-            if not asked.uri.startswith(SCHEME):
-                raise NotPossible(
-                    f"{asked.uri[:200]!r}: only files of packages are served, {SCHEME}NAME/PATH"
-                )
-            if len(self._asked) >= self._settings.waiting_assets:
-                raise NotPossible(
-                    f"{len(self._asked)} files are waited for already (foxglove.waiting_assets)"
-                )
-        except NotPossible as error:
-            self._fail(asked.request_id, str(error))
+        uri, id = asked.uri, asked.request_id
+        if not uri.startswith(SCHEME):
+            self._fail(id, f"{uri[:200]!r}: only files of packages are served, {SCHEME}NAME/PATH")
+            return
+        if len(self._asked) >= self._settings.waiting_assets:
+            self._fail(id, f"{len(self._asked)} files are waited for already (foxglove.waiting_assets)")
             return
         self._asked.append(asked)
         if not self._runs:

@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Final
 
 from rwt.delivery.drop_notices import DropNotices, NoticeFlow
-from rwt.delivery.flow_rules import rules_as_published
-from rwt.delivery.throttle import Room, Throttle
+from rwt.delivery.throttle import Room, Throttle, rules_as_published
 from rwt.gateways.foxglove.errors import NotPossible
 from rwt.gateways.foxglove.wire.server_messages import Level, message_data, status, subscription_number
 from rwt_transports.endpoint import DropReason

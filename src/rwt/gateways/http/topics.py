@@ -77,7 +77,18 @@ class TopicPages:
             throttle = query.seconds("throttle", 0.0, MAX_THROTTLE)
             depth = query.count("queue", _EVENTS, MAX_EVENTS)
             if media == EVENTS:
-                return self._events(request, client, name, query.text("type"), throttle, depth)
+                last = request.headers.get("last-event-id", "")
+                stream = TopicEvents(
+                    client,
+                    name,
+                    query.text("type"),
+                    throttle=throttle,
+                    depth=depth,
+                    max_bytes=self._settings.stream_bytes,
+                    log=self._log,
+                )
+                stream.replay(int(last) if last.isascii() and last.isdecimal() and len(last) < 20 else -1)
+                return stream.response(request)
             longest = self._settings.wait_seconds
             seconds = query.seconds("wait", min(WAIT_SECONDS, longest), longest)
             if "wait" not in query or not seconds:
@@ -114,28 +125,6 @@ class TopicPages:
             publisher.counts.received += 1
             publisher.counts.received_bytes += len(request.body)
         return HttpResponse(status=204)
-
-    def _events(
-        self,
-        request: HttpRequest,
-        client: HttpClient,
-        name: str,
-        type: str | None,
-        throttle: float,
-        depth: int,
-    ) -> HttpResponse:
-        last = request.headers.get("last-event-id", "")
-        stream = TopicEvents(
-            client,
-            name,
-            type,
-            throttle=throttle,
-            depth=depth,
-            max_bytes=self._settings.stream_bytes,
-            log=self._log,
-        )
-        stream.replay(int(last) if last.isascii() and last.isdecimal() and len(last) < 20 else -1)
-        return stream.response(request)
 
 
 def _publisher(graph: ClientGraph, name: str, type: str | None, is_latched: bool) -> ClientPublisher:

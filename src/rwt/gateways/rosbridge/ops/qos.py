@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rwt.delivery.flow_rules import rules_as_published
+from rwt.delivery.throttle import rules_as_published
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.qos import LATCHED, SENSOR_DATA, Durability, History, QoS, Reliability
 from rwt_transports.endpoint import AS_MANY_AS_FIT, FlowRules
