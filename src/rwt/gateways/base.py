@@ -74,8 +74,6 @@ class Gateway(ABC):
         http: pages, section of the index page, and metrics of the gateway.
 
     Args:
-        graph: the robot.
-        access: access rules of the server.
         node: absolute name of the node as which all clients act.
         linger: seconds that a publisher outlives its last user among the clients.
     """

@@ -205,7 +205,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
             state, told = state_of(self.playback), self._sent_playback
             if state != told:
                 self._sent_playback = state
-                frame = state_frame(self.playback, did_seek=told is not None and state.seeks != told.seeks)
+                frame = state_frame(self.playback, did_seek=told is not None and state[2] != told[2])
                 for client in self._clients.values():
                     client.replies.send(frame)
         if self._clients:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 from rwt.access.errors import AccessError
 from rwt.gateways.foxglove.wire.server_messages import Level, PlaybackStatus, playback_state
@@ -22,12 +22,8 @@ _SAME_SPEED: Final = 1e-6
 """Two speeds this close are the same: the protocol has 32 bits for one."""
 
 
-class PlaybackState(NamedTuple):
-    """State of a playback without its position; `speed` in recorded seconds per second."""
-
-    status: PlaybackStatus
-    speed: float
-    seeks: int
+PlaybackState = tuple[PlaybackStatus, float, int]
+"""State of a playback without its position: status, recorded seconds per second, and number of seeks."""
 
 
 def state_of(playback: Playback) -> PlaybackState:
@@ -36,15 +32,13 @@ def state_of(playback: Playback) -> PlaybackState:
     if playback.paused:
         at_end = playback.position_ns >= playback.end_ns
         status = PlaybackStatus.ENDED if at_end else PlaybackStatus.PAUSED
-    return PlaybackState(status, playback.rate, playback.seeks)
+    return status, playback.rate, playback.seeks
 
 
 def state_frame(playback: Playback, *, did_seek: bool, request_id: bytes = b"") -> Frame:
     """Return the frame with the present state of a playback."""
-    state = state_of(playback)
-    return playback_state(
-        state.status, playback.position_ns, state.speed, did_seek=did_seek, request_id=request_id
-    )
+    status, speed, _ = state_of(playback)
+    return playback_state(status, playback.position_ns, speed, did_seek=did_seek, request_id=request_id)
 
 
 class PlaybackControl:

@@ -6,7 +6,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, Protocol
 
-from rwt.gateways.mcp.content.show import show
+from rwt.gateways.mcp.content.images import show
 from rwt.gateways.mcp.errors import ToolError
 
 if TYPE_CHECKING:

@@ -140,10 +140,6 @@ class McpGateway(Gateway):
     * What agents have: ``_goals``, ``questions`` (to the person at the agent's program), ``_recordings``.
 
     Args:
-        graph: the robot.
-        access: access rules of the server.
-        settings: settings of the operator.
-        recordings: recordings that agents may read; None for none.
         several_processes: True if other processes serve the same port. Then no session is kept, because the
             next request may reach another process.
     """

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from rwt.gateways.mcp.content.answer import Picture, as_text, bounded
+from rwt.gateways.mcp.content.images import show
 from rwt.gateways.mcp.content.plain import field, numeric_fields, plain
-from rwt.gateways.mcp.content.show import show
 from rwt.gateways.mcp.errors import ToolError
 from rwt_interfaces.payload import Payload
 from tests.conftest import REGISTRIES

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 from pydantic import Field
 
 from rwt.gateways.mcp.content.answer import Answer, bounded
-from rwt.gateways.mcp.content.show import show
+from rwt.gateways.mcp.content.images import show
 from rwt.gateways.mcp.errors import ToolError
 from rwt.gateways.mcp.tools.tool import Arguments, Name, Tool
 
