@@ -69,7 +69,7 @@ class Bridge(ConnectionGateway[Peer]):
     Attributes:
         settings: settings of the operator.
         dispatcher: handlers by op.
-        orphans: running goals of clients that have left.
+        orphans: running goals of clients that have left, with the addresses of those.
         service_offers: services that clients offer.
         action_offers: actions that clients offer.
         loading: loads numpy beside the event loop; None loads it on first use.
@@ -97,7 +97,7 @@ class Bridge(ConnectionGateway[Peer]):
         self._owns_access = access is None
         self.settings = settings
         self.loading = loading
-        self.orphans = actions.OrphanedGoals()
+        self.orphans: dict[actions.PeerGoal, str] = {}
         self.service_offers: Offers[services.Asked] = {}
         self.action_offers: Offers[actions.Accepted] = {}
         self._connected = ConnectedClients(self.shared.participant, graph.registry, graph.clock)

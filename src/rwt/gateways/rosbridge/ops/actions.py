@@ -52,30 +52,6 @@ _OUTCOMES: Final = frozenset({GoalStatus.SUCCEEDED, GoalStatus.CANCELED})
 _MAX_ORPHANS: Final = 1000
 
 
-class OrphanedGoals:
-    """Running goals whose sender has disconnected, for a cancel that comes over its next connection."""
-
-    def __init__(self) -> None:
-        self._senders: dict[PeerGoal, str] = {}
-
-    def add(self, goal: PeerGoal, address: str) -> None:
-        """Remember a goal of a client at `address`; beyond a bound the oldest is forgotten."""
-        self._senders[goal] = address
-        while len(self._senders) > _MAX_ORPHANS:
-            del self._senders[next(iter(self._senders))]
-
-    def find(self, address: str, action: str, id_: str | int | None) -> PeerGoal | None:
-        """The newest running goal of that id whose sender, at that address, has disconnected."""
-        for goal, sender in reversed(self._senders.items()):
-            if sender == address and goal.action == action and goal.id == id_:
-                return goal
-        return None
-
-    def discard(self, goal: PeerGoal) -> None:
-        """Forget a goal that has ended."""
-        self._senders.pop(goal, None)
-
-
 class PeerGoal:
     """Goal of a client, until its result.
 
@@ -191,7 +167,7 @@ class PeerActions:
         replies: Replies,
         address: str,
         offers: Offers[Accepted],
-        orphans: OrphanedGoals,
+        orphans: dict[PeerGoal, str],
     ) -> None:
         self.graph = graph
         self.replies = replies
@@ -235,7 +211,7 @@ class PeerActions:
     def ended(self, goal: PeerGoal) -> None:
         """A goal has its result."""
         self._sent.discard(goal)
-        self._orphans.discard(goal)
+        self._orphans.pop(goal, None)
 
     def cancel(self, op: CancelActionGoal) -> None:
         """Cancel a goal by the id it was sent with, also from a new connection of the same address."""
@@ -244,12 +220,15 @@ class PeerActions:
             if goal.id == op.id and goal.action == action:
                 goal.goal.cancel()  # The outcome is the result (ACT-07, ACT-08).
                 return
-        orphan = self._orphans.find(self._address, action, op.id)
+        orphan = next((goal for goal in reversed(self._orphans) if self._has_sent(goal, action, op.id)), None)
         if orphan is None:
             raise Refused(
                 f"cancel_action_goal: no goal of {op.action} runs under id {op.id!r}", level="warning"
             )
         self.graph.cancel_goal(action, orphan.goal.id)
+
+    def _has_sent(self, orphan: PeerGoal, action: str, id: str | int | None) -> bool:
+        return (self._orphans[orphan], orphan.action, orphan.id) == (self._address, action, id)
 
     def advertise(self, op: AdvertiseAction) -> None:
         """Offer an action on the client's behalf, in place of any other of that name (ACT-12, ACT-18)."""
@@ -323,7 +302,9 @@ class PeerActions:
         yield from self._provided.close()
         for goal in tuple(self._sent):
             goal.orphan()
-            self._orphans.add(goal, self._address)
+            self._orphans[goal] = self._address
+            while len(self._orphans) > _MAX_ORPHANS:
+                del self._orphans[next(iter(self._orphans))]
             yield
 
 

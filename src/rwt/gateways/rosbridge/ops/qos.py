@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rwt.delivery.throttle import rules_as_published
@@ -55,39 +54,22 @@ def incompatible_policies(request: Qos, offered: QoS) -> str:
     return ", ".join(found)
 
 
-@dataclass(frozen=True, slots=True)
-class QosRequest:
-    """QoS request of all subscriptions of one client on one topic.
-
-    Attributes:
-        rules: how samples wait while the connection is slow.
-        lifespan_ns: age in nanoseconds after which a sample is not sent; 0 for any age.
-        deadline: seconds within which a sample is expected; 0 for none.
-    """
-
-    rules: FlowRules = AS_MANY_AS_FIT
-    lifespan_ns: int = 0
-    deadline: float = 0.0
-
-
-def qos_request(subscriptions: Sequence[ops.Subscribe], publishers: Iterable[EndpointInfo]) -> QosRequest:
+def qos_request(
+    subscriptions: Sequence[ops.Subscribe], publishers: Iterable[EndpointInfo]
+) -> tuple[FlowRules, int, float]:
     """Merge the requests of several subscriptions: each gets at least its request, except for the smallest
-    `queue_length` (X06).
+    `queue_length` (X06). A client that requests nothing takes what the publishers offer (SUB-17).
 
-    Args:
-        subscriptions: at least one.
-        publishers: those of the topic now; a client that says nothing takes what they offer (SUB-17).
+    Returns:
+        Queue rules, lifespan of samples in nanoseconds (0: none), and deadline in seconds (0: none).
     """
     each = [_rules(op) for op in subscriptions]
     said = [rules for rules in each if rules is not None]
     rules = _together(said) if len(said) == len(each) else rules_as_published(publishers)
     lifespans = [_seconds(op.qos.lifespan if op.qos else None) or 0.0 for op in subscriptions]
     deadlines = [_seconds(op.qos.deadline if op.qos else None) or 0.0 for op in subscriptions]
-    return QosRequest(
-        rules=rules,
-        lifespan_ns=0 if 0.0 in lifespans else round(max(lifespans) * NANOSECONDS),
-        deadline=min((seconds for seconds in deadlines if seconds), default=0.0),
-    )
+    lifespan_ns = 0 if 0.0 in lifespans else round(max(lifespans) * NANOSECONDS)
+    return rules, lifespan_ns, min((seconds for seconds in deadlines if seconds), default=0.0)
 
 
 def history_depth(op: ops.Subscribe) -> int | None:

@@ -127,14 +127,10 @@ class ClientSubscription:
 
     def _apply_qos(self, subscriptions: list[ops.Subscribe]) -> None:
         info = self._graph.topic(self.fanout.topic)
-        request = qos_request(subscriptions, info.publishers if info else ())
-        self._flow.configure(request.rules)
-        watch = (
-            DeadlineWatch(self._clock, request.deadline, self._drops.deadline_missed)
-            if request.deadline
-            else None
-        )
-        self._throttle.watch(request.lifespan_ns, watch)
+        rules, lifespan_ns, deadline = qos_request(subscriptions, info.publishers if info else ())
+        self._flow.configure(rules)
+        watch = DeadlineWatch(self._clock, deadline, self._drops.deadline_missed) if deadline else None
+        self._throttle.watch(lifespan_ns, watch)
 
     def _leave(self) -> None:
         if self._encoding is not None:
