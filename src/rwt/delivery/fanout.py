@@ -258,39 +258,6 @@ class EncodedStream:
         gate.offer(sample, _EncodedSample(self, sample).send)
 
 
-class SampleStream:
-    """Subscriber that receives the samples of a topic without encoding.
-
-    Args:
-        take: callback, called with each sample. Exceptions are logged; other subscribers are not affected.
-    """
-
-    form: Final = "json"
-    is_open: Final = False  # Nothing is encoded in advance: the callback may need no form.
-    steps: Final = None
-
-    def __init__(self, take: Callable[[Sample], None]) -> None:
-        self._take = take
-
-    def __len__(self) -> int:
-        return 1
-
-    def settle(self) -> None:
-        """No-op: samples are not counted."""
-
-    def deliver_but_to(self, newer: Collection[object], sample: Sample) -> None:
-        """Pass a sample on, unless this stream is in `newer`."""
-        if self not in newer:
-            self.deliver(sample)
-
-    def deliver(self, sample: Sample) -> None:
-        """Pass a sample on."""
-        try:
-            self._take(sample)
-        except Exception:
-            logger.exception("what takes samples of %s failed", sample.topic)
-
-
 class Fanout:
     """Clients of one topic, served by a single graph subscription.
 
@@ -305,8 +272,9 @@ class Fanout:
 
     Attributes by purpose:
 
-    * Streams: ``_encoded_streams`` (by spelling and encoding), ``_sample_streams``, ``_active`` (both, as a
-      tuple for the hot path), ``_is_stepped`` (True if an encoder works in steps).
+    * Streams: ``_streams`` (by spelling and encoding), ``_active`` (as a tuple for the hot path),
+      ``_is_stepped`` (True if an encoder works in steps); ``_takers`` (callbacks that get samples as they
+      are).
     * Deferral: ``late`` (the queue), ``_late_samples`` (samples in it), ``_number`` (number of the newest
       deferred sample), ``_joined`` (for gates and streams that joined meanwhile: ``_number`` at that time).
 
@@ -328,9 +296,9 @@ class Fanout:
         self.topic = topic
         self.type = type
         self.counts = counts
-        self._encoded_streams: dict[tuple[str, str], EncodedStream] = {}
-        self._sample_streams: list[SampleStream] = []
-        self._active: tuple[EncodedStream | SampleStream, ...] = ()
+        self._streams: dict[tuple[str, str], EncodedStream] = {}
+        self._active: tuple[EncodedStream, ...] = ()
+        self._takers: list[Callable[[Sample], None]] = []
         self._is_stepped = False
         self.late = DeferredSends(turns)
         self._late_samples = 0
@@ -341,7 +309,7 @@ class Fanout:
     @property
     def subscriptions(self) -> int:
         """Number of subscriptions; spellings of the name count separately."""
-        return sum(map(len, self._active))
+        return sum(map(len, self._active)) + len(self._takers)
 
     def settle(self) -> None:
         """Update `counts`."""
@@ -351,7 +319,7 @@ class Fanout:
     @property
     def is_empty(self) -> bool:
         """True if there are no subscribers."""
-        return not self._active
+        return not (self._active or self._takers)
 
     def check_type(self, type: MessageType) -> None:
         """Raise `TypeConflict` unless this topic's type is `type` (SUB-03)."""
@@ -373,9 +341,9 @@ class Fanout:
         if self._late_samples:
             self._joined[gate] = self._number  # Samples from before it joined reach it by replay() only.
         key = (name, encoding.name)
-        stream = self._encoded_streams.get(key)
+        stream = self._streams.get(key)
         if stream is None:
-            stream = self._encoded_streams[key] = EncodedStream(
+            stream = self._streams[key] = EncodedStream(
                 encoding.publish_encoder(name),
                 self.counts.encoding(encoding.name),
                 self._clock.monotonic,
@@ -389,31 +357,27 @@ class Fanout:
     def leave(self, gate: Throttle, name: str, encoding: SampleEncoding) -> None:
         """Remove a gate from its stream; drop the stream if it is empty."""
         key = (name, encoding.name)
-        stream = self._encoded_streams[key]
+        stream = self._streams[key]
         stream.remove(gate)
         self._joined.pop(gate, None)
         if not stream:
-            del self._encoded_streams[key]
+            del self._streams[key]
             self._update_active()
 
-    def take_samples(self, take: Callable[[Sample], None]) -> SampleStream:
+    def take_samples(self, take: Callable[[Sample], None]) -> None:
         """Call `take` with each sample from now on, without encoding. Retained samples are in
         `subscription.history()`."""
-        stream = SampleStream(take)
         if self._late_samples:
-            self._joined[stream] = self._number
-        self._sample_streams.append(stream)
-        self._update_active()
-        return stream
+            self._joined[take] = self._number
+        self._takers.append(take)
 
-    def end_samples(self, stream: SampleStream) -> None:
-        """Stop a stream that `take_samples` returned."""
-        self._sample_streams.remove(stream)
-        self._joined.pop(stream, None)
-        self._update_active()
+    def end_samples(self, take: Callable[[Sample], None]) -> None:
+        """Undo :meth:`take_samples`."""
+        self._takers.remove(take)
+        self._joined.pop(take, None)
 
     def _update_active(self) -> None:
-        self._active = (*self._encoded_streams.values(), *self._sample_streams)
+        self._active = tuple(self._streams.values())
         self._is_stepped = any(stream.steps is not None for stream in self._active)
 
     def close(self) -> None:
@@ -427,6 +391,14 @@ class Fanout:
             return
         for stream in self._active:
             stream.deliver(sample)
+        for take in tuple(self._takers):
+            self._pass_on(take, sample)
+
+    def _pass_on(self, take: Callable[[Sample], None], sample: Sample) -> None:
+        try:
+            take(sample)
+        except Exception:
+            logger.exception("what takes samples of %s failed", sample.topic)
 
     def _send_late(self, sample: Sample) -> None:
         """Defer a sample until it is encoded; later samples of the topic queue behind it."""
@@ -458,3 +430,5 @@ class Fanout:
                 stream.deliver_but_to(newer, sample)
             else:
                 stream.deliver(sample)
+        for take in [take for take in self._takers if take not in newer]:
+            self._pass_on(take, sample)

@@ -154,12 +154,12 @@ async def _next_sample(graph: ClientGraph, name: str, type: str | None, seconds:
             found.append(sample.detach())
             came.set()
 
-    stream = fanout.take_samples(take)
+    fanout.take_samples(take)
     try:
         with anyio.move_on_after(seconds):
             await came.wait()
     finally:
-        fanout.end_samples(stream)
+        fanout.end_samples(take)
         graph.unsubscribe(fanout)
     return found[0] if found else None
 

@@ -167,7 +167,7 @@ class _ClientSubscription(api.Subscription):
         self._is_open = True
         self.topic = self._fanout.topic
         history = self.history()
-        self._stream = self._fanout.take_samples(self._take)
+        self._fanout.take_samples(self._take)
         for sample in history:
             self._take(sample)
 
@@ -192,7 +192,7 @@ class _ClientSubscription(api.Subscription):
     def close(self) -> None:
         if self._is_open:
             self._is_open = False
-            self._fanout.end_samples(self._stream)
+            self._fanout.end_samples(self._take)
             self._client.unsubscribe(self._fanout)
 
 
