@@ -526,9 +526,8 @@ class Server:
         Args:
             main: robot program; the server ends when it returns. A coroutine function gets this server and
                 runs on its event loop; a signal cancels it. A plain function gets a node with blocking
-                methods
-                and runs in the main thread, with the server in another; a signal raises an exception in it.
-                In both cases, ``finally`` and ``with`` run before clients are disconnected.
+                methods and runs in the main thread, with the server in another; a signal raises an exception
+                in it. In both cases, ``finally`` and ``with`` run before clients are disconnected.
             announce: called with the result of `on_up`; default: print it.
             on_up: called on the event loop when clients can connect; default: return where the server
                 listens. Each worker calls it; the result of the first is announced.

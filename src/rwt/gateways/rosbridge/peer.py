@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from rwt.access.errors import AccessError, NotAuthenticated
@@ -42,15 +41,8 @@ class _Work(NamedTuple):
     steps: Steps
 
 
-@dataclass(frozen=True, slots=True)
-class _Oversized:
-    """A message over the size limit whose head does not show where to send the refusal."""
-
-    reason: str
-
-
-_Waiting = Op | Refusal | _Work | _Oversized
-"""Work that waits for a turn: a message, or the rest of one."""
+_Waiting = Op | Refusal | _Work | str
+"""Work that waits for a turn: a message, the rest of one, or the reason to close the connection."""
 
 
 class Peer(ConnectedClient[_Waiting]):
@@ -220,9 +212,9 @@ class Peer(ConnectedClient[_Waiting]):
             answer = self.work(what.op, what.steps)
             if answer is not None or self._session.level == "info":
                 self._after(what.op, answer)
-        elif isinstance(what, _Oversized):
-            self.replies.log(logging.WARNING, what.reason)
-            self.sink.close(TOO_BIG, what.reason)
+        elif isinstance(what, str):
+            self.replies.log(logging.WARNING, what)
+            self.sink.close(TOO_BIG, what)
         else:
             self.messages += 1
             if self._may_send(now):
@@ -239,7 +231,7 @@ class Peer(ConnectedClient[_Waiting]):
         sender would wait forever (CFG-06).
         """
         reason = f"a message of {size} bytes: the limit is {limit} (max_message_size)"
-        what = self._session.refuse_skipped(head, reason) or _Oversized(reason)
+        what = self._session.refuse_skipped(head, reason) or reason
         if self._is_held:
             self._wait(what)  # Messages before it may change the reply.
         else:

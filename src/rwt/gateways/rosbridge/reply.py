@@ -10,7 +10,6 @@ from rwt_protocol.ops import ActionResult, ServiceResponse, Status
 
 if TYPE_CHECKING:
     from rwt.gateways.base import ConnectionGateway
-    from rwt_interfaces.payload import Payload
     from rwt_protocol.frames import Frame
     from rwt_protocol.ops import Op
     from rwt_protocol.session import Session
@@ -57,10 +56,6 @@ class Replies(ControlLane):
         else:
             self.send(Status(level="error", msg=f"{op.op}: {reason}", id=op.id))
         return False
-
-    def request(self, service: str, args: Payload, id: str) -> str | None:
-        """Send a service request to the client, its provider. Returns why it was not sent, or None."""
-        return self.send_frame(self.session.call(service, args, id), id)
 
     def send_frame(self, frame: Frame, id: str | int | None, fragment_size: int | None = None) -> str | None:
         """Send a frame, in pieces if `fragment_size` is given. Returns why it was not sent, or None."""

@@ -60,7 +60,8 @@ class _ProvidedService(Provided[Asked]):
         """Send a request to the client, under a new id (SVP-01, SVP-02)."""
         id_ = self._add("service_request", (type, call))
         call.on_end = lambda: self._end(id_)
-        reason = self._replies.request(self._name, call.request, id_)
+        frame = self._replies.session.call(self._name, call.request, id_)
+        reason = self._replies.send_frame(frame, id_)
         if reason is not None:
             call.fail(f"the provider cannot be asked: {reason}")
 
