@@ -44,13 +44,7 @@ def make_graph(
     clock: Clock | None,
     worker: WorkerContext | None,
 ) -> Graph:
-    """Return the graph of the settings, not entered.
-
-    Args:
-        make: what makes it, instead of the setting `graph`.
-        registry: the interfaces; None for those that the settings name.
-        clock: None for the wall clock.
-        worker: the worker process that it is for, whose graph is joined with those of the others.
+    """Return the graph of the settings, not entered; `make` replaces the setting `graph`.
 
     Raises:
         SettingsError: the extra for it is not installed, or what is asked for contradicts itself.

@@ -149,16 +149,11 @@ def start_gateway_node(graph: Graph, urls: Sequence[str], settings: Settings) ->
 
 
 def start_recording(graph: Graph, file: Path | None, stack: ExitStack, *, introspection: bool) -> None:
-    """Start recording, introspection or both, until `stack` is closed.
-
-    Args:
-        file: MCAP; None records nothing.
-        stack: closes the recorder; then what the last messages could not be written for is raised.
-        introspection: True if calls and goals are published, and recorded if anything is.
+    """Start recording to an MCAP file, introspection or both, until `stack` is closed.
 
     Raises:
         SettingsError: introspection on ROS 1.
-        ServerError: the file cannot be written.
+        ServerError: the file cannot be written, now or when `stack` is closed.
     """
     from rwt.nodes.introspection import Introspection
     from rwt.nodes.recording import RecordingError, record_graph

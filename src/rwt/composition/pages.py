@@ -60,15 +60,9 @@ def routes(
     loopback: bool = True,
     gather: Gather | None = None,
 ) -> Routes:
-    """Return the routes of the server, its nodes and gateways.
+    """Return the routes of the server, its nodes and gateways; `gather` joins metrics of worker processes.
 
     The server's win, except that an extension may replace ``/``, which otherwise shows ``/index``.
-
-    Args:
-        bridge: whose graph and clients the pages show.
-        extensions: extensions of nodes and gateways.
-        loopback: True if the listener is only reached from this machine.
-        gather: joins the metrics with those of other processes on the same port.
     """
     extensions = tuple(extensions)
     index = partial(_index, bridge, metrics, extensions)

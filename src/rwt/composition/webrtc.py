@@ -31,13 +31,8 @@ async def webrtc_peers(
 ) -> AsyncIterator[Peers]:
     """Accept peers within the block.
 
-    Args:
-        addresses: number of connections by address.
-        buffers: what all clients of the server receive large messages in.
-
     Raises:
-        SettingsError: aiortc is not installed, the event loop is not asyncio's, or a server's URL cannot be
-            used.
+        SettingsError: aiortc is not installed, the event loop is not asyncio's, or a server's URL is invalid.
     """
     if not runs_asyncio():
         raise SettingsError(

@@ -17,15 +17,12 @@ if TYPE_CHECKING:
 
 
 class SharedGraph:
-    """Graph as a gateway takes part in it, without access rules.
+    """Part of a gateway in the graph, without access rules: what all of its clients share.
 
     Attributes:
-        participant: the node under which all clients act.
-        publishers: the publishers that clients share.
         fanouts: fan-outs of the subscribed topics, by absolute name.
 
     Args:
-        node: the node's absolute name.
         linger: seconds that a publisher outlives its last user.
     """
 

@@ -121,11 +121,7 @@ class SharedPublisher:
         return self._kept[0] if full else None
 
     def publish_kept(self, payload: Payload, kept: Ends) -> None:
-        """Publish a message of a latched topic.
-
-        Args:
-            kept: charge that ends when the message is no longer retained.
-        """
+        """Publish a message of a latched topic; the charge `kept` ends when it is no longer retained."""
         if self.kept_next_to_go is not None:
             self._kept.popleft().end()
         self._kept.append(kept)
@@ -266,9 +262,7 @@ class SharedPublishers:
     def release(self, topic: str, user: Hashable, charge: Ends) -> None:
         """Stop using the topic's publisher. Unknown topics and users are ignored.
 
-        Args:
-            topic: absolute name.
-            charge: ends now if the publisher has other users, else when it closes or is used again.
+        The charge ends now if the publisher has other users, else when it closes or is used again.
         """
         shared = self._by_topic.get(topic)
         if shared is None or user not in shared.users:

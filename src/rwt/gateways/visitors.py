@@ -128,12 +128,7 @@ class Visitors(Generic[V]):
 
 
 class Metered(Awaitable[T]):
-    """Awaitable that charges its work at each suspension and at its end.
-
-    Args:
-        charge: called with seconds of work.
-        monotonic: seconds on a clock that never goes back.
-    """
+    """Awaitable that charges its seconds of work at each suspension and at its end."""
 
     __slots__ = ("_awaitable", "_charge", "_monotonic")
 

@@ -79,7 +79,6 @@ class Robot:
     """Robot that has dialled in.
 
     Attributes:
-        name: name of the robot, which is its path.
         instance: random id of the program; distinguishes it from another of the same name.
         idle: connections that wait for a client.
         waiting: clients that wait for a connection.

@@ -92,14 +92,7 @@ class ServerMetrics:
 
 
 class GatewayCounts:
-    """Snapshot of the counters of one gateway.
-
-    Attributes:
-        name: name of the protocol; value of the label `gateway`.
-        counters: totals of all clients, without the traffic of connected ones.
-        clients: connected clients, each with the traffic of its connection.
-        fanouts: subscribed topics.
-    """
+    """Snapshot of the counters of one gateway; `counters` without the traffic of connected clients."""
 
     def __init__(self, gateway: Gateway) -> None:
         self.name = gateway.name

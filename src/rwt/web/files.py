@@ -26,13 +26,7 @@ _ENCODINGS: Final = (("br", ".br"), ("gzip", ".gz"))
 
 @dataclass(frozen=True, slots=True)
 class StaticFile:
-    """File of the build.
-
-    Attributes:
-        etag: quoted hash of the content.
-        immutable: True if the name contains that hash.
-        encodings: content codings of which there is a compressed copy.
-    """
+    """File of the build; `immutable` if its name contains the hash of its content."""
 
     path: Path
     content_type: str

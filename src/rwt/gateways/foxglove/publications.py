@@ -41,10 +41,8 @@ class ClientChannels:
         """Advertise a topic for the client.
 
         Raises:
-            NotPossible: the id is in use, or the encoding is none that can be taken.
-            AccessError: the role may not publish on the topic, or the client advertises as much as it may.
-            UnknownType: no such message is known here.
-            TypeConflict: the topic has another type.
+            NotPossible: the id is in use, or the encoding is not supported.
+            RobotError, AccessError: as :meth:`ClientGraph.advertise`.
         """
         if channel.id in self._by_id:
             raise NotPossible(f"advertise: channel {channel.id} is advertised already; take another id")
@@ -65,15 +63,11 @@ class ClientChannels:
         self._graph.unadvertise(announced.topic, id)
 
     def publish(self, message: MessageData) -> Generator[None] | None:
-        """Validate a message once and publish it.
-
-        Returns:
-            What does it in steps, if it is long and in JSON.
+        """Validate a message once and publish it; long JSON in the returned steps.
 
         Raises:
-            NotPossible: the client has no such channel.
-            InvalidMessage: it does not fit its type.
-            QuotaExceeded: as much is kept for the client as may be.
+            NotPossible: unknown channel, or the message does not fit its type.
+            QuotaExceeded: `limits.kept_bytes` is reached.
         """
         announced = self._of(message)
         type, encoding = announced.publisher.type, announced.channel.encoding

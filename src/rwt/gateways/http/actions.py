@@ -46,7 +46,6 @@ class HttpGoal:
     """Goal, from sending it until it is forgotten.
 
     Attributes:
-        action: the action's absolute name.
         id: 32 hex digits; empty until the graph has given it.
         failure: why it ended without a result; None where it has one, or runs.
     """
@@ -187,14 +186,7 @@ class GoalEventStream(EventStream):
 
 
 class Goals:
-    """Goals of all clients of the gateway.
-
-    Attributes:
-        keep_seconds: how long one that has ended is kept.
-
-    Args:
-        several_processes: True if another process may know a goal that this one does not.
-    """
+    """Goals of all clients of the gateway; those that have ended are kept for `keep_seconds`."""
 
     def __init__(self, settings: HttpSettings, *, several_processes: bool = False) -> None:
         self._most = settings.goals

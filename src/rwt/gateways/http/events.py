@@ -65,12 +65,7 @@ SAMPLES: Final = Encoding("events", 0, _sample_encoder)
 class EventQueue:
     """Queue of events for one reader: a :class:`rwt_transports.endpoint.Flow` and an asynchronous iterator.
 
-    When it is full, the oldest samples are dropped; notices and ends are not.
-
-    Args:
-        depth: samples that may wait.
-        on_drop: called for each sample that is dropped.
-        on_close: called once, at its end.
+    When it is full, the oldest samples are dropped (`on_drop`); notices and ends are not.
     """
 
     def __init__(

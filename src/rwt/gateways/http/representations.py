@@ -75,14 +75,10 @@ def value_response(
     *,
     media: str = JSON,
 ) -> HttpResponse:
-    """Return a response with a plain value in the form that the request accepts.
-
-    Args:
-        value: dicts, lists, scalars, and :class:`rwt_interfaces.payload.Payload` within them.
-        media: the type of its JSON, for what has one of its own.
+    """Return a response with a value of plain objects and payloads, in CBOR or the JSON of `media`.
 
     Raises:
-        HttpProblem: it accepts neither JSON nor CBOR.
+        HttpProblem: the request accepts neither JSON nor CBOR.
     """
     if chosen(request, (media, CBOR)) == CBOR:
         import cbor2  # Only for those who use it.

@@ -42,12 +42,7 @@ _MAX_PARAMETERS: Final = 20
 
 
 def name_below(request: HttpRequest, prefix: str, what: str) -> str:
-    """Return the absolute name after a prefix of the path; its slashes may be percent-encoded.
-
-    Raises:
-        HttpProblem: there is none, or its encoding is broken.
-        InvalidGraphName: it is none that ROS allows.
-    """
+    """Return the absolute name after a prefix of the path. Raises HttpProblem, InvalidGraphName."""
     return resolve("/" + text_below(request, prefix, what))
 
 
@@ -68,14 +63,7 @@ def name_and_type(reader: GraphView, row: TopicInfo | ServiceInfo | ActionInfo) 
 
 
 class Query:
-    """Query of a request; unknown names are rejected.
-
-    Args:
-        known: the names that it may have; ``token`` may always be there.
-
-    Raises:
-        HttpProblem: it has another name, or one twice.
-    """
+    """Query of a request; unknown names, and names given twice, are rejected (HttpProblem)."""
 
     def __init__(self, request: HttpRequest, known: Collection[str] = ()) -> None:
         try:

@@ -19,13 +19,10 @@ INCOMING: Final = ".Input"
 
 
 class Schemas:
-    """Schemas of the requested types, and of their nested types.
+    """Schemas of the requested types and their nested types, for a place given as a JSON Pointer.
 
     Attributes:
         found: by name; a name is that of the type with a dot for its slash.
-
-    Args:
-        place: where they will stand, as a JSON Pointer with a slash at its end.
     """
 
     def __init__(self, place: str = "#/components/schemas/") -> None:

@@ -63,12 +63,7 @@ class ServicePages:
 
 
 async def call(graph: ClientGraph, name: str, payload: Payload, seconds: float) -> Payload:
-    """Call a service and return its response.
-
-    Raises:
-        RobotError, AccessError: as :meth:`rwt.access.client_graph.ClientGraph.call_service`, and what the
-            call failed with.
-    """
+    """Call a service and return its response. Raises what `ClientGraph.call_service` does, and CallFailed."""
     outcomes: list[Payload | CallFailed] = []
     answered = anyio.Event()
 

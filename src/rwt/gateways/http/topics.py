@@ -165,12 +165,7 @@ async def _next_sample(graph: ClientGraph, name: str, type: str | None, seconds:
 
 
 class TopicEvents(EventStream):
-    """Event stream of one reader of a topic.
-
-    Args:
-        type: the topic's, where nobody has advertised it yet.
-        throttle: seconds between two events at least; of those in between the newest comes late.
-        depth: events that may wait while the reader is slow.
+    """Event stream of one reader of a topic, with at least `throttle` seconds between two events.
 
     Raises:
         RobotError, AccessError: as :meth:`rwt.access.client_graph.ClientGraph.subscribe`.

@@ -63,13 +63,7 @@ class ClientRobot(GraphVerbs):
         return resolve(name)  # A client has no node, so no private names.
 
     async def pass_gate(self, seconds: float = 0.0) -> bool:
-        """Request approval of what the gate holds back, if the agent's user may give it.
-
-        Args:
-            seconds: time for which the approval should hold, if the gate allows that.
-
-        Returns:
-            True if an approval was given. False if there is nothing to approve, or only others may.
+        """Request approval of what the gate holds back, for so many seconds; return True if it was given.
 
         Raises:
             ToolError: the person refuses, or cannot be asked.

@@ -113,14 +113,10 @@ class _Caller:
 
 @dataclass(slots=True)
 class _Session:
-    """Session of an older protocol version, in use during requests and otherwise idle.
-
-    The SDK ends it after `mcp.session_idle_seconds`; see :meth:`McpGateway._forget_ended_sessions`.
+    """Session of an older protocol version; the SDK ends it after `mcp.session_idle_seconds`.
 
     Attributes:
-        network: network of the address that opened it.
         used_at: monotonic time at which a request of it last ended.
-        under_way: number of requests in flight.
     """
 
     network: str

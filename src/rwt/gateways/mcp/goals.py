@@ -14,14 +14,7 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class AgentGoal:
-    """Goal of an agent.
-
-    Attributes:
-        goal: None while it is being sent.
-        result_type: type name of the action's result.
-        feedback_type: type name of the action's feedback.
-        reports: number of feedback messages.
-    """
+    """Goal of an agent; its `goal` is None while it is being sent."""
 
     owner: str
     result_type: str
@@ -43,12 +36,7 @@ _OF_ANOTHER: Final = (
 
 
 class GoalTable:
-    """Goals of all agents of one gateway.
-
-    Args:
-        most: maximum number of goals; one owner has at most a quarter of them.
-        several_processes: True if the next request of an agent may reach another process.
-    """
+    """Goals of all agents of one gateway; one owner has at most a quarter of `most`."""
 
     def __init__(self, most: int, *, several_processes: bool = False) -> None:
         self._most = most

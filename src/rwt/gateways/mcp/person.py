@@ -103,11 +103,7 @@ class Person:
         self._allowed: frozenset[str] | None = None
 
     async def allow(self, owner: str, what: str) -> None:
-        """Ask for permission, unless it was granted already.
-
-        Args:
-            owner: identity of the agent.
-            what: request to permit, as a verb phrase.
+        """Ask for permission of `what`, a verb phrase, unless it was granted already.
 
         Raises:
             ToolError: the user declined or cannot be asked.

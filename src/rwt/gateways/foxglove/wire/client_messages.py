@@ -50,13 +50,7 @@ class ClientChannel(Struct, frozen=True, rename="camel"):
 
 
 class Parameter(Struct, frozen=True):
-    """Parameter that a client sets.
-
-    Attributes:
-        name: as the gateway spells it.
-        value: of JSON; not given to delete the parameter.
-        type: what the value's JSON alone does not say.
-    """
+    """Parameter that a client sets, or deletes if it gives no value."""
 
     name: Name
     value: object = UNSET
@@ -149,16 +143,13 @@ class ServiceCallRequest(Struct, frozen=True):
 
 
 class PlaybackControlRequest(Struct, frozen=True):
-    """Request to play, pause, seek, or change the speed of a playback.
+    """Request to play, pause, seek, or change the speed, in recorded seconds per second.
 
     Attributes:
-        plays: True if it is to play; False pauses it.
-        speed: recorded seconds in a second.
         seek_ns: nanoseconds since the epoch; None stays.
-        request_id: what the answer is to name.
     """
 
-    plays: bool
+    plays: bool  # False pauses it.
     speed: float
     seek_ns: int | None
     request_id: bytes
@@ -216,11 +207,7 @@ def parse_text(data: bytes | memoryview) -> Text:
 
 
 def parse_binary(data: bytes | memoryview) -> Binary:
-    """Return the message in a binary frame; its payload is a view of the frame.
-
-    Raises:
-        InvalidFrame: it is none; no other exception, whatever the bytes.
-    """
+    """Return the message in a binary frame, with a view of its payload. Raises InvalidFrame alone."""
     view = memoryview(data)
     if not view:
         raise InvalidFrame("an empty binary frame: the first byte says what follows")

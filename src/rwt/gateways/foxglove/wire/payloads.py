@@ -37,16 +37,7 @@ def is_long(encoding: str, data: memoryview) -> bool:
 
 
 def payload_of(type: MessageType, encoding: str, data: memoryview, now: Callable[[], int]) -> Payload:
-    """Return the message in `data`.
-
-    Args:
-        encoding: one of :func:`encodings`.
-        data: a view of the frame that it came in.
-        now: ROS time in nanoseconds, for headers without a stamp.
-
-    Raises:
-        InvalidMessage: it does not fit.
-    """
+    """Return the message in a view of its frame; `now` is ROS time in nanoseconds. Raises InvalidMessage."""
     if encoding == JSON:
         return Payload.from_json(type, data, now)
     return Payload.deserialised(type, data)
@@ -57,13 +48,9 @@ def long_payload(
 ) -> Generator[None, None, Payload]:
     """Decode long JSON in steps of about a millisecond.
 
-    Args:
-        type, data, now: as of :func:`payload_of`.
-        structure: brackets that it may have if it is to be read in a way that makes an object of each.
-
     Raises:
         InvalidMessage: it does not fit.
-        NotPossible: it has more brackets, and would have to be read so.
+        NotPossible: it is incomplete and has more than `structure` brackets.
     """
     whole = bytes(data)  # The frame may be gone at the next step.
     is_dense = has_more_brackets(whole, structure // 2)

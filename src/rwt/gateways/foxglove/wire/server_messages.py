@@ -86,12 +86,7 @@ def server_info(
     session_id: str,
     time_range: tuple[int, int] | None,
 ) -> Frame:
-    """Return the first message: identity and capabilities of the server.
-
-    Args:
-        session_id: another one where a client cannot go on with what it knew of the server.
-        time_range: begin and end of the recording that is played, nanoseconds since the epoch.
-    """
+    """Return the first message; `time_range` of the recording is in nanoseconds since the epoch."""
     begin, end = (None, None) if time_range is None else map(_timestamp, time_range)
     return text(
         "serverInfo",
@@ -161,13 +156,6 @@ def asset_failure(request_id: int, message: str) -> Frame:
 def playback_state(
     status: PlaybackStatus, time_ns: int, speed: float, *, did_seek: bool, request_id: bytes = b""
 ) -> Frame:
-    """Return the current state of the playback.
-
-    Args:
-        time_ns: where it is, nanoseconds since the epoch.
-        speed: recorded seconds in a second.
-        did_seek: True if it has jumped there.
-        request_id: of the request that this answers.
-    """
+    """Return the state of the playback at `time_ns`, nanoseconds since the epoch; `speed` is a factor."""
     head = _STATE(PLAYBACK_STATE, status, time_ns, speed, did_seek, len(request_id))
     return Frame(head, request_id, binary=True) if request_id else Frame(head, binary=True)

@@ -153,11 +153,7 @@ def abort(type: ActionType, goal: ServerGoal, reason: str) -> None:
 
 
 class PeerActions:
-    """Goals that one client sends, and actions that it provides.
-
-    Attributes:
-        now: ROS time in nanoseconds.
-    """
+    """Goals that one client sends, and actions that it provides."""
 
     __slots__ = ("_address", "_orphans", "_provided", "_sent", "graph", "now", "replies")
 
@@ -171,7 +167,7 @@ class PeerActions:
     ) -> None:
         self.graph = graph
         self.replies = replies
-        self.now = graph.clock.time_ns
+        self.now = graph.clock.time_ns  # ROS time.
         self._address = address
         self._orphans = orphans
         self._sent: set[PeerGoal] = set()

@@ -20,13 +20,7 @@ T = TypeVar("T")
 
 
 class Provided(Generic[T]):
-    """Service or action that a client provides.
-
-    Attributes:
-        name: absolute name.
-        role: name of the client's role at the time of advertising.
-        pending: unanswered requests by id.
-    """
+    """Service or action that a client provides, with its unanswered requests by id."""
 
     __slots__ = ("_count", "_name", "_replies", "address", "name", "pending", "role")
 
@@ -36,7 +30,7 @@ class Provided(Generic[T]):
         self._count = 0
         self.name = resolve(name)
         self.address = address
-        self.role = graph.role.name
+        self.role = graph.role.name  # At the time of advertising.
         self.pending: dict[str, T] = {}
 
     def _add(self, kind: str, request: T) -> str:

@@ -67,14 +67,7 @@ class _ProvidedService(Provided[Asked]):
 
 
 class PeerServices:
-    """Services that one client calls and provides.
-
-    Attributes:
-        provided: services that the client provides; the client's graph withdraws them (DIS-04).
-
-    Args:
-        timeout: seconds that a call may take whose caller says nothing; 0 waits without end (SRV-10).
-    """
+    """Services that one client calls and provides. Calls end after `timeout` seconds (SRV-10); 0: never."""
 
     __slots__ = ("_address", "_graph", "_now", "_replies", "_timeout", "provided")
 
@@ -86,6 +79,7 @@ class PeerServices:
         self._address = address
         self._timeout = timeout
         self._now = graph.clock.time_ns
+        # The services themselves are withdrawn by the client's graph (DIS-04).
         self.provided = PeerOffers(graph, address, offers)
 
     def call(self, op: CallService) -> Steps | None:

@@ -87,12 +87,7 @@ class PeerTopics:
     def publish_exact(self, topic: bytes, raw: bytes) -> bool:
         """Publish a small message unchanged, on a topic whose last message could be passed through.
 
-        Args:
-            topic: in UTF-8, as it is spelt.
-            raw: what may be the message in JSON.
-
-        Returns:
-            False if nothing was done, because the message needs a closer look.
+        Returns False, and does nothing, if the message needs a closer look.
         """
         publisher = self._exact.get(topic)
         if publisher is None:
