@@ -9,10 +9,10 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rwt.media.encoders.pixels import RawImage
 from rwt.nodes.depth_cloud.errors import DepthsUnreadable
 from rwt_participant.errors import ImageFormat
 from rwt_participant.images import read_samples
+from rwt_participant.messages import Message
 
 Depths = NDArray[np.float32]
 Pixel = TypeVar("Pixel", np.float32, np.uint8)
@@ -21,7 +21,7 @@ METRES: Final[Mapping[str, float]] = MappingProxyType({"16UC1": 0.001, "mono16":
 """The encodings of depth images and their units in metres (REP 118)."""
 
 
-def read_depths(message: RawImage) -> Depths:
+def read_depths(message: Message) -> Depths:
     """Return a depth image in metres along the optical axis, rows x columns; 0 and NaN are unknown.
 
     Raises:
