@@ -62,7 +62,7 @@ class ScriptControl:
         self._node = Node(graph, CONTROL)
         self._offer("reset", self._reset)
         self._offer("received", self._received)
-        self._offer("disconnect", self._disconnect)
+        self._offer("disconnect", lambda: (True, f"{wire.faults.disconnect()} clients are disconnected"))
         self._node.advertise_service(f"{CONTROL}/faults", "std_srvs/SetBool", self._switch_faults)
         self._begin()
 
@@ -119,9 +119,6 @@ class ScriptControl:
             return False, str(error)
         self._begin()
         return True, "the robot starts again"
-
-    def _disconnect(self) -> tuple[bool, str]:
-        return True, f"{self._wire.faults.disconnect()} clients are disconnected"
 
     def _switch_faults(self, request: Message) -> MessageLike:
         self._wire.faults.clear()

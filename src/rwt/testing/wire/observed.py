@@ -149,11 +149,9 @@ class _ObservedEndpoint:
             if action.delay <= 0:
                 self.inner.receive(kept, binary)
             else:
-                wire.clock.call_later(action.delay, partial(self._receive_late, kept, binary))
-
-    def _receive_late(self, data: bytes, binary: bool) -> None:
-        if not self._over:
-            self.inner.receive(data, binary)
+                wire.clock.call_later(
+                    action.delay, lambda: None if self._over else self.inner.receive(kept, binary)
+                )
 
     def oversized(self, size: int, limit: int, head: bytes) -> None:
         self._wire.transcript.message(self._number, "→", f"<{size} bytes: too large, skipped>")
