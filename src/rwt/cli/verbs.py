@@ -56,7 +56,6 @@ class Verb:
     Attributes:
         name: word after the command.
         help: description in one line.
-        run: implementation.
         example: one or more command lines, for the help.
         json: output with ``--json``, for the help.
         add_arguments: adds the arguments of this verb.

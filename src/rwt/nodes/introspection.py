@@ -39,8 +39,6 @@ class NotObservable(Exception):
 
 @dataclass(frozen=True, slots=True)
 class _Open:
-    """Pending call or goal: client and sequence number of its events."""
-
     service: str
     type: str
     number: int
@@ -84,10 +82,7 @@ class Introspection(CallObserver):
         self._look()
 
     def _look(self) -> None:
-        """Add the topics of new services and actions, so that they can be subscribed to.
-
-        Topics of former ones are withdrawn: clients may offer services under ever new names.
-        """
+        """Add the topics of new services and actions, and withdraw those of former ones."""
         self._needed.clear()
         for service in self._graph.services():
             if self._takes(service.name) and "/_action/" not in service.name:

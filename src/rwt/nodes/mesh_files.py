@@ -99,7 +99,6 @@ class MeshFiles:
 
 
 def _packages(folder: Path) -> Iterator[Path]:
-    """Return the roots of the packages at or below a folder."""
     try:
         found = list(_walk(folder.absolute(), set()))
         for root in sorted(_folders(folder.absolute())):
@@ -129,10 +128,7 @@ def _folders(folder: Path) -> Iterator[Path]:
 
 
 def _below(root: Path, rest: str) -> Path | None:
-    """Return a file of a package; None for hidden files and paths that lead out of the package.
-
-    Symbolic links are followed: workspaces may be built from links only.
-    """
+    """Return a file of a package; None for hidden files and paths that lead out of the package."""
     parts = rest.split("/")
     # On Windows a backslash and the colon of a drive leave the package.
     if any(not part or part.startswith(".") or set(part) & set("\\:\0") for part in parts):

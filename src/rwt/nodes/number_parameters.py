@@ -15,10 +15,7 @@ class Number:
     """Numeric parameter with limits, which can be changed at any time.
 
     Attributes:
-        name: name of the parameter.
         least: minimum; None for any number above 0.
-        most: maximum.
-        unit: unit of the value; empty for a count.
         description: effect of the parameter.
         whole: True if it is an integer.
     """

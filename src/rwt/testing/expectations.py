@@ -38,9 +38,7 @@ class Expectation:
     """Expected messages, calls or goals.
 
     Attributes:
-        kind: message, call or goal.
         name: absolute name of the topic, service or action.
-        matching: expected content.
         count: exact number; None for at least one.
         within: seconds of real time, independent of the graph's clock.
     """

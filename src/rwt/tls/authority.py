@@ -49,12 +49,7 @@ _PRIVATE: Final = tuple(
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """Certificate with its key.
-
-    Attributes:
-        certificate: certificate of an authority or a server.
-        key: private key of the certificate.
-    """
+    """Certificate with its key."""
 
     certificate: x509.Certificate
     key: ec.EllipticCurvePrivateKey

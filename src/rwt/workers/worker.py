@@ -82,7 +82,6 @@ def _patience(settings: Settings) -> float:
 
 
 def _check(settings: Settings) -> None:
-    """Reject settings that several processes do not support."""
     if sys.platform != "linux":
         raise SettingsError("`workers`: needs Linux, which spreads clients over processes; use 1")
     if not DISTROS[settings.distro].joins_over_zenoh:
@@ -129,7 +128,6 @@ def _work(
     number: int,
     announce: Announce,
 ) -> int:
-    """Serve as worker `number`, in a child; return the exit code."""
     worker = WorkerContext(number, folder, WorkerMetrics(folder, number, settings.workers), announce)
     try:
         return in_worker(number, partial(serve, worker, _share(settings, shared, number)))

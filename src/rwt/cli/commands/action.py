@@ -58,7 +58,6 @@ def _show_info(info: dict[str, Any], arguments: Arguments, output: Output) -> No
 
 
 def _follows(action: str, subscribing: tuple[str, ...]) -> bool:
-    """True if a node with these subscriptions is a client of an action."""
     return f"{action}/_action/feedback" in subscribing or f"{action}/feedback" in subscribing
 
 
@@ -114,8 +113,6 @@ async def _cancel(goal: Goal, robot: Robot, error: BaseException) -> None:
 
 
 class _GoalPrinter:
-    """Printer of a goal, its feedback and its result."""
-
     def __init__(self, action_type: ActionType, output: Output) -> None:
         self._type = action_type
         self._output = output

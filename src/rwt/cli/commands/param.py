@@ -236,7 +236,6 @@ async def _describe(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 def _description(descriptor: Message) -> dict[str, object]:
-    """Return the fields of a ``rcl_interfaces/msg/ParameterDescriptor`` that are set."""
     limits = [*descriptor.floating_point_range, *descriptor.integer_range]
     kind = _KINDS[descriptor.type] if descriptor.type < len(_KINDS) else "unknown"
     found: dict[str, object] = {"name": descriptor.name, "type": kind}
@@ -358,11 +357,7 @@ def _text(file: str) -> str:
 
 
 def _in_file(text: str, node: str, file: str) -> dict[str, YamlValue]:
-    """Return the parameters of a node in a file by dotted names: those of `/**`, then its own.
-
-    Raises:
-        CommandError: the file cannot be parsed, or has no parameters for this node.
-    """
+    """Return the parameters of a node in a file by dotted names: those of `/**`, then its own."""
     content = read_value(text, file)
     if not isinstance(content, dict):
         raise CommandError(f"{file}: expected `{node}:` with `{PARAMETERS}:` below it", CALLED_WRONGLY)

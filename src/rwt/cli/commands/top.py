@@ -72,8 +72,6 @@ class _Counted:
 
 @dataclass(frozen=True, slots=True)
 class _Rate:
-    """Messages and bytes per second of a topic."""
-
     name: str
     type: str
     messages: float

@@ -73,12 +73,12 @@ class DemoRobot:
     `/depthcloud_encoded` and `/camera/depth/points/decimated` of what its camera sees.
 
     Args:
-        graph: where it lives; all its timing is the graph's clock.
-        world: what it drives in; by default a house of 10 m by 8 m.
-        seed: of the laser's noise, so that two runs measure the same.
-        namespace: of its names, for several robots in one graph; they share `/tf` and `/tf_static`, where the
+        graph: graph of the robot; its clock is the robot's clock.
+        world: map to drive in; by default a house of 10 m by 8 m.
+        seed: seed of the laser's noise, so that two runs measure the same.
+        namespace: namespace of its names, for several robots in one graph; they share `/tf` and `/tf_static`, where the
             frames of one in `/anna` are `anna/odom` and so on.
-        lens: of the cameras.
+        lens: lens of the cameras.
 
     Attributes:
         http: the meshes that its description names, for :func:`rwt.serve`.
@@ -171,7 +171,6 @@ class DemoRobot:
         self._chatter.publish({"data": f"hello world {self._said}"})
 
     def _step(self) -> None:
-        """Run one control step: choose the velocity, move the robot, publish its state."""
         now = self._node.clock.monotonic()
         seconds = min(now - self._stepped, _LONGEST_STEP)
         self._stepped = now

@@ -27,10 +27,8 @@ class CloudDecimator(Node):
     Points keep their fields. `stride` and `voxel` are ROS parameters and can be changed while it works.
 
     Args:
-        graph: graph of the robot.
         source: topic with all points.
         topic: topic of the result; by default the name of the source and `/decimated`.
-        name: name of the node.
         namespace: namespace of the node; relative names are resolved in it.
         stride: take every n-th point; in organised clouds every n-th row and column.
         voxel: edge in metres of the cubes of which one point each is taken; 0 for none. Applied after

@@ -43,11 +43,9 @@ class DepthCloudEncoder(Node):
     `target_resolution` and `max_depth_per_tile` are ROS parameters and can be changed while it works.
 
     Args:
-        graph: graph of the robot.
         depth: topic of `sensor_msgs/Image`, 16UC1 (millimetres) or 32FC1 (metres).
         colour: topic of `sensor_msgs/Image`.
         topic: topic of the result, `sensor_msgs/Image` of rgb8.
-        name: name of the node.
         namespace: namespace of the node; relative names are resolved in it.
         crop_size: edge of the square crop of both images, in pixels; black outside the images.
         target_resolution: edge of a tile in pixels; the image is twice as large.

@@ -25,8 +25,6 @@ class LatestOnly(Generic[T]):
     """Worker that turns inputs into messages in a thread, one at a time; it keeps only the latest input.
 
     Args:
-        node: node that publishes.
-        topic: publisher of the results.
         work: returns the result, in a worker thread; raises an error for unreadable input.
         listen: subscribes to the inputs and passes them to :meth:`offer`; the returned subscription is closed
             when the topic has no subscribers.

@@ -52,7 +52,6 @@ class PlayOptions:
         start, end: seconds from the beginning of the recording; `end` None is its end.
         loop: True to repeat at the end, unless the recording has no duration.
         paused: True to begin paused.
-        selection: topics to play.
         remap: published names by recorded name.
         clock_hz: rate of `/clock`; 0 for none.
         answer_services: True to answer service calls as recorded.

@@ -43,10 +43,7 @@ class Publications:
     """Publishers of the topics of a recording.
 
     Args:
-        participant: participant that publishes.
-        registry: registry with the types of the recording.
         recording: recording whose topics are advertised at once.
-        selection: topics to play.
         remap: published names by recorded name.
 
     Attributes:

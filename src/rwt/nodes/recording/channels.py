@@ -67,7 +67,7 @@ def channel_form(
     """Return the channel of one topic.
 
     Args:
-        offered_qos: what its publishers offer, where that is known.
+        offered_qos: QoS that its publishers offer, if known.
     """
     registry = message.registry
     distro = registry.distro
@@ -93,11 +93,10 @@ _MADE_BY_RULE: Final = re.compile(r"(?<![\w/])(\w+)/(?:msg/|srv/|action/)?([A-Za
 
 
 def _readable(name: str, text: str) -> tuple[str, str]:
-    """A schema's name and text with no underscores in names of types.
+    """Return a schema's name and text with no underscores in names of types.
 
-    ROS 2 makes such names by rule, for the parts of services and actions and their events
-    (`pkg/srv/X_Event`, which holds `pkg/X_Request`). Readers that are in use (mcap-ros2-support 0.6, rosbags
-    0.11) take them for mistakes, and read nothing of a file that has one.
+    ROS 2 makes such names by rule (`pkg/srv/X_Event`). mcap-ros2-support 0.6 and rosbags 0.11 take them for
+    mistakes, and read nothing of a file that has one.
     """
     heads = [line.removeprefix("MSG: ") for line in text.splitlines() if line.startswith("MSG: ")]
     made = [found for each in (name, *heads) if (found := _MADE_BY_RULE.fullmatch(each))]
@@ -114,7 +113,6 @@ def _readable(name: str, text: str) -> tuple[str, str]:
 
 
 def _latching(offered_qos: tuple[QoS, ...]) -> dict[str, str]:
-    """Return the metadata of ROS 1 in place of quality of service."""
     latched = any(qos.durability is Durability.TRANSIENT_LOCAL for qos in offered_qos)
     return {"latching": "1"} if latched else {}
 

@@ -61,7 +61,7 @@ _KINDS: Final[dict[int, Callable[[ReadDataStream], records.McapRecord]]] = {
 
 
 class _Damaged(Enum):
-    """Record that cannot be read."""
+    """Mark of a record that cannot be read."""
 
     DAMAGED = auto()
 
@@ -218,7 +218,6 @@ class McapRecording(Recording):
     def _unchunked(
         self, file: IO[bytes], topics: Collection[str] | None, start_ns: int, end_ns: int | None
     ) -> list[_Found]:
-        """Yield the messages of a file without chunks, sorted in memory."""
         found: list[_Found] = []
         for _, message in walk(file):
             if isinstance(message, records.Message) and message.channel_id in self.index.channels:
@@ -271,7 +270,6 @@ def _topic(channel: records.Channel, schema: records.Schema | None, count: int) 
 
 
 def _type_name(channel: records.Channel, schema: records.Schema | None) -> str:
-    """Return the name of a channel's type, which may differ from the name of its schema."""
     return channel.metadata.get(TYPE) or ("" if schema is None else schema.name)
 
 
@@ -308,11 +306,6 @@ def _record(opcode: int, content: bytes) -> records.McapRecord | _Damaged:
 
 
 def _contents(chunk: records.Chunk, most_bytes: int) -> list[records.McapRecord]:
-    """Yield the records of a chunk, within the size that it states.
-
-    Raises:
-        Exception: it is damaged; of which kind is up to the library that unpacks it.
-    """
     if chunk.uncompressed_size > most_bytes:
         raise ValueError(
             f"it would have {chunk.uncompressed_size} bytes unpacked, and {most_bytes} are the most;"
@@ -362,9 +355,6 @@ def _note(summary: Summary, found: list[records.McapRecord], counts: dict[int, i
 
 
 def _chunk_index(chunk: records.Chunk, end: int) -> records.ChunkIndex:
-    """Return the index of a chunk that ends at byte `end`, without message indices, so that readers scan
-    every chunk.
-    """
     length = _HEAD.size + 8 + 8 + 8 + 4 + 4 + len(chunk.compression.encode()) + 8 + len(chunk.data)
     return records.ChunkIndex(
         chunk_length=length,
@@ -421,7 +411,6 @@ def recover(
 
 
 def _replace(part: Path, to: Path) -> None:
-    """Rename a file once it is on disk."""
     try:
         with part.open("rb+") as file:
             os.fsync(file.fileno())

@@ -55,9 +55,7 @@ class RecordingOptions:
 
     Attributes:
         encoding: ``ros`` (CDR, or the ROS 1 serialisation on ROS 1) or ``json``.
-        compression: compression of the chunks.
         split: condition for a new file.
-        overwrite: replace an existing file.
         largest_bytes: maximum content, including definitions and before compression; 0 for no maximum.
     """
 
@@ -92,10 +90,6 @@ class Recorder:
     arrival by this computer's clock.
 
     Args:
-        robot: robot to record.
-        writer: writer of the file.
-        selection: topics to record; everything by default.
-        options: format and limits.
         offered_qos: returns the QoS that the publishers of a topic offer; None if that is unknown. It is then
             inferred from the age of the first message, and repeated messages are dropped: a server sends
             retained ones again after a lost connection.
@@ -103,7 +97,6 @@ class Recorder:
         on_stop: called once when the recording stops.
 
     Attributes:
-        writer: writer of the file.
         is_full: True if `largest_bytes` was reached, which stops the recording.
     """
 
@@ -162,7 +155,6 @@ class Recorder:
         self._timer = self._robot.clock.call_later(LOOK_SECONDS, self.keep_looking)
 
     async def _follow(self, topic: Listed, asked_ns: int) -> None:
-        """Subscribe to a topic, unless already done."""
         known = self._topics.get(topic.name)
         # The subscription of a node follows the topic. It has no type, which would be kept for others.
         wanted = topic.type if topic.publishers is None else None
@@ -274,13 +266,6 @@ def record_graph(
     name: str = "recorder",
 ) -> Recorder:
     """Record the topics of a graph; begins at once, also before the graph runs.
-
-    Args:
-        graph: any backend.
-        path: file to write.
-        selection: topics to record; everything by default.
-        options: format and limits.
-        name: name of the node that records.
 
     Raises:
         RecordingNotWritten: the file cannot be created.

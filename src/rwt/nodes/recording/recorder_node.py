@@ -58,9 +58,7 @@ class RecorderNode:
     a time, which continues if its client disconnects.
 
     Args:
-        graph: graph to record.
         folder: folder of the files, which are named after the request and the time.
-        limits: limits of the recordings.
 
     Raises:
         RecorderFolderError: `folder` is not a folder.
@@ -157,7 +155,6 @@ class RecorderNode:
         raise RecordingNotWritten(f"{stem}.mcap is there already; give another name")
 
     def _tick(self) -> None:
-        """Publish the progress, and stop if the recording is full or cannot be written."""
         recorder = self._recorder
         if recorder is None:
             return
@@ -223,5 +220,4 @@ def _refusal(text: str) -> dict[str, object]:
 
 
 def _bytes_in(folder: Path) -> int:
-    """Return the total size of the files directly in a folder."""
     return sum(each.stat().st_size for each in folder.iterdir() if each.is_file())

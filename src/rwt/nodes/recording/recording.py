@@ -27,10 +27,9 @@ class RecordedTopic:
     Attributes:
         name: absolute name.
         type: the type's name as it was recorded.
-        encoding: how its messages are written.
         definition: the type's definition with those it contains (API-06); empty where it was not recorded.
         count: messages; None where the file does not say.
-        offered_qos: what its publishers offered_qos, where that is known.
+        offered_qos: QoS of its publishers, if known.
     """
 
     name: str
@@ -47,9 +46,9 @@ class RecordedMessage(Struct, frozen=True, gc=False):
     Attributes:
         topic: absolute name of the topic.
         type: the type's name as it was recorded.
-        log_time: when it was recorded, nanoseconds since the epoch.
-        publish_time: when it was published, likewise.
-        data: as the topic's encoding has it.
+        log_time: time of recording, nanoseconds since the epoch.
+        publish_time: time of publishing, nanoseconds since the epoch.
+        data: message in the topic's encoding.
     """
 
     topic: str
@@ -63,8 +62,7 @@ class Recording(ABC):
     """Open recording. Several threads may read it at once, each with its own iterator.
 
     Attributes:
-        paths: its files.
-        distro: of its messages.
+        paths: files of the recording.
         topics: sorted by name; a topic of two types is there twice.
         start_ns, end_ns: log times of the first and the last message; both 0 when there is none.
         complete: True if the file was ended properly. One that was not is read as far as it goes.

@@ -57,8 +57,7 @@ class RecordedChannel:
     """Topic of one type in the recording, with counters.
 
     Attributes:
-        form: what the file says of it.
-        messages: number of written messages.
+        form: description of the topic in the file.
         size: bytes of their content.
     """
 
@@ -78,14 +77,13 @@ class RecordingWriter:
 
     Args:
         path: the file; with `split` the first is `NAME_0000.mcap`.
-        distro: whose messages these are.
         encoding: encoding of the channels, as the file's own note says it.
         overwrite: True if a file that is there may be replaced.
 
     Attributes:
-        channels: what is recorded so far.
-        dropped: messages that the disk was too slow for.
-        failure: why nothing more is written; None while all is well.
+        channels: recorded topics.
+        dropped: number of messages that the disk was too slow for.
+        failure: error that ended writing; None without one.
 
     Raises:
         RecordingNotWritten: the file is there already, or cannot be made.

@@ -101,7 +101,6 @@ class Tf2WebRepublisher(Node):
         return {"topic_name": publisher.name}
 
     def _make_room(self) -> int:
-        """Return the number of a new stream; end the oldest if there are too many."""
         if len(self._streams) >= MOST_STREAMS:
             oldest = next(iter(self._streams))
             self._streams.pop(oldest).stop(

@@ -158,7 +158,6 @@ class CpuBudget:
 
     Args:
         monotonic: returns the seconds of the robot's clock.
-        streams: returns the number of streams.
         worked: returns the CPU seconds of this thread.
     """
 

@@ -34,7 +34,6 @@ class RobotServer:
     Attributes:
         url: ``ws://127.0.0.1:PORT``.
         host: ``127.0.0.1``.
-        port: port number.
     """
 
     def __init__(self, url: str, wire: ObservedWire) -> None:
@@ -82,13 +81,7 @@ class RobotServer:
 
 
 class Environment:
-    """Objects that the fixtures of one test share. The robot is created on first use.
-
-    Attributes:
-        graph: running robot graph.
-        wire: observer of the server's connections.
-        server: listening server.
-    """
+    """Objects that the fixtures of one test share. The robot is created on first use."""
 
     def __init__(
         self, url: str, wire: ObservedWire, graph: ObservedGraph, portal: BlockingPortal, stack: ExitStack

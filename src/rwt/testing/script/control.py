@@ -42,8 +42,6 @@ class ScriptControl:
     - `faults` (`std_srvs/SetBool`): enable or disable the faults of the file.
 
     Args:
-        graph: graph of the robot.
-        wire: wire on which faults are injected.
         file: `.toml` or `.py` file.
 
     Raises:
@@ -77,7 +75,6 @@ class ScriptControl:
         self._node.close()
 
     def _maker(self) -> Callable[[], TomlRobot | ProgramRobot]:
-        """Read the file once; return a function that makes a robot."""
         if self._file.suffix == ".py":
             function = read_program(self._file)
             return lambda: ProgramRobot(self._graph, function, self._file)

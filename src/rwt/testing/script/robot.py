@@ -32,8 +32,6 @@ class SteppedTopic:
 
     Attributes:
         name: absolute name.
-        messages: all messages.
-        done: number of published messages.
     """
 
     def __init__(self, topic: ScriptedTopic, messages: tuple[Any, ...]) -> None:
@@ -55,12 +53,9 @@ class TomlRobot:
     """Robot driven by a script in TOML.
 
     Args:
-        graph: graph of the robot.
-        script: parsed script.
         file: file of the script, for relative paths and error texts.
 
     Attributes:
-        node: node of the robot.
         stepped: topics that are published step by step.
 
     Raises:

@@ -27,7 +27,6 @@ class ScriptedAction:
 
     Attributes:
         name: absolute name.
-        type: action type.
     """
 
     def __init__(self, name: str, interface: ActionType, clock: Clock, journal: Journal) -> None:

@@ -79,7 +79,6 @@ class ScriptedService(Case):
 
     Attributes:
         name: absolute name.
-        type: service type.
         handlers: requests with their answers. The first match answers: the newest case before older ones, and
             the answer to all requests last.
     """

@@ -190,7 +190,6 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _refuse_files(topics: Iterable[str]) -> None:
-    """Raise :exc:`CommandError` for a file name among the topics."""
     for topic in topics:
         if topic.endswith(".mcap"):
             raise CommandError(f"expected topics, got {topic!r}; to record to it: -o {topic}", CALLED_WRONGLY)
@@ -249,7 +248,6 @@ async def _look(recorder: Recorder) -> None:
 
 
 async def _keep_looking(recorder: Recorder, over: anyio.Event) -> None:
-    """Poll for new topics and print the progress until `over` is set or writing fails."""
     from rwt_participant.errors import RobotError
 
     progress = Progress(recorder.writer)
@@ -265,7 +263,6 @@ async def _keep_looking(recorder: Recorder, over: anyio.Event) -> None:
 
 
 def _finish(writer: RecordingWriter, verbose: bool) -> None:
-    """Finish the file, and print a summary."""
     writer.close()
     files = ", ".join(map(str, writer.paths))
     size = writer.bytes_on_disk / 1e6

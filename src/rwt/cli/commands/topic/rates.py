@@ -176,12 +176,6 @@ async def _measure(
     value: Callable[[RemoteSubscription, Any], float],
     between: Callable[[], Awaitable[None]] | None = None,
 ) -> None:
-    """Listen to topics and report until it is enough.
-
-    Args:
-        value: what is noted of a message.
-        between: done after each report.
-    """
     import anyio
 
     measured = [

@@ -141,11 +141,6 @@ class ArmController:
         )
 
     def _read(self, message: Message) -> Trajectory:
-        """Return the trajectory from the arm's present position.
-
-        Raises:
-            TrajectoryRefused: the arm cannot follow it.
-        """
         columns = _columns(message.joint_names)
         if not message.points:
             raise TrajectoryRefused("the trajectory has no points")

@@ -113,7 +113,6 @@ class CameraPublisher:
         return any(topic.subscriber_count for topic in topics)
 
     def _image(self, header: messages.Message, encoding: str, pixel: int, data: bytes) -> messages.Message:
-        """Return a `sensor_msgs/Image` of little-endian pixels of so many bytes."""
         return {
             "header": header,
             "width": self._lens.width,

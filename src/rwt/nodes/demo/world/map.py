@@ -53,7 +53,6 @@ class World:
     Attributes:
         floor: the whole rectangle; nothing is outside.
         boxes: walls and furniture, the outer walls among them.
-        pillars: round obstacles.
         start: where the robot begins, in the map frame.
     """
 
