@@ -17,7 +17,7 @@ from rwt.nodes.playback.publications import Publications, add_recorded_types
 from rwt.nodes.playback.read_ahead import ReadAhead
 from rwt.nodes.playback.recorded_services import RecordedServices
 from rwt.nodes.recording.errors import RecordingUnreadable
-from rwt.nodes.recording.selection import EVERYTHING, TopicSelection
+from rwt.nodes.recording.recording import EVERYTHING, TopicSelection
 from rwt_graph.clock import END_OF_TIME_NS
 from rwt_interfaces import InvalidMessage, Payload
 from rwt_interfaces.times import NANOSECONDS

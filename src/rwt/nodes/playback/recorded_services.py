@@ -11,7 +11,7 @@ import logging
 from typing import TYPE_CHECKING, Any, Final
 
 from rwt.nodes.playback.publications import read_payload
-from rwt.nodes.recording.selection import TopicSelection
+from rwt.nodes.recording.recording import TopicSelection
 from rwt_interfaces import InterfaceError, InvalidMessage, Payload
 from rwt_participant.api import ACTION_PARTS, SERVICE_EVENTS
 

@@ -25,9 +25,8 @@ from mcap.reader import SeekingReader
 from mcap.stream_reader import breakup_chunk
 from mcap.summary import Summary
 
-from rwt.nodes.recording.channels import DEFINITION, TYPE, ChannelForm, Encoding
+from rwt.nodes.recording.channels import DEFINITION, TYPE, ChannelForm, Encoding, read_offered_qos
 from rwt.nodes.recording.errors import RecordingNotWritten, RecordingUnreadable
-from rwt.nodes.recording.recorded_qos import read_offered_qos
 from rwt.nodes.recording.recording import (
     CHUNK_BYTES,
     MessageEncoding,
@@ -36,7 +35,7 @@ from rwt.nodes.recording.recording import (
     Recording,
     merged_topics,
 )
-from rwt.nodes.recording.writer import METADATA, RecordedChannel, RecordingWriter
+from rwt.nodes.recording.writer import METADATA, RecordedChannel, RecordingOptions, RecordingWriter
 from rwt_interfaces.distro import JAZZY, NOETIC, Distro, closest_distro
 
 logger = logging.getLogger(__name__)
@@ -402,7 +401,10 @@ def recover(
         channels = recording.index.channels.values()
         encoding: Encoding = "json" if any(each.message_encoding == "json" for each in channels) else "ros"
         try:
-            with RecordingWriter(part, recording.distro, encoding) as writer, _opened(path) as file:
+            with (
+                RecordingWriter(part, recording.distro, RecordingOptions(encoding)) as writer,
+                _opened(path) as file,
+            ):
                 _copy(recording, file, writer)
             _replace(part, to)
         finally:

@@ -5,13 +5,12 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from rwt.nodes.recording.channels import KEPT, KEPT_TRANSFORMS, Encoding, channel_form
-from rwt.nodes.recording.selection import EVERYTHING, TopicSelection
-from rwt.nodes.recording.writer import Compression, RecordingWriter, Split
+from rwt.nodes.recording.channels import KEPT, KEPT_TRANSFORMS, channel_form
+from rwt.nodes.recording.recording import EVERYTHING, TopicSelection
+from rwt.nodes.recording.writer import DEFAULT_OPTIONS, RecordingOptions, RecordingWriter
 from rwt_graph.nodes.graph_robot import GraphRobot
 from rwt_interfaces import InvalidMessage, Payload
 from rwt_participant.errors import UnknownType
@@ -20,7 +19,6 @@ from rwt_participant.future import run_until_it_waits
 if TYPE_CHECKING:
     from rwt.nodes.recording.writer import RecordedChannel
     from rwt_graph.api import Graph
-    from rwt_interfaces.distro import Distro
     from rwt_participant.api import Listed, RobotApi
     from rwt_participant.handles import Handle
     from rwt_participant.messages import RawMessage
@@ -49,39 +47,6 @@ _REMEMBERED: Final = 100
 """Number of remembered stamps of a latched topic."""
 
 
-@dataclass(frozen=True, slots=True)
-class RecordingOptions:
-    """Format and limits of a recording.
-
-    Attributes:
-        encoding: ``ros`` (CDR, or the ROS 1 serialisation on ROS 1) or ``json``.
-        split: condition for a new file.
-        largest_bytes: maximum content, including definitions and before compression; 0 for no maximum.
-    """
-
-    encoding: Encoding = "ros"
-    compression: Compression = "zstd"
-    split: Split | None = field(default=None)
-    overwrite: bool = False
-    largest_bytes: int = 0
-
-    def writer(self, path: Path, distro: Distro) -> RecordingWriter:
-        """Open a file for writing.
-
-        Raises:
-            RecordingNotWritten: the file cannot be created.
-            ExtraMissing: the extra ``mcap`` is not installed.
-        """
-        return RecordingWriter(
-            path,
-            distro,
-            self.encoding,
-            compression=self.compression,
-            split=self.split,
-            overwrite=self.overwrite,
-        )
-
-
 class Recorder:
     """Recorder of a robot's topics until it is stopped.
 
@@ -105,7 +70,6 @@ class Recorder:
         robot: RobotApi,
         writer: RecordingWriter,
         selection: TopicSelection = EVERYTHING,
-        options: RecordingOptions = RecordingOptions(),
         *,
         offered_qos: Callable[[str], tuple[QoS, ...] | None] = lambda topic: None,
         node: str = "",
@@ -115,8 +79,8 @@ class Recorder:
         self.is_full = False
         self._robot = robot
         self._selection = selection
-        self._encoding = options.encoding
-        self._room = options.largest_bytes or None
+        self._encoding = writer.options.encoding
+        self._room = writer.options.largest_bytes or None
         self._offered_qos = offered_qos
         self._node = node
         self._on_stop: Callable[[], None] | None = on_stop
@@ -261,7 +225,7 @@ def record_graph(
     graph: Graph,
     path: Path,
     selection: TopicSelection = EVERYTHING,
-    options: RecordingOptions = RecordingOptions(),
+    options: RecordingOptions = DEFAULT_OPTIONS,
     *,
     name: str = "recorder",
 ) -> Recorder:
@@ -276,16 +240,10 @@ def record_graph(
         info = graph.topic(topic)
         return () if info is None else tuple(publisher.qos for publisher in info.publishers)
 
-    writer = options.writer(path, graph.distro)
+    writer = RecordingWriter(path, graph.distro, options)
     robot = GraphRobot(graph, name)
     recorder = Recorder(
-        robot,
-        writer,
-        selection,
-        options,
-        offered_qos=offered_qos,
-        node=robot.name,
-        on_stop=robot.close,
+        robot, writer, selection, offered_qos=offered_qos, node=robot.name, on_stop=robot.close
     )
     recorder.keep_looking()
     return recorder

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Final
 import anyio.to_thread
 
 from rwt.nodes.recording.errors import RecordingError, RecordingNotWritten, require
-from rwt.nodes.recording.recorder import Recorder, RecordingOptions, record_graph
-from rwt.nodes.recording.selection import TopicSelection
+from rwt.nodes.recording.recorder import Recorder, record_graph
+from rwt.nodes.recording.recording import TopicSelection
+from rwt.nodes.recording.writer import RecordingOptions
 from rwt_graph.nodes.node import Node
 
 if TYPE_CHECKING:
