@@ -86,7 +86,6 @@ def kept_server(
 
 def _read(path: Path) -> Pair | None:
     """Read a certificate and its key; return None if there is no file."""
-
     if not path.exists():
         return None
     if os.name == "posix" and path.stat().st_mode & 0o077:

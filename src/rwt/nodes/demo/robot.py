@@ -76,8 +76,8 @@ class DemoRobot:
         graph: graph of the robot; its clock is the robot's clock.
         world: map to drive in; by default a house of 10 m by 8 m.
         seed: seed of the laser's noise, so that two runs measure the same.
-        namespace: namespace of its names, for several robots in one graph; they share `/tf` and `/tf_static`, where the
-            frames of one in `/anna` are `anna/odom` and so on.
+        namespace: namespace of its names, for several robots in one graph; they share `/tf` and
+            `/tf_static`, where the frames of one in `/anna` are `anna/odom` and so on.
         lens: lens of the cameras.
 
     Attributes:

@@ -116,8 +116,7 @@ class DepthCloudEncoder(Node):
 
     def _encode(self, pair: tuple[Payload, Payload]) -> Mapping[str, object]:
         """Encode one image. Runs in a worker thread; numpy is loaded with the first subscriber."""
-        from rwt.nodes.depth_cloud.depth_image import encode_image
-        from rwt.nodes.depth_cloud.depths import read_depths, square
+        from rwt.nodes.depth_cloud.depth_image import encode_image, read_depths, square
 
         depth: Any = pair[0].value()
         crop, size = self._crop, self._size  # They may be changed meanwhile.

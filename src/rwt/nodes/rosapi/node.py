@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from rwt.nodes.rosapi import graph_services, parameter_services, type_services
-from rwt.nodes.rosapi.conventions import CONVENTIONS
+from rwt.nodes.rosapi.service import CONVENTIONS
 from rwt_graph.nodes.node import Node
 
 if TYPE_CHECKING:
