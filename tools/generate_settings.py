@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import inspect
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import get_origin
 
 from pydantic.fields import FieldInfo
 
-from rwt.settings.errors import Key, known_settings, table_at
-from rwt_protocol.error_text import annotation_of, expected
+from rwt.settings.errors import Key, known_settings
+from rwt.settings.models import Settings
+from rwt_protocol.error_text import annotation_at, annotation_of, expected, model_in, plain_type
 
 TARGET = Path(__file__).parents[1] / "docs" / "reference" / "settings.md"
 
@@ -65,7 +67,11 @@ def _lines() -> Iterator[str]:
 def _section(table: Key) -> Iterator[str]:
     if table:
         yield f"\n## `[{'.'.join(table)}]`\n"
-        yield inspect.cleandoc(table_at(table).__doc__ or "")
+        annotation = annotation_at(Settings, table)
+        if get_origin(plain_type(annotation)) is Mapping:
+            annotation = annotation_at(Settings, (*table, "NAME"))
+        model = model_in(annotation)
+        yield inspect.cleandoc((model and model.__doc__) or "")
     else:
         yield "## Top level of the file"
     if table[:1] == ("roles",):

@@ -21,8 +21,7 @@ from rwt.media.encoders.encoded import Encoded, Encoder
 from rwt.media.encoders.image import ImageEncoder
 from rwt.media.encoders.video import VideoEncoder
 from rwt.media.stream_request import Video, read_request
-from rwt.nodes.depth_cloud.depth_image import DepthImage, decode_image, encode_image
-from rwt.nodes.depth_cloud.depths import square
+from rwt.nodes.depth_cloud.depth_image import DepthImage, decode_image, encode_image, square
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 from rwt.cli.console.output import Output
 from rwt.cli.errors import FAILED, CommandError
 from rwt.cli.graph_lookup import NO_ROSAPI, absolute_name, ask_rosapi, is_hidden, same_type, unknown
-from rwt.cli.verbs import AddArguments, Arguments, Verb, gather, no_arguments
+from rwt.cli.verbs import AddArguments, Arguments, Verb, argument, arguments, gather
 
 if TYPE_CHECKING:
     from rwt_client import Robot
@@ -151,7 +151,7 @@ class Entity:
 
         return Verb(
             "type",
-            f"print {self._article} {self.noun}'s type",
+            f"print {'an' if self.noun[0] in 'aeiou' else 'a'} {self.noun}'s type",
             run,
             f"rwt {self.noun} type {self.example}",
             self._typed_example,
@@ -160,11 +160,6 @@ class Entity:
 
     def find_verb(self) -> Verb:
         """Return the verb that lists the names of a type."""
-
-        def add_arguments(parser: argparse.ArgumentParser) -> None:
-            parser.add_argument("type", metavar="TYPE", help=f"for example {self.example_type}")
-            self._add_count(parser)
-            self._add_hidden(parser)
 
         async def run(robot: Robot, arguments: Arguments, output: Output) -> None:
             found = await self.found(robot, hidden=arguments.hidden)
@@ -177,11 +172,15 @@ class Entity:
             run,
             f"rwt {self.noun} find {self.example_type}",
             f'["{self.example}"]; with -c {{"count": 1}}',
-            add_arguments,
+            arguments(
+                argument("type", metavar="TYPE", help=f"for example {self.example_type}"),
+                self._add_count,
+                self._add_hidden,
+            ),
         )
 
     def info_verb(
-        self, help: str, ask: AskInfo, show: ShowInfo, json: str, add_options: AddArguments = no_arguments
+        self, help: str, ask: AskInfo, show: ShowInfo, json: str, add_options: AddArguments
     ) -> Verb:
         """Return the verb that prints what is known about one entity.
 
@@ -193,10 +192,6 @@ class Entity:
             add_options: adds options of its own.
         """
 
-        def add_arguments(parser: argparse.ArgumentParser) -> None:
-            self.add_argument(parser)
-            add_options(parser)
-
         async def run(robot: Robot, arguments: Arguments, output: Output) -> None:
             name = absolute_name(getattr(arguments, self.noun))
             kind = await self.known(robot, name)
@@ -207,15 +202,12 @@ class Entity:
             else:
                 show(found, arguments, output)
 
-        return Verb("info", help, run, f"rwt {self.noun} info {self.example}", json, add_arguments)
+        options = arguments(self.add_argument, add_options)
+        return Verb("info", help, run, f"rwt {self.noun} info {self.example}", json, options)
 
     @property
     def _typed_example(self) -> str:
         return f'{{"name": "{self.example}", "type": "{self.example_type}"}}'
-
-    @property
-    def _article(self) -> str:
-        return "an" if self.noun[0] in "aeiou" else "a"
 
     def _add_count(self, parser: argparse.ArgumentParser) -> None:
         option = f"--count-{self.noun}s"

@@ -19,7 +19,6 @@ class Health:
     Attributes:
         running: True if the graph runs.
         version: version of the server; empty if it does not report one.
-        clients: number of connected clients.
         work: processor seconds per second spent on clients, recently.
         clients_beyond_rate: number of clients that exceed their work rate.
     """

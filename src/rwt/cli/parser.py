@@ -97,7 +97,6 @@ def add_unavailable(commands: Commands, name: str, why: str) -> None:
     """Add a command that is not available: it fails with the reason, whatever follows it.
 
     Args:
-        commands: where to add it.
         name: name of the command, or of a verb of the ``ros2`` tool.
         why: reason, and what to use instead.
     """

@@ -88,14 +88,11 @@ def find_types(registry: Registry, words: Iterable[str]) -> list[InterfaceType]:
             if name.startswith(prefix)
         ]
         if not of_package:
-            raise CommandError(_no_package(registry, word), FAILED)
+            packages = {name.partition("/")[0] for kind in KINDS for name in registry.names(kind)}
+            meant = did_you_mean(word, packages) or "; --interfaces DIR adds your own"
+            raise CommandError(f"unknown package {word}{meant}", FAILED)
         found += of_package
     return found
-
-
-def _no_package(registry: Registry, word: str) -> str:
-    packages = {name.partition("/")[0] for kind in KINDS for name in registry.names(kind)}
-    return f"unknown package {word}{did_you_mean(word, packages) or '; --interfaces DIR adds your own'}"
 
 
 async def live_types(robot: Robot, words: Iterable[str]) -> list[InterfaceType]:

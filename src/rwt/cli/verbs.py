@@ -14,7 +14,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from rwt.cli.console.output import Output, log_notes, standard_output
 from rwt.cli.errors import CALLED_WRONGLY, CANNOT_CONNECT, FAILED, TIMED_OUT, CommandError
@@ -42,11 +42,22 @@ _ROBOT_OPTIONS: Final = "the robot"
 T = TypeVar("T")
 
 Arguments = argparse.Namespace
-AddArguments = Callable[[argparse.ArgumentParser], None]
+AddArguments = Callable[[argparse.ArgumentParser], object]
 
 
-def no_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add nothing, for verbs without arguments of their own."""
+def arguments(*adders: AddArguments) -> AddArguments:
+    """Return a function that adds several arguments to a parser."""
+
+    def add(parser: argparse.ArgumentParser) -> None:
+        for adder in adders:
+            adder(parser)
+
+    return add
+
+
+def argument(*names: str, **keywords: Any) -> AddArguments:
+    """Return a function that adds one argument, as :meth:`argparse.ArgumentParser.add_argument` does."""
+    return lambda parser: parser.add_argument(*names, **keywords)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +67,6 @@ class Verb:
     Attributes:
         name: word after the command.
         help: description in one line.
-        run: implementation.
         example: one or more command lines, for the help.
         json: output with ``--json``, for the help.
         add_arguments: adds the arguments of this verb.
@@ -69,7 +79,7 @@ class Verb:
     run: Callable[[Robot, Arguments, Output], Awaitable[None]]
     example: str
     json: str
-    add_arguments: AddArguments = no_arguments
+    add_arguments: AddArguments
     definitions: bool = False
     until_interrupted: bool = False
 
@@ -182,6 +192,13 @@ def topic_glob(text: str) -> str:
             f"{text!r} is not a topic pattern: put the URL before options that take several patterns"
         )
     return text
+
+
+def add_globs(parser: argparse.ArgumentParser, option: str, help: str) -> None:
+    """Add an option that takes several topic patterns."""
+    parser.add_argument(
+        option, nargs="+", action="extend", default=[], type=topic_glob, metavar="GLOB", help=help
+    )
 
 
 def integer_within(least: int, most: int) -> Callable[[str], int]:

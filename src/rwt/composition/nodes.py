@@ -157,7 +157,7 @@ def start_recording(graph: Graph, file: Path | None, stack: ExitStack, *, intros
     """
     from rwt.nodes.introspection import Introspection
     from rwt.nodes.recording import RecordingError, record_graph
-    from rwt.nodes.recording.selection import EVERYTHING, TopicSelection
+    from rwt.nodes.recording.recording import EVERYTHING, TopicSelection
 
     if introspection and not graph.distro.introspects_calls:
         raise SettingsError("introspection: is of ROS 2: ROS 1 has no topics for calls; leave it out")

@@ -178,11 +178,8 @@ class Broadcast:
       ``_key_at`` (time of the last one).
 
     Args:
-        node: node that subscribes.
         request: request of the viewers, with the topic to subscribe to.
         make_encoder: creates the encoder, in a worker thread since it loads libraries.
-        threads: worker threads shared by all broadcasts.
-        counts: counters of the stream.
         on_end: called once when the last viewer has left, or when the stream has failed.
         now: returns the seconds of a steady clock. Real time, as for the viewers, whatever clock the robot
             has.

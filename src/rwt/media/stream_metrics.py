@@ -17,11 +17,9 @@ class Counts:
     """Totals of one topic and type since the start.
 
     Attributes:
-        encoded: number of encoded images.
         skipped: number of messages not encoded: no viewer had room, or the codec left them out.
         dropped: number of encoded images that a viewer did not receive.
         failed: number of messages that could not be encoded.
-        sent: number of images sent to viewers.
         sent_bytes: number of bytes sent to viewers.
         complaint: last error that was logged.
     """

@@ -92,7 +92,6 @@ class StreamRequest:
 
     Attributes:
         topic: absolute name of the topic.
-        coding: encoding of the images.
         width: width in pixels; None for the original width.
         height: height in pixels; None for the original height.
         invert: True to rotate the image by 180 degrees.

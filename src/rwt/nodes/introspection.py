@@ -39,8 +39,6 @@ class NotObservable(Exception):
 
 @dataclass(frozen=True, slots=True)
 class _Open:
-    """Pending call or goal: client and sequence number of its events."""
-
     service: str
     type: str
     number: int
@@ -84,10 +82,7 @@ class Introspection(CallObserver):
         self._look()
 
     def _look(self) -> None:
-        """Add the topics of new services and actions, so that they can be subscribed to.
-
-        Topics of former ones are withdrawn: clients may offer services under ever new names.
-        """
+        """Add the topics of new services and actions, and withdraw those of former ones."""
         self._needed.clear()
         for service in self._graph.services():
             if self._takes(service.name) and "/_action/" not in service.name:
@@ -148,26 +143,31 @@ class Introspection(CallObserver):
         if not self._takes(service.name) or "/_action/" in service.name:
             return on_reply
         call = self._begin(service.name, service.type.name)
-        self._tell(call, REQUEST_RECEIVED, request.value())
+        self.publish_event(call, REQUEST_RECEIVED, request.value())
 
         def answered(answer: Payload | CallFailed) -> None:
             if isinstance(answer, Payload):
-                self._tell(call, RESPONSE_SENT, answer.value())
+                self.publish_event(call, RESPONSE_SENT, answer.value())
             on_reply(answer)
 
         return answered
+
+    def now(self) -> dict[str, int]:
+        """Return the time of the graph, as in messages."""
+        return self._graph.distro.time(self._graph.clock.time_ns())
 
     def _begin(self, service: str, type_name: str) -> _Open:
         self._calls += 1
         return _Open(service, type_name, self._calls)
 
-    def _tell(self, call: _Open, event: int, content: object) -> None:
+    def publish_event(self, call: _Open, event: int, content: object) -> None:
+        """Publish an event of a call."""
         publisher = self._events_of(call.service, call.type)
         if publisher is None:
             return
         info = {
             "event_type": event,
-            "stamp": self._graph.distro.time(self._graph.clock.time_ns()),
+            "stamp": self.now(),
             "client_gid": _NOBODY,
             "sequence_number": call.number,
         }
@@ -215,16 +215,8 @@ class Introspection(CallObserver):
     def begin_step(self, action: ActionInfo, part: str, kind: str, request: dict[str, object]) -> _Open:
         """Publish the request of one step of a goal."""
         step = self._begin(f"{action.name}/_action/{part}", f"{action.type.name}_{kind}")
-        self._tell(step, REQUEST_RECEIVED, request)
+        self.publish_event(step, REQUEST_RECEIVED, request)
         return step
-
-    def end_step(self, step: _Open, response: dict[str, object]) -> None:
-        """Publish the response of one step of a goal."""
-        self._tell(step, RESPONSE_SENT, response)
-
-    def now(self) -> dict[str, int]:
-        """Return the time of the graph, as in messages."""
-        return self._graph.distro.time(self._graph.clock.time_ns())
 
     def close(self) -> None:
         """Stop publishing. Idempotent."""
@@ -272,13 +264,14 @@ class _WatchedGoal:
             self._introspection.publish_status(self._action, self._id, status)
             if isinstance(outcome, Payload):
                 response: dict[str, object] = {"status": int(status), "result": outcome.value()}
-                self._introspection.end_step(self._result, response)
+                self._introspection.publish_event(self._result, RESPONSE_SENT, response)
         self._events.on_result(status, outcome)
 
     def _answer(self, *, accepted: bool) -> None:
         sending, self._sending = self._sending, None
         if sending is not None:
-            self._introspection.end_step(sending, {"accepted": accepted, "stamp": self._introspection.now()})
+            response = {"accepted": accepted, "stamp": self._introspection.now()}
+            self._introspection.publish_event(sending, RESPONSE_SENT, response)
 
 
 def uuid(goal_id: str) -> dict[str, bytes]:

@@ -80,7 +80,6 @@ class MeshFiles:
         return tuple(sorted(self._roots))
 
     async def _page(self, request: HttpRequest, reader: Reader) -> HttpResponse:
-        """Serve one file."""
         return await anyio.to_thread.run_sync(self._answer, request)
 
     def _answer(self, request: HttpRequest) -> HttpResponse:
@@ -100,10 +99,11 @@ class MeshFiles:
 
 
 def _packages(folder: Path) -> Iterator[Path]:
-    """Return the roots of the packages at or below a folder."""
     try:
         found = list(_walk(folder.absolute(), set()))
-        found += [root for root in sorted(_folders(folder.absolute())) if not _touches(root, found)]
+        for root in sorted(_folders(folder.absolute())):
+            if not any(root == other or root in other.parents or other in root.parents for other in found):
+                found.append(root)
     except OSError as error:
         raise MeshFilesError(f"{error.filename or folder}: cannot be read: {error.strerror}") from None
     if not found:
@@ -127,16 +127,8 @@ def _folders(folder: Path) -> Iterator[Path]:
     return (entry for entry in folder.iterdir() if entry.is_dir() and not entry.name.startswith("."))
 
 
-def _touches(root: Path, found: Iterable[Path]) -> bool:
-    """Return True if a folder is, contains or is in a package that was found."""
-    return any(root == other or root in other.parents or other in root.parents for other in found)
-
-
 def _below(root: Path, rest: str) -> Path | None:
-    """Return a file of a package; None for hidden files and paths that lead out of the package.
-
-    Symbolic links are followed: workspaces may be built from links only.
-    """
+    """Return a file of a package; None for hidden files and paths that lead out of the package."""
     parts = rest.split("/")
     # On Windows a backslash and the colon of a drive leave the package.
     if any(not part or part.startswith(".") or set(part) & set("\\:\0") for part in parts):

@@ -15,10 +15,7 @@ class Number:
     """Numeric parameter with limits, which can be changed at any time.
 
     Attributes:
-        name: name of the parameter.
         least: minimum; None for any number above 0.
-        most: maximum.
-        unit: unit of the value; empty for a count.
         description: effect of the parameter.
         whole: True if it is an integer.
     """
@@ -39,7 +36,7 @@ class Number:
         if isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value):
             enough = value > 0 if self.least is None else value >= self.least
             if enough and value <= self.most and not (self.whole and value != int(value)):
-                return value if self.whole else float(value)
+                return int(value) if self.whole else float(value)
         kind = "a whole number" if self.whole else "a number"
         least = "above 0 and at most" if self.least is None else f"from {self.least:g} to"
         limits = f"{least} {self.most:g} {self.unit}".rstrip()
@@ -60,7 +57,7 @@ class Number:
         unit = f" [{self.unit}]" if self.unit else ""
         node.parameters.declare(
             self.name,
-            int(value) if self.whole else float(value),
+            value,
             description=f"{self.description}{unit}",
             on_change=on_change,
         )

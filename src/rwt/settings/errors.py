@@ -42,21 +42,6 @@ def known_settings(model: type[BaseModel] = Settings, above: Key = ()) -> Iterat
         yield from known_settings(table, key)
 
 
-def table_at(key: Sequence[str]) -> type[BaseModel]:
-    """Return the model of a table; user-defined table names have the same model.
-
-    Raises:
-        KeyError: there is no such table.
-    """
-    annotation = annotation_at(Settings, key)
-    if get_origin(plain_type(annotation)) is Mapping:
-        annotation = annotation_at(Settings, (*key, _NAME))
-    model = model_in(annotation)
-    if model is None:
-        raise KeyError(".".join(key))
-    return model
-
-
 def is_list(key: Sequence[str]) -> bool:
     """Return True if the setting of this key holds several values."""
     return get_origin(plain_type(annotation_at(Settings, key))) is tuple

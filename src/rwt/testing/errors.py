@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING
 
+from rwt_participant.messages import MessageLike, to_payload
 from rwt_participant.spelling import nearest
+
+if TYPE_CHECKING:
+    from rwt_interfaces.structs import MessageType
 
 
 class ScriptError(Exception):
@@ -13,6 +18,21 @@ class ScriptError(Exception):
 
 class BlockingWait(RuntimeError):
     """A blocking method was called from a coroutine, and would block its event loop."""
+
+
+def check_messages(
+    type: MessageType, messages: Iterable[MessageLike | None], now: Callable[[], int], owner: str
+) -> None:
+    """Raise :exc:`ScriptError` if a message does not fit its type; None stands for a default message.
+
+    Args:
+        owner: topic, service or action, for the error.
+    """
+    for message in messages:
+        try:
+            to_payload(type, {} if message is None else message, now)
+        except ValueError as error:
+            raise ScriptError(f"{owner} ({type.name}): {error}") from None
 
 
 def instead(name: str, known: Iterable[str]) -> str:

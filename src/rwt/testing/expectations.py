@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import anyio
@@ -38,9 +38,7 @@ class Expectation:
     """Expected messages, calls or goals.
 
     Attributes:
-        kind: message, call or goal.
         name: absolute name of the topic, service or action.
-        matching: expected content.
         count: exact number; None for at least one.
         within: seconds of real time, independent of the graph's clock.
     """
@@ -97,6 +95,37 @@ async def expect_soon(journal: Journal, wanted: Expectation) -> list[Message]:
         found = wanted.found(journal)
         if wanted.enough(found) or time.monotonic() >= deadline:
             return _judged(journal, wanted, found)
+        await anyio.sleep(_POLL_SECONDS)
+
+
+def block_until(is_met: Callable[[], bool], within: float, failure: Callable[[], str], instead: str) -> None:
+    """Poll until a condition is met.
+
+    Args:
+        within: timeout in seconds of real time.
+        failure: returns the text of the error.
+        instead: what to call in a coroutine, for the error.
+
+    Raises:
+        AssertionError: timeout.
+        BlockingWait: called from a coroutine.
+    """
+    __tracebackhide__ = True
+    refuse_on_an_event_loop(instead)
+    deadline = time.monotonic() + within
+    while not is_met():
+        if time.monotonic() >= deadline:
+            raise AssertionError(failure())
+        time.sleep(_POLL_SECONDS)
+
+
+async def wait_until(is_met: Callable[[], bool], within: float, failure: Callable[[], str]) -> None:
+    """Like :func:`block_until`, for coroutines."""
+    __tracebackhide__ = True
+    deadline = time.monotonic() + within
+    while not is_met():
+        if time.monotonic() >= deadline:
+            raise AssertionError(failure())
         await anyio.sleep(_POLL_SECONDS)
 
 

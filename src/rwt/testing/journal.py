@@ -41,9 +41,7 @@ class Received:
     """Received message, request or goal.
 
     Attributes:
-        kind: kind of the entry.
         name: absolute name of the topic, service or action.
-        payload: content.
         node: absolute name of the publishing node; empty for calls and goals.
         stamp_ns: time of the graph's clock, nanoseconds since the epoch.
     """

@@ -50,15 +50,13 @@ def _fields_mismatch(value: Struct, wanted: Mapping[str, object], path: str) -> 
     for name, inner in wanted.items():
         if name not in value.__struct_fields__:
             where = f"{path}.{name}" if path else name
-            raise ScriptError(f"no message here has a field `{where}`; {_nearest(name, value)}")
+            raise ScriptError(
+                f"no message here has a field `{where}`; {instead(name, value.__struct_fields__)}"
+            )
         why = _mismatch(getattr(value, name), inner, f"{path}.{name}" if path else name)
         if why:
             return why
     return ""
-
-
-def _nearest(name: str, value: Struct) -> str:
-    return instead(name, value.__struct_fields__)
 
 
 def _is_list(value: object) -> bool:

@@ -18,10 +18,6 @@ class VirtualTime:
 
     Between two timers, every coroutine runs until it waits again, so events happen in the order of their
     times. Ten seconds pass in milliseconds.
-
-    Args:
-        clock: clock of the graph.
-        portal: event loop of the graph.
     """
 
     def __init__(self, clock: SimulatedClock, portal: BlockingPortal) -> None:

@@ -49,12 +49,7 @@ _PRIVATE: Final = tuple(
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """Certificate with its key.
-
-    Attributes:
-        certificate: certificate of an authority or a server.
-        key: private key of the certificate.
-    """
+    """Certificate with its key."""
 
     certificate: x509.Certificate
     key: ec.EllipticCurvePrivateKey
@@ -62,7 +57,6 @@ class Pair:
 
 def vouches_for(authority: x509.Certificate, name: str) -> bool:
     """True if the constraints of an authority permit a name or an address."""
-
     permitted = authority.extensions.get_extension_for_class(x509.NameConstraints).value.permitted_subtrees
     address = _address(name)
     for each in permitted or ():
@@ -90,7 +84,6 @@ def ends_soon(certificate: x509.Certificate, now: datetime.datetime) -> bool:
 
 def names_in(certificate: x509.Certificate) -> tuple[str, ...]:
     """Return the names and addresses in a server's certificate."""
-
     try:
         names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except x509.ExtensionNotFound:
@@ -106,7 +99,6 @@ def will_do(
     now: datetime.datetime,
 ) -> bool:
     """True if a server's certificate is valid, issued by that authority, and contains all names."""
-
     if ends_soon(certificate, now) or certificate.not_valid_before_utc > now:
         return False
     try:
@@ -118,7 +110,6 @@ def will_do(
 
 def make_authority(names: Sequence[str], now: datetime.datetime) -> Pair:
     """Create an authority for this machine's names, private addresses, and the given names."""
-
     key = ec.generate_private_key(ec.SECP256R1())
     host = socket.gethostname()
     subject = x509.Name(
@@ -147,7 +138,6 @@ def make_authority(names: Sequence[str], now: datetime.datetime) -> Pair:
 
 def make_server(authority: Pair, names: Sequence[str], now: datetime.datetime) -> Pair:
     """Create a server certificate for these names, signed by the authority."""
-
     key = ec.generate_private_key(ec.SECP256R1())
     subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "Robot Web Tools server")])
     alternatives = [
@@ -173,7 +163,6 @@ def _certificate(
     days: int,
 ) -> x509.CertificateBuilder:
     """Return the builder that authority and server have in common."""
-
     builder = x509.CertificateBuilder(
         issuer,
         subject,
@@ -190,7 +179,6 @@ def _certificate(
 
 
 def _usage(*, signs_certificates: bool) -> x509.KeyUsage:
-
     return x509.KeyUsage(
         digital_signature=not signs_certificates,
         content_commitment=False,
@@ -206,12 +194,10 @@ def _usage(*, signs_certificates: bool) -> x509.KeyUsage:
 
 def pem_of_certificate(certificate: x509.Certificate) -> bytes:
     """Encode a certificate as PEM."""
-
     return certificate.public_bytes(Encoding.PEM)
 
 
 def pem(pair: Pair) -> bytes:
     """Encode a key and its certificate as PEM."""
-
     key = pair.key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
     return key + pem_of_certificate(pair.certificate)

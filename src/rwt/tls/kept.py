@@ -85,13 +85,7 @@ def kept_server(
 
 
 def _read(path: Path) -> Pair | None:
-    """Read a certificate and its key; return None if there is no file.
-
-    Raises:
-        SettingsError: the file is damaged, or readable by others.
-        OSError: it cannot be read.
-    """
-
+    """Read a certificate and its key; return None if there is no file."""
     if not path.exists():
         return None
     if os.name == "posix" and path.stat().st_mode & 0o077:

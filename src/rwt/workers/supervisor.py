@@ -73,7 +73,6 @@ class Supervisor:
 
     Args:
         count: number of processes.
-        work: work of each process.
         stop_seconds: time to end before a process is killed.
     """
 
@@ -136,7 +135,6 @@ class Supervisor:
         return None
 
     def _watch(self, signals: socket.socket) -> None:
-        """Restart workers that end, until a signal arrives."""
         heartbeat = heartbeat_seconds()
         while True:
             ready = self._wait(signals, heartbeat)
@@ -173,7 +171,6 @@ class Supervisor:
         return [*ready]
 
     def _ended(self, ready: list[object]) -> list[_Child]:
-        """Remove and return the children that have ended."""
         ended = [child for child in self._children.values() if child.process.sentinel in ready]
         for child in ended:
             child.process.join()

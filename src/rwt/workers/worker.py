@@ -64,11 +64,14 @@ def run_workers(
     _check(settings)
     tls = server_tls(settings.tls)
     with ExitStack() as stack:
-        folder = stack.enter_context(_folder())
+        # Only for this user. Its path is short, because paths of sockets are limited.
+        temporary = tempfile.TemporaryDirectory(prefix="rwt-", ignore_cleanup_errors=True)
+        folder = Path(stack.enter_context(temporary))
         shared, urls = stack.enter_context(_held(settings, tls))
         settings = settings.model_copy(update={"listen": urls})
         work = partial(_work, settings, shared, folder, serve, in_worker or _plainly)
-        return Supervisor(settings.workers, work, _patience(settings)).run(announce)
+        # A worker may take time to end: for its clients, its graph, and a busy machine.
+        return Supervisor(settings.workers, work, settings.limits.close_seconds + 10.0).run(announce)
 
 
 def _plainly(number: int, serve: Callable[[], None]) -> int:
@@ -76,13 +79,7 @@ def _plainly(number: int, serve: Callable[[], None]) -> int:
     return 0
 
 
-def _patience(settings: Settings) -> float:
-    """Return the time a worker may take to end: for its clients, its graph, and a busy machine."""
-    return settings.limits.close_seconds + 10.0
-
-
 def _check(settings: Settings) -> None:
-    """Reject settings that several processes do not support."""
     if sys.platform != "linux":
         raise SettingsError("`workers`: needs Linux, which spreads clients over processes; use 1")
     if not DISTROS[settings.distro].joins_over_zenoh:
@@ -91,16 +88,6 @@ def _check(settings: Settings) -> None:
         )
     if "stdio:" in (url.lower() for url in settings.listen):
         raise SettingsError("`workers`: stdio: has one client, which one process serves; use 1")
-
-
-@contextmanager
-def _folder() -> Iterator[Path]:
-    """Create a folder only for this user. Its path is short, because paths of sockets are limited."""
-    folder = Path(tempfile.mkdtemp(prefix="rwt-"))
-    try:
-        yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 @contextmanager
@@ -129,7 +116,6 @@ def _work(
     number: int,
     announce: Announce,
 ) -> int:
-    """Serve as worker `number`, in a child; return the exit code."""
     worker = WorkerContext(number, folder, WorkerMetrics(folder, number, settings.workers), announce)
     try:
         return in_worker(number, partial(serve, worker, _share(settings, shared, number)))

@@ -8,30 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt.cli.commands.topic.rates import Window, in_bytes, spread
+from rwt.cli.commands.topic.rates import in_bytes, spread
 
 
-def test_intervals_and_values() -> None:
-    window = Window(10)
-    assert window.intervals() is None
-    assert window.spread() is None
-    assert window.per_second(5.0) == 0.0
-    for time, size in ((0.0, 100.0), (0.5, 200.0), (2.0, 300.0)):
-        window.add(time, size)
-    between, sizes = window.intervals(), window.spread()
-    assert between is not None and sizes is not None
-    assert (between.mean, between.least, between.most, between.deviation) == (1.0, 0.5, 1.5, 0.5)
-    assert (sizes.mean, sizes.number) == (200.0, 3)
-    assert window.per_second(3.0) == 200.0
-
-
-def test_only_the_newest_count() -> None:
-    window = Window(2)
-    for time in (0.0, 10.0, 11.0):
-        window.add(time, 1.0)
-    between = window.intervals()
-    assert between is not None
-    assert (between.mean, len(window)) == (1.0, 2)
+def test_a_spread_of_some_numbers() -> None:
+    assert spread([]) is None
+    found = spread([0.5, 1.5])
+    assert found is not None
+    assert (found.mean, found.least, found.most, found.deviation, found.number) == (1.0, 0.5, 1.5, 0.5, 2)
 
 
 @given(st.lists(st.floats(-1e6, 1e6), min_size=1))

@@ -20,7 +20,7 @@ from mcap.reader import make_reader
 from rwt.cli import main
 from rwt.cli.commands.bag.play import parse_remap, press
 from rwt.cli.commands.bag.record import parse_split
-from rwt.nodes.recording import RecordingWriter, channel_form, open_recording
+from rwt.nodes.recording import RecordingOptions, RecordingWriter, channel_form, open_recording
 from rwt.nodes.recording.mcap_files import McapRecording
 from rwt_client.blocking import connect
 from rwt_interfaces import JAZZY, Registry
@@ -123,7 +123,7 @@ def test_of_a_damaged_recording_the_rest_is_played_and_recovered_and_the_end_is_
 ) -> None:
     path, to = tmp_path / "run.mcap", tmp_path / "to.mcap"
     form = channel_form("/text", Registry(JAZZY).message("std_msgs/String"), "ros")
-    with RecordingWriter(path, JAZZY, compression="none") as writer:
+    with RecordingWriter(path, JAZZY, RecordingOptions(compression="none")) as writer:
         channel = writer.add_channel(form)
         for number in range(9):
             text = bytes([65 + number]) * 400_000

@@ -13,7 +13,14 @@ import pytest
 from rwt import Settings
 from rwt.gateways.rosbridge import Bridge
 from rwt.nodes import Rosapi
-from rwt.nodes.recording import Encoding, Recorder, RecordingOptions, TopicSelection, open_recording
+from rwt.nodes.recording import (
+    Encoding,
+    Recorder,
+    RecordingOptions,
+    RecordingWriter,
+    TopicSelection,
+    open_recording,
+)
 from rwt.nodes.recording.channels import KEPT
 from rwt.nodes.recording.recorder import EARLIER_NS
 from rwt_client import ConnectionLost, Robot, connect
@@ -56,9 +63,8 @@ async def recorded(path: Path, encoding: Encoding = "ros") -> AsyncIterator[Reco
                 options = RecordingOptions(encoding)
                 with Recorder(
                     robot,
-                    options.writer(path, graph.distro),
+                    RecordingWriter(path, graph.distro, options),
                     OWN,
-                    options,
                     offered_qos=lambda name: (KEPT,) if name == "/named" else None,
                 ) as recorder:
                     yield Recorded(clock, node, robot, recorder, sinks)

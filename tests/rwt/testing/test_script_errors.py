@@ -120,7 +120,7 @@ def test_recorded_messages_name_the_line(tmp_path: Path) -> None:
         ('[topics."/x y"]\ntype = "std_msgs/Int32"', r'`topics."/x y"`: '),
         (
             '[services."/x"]\ntype = "std_srvs/SetBool"\nreturns = {sucess = true}',
-            r'`services."/x"`: /x \(std_srvs/SetBool\) cannot answer so: .*sucess',
+            r'`services."/x"`: /x \(std_srvs/SetBool_Response\): .*sucess',
         ),
         (
             '[services."/x"]\ntype = "std_srvs/SetBool"\nwhen = [{request = {dat = 1}, fails = "no"}]',

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import argparse
 import textwrap
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from rwt.cli.console.message_argument import add_message_argument, type_and_message, with_stamps
 from rwt.cli.console.message_format import Formatting, plain
-from rwt.cli.console.output import Output, note
+from rwt.cli.console.output import Output, Style, note
 from rwt.cli.entities import ACTION
 from rwt.cli.errors import FAILED, CommandError
 from rwt.cli.graph_lookup import absolute_name, ask_rosapi
 from rwt.cli.parser import Commands, add_unavailable
-from rwt.cli.verbs import Arguments, Verb, add_family, gather
+from rwt.cli.verbs import Arguments, Verb, add_family, argument, arguments, gather
 
 if TYPE_CHECKING:
     from rwt_client import Robot
@@ -34,15 +33,14 @@ def add_action_command(commands: Commands) -> None:
     )
 
 
-def _info_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("-t", "--show-types", action="store_true", help="show the type beside each node")
-    parser.add_argument("-c", "--count", action="store_true", help="only print the number of nodes")
-
-
 async def _ask_info(robot: Robot, name: str, arguments: Arguments) -> dict[str, Any]:
     nodes = await gather([partial(robot.api.node, node) for node in await ask_rosapi(robot.api.nodes)])
     return {
-        "clients": sorted(node.name for node in nodes if _follows(name, node.subscribing)),
+        "clients": sorted(
+            node.name
+            for node in nodes
+            if not {f"{name}/_action/feedback", f"{name}/feedback"}.isdisjoint(node.subscribing)
+        ),
         "servers": sorted(node.name for node in nodes if offers(name, node.services, node.publishing)),
     }
 
@@ -57,23 +55,12 @@ def _show_info(info: dict[str, Any], arguments: Arguments, output: Output) -> No
             output.line(f"    {output.styled(node, 'name')}{shown}")
 
 
-def _follows(action: str, subscribing: tuple[str, ...]) -> bool:
-    """True if a node with these subscriptions is a client of an action."""
-    return f"{action}/_action/feedback" in subscribing or f"{action}/feedback" in subscribing
-
-
 def offers(action: str, services: tuple[str, ...], publishing: tuple[str, ...]) -> bool:
     """True if a node with these services and topics is a server of an action.
 
     rosapi does not list servers: they offer the services (ROS 2) or topics (ROS 1) of the action.
     """
     return f"{action}/_action/cancel_goal" in services or f"{action}/feedback" in publishing
-
-
-def _goal_arguments(parser: argparse.ArgumentParser) -> None:
-    ACTION.add_argument(parser)
-    add_message_argument(parser, "action", "goal")
-    parser.add_argument("-f", "--feedback", action="store_true", help="also print the feedback")
 
 
 async def _send_goal(robot: Robot, arguments: Arguments, output: Output) -> None:
@@ -85,8 +72,8 @@ async def _send_goal(robot: Robot, arguments: Arguments, output: Output) -> None
     request = to_payload(action_type.goal, with_stamps(action_type.goal, given))
     printer = _GoalPrinter(action_type, output)
     printer.goal(request)
-    feedback = printer.feedback if arguments.feedback else _nothing
-    goal = await robot.send_goal(name, request, action_type.name, on_feedback=feedback)
+    on_feedback = printer.feedback if arguments.feedback else lambda message: None
+    goal = await robot.send_goal(name, request, action_type.name, on_feedback=on_feedback)
     try:
         ended = await goal.result(arguments.timeout)
     except BaseException as error:
@@ -95,10 +82,6 @@ async def _send_goal(robot: Robot, arguments: Arguments, output: Output) -> None
     printer.result(ended.status.name, ended.result)
     if not ended.succeeded:
         raise CommandError(f"the goal of {name} ended as {ended.status.name}", FAILED)
-
-
-def _nothing(message: Any) -> None:
-    """Drop feedback that was not asked for."""
 
 
 async def _cancel(goal: Goal, robot: Robot, error: BaseException) -> None:
@@ -114,8 +97,6 @@ async def _cancel(goal: Goal, robot: Robot, error: BaseException) -> None:
 
 
 class _GoalPrinter:
-    """Printer of a goal, its feedback and its result."""
-
     def __init__(self, action_type: ActionType, output: Output) -> None:
         self._type = action_type
         self._output = output
@@ -136,17 +117,14 @@ class _GoalPrinter:
             self._output.record({"status": status, "result": result})
             return
         self._print("Result:", self._type.result, message)
-        self._output.line(f"Goal finished with status: {self._output.styled(status, _style(status))}")
+        style: Style = "good" if status == "SUCCEEDED" else "warning"
+        self._output.line(f"Goal finished with status: {self._output.styled(status, style)}")
 
     def _print(self, heading: str, message_type: MessageType, message: Any) -> None:
         from rwt.cli.console.yaml_text import block
 
         shown = textwrap.indent(block(plain(message_type, message)), "    ")
         self._output.line(f"{self._output.styled(heading, 'heading')}\n{shown}")
-
-
-def _style(status: str) -> Any:
-    return "good" if status == "SUCCEEDED" else "warning"
 
 
 VERBS = (
@@ -157,7 +135,10 @@ VERBS = (
         _show_info,
         '{"name": "/fibonacci", "type": "example_interfaces/action/Fibonacci", "clients": [],\n'
         '"servers": ["/demo_robot"]}; clients are nodes, not rosbridge clients',
-        _info_options,
+        arguments(
+            argument("-t", "--show-types", action="store_true", help="show the type beside each node"),
+            argument("-c", "--count", action="store_true", help="only print the number of nodes"),
+        ),
     ),
     ACTION.find_verb(),
     ACTION.type_verb(),
@@ -167,6 +148,10 @@ VERBS = (
         _send_goal,
         "rwt action send_goal /fibonacci example_interfaces/action/Fibonacci '{order: 5}' --feedback",
         'with --feedback a line {"feedback": {…}} for each; then {"status": "SUCCEEDED", "result": {…}}',
-        _goal_arguments,
+        arguments(
+            ACTION.add_argument,
+            partial(add_message_argument, owner="action", noun="goal"),
+            argument("-f", "--feedback", action="store_true", help="also print the feedback"),
+        ),
     ),
 )

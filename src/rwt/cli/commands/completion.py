@@ -72,7 +72,6 @@ def complete() -> NoReturn:
 
 
 def _values(action: argparse.Action, parsed_args: argparse.Namespace, **_: object) -> Iterable[str]:
-    """Return the candidates for the value of an argument."""
     metavar = action.metavar if isinstance(action.metavar, str) else ""
     if metavar in _ENTITIES:
         return _live(_ENTITIES[metavar], parsed_args)

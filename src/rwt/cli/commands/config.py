@@ -40,7 +40,6 @@ def add_config_command(commands: argparse._SubParsersAction[argparse.ArgumentPar
         help="print the settings in effect with their sources",
         description="Print the settings in effect as TOML, each with its source. Secrets are masked.",
         epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_settings_options(show)
     show.set_defaults(run=_run)

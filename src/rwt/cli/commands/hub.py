@@ -52,7 +52,6 @@ def add_hub_command(commands: argparse._SubParsersAction[argparse.ArgumentParser
         "hub",
         description=__doc__,
         epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "url",
@@ -98,36 +97,20 @@ def add_hub_command(commands: argparse._SubParsersAction[argparse.ArgumentParser
 
 
 def _add_bounds(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--connections",
-        type=integer_within(1, 1_000_000),
-        default=_LIMITS.connections,
-        metavar="COUNT",
-        help=f"open connections, including robots and plain HTTP (default {_LIMITS.connections})",
-    )
-    parser.add_argument(
-        "--connections-per-address",
-        type=integer_within(0, 1_000_000),
-        default=_LIMITS.connections_per_address,
-        metavar="COUNT",
-        help="connections of clients per address, other than this machine; 0 for no limit (default"
-        f" {_LIMITS.connections_per_address})",
-    )
-    parser.add_argument(
-        "--message-bytes",
-        type=integer_within(_KIB, 1 << 30),
-        default=_LIMITS.message_bytes,
-        metavar="BYTES",
-        help=f"largest message in either direction (default {_LIMITS.message_bytes})",
-    )
-    parser.add_argument(
-        "--waiting-bytes",
-        type=integer_within(_KIB, 1 << 40),
-        default=ADDRESS_BYTES,
-        metavar="BYTES",
-        help="bytes that may wait for clients of one address, or for their robots, before the connection with"
-        f" the most is ended; all addresses together four times as many (default {ADDRESS_BYTES})",
-    )
+    for option, metavar, least, most, default, help in (
+        ("--connections", "COUNT", 1, 1_000_000, _LIMITS.connections,
+         "open connections, including robots and plain HTTP"),
+        ("--connections-per-address", "COUNT", 0, 1_000_000, _LIMITS.connections_per_address,
+         "connections of clients per address, other than this machine; 0 for no limit"),
+        ("--message-bytes", "BYTES", _KIB, 1 << 30, _LIMITS.message_bytes,
+         "largest message in either direction"),
+        ("--waiting-bytes", "BYTES", _KIB, 1 << 40, ADDRESS_BYTES,
+         ("bytes that may wait for clients of one address, or for their robots, before the connection with"
+          " the most is ended; all addresses together four times as many")),
+    ):  # fmt: skip
+        kind = integer_within(least, most)
+        help = f"{help} (default {default})"
+        parser.add_argument(option, type=kind, default=default, metavar=metavar, help=help)
 
 
 def _run(arguments: argparse.Namespace) -> int:

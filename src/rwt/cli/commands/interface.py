@@ -119,11 +119,6 @@ def _names(arguments: Arguments) -> list[str]:
 
 
 def _of_package(names: list[str], package: str) -> list[str]:
-    """Return the names of a package.
-
-    Raises:
-        CommandError: there are none; names the nearest package.
-    """
     found = [name for name in names if name.startswith(f"{package}/")]
     if not found:
         packages = {name.partition("/")[0] for name in names}
@@ -396,7 +391,6 @@ def _generate(arguments: Arguments, output: Output) -> None:
 
 
 def _own_packages(arguments: Arguments) -> list[str]:
-    """Return the packages in the folders of ``--interfaces``."""
     from rwt_interfaces.definitions.package_directories import interface_files
 
     return sorted({file.package for folder in arguments.interfaces for file in interface_files(folder)})

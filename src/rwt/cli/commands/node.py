@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +10,7 @@ from rwt.cli.console.output import Output
 from rwt.cli.entities import NODE
 from rwt.cli.graph_lookup import is_hidden
 from rwt.cli.parser import Commands
-from rwt.cli.verbs import Arguments, add_family, gather
+from rwt.cli.verbs import Arguments, add_family, argument, gather
 
 if TYPE_CHECKING:
     from rwt_client import Robot
@@ -20,12 +19,6 @@ if TYPE_CHECKING:
 def add_node_command(commands: Commands) -> None:
     """Add `node` to the command line."""
     add_family(commands, "node", "The robot's nodes.", VERBS)
-
-
-def _info_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--include-hidden", action="store_true", help="include names with a part that begins with `_`"
-    )
 
 
 async def _ask_info(robot: Robot, name: str, arguments: Arguments) -> dict[str, Any]:
@@ -63,6 +56,8 @@ VERBS = (
         _show_info,
         '{"name": "/demo_robot", "subscribers": [{"name": "/cmd_vel", "type": …}, …], "publishers": […],\n'
         '"service_servers": […], "action_servers": […]}; rosapi does not know service clients',
-        _info_options,
+        argument(
+            "--include-hidden", action="store_true", help="include names with a part that begins with `_`"
+        ),
     ),
 )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Mapping
 from functools import partial
@@ -14,7 +13,7 @@ from rwt.cli.console.output import Output, write_file
 from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
 from rwt.cli.graph_lookup import absolute_name, ask_rosapi, unknown
 from rwt.cli.parser import Commands
-from rwt.cli.verbs import Arguments, Verb, add_family, gather
+from rwt.cli.verbs import Arguments, Verb, add_family, argument, arguments, gather
 from rwt_participant.spelling import did_you_mean
 
 if TYPE_CHECKING:
@@ -36,6 +35,15 @@ _CONSTRAINTS: Final = {
     "constraints": "Additional constraints",
 }
 _ANY_NODE: Final = ("/**", "**")
+
+_NODE: Final = argument("node", metavar="NODE", help="for example /demo_robot")
+_NODE_OR_PARAMETER: Final = argument(
+    "node", metavar="NODE", help="for example /demo_robot; or /node:parameter in one word"
+)
+_NAME: Final = arguments(
+    _NODE_OR_PARAMETER,
+    argument("parameter", metavar="PARAMETER", nargs="?", help="for example max_speed"),
+)
 
 
 def add_param_command(commands: Commands) -> None:
@@ -98,10 +106,6 @@ async def _get_value(robot: Robot, name: str) -> YamlValue:
 # -- list, get, set, delete --------------------------------------------------------------------------------
 
 
-def _list_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("node", metavar="NODE", nargs="?", help="only list parameters of this node")
-
-
 async def _list(robot: Robot, arguments: Arguments, output: Output) -> None:
     if arguments.node is None:
         found = _by_node(await _names(robot))
@@ -116,18 +120,6 @@ async def _list(robot: Robot, arguments: Arguments, output: Output) -> None:
         for parameter in parameters:
             shown = output.escape_terminal(parameter)
             output.line(f"  {shown}" if node else shown)
-
-
-def _name_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "node", metavar="NODE", help="for example /demo_robot; or /node:parameter in one word"
-    )
-    parser.add_argument("parameter", metavar="PARAMETER", nargs="?", help="for example max_speed")
-
-
-def _get_arguments(parser: argparse.ArgumentParser) -> None:
-    _name_arguments(parser)
-    parser.add_argument("--hide-type", action="store_true", help="only print the value")
 
 
 async def _get(robot: Robot, arguments: Arguments, output: Output) -> None:
@@ -172,16 +164,6 @@ def _kind(value: ParameterValue) -> str:
             return "Value"
 
 
-def _set_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "node", metavar="NODE", help="for example /demo_robot; or /node:parameter in one word"
-    )
-    parser.add_argument("parameter", metavar="PARAMETER", help="for example max_speed")
-    parser.add_argument(
-        "value", metavar="VALUE", nargs="?", help="value in YAML, for example 0.5, true or [1, 2]"
-    )
-
-
 async def _set(robot: Robot, arguments: Arguments, output: Output) -> None:
     from rwt_participant.errors import ParameterRejected
 
@@ -209,11 +191,6 @@ async def _delete(robot: Robot, arguments: Arguments, output: Output) -> None:
 # -- describe ----------------------------------------------------------------------------------------------
 
 
-def _describe_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("node", metavar="NODE", help="for example /demo_robot")
-    parser.add_argument("parameters", metavar="PARAMETER", nargs="+", help="for example max_speed")
-
-
 async def _describe(robot: Robot, arguments: Arguments, output: Output) -> None:
     node = absolute_name(arguments.node)
     if not robot.types.registry.distro.parameters_belong_to_nodes:
@@ -236,7 +213,6 @@ async def _describe(robot: Robot, arguments: Arguments, output: Output) -> None:
 
 
 def _description(descriptor: Message) -> dict[str, object]:
-    """Return the fields of a ``rcl_interfaces/msg/ParameterDescriptor`` that are set."""
     limits = [*descriptor.floating_point_range, *descriptor.integer_range]
     kind = _KINDS[descriptor.type] if descriptor.type < len(_KINDS) else "unknown"
     found: dict[str, object] = {"name": descriptor.name, "type": kind}
@@ -268,11 +244,6 @@ def _print_description(described: Mapping[str, object], output: Output) -> None:
 
 
 # -- dump, load --------------------------------------------------------------------------------------------
-
-
-def _dump_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("node", metavar="NODE", help="for example /demo_robot")
-    parser.add_argument("-o", "--output", type=Path, metavar="FILE", help="write to this file")
 
 
 async def _dump(robot: Robot, arguments: Arguments, output: Output) -> None:
@@ -307,11 +278,6 @@ def _nested(flat: Mapping[str, YamlValue]) -> dict[str, YamlValue]:
             inner = next_inner
         inner[last] = value
     return found
-
-
-def _load_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("node", metavar="NODE", help="for example /demo_robot")
-    parser.add_argument("file", metavar="FILE", help="file of `rwt param dump`; `-` reads standard input")
 
 
 async def _load(robot: Robot, arguments: Arguments, output: Output) -> None:
@@ -358,11 +324,7 @@ def _text(file: str) -> str:
 
 
 def _in_file(text: str, node: str, file: str) -> dict[str, YamlValue]:
-    """Return the parameters of a node in a file by dotted names: those of `/**`, then its own.
-
-    Raises:
-        CommandError: the file cannot be parsed, or has no parameters for this node.
-    """
+    """Return the parameters of a node in a file by dotted names: those of `/**`, then its own."""
     content = read_value(text, file)
     if not isinstance(content, dict):
         raise CommandError(f"{file}: expected `{node}:` with `{PARAMETERS}:` below it", CALLED_WRONGLY)
@@ -401,7 +363,7 @@ VERBS = (
         _list,
         "rwt param list /demo_robot",
         '{"/demo_robot": ["max_speed", …]}; on ROS 1 the names of all stand under ""',
-        _list_arguments,
+        argument("node", metavar="NODE", nargs="?", help="only list parameters of this node"),
     ),
     Verb(
         "get",
@@ -409,7 +371,7 @@ VERBS = (
         _get,
         "rwt param get /demo_robot max_speed",
         '{"name": "/demo_robot:max_speed", "value": 0.8}',
-        _get_arguments,
+        arguments(_NAME, argument("--hide-type", action="store_true", help="only print the value")),
     ),
     Verb(
         "set",
@@ -417,7 +379,13 @@ VERBS = (
         _set,
         "rwt param set /demo_robot max_speed 0.5",
         '{"name": "/demo_robot:max_speed", "value": 0.5}',
-        _set_arguments,
+        arguments(
+            _NODE_OR_PARAMETER,
+            argument("parameter", metavar="PARAMETER", help="for example max_speed"),
+            argument(
+                "value", metavar="VALUE", nargs="?", help="value in YAML, for example 0.5, true or [1, 2]"
+            ),
+        ),
     ),
     Verb(
         "delete",
@@ -425,7 +393,7 @@ VERBS = (
         _delete,
         "rwt param delete /my_node my_parameter",
         '{"name": "/my_node:my_parameter", "deleted": true}',
-        _name_arguments,
+        _NAME,
     ),
     Verb(
         "describe",
@@ -434,7 +402,9 @@ VERBS = (
         "rwt param describe /demo_robot max_speed",
         '[{"name": "max_speed", "type": "double", "description": …, "min": 0.0, "max": 2.0}]; also "step",\n'
         '"read_only" and "constraints", each only where the node declares it',
-        _describe_arguments,
+        arguments(
+            _NODE, argument("parameters", metavar="PARAMETER", nargs="+", help="for example max_speed")
+        ),
     ),
     Verb(
         "dump",
@@ -442,7 +412,7 @@ VERBS = (
         _dump,
         "rwt param dump /demo_robot > demo_robot.yaml",
         '{"node": "/demo_robot", "parameters": {"max_speed": 0.8, …}}',
-        _dump_arguments,
+        arguments(_NODE, argument("-o", "--output", type=Path, metavar="FILE", help="write to this file")),
     ),
     Verb(
         "load",
@@ -450,6 +420,8 @@ VERBS = (
         _load,
         "rwt param load /demo_robot demo_robot.yaml",
         '{"node": "/demo_robot", "set": 9, "failed": []}',
-        _load_arguments,
+        arguments(
+            _NODE, argument("file", metavar="FILE", help="file of `rwt param dump`; `-` reads standard input")
+        ),
     ),
 )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
@@ -13,7 +12,7 @@ from rwt.cli.console.output import Output, note
 from rwt.cli.entities import SERVICE
 from rwt.cli.graph_lookup import absolute_name, ask_rosapi
 from rwt.cli.parser import Commands
-from rwt.cli.verbs import USUAL_TIMEOUT, Arguments, Verb, add_family, gather, hertz
+from rwt.cli.verbs import USUAL_TIMEOUT, Arguments, Verb, add_family, argument, arguments, gather, hertz
 
 if TYPE_CHECKING:
     from rwt_client import Robot
@@ -25,10 +24,6 @@ _EVENTS: Final = "/_service_event"
 def add_service_command(commands: Commands) -> None:
     """Add `service` to the command line."""
     add_family(commands, "service", "The robot's services.", VERBS)
-
-
-def _info_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("-v", "--verbose", action="store_true", help="list the nodes that offer it")
 
 
 async def _ask_info(robot: Robot, name: str, arguments: Arguments) -> dict[str, Any]:
@@ -44,14 +39,6 @@ def _show_info(info: dict[str, Any], arguments: Arguments, output: Output) -> No
         output.line(f"    {output.styled(node, 'name')}")
 
 
-def _echo_arguments(parser: argparse.ArgumentParser) -> None:
-    SERVICE.add_argument(parser)
-    parser.add_argument(
-        "type", metavar="TYPE", nargs="?", help="type of the service, if the robot does not know it"
-    )
-    add_echo_arguments(parser)
-
-
 async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
     name = absolute_name(arguments.service)
     kind = arguments.type or await SERVICE.known(robot, name)
@@ -62,18 +49,6 @@ async def _echo(robot: Robot, arguments: Arguments, output: Output) -> None:
             " introspection in the ROS 2 node"
         )
     await echo_messages(robot, topic, f"{kind}_Event", arguments, output)
-
-
-def _call_arguments(parser: argparse.ArgumentParser) -> None:
-    SERVICE.add_argument(parser)
-    add_message_argument(parser, "service", "request")
-    parser.add_argument(
-        "-r",
-        "--rate",
-        type=hertz,
-        metavar="HZ",
-        help="call repeatedly at this rate until Ctrl-C",
-    )
 
 
 async def _call(robot: Robot, arguments: Arguments, output: Output) -> None:
@@ -110,7 +85,7 @@ VERBS = (
         _ask_info,
         _show_info,
         '{"name": "/add_two_ints", "type": "example_interfaces/srv/AddTwoInts", "servers": ["/demo_robot"]}',
-        _info_options,
+        argument("-v", "--verbose", action="store_true", help="list the nodes that offer it"),
     ),
     Verb(
         "echo",
@@ -118,7 +93,13 @@ VERBS = (
         _echo,
         "rwt service echo /add_two_ints --flow-style",
         'one line for each: {"info": {"event_type": 1, …}, "request": [{"a": 1, "b": 2}], "response": []}',
-        _echo_arguments,
+        arguments(
+            SERVICE.add_argument,
+            argument(
+                "type", metavar="TYPE", nargs="?", help="type of the service, if the robot does not know it"
+            ),
+            add_echo_arguments,
+        ),
         definitions=True,
         until_interrupted=True,
     ),
@@ -129,6 +110,12 @@ VERBS = (
         "rwt service call /add_two_ints example_interfaces/srv/AddTwoInts '{a: 1, b: 2}'\n"
         "rwt service call /add_two_ints '{a: 1, b: 2}'",
         'the response, one line for each call: {"sum": 3}',
-        _call_arguments,
+        arguments(
+            SERVICE.add_argument,
+            partial(add_message_argument, owner="service", noun="request"),
+            argument(
+                "-r", "--rate", type=hertz, metavar="HZ", help="call repeatedly at this rate until Ctrl-C"
+            ),
+        ),
     ),
 )

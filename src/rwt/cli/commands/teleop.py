@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 from contextlib import aclosing, suppress
 from typing import TYPE_CHECKING, Final
@@ -13,7 +12,7 @@ from rwt.cli.entities import TOPIC
 from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
 from rwt.cli.graph_lookup import absolute_name
 from rwt.cli.parser import Commands
-from rwt.cli.verbs import Arguments, Verb, add_verb, hertz, number_within
+from rwt.cli.verbs import Arguments, Verb, add_verb, argument, arguments, hertz, number_within
 from rwt.signals import HANGUP, STOP_SIGNALS, on_signals
 
 if TYPE_CHECKING:
@@ -30,6 +29,7 @@ _FIRST_REPEAT_SECONDS: Final = 0.7
 _NEXT_REPEAT_SECONDS: Final = 0.2
 
 _FAREWELL_SECONDS: Final = 2.0
+_SPEED: Final = number_within("a speed", 0, 1000)
 
 
 def add_teleop_command(commands: Commands) -> None:
@@ -55,32 +55,11 @@ class HeldKey:
         return self._key if now < self._until else None
 
 
-_speed = number_within("a speed", 0, 1000)
-
-
-def _arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "topic",
-        metavar="TOPIC",
-        nargs="?",
-        default="/cmd_vel",
-        help="topic of type Twist or TwistStamped (default /cmd_vel)",
-    )
-    parser.add_argument("--speed", type=_speed, default=0.3, metavar="M/S", help="linear speed (default 0.3)")
-    parser.add_argument("--turn", type=_speed, default=1.0, metavar="RAD/S", help="angular speed (default 1)")
-    parser.add_argument(
-        "-r", "--rate", type=hertz, default=20.0, metavar="HZ", help="commands per second (default 20)"
-    )
-
-
 async def _teleop(robot: Robot, arguments: Arguments, output: Output) -> None:
     import anyio
 
     if not can_press_keys():
-        raise CommandError(
-            "teleop requires a terminal; use `rwt topic pub` in programs",
-            CALLED_WRONGLY,
-        )
+        raise CommandError("teleop requires a terminal; use `rwt topic pub` in programs", CALLED_WRONGLY)
     topic = absolute_name(arguments.topic)
     kind = await TOPIC.known(robot, topic)
     publisher = await robot.advertise(topic, kind)
@@ -148,5 +127,18 @@ _TELEOP = Verb(
     _teleop,
     "rwt teleop\nrwt teleop /turtle1/cmd_vel --speed 2 --turn 2",
     'one line for each command: {"linear": 0.3, "angular": 0.0}; metres and radians a second',
-    _arguments,
+    arguments(
+        argument(
+            "topic",
+            metavar="TOPIC",
+            nargs="?",
+            default="/cmd_vel",
+            help="topic of type Twist or TwistStamped (default /cmd_vel)",
+        ),
+        argument("--speed", type=_SPEED, default=0.3, metavar="M/S", help="linear speed (default 0.3)"),
+        argument("--turn", type=_SPEED, default=1.0, metavar="RAD/S", help="angular speed (default 1)"),
+        argument(
+            "-r", "--rate", type=hertz, default=20.0, metavar="HZ", help="commands per second (default 20)"
+        ),
+    ),
 )

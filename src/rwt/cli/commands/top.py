@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
-import argparse
 import shutil
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from rwt.cli.commands.topic.rates import in_bytes
 from rwt.cli.console.output import Output
 from rwt.cli.entities import TOPIC
 from rwt.cli.graph_lookup import ask_rosapi
 from rwt.cli.parser import Commands
-from rwt.cli.verbs import Arguments, Verb, add_verb, count, seconds, tls_of, topic_glob, url_of
+from rwt.cli.verbs import (
+    Arguments,
+    Verb,
+    add_verb,
+    argument,
+    arguments,
+    count,
+    seconds,
+    tls_of,
+    topic_glob,
+    url_of,
+)
 
 if TYPE_CHECKING:
     from rwt.cli.health import Health
@@ -28,26 +38,6 @@ _FRAME_LINES: Final = 4
 def add_top_command(commands: Commands) -> None:
     """Add `top` to the command line."""
     add_verb(commands, _TOP)
-
-
-def _arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "topics",
-        metavar="GLOB",
-        nargs="*",
-        type=topic_glob,
-        help="only topics that match, for example '/camera/*'",
-    )
-    parser.add_argument(
-        "--interval", type=seconds, default=1.0, metavar="SECONDS", help="seconds between updates (default 1)"
-    )
-    parser.add_argument(
-        "-n",
-        "--times",
-        type=count,
-        metavar="N",
-        help="stop after N updates (default 1 without a terminal)",
-    )
 
 
 @dataclass(slots=True)
@@ -70,10 +60,7 @@ class _Counted:
             self.octets += len(message.data)
 
 
-@dataclass(frozen=True, slots=True)
-class _Rate:
-    """Messages and bytes per second of a topic."""
-
+class _Rate(NamedTuple):
     name: str
     type: str
     messages: float
@@ -91,16 +78,7 @@ class _Watch:
         self._selection = TopicSelection(tuple(globs), (), True, True)
         self._counted: dict[str, _Counted] = {}
 
-    async def begin(self) -> None:
-        """Subscribe to the number of clients, which servers of this project publish."""
-        if any(name == _CLIENTS for name, _ in await TOPIC.found(self._robot)):
-            await self._robot.subscribe(_CLIENTS, self._count_clients)
-
-    def _count_clients(self, message: Any) -> None:
-        self.clients = message.data
-
     async def follow(self) -> None:
-        """Subscribe to new topics, and remove those that are gone."""
         from rwt_participant.errors import UnknownType
 
         topics = dict(await TOPIC.found(self._robot))
@@ -118,14 +96,7 @@ class _Watch:
             except UnknownType:
                 continue  # Listed without messages.
 
-    async def health(self, arguments: Arguments) -> Health | None:
-        """Return the state of the server, if it reports one over HTTP."""
-        from rwt.cli.health import health_of
-
-        return await health_of(url_of(arguments), arguments.interval, tls_of(arguments))
-
     def rates(self, elapsed: float) -> list[_Rate]:
-        """Return the rates since the last call, `elapsed` seconds ago, the most bytes first."""
         found = []
         for name, counted in self._counted.items():
             found.append(_Rate(name, counted.type, counted.messages / elapsed, counted.octets / elapsed))
@@ -136,8 +107,12 @@ class _Watch:
 async def _top(robot: Robot, arguments: Arguments, output: Output) -> None:
     import anyio
 
+    from rwt.cli.health import health_of
+
     look = _Watch(robot, arguments.topics)
-    await look.begin()
+    # Servers of this project publish the number of clients.
+    if any(name == _CLIENTS for name, _ in await TOPIC.found(robot)):
+        await robot.subscribe(_CLIENTS, lambda message: setattr(look, "clients", message.data))
     await look.follow()
     since, times = anyio.current_time(), arguments.times or (None if output.people else 1)
     while times is None or times > 0:
@@ -145,7 +120,8 @@ async def _top(robot: Robot, arguments: Arguments, output: Output) -> None:
         now = anyio.current_time()
         rates, since = look.rates(now - since), now
         nodes = sorted(await ask_rosapi(robot.api.nodes))
-        _print(rates, nodes, look.clients, await look.health(arguments), output)
+        health = await health_of(url_of(arguments), arguments.interval, tls_of(arguments))
+        _print(rates, nodes, look.clients, health, output)
         await look.follow()
         times = None if times is None else times - 1
 
@@ -190,7 +166,29 @@ _TOP = Verb(
     'one line for each update: {"topics": [{"name": "/odom", "type": …, "rate": 20.0,\n'
     '"bytes_per_second": …}, …], "nodes": ["/demo_robot", …], "clients": 2, "work": 0.03}; clients and\n'
     "work (processor seconds per second) are null if the server does not report them",
-    _arguments,
+    arguments(
+        argument(
+            "topics",
+            metavar="GLOB",
+            nargs="*",
+            type=topic_glob,
+            help="only topics that match, for example '/camera/*'",
+        ),
+        argument(
+            "--interval",
+            type=seconds,
+            default=1.0,
+            metavar="SECONDS",
+            help="seconds between updates (default 1)",
+        ),
+        argument(
+            "-n",
+            "--times",
+            type=count,
+            metavar="N",
+            help="stop after N updates (default 1 without a terminal)",
+        ),
+    ),
     definitions=True,
     until_interrupted=True,
 )

@@ -122,9 +122,7 @@ class FieldPath:
     """Path to a field of a message: ``pose.pose.position.x``, ``transforms[0].child_frame_id``.
 
     Attributes:
-        text: the path as text.
         steps: names of attributes, and indices.
-        field_type: type of the field.
     """
 
     text: str

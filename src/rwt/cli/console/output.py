@@ -70,7 +70,8 @@ class Output:
         """
         self._live_lines = 0
         # Second line of defence: callers already escape names of the robot.
-        self._write(_COMMANDS.sub(_shown, text) if self.people else text)
+        shown = _COMMANDS.sub(lambda found: found[1] or "\N{REPLACEMENT CHARACTER}", text)
+        self._write(shown if self.people else text)
 
     def _write(self, text: str) -> None:
         try:
@@ -129,17 +130,9 @@ def standard_output(*, json: bool) -> Output:
     return Output(stream, people=people, colour=colour, json=json)
 
 
-def _shown(found: re.Match[str]) -> str:
-    return found[1] or "\N{REPLACEMENT CHARACTER}"
-
-
 def printable(text: str) -> str:
     """Return `text` with unprintable characters replaced: names of a robot may contain terminal commands."""
-    return (
-        text
-        if text.isprintable()
-        else "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
-    )
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
 
 
 def reported(act: Callable[[], object]) -> int:

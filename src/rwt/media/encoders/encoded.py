@@ -15,8 +15,6 @@ class Track:
 
     Attributes:
         codec: `vp8`, `vp9` or `h264`.
-        width: width in pixels.
-        height: height in pixels.
         parameters: parameters of the codec; may be empty.
     """
 
@@ -31,7 +29,6 @@ class Encoded:
     """Encoded image, shared by all viewers.
 
     Attributes:
-        data: encoded bytes.
         stamp_ns: time stamp of the message, in nanoseconds.
         at_ms: time of encoding, in milliseconds of a steady clock.
         media_type: media type of `data`; empty for video.

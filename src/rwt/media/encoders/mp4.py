@@ -25,8 +25,6 @@ class Mp4:
     """Writer of one viewer's stream; its time starts at 0.
 
     Args:
-        width: width in pixels.
-        height: height in pixels.
         parameters: sequence and frame parameter sets, each after a start code.
     """
 

@@ -6,7 +6,7 @@ Depths (`16UC1`, `32FC1`) are scaled to greys by the largest of the image, as in
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,6 @@ from rwt_participant.errors import ImageFormat
 from rwt_participant.images import open_compressed, read_samples
 
 if TYPE_CHECKING:
-    from rwt.media.stream_request import StreamRequest
     from rwt_interfaces.payload import Payload
 
 
@@ -26,25 +25,7 @@ Bytes = NDArray[np.uint8]
 Samples = NDArray[np.generic]
 
 
-class RawImage(Protocol):
-    """`sensor_msgs/Image`."""
-
-    width: int
-    height: int
-    encoding: str
-    is_bigendian: int
-    step: int
-    data: bytes
-
-
-class CompressedImage(Protocol):
-    """`sensor_msgs/CompressedImage`."""
-
-    format: str
-    data: bytes
-
-
-def read_raw(message: RawImage) -> Bytes:
+def read_raw(message: Any) -> Bytes:
     """Return the pixels of a `sensor_msgs/Image`: rows x columns of grey, or x 3 or 4 values per pixel.
 
     Raises:
@@ -61,7 +42,7 @@ def read_raw(message: RawImage) -> Bytes:
     return show(samples)
 
 
-def read_compressed(message: CompressedImage) -> Bytes:
+def read_compressed(message: Any) -> Bytes:
     """Return the pixels of a `sensor_msgs/CompressedImage`.
 
     Raises:
@@ -109,10 +90,6 @@ def _bytes_of(samples: Samples) -> Bytes:
     if samples.dtype.itemsize == 1:
         return samples.view(np.uint8)
     return (samples.astype(np.uint16) >> 8).astype(np.uint8)
-
-
-def _as_it_is(samples: Samples) -> Bytes:
-    return _bytes_of(samples)
 
 
 def _blue_first(samples: Samples) -> Bytes:
@@ -195,13 +172,13 @@ _UYVY: Final = _yuv(slice(1, None, 2), 0, 2)
 _YUYV: Final = _yuv(slice(0, None, 2), 1, 3)
 
 SHOWN: Final[Mapping[str, Callable[[Samples], Bytes]]] = {
-    "rgb8": _as_it_is,
+    "rgb8": _bytes_of,
     "bgr8": _blue_first,
-    "rgba8": _as_it_is,
+    "rgba8": _bytes_of,
     "bgra8": _blue_first,
-    "rgb16": _as_it_is,
+    "rgb16": _bytes_of,
     "bgr16": _blue_first,
-    "rgba16": _as_it_is,
+    "rgba16": _bytes_of,
     "bgra16": _blue_first,
     "mono8": _grey,
     "mono16": _grey,
@@ -229,6 +206,5 @@ def read_image(payload: Payload, request: StreamRequest) -> Bytes:
     Raises:
         ImageUnreadable: the image cannot be decoded.
     """
-    message: Any = payload.value()
-    compressed = payload.type.name == COMPRESSED
-    return shaped(read_compressed(message) if compressed else read_raw(message), request)
+    read = read_compressed if payload.type.name == COMPRESSED else read_raw
+    return shaped(read(payload.value()), request)

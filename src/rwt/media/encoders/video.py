@@ -43,8 +43,6 @@ class VideoEncoder:
     """Encoder of one video, in the size of its first frame; a :class:`rwt.media.encoders.encoded.Encoder`.
 
     Args:
-        request: request of the viewers.
-        video: encoding of the video.
         reserve: called with the number of pixels of a frame before an encoder of that size is created; raises
             `ImageUnreadable` if they are too many.
     """

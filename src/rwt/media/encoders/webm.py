@@ -24,8 +24,6 @@ class Webm:
 
     Args:
         codec: `vp8` or `vp9`.
-        width: width in pixels.
-        height: height in pixels.
     """
 
     def __init__(self, codec: str, width: int, height: int) -> None:

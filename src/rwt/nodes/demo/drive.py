@@ -16,7 +16,7 @@ class Chassis:
     """Dimensions and limits of the robot's body.
 
     Attributes:
-        radius: of the round body, metres.
+        radius: radius of the round body, metres.
         wheel_radius: metres.
         track: distance between the two wheels, metres.
     """

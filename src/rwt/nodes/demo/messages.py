@@ -6,31 +6,25 @@ Messages are mappings: missing fields are filled in, and `sec`/`nanosec` fit eit
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from typing import Literal, Protocol
+from collections.abc import Mapping
+from typing import Any
 
 from rwt.nodes.demo.drive import Velocity
 from rwt.nodes.demo.world.pose import Pose
+from rwt_graph import Node
 from rwt_interfaces.times import NANOSECONDS
 from rwt_tf2 import quaternion_from_yaw, yaw_from_quaternion
-from rwt_tf2.messages import QuaternionMessage
 
 Message = Mapping[str, object]
 
-
-class VectorLike(Protocol):
-    """`geometry_msgs/Vector3` and `Point`."""
-
-    x: float
-    y: float
-    z: float
+#: Names of the robot's coordinate frames.
+MAP = "map"
+ODOM = "odom"
 
 
-class PoseLike(Protocol):
-    """`geometry_msgs/Pose`."""
-
-    position: VectorLike
-    orientation: QuaternionMessage
+def frame(node: Node, name: str) -> str:
+    """Return the robot's frame `name` with the node's namespace: `odom` of `/anna` is `anna/odom`."""
+    return node.resolve(name).removeprefix("/")
 
 
 def time(nanoseconds: int) -> Message:
@@ -52,11 +46,6 @@ def vector(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Message:
 def turn_about_y(angle: float) -> Message:
     """`geometry_msgs/Quaternion` of a wheel on its axle."""
     return {"x": 0.0, "y": math.sin(angle / 2), "z": 0.0, "w": math.cos(angle / 2)}
-
-
-def turns_about(axis: Literal["y", "z"]) -> Callable[[float], Message]:
-    """Return a factory of `geometry_msgs/Quaternion` from an angle about an axis."""
-    return turn_about_y if axis == "y" else quaternion_from_yaw
 
 
 def pose(value: Pose) -> Message:
@@ -83,7 +72,7 @@ def planar_transform(stamp_ns: int, parent: str, child: str, value: Pose) -> Mes
     return transform(stamp_ns, parent, child, vector(value.x, value.y), quaternion_from_yaw(value.heading))
 
 
-def read_pose(message: PoseLike) -> Pose:
+def read_pose(message: Any) -> Pose:
     """Position and heading of a `geometry_msgs/Pose`; a quaternion of zeros is a heading of 0."""
     position = message.position
     return Pose(position.x, position.y, yaw_from_quaternion(message.orientation))

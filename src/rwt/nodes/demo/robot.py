@@ -2,34 +2,34 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Final
 
 from rwt.nodes.demo import messages
 from rwt.nodes.demo.arm.controller import ArmController
 from rwt.nodes.demo.arm.kinematics import Arm
-from rwt.nodes.demo.battery import Battery
-from rwt.nodes.demo.diagnostics import Diagnostics
+from rwt.nodes.demo.battery import Battery, BatteryPublisher
+from rwt.nodes.demo.diagnostics import publish_diagnostics
 from rwt.nodes.demo.drive import STANDSTILL, Chassis, DifferentialDrive, Limits, Velocity
-from rwt.nodes.demo.frames import MAP, frame
-from rwt.nodes.demo.messages import Message
+from rwt.nodes.demo.messages import MAP, frame
 from rwt.nodes.demo.model.meshes import Meshes
 from rwt.nodes.demo.model.urdf import camera_mount, urdf, visuals
 from rwt.nodes.demo.navigation.goal_marker import GoalMarker
 from rwt.nodes.demo.navigation.planner import Planner
 from rwt.nodes.demo.navigation.task import Navigation
-from rwt.nodes.demo.parameters import declare_tunables
-from rwt.nodes.demo.sensors import BatteryPublisher, ScanPublisher
 from rwt.nodes.demo.state import StatePublisher
 from rwt.nodes.demo.teleop import Teleop
 from rwt.nodes.demo.world.cameras import CameraPublisher
 from rwt.nodes.demo.world.lens import DEFAULT_LENS, Lens
-from rwt.nodes.demo.world.lidar import Lidar
+from rwt.nodes.demo.world.lidar import Lidar, ScanPublisher
 from rwt.nodes.demo.world.map import World, draw_map, house
 from rwt.nodes.depth_cloud import CloudDecimator, DepthCloudEncoder
+from rwt.nodes.number_parameters import Number
 from rwt_graph import Graph, Node
 from rwt_participant.errors import GoalCanceled, ServiceFailed
 from rwt_participant.goals import ReceivedGoal
-from rwt_participant.messages import ParameterValue
+from rwt_participant.messages import Message, ParameterValue
 from rwt_tf2 import quaternion_from_yaw
 
 #: Seconds from one control step to the next.
@@ -46,13 +46,18 @@ _CROP_OF_FOCAL = 500.0
 _OPENNI_F = 525.0
 
 
-class _Addends(Protocol):
-    a: int
-    b: int
-
-
-class _Switch(Protocol):
-    data: bool
+TUNABLES: Final[Mapping[Number, float]] = {
+    Number("max_speed", None, 5.0, "m/s", "Fastest the robot drives forwards or backwards."): 0.8,
+    Number("max_turn_rate", None, 10.0, "rad/s", "Fastest the robot turns."): 2.0,
+    Number("max_acceleration", None, 20.0, "m/s^2", "How fast the speed changes."): 2.0,
+    Number("max_turn_acceleration", None, 80.0, "rad/s^2", "How fast the turn rate changes."): 8.0,
+    Number("command_timeout", None, 60.0, "s", "Time after the last /cmd_vel at which it stops."): 0.5,
+    Number("scan_rate", None, 40.0, "Hz", "Laser scans in a second."): 10.0,
+    Number("scan_noise", 0.0, 1.0, "m", "Standard deviation of a measured range."): 0.01,
+    Number("camera_rate", None, 60.0, "Hz", "Pictures of each camera in a second."): 30.0,
+    Number("fibonacci_rate", None, 1000.0, "Hz", "Numbers that /fibonacci finds in a second."): 2.0,
+}
+"""Parameters of the robot with their defaults."""
 
 
 class DemoRobot:
@@ -63,17 +68,17 @@ class DemoRobot:
     `/robot_pose`, `/tf`, `/tf_static`, `/joint_states`, `/scan`, `/camera/…`, `/map`, `/plan`,
     `/battery_state`, `/diagnostics`, `/robot_description`, `/chatter`, and serves `/add_two_ints`, `/reset`,
     `/enable_motors` and `/fibonacci`. An interactive marker under `/goal_marker` sends it where it is
-    dropped. Its parameters are in :data:`rwt.nodes.demo.parameters.TUNABLES`; `openni_depth_cloud` makes its
+    dropped. Its parameters are in :data:`TUNABLES`; `openni_depth_cloud` makes its
     depth stream what the stock pages of ros3djs expect of an OpenNI camera. Two nodes beside it make
     `/depthcloud_encoded` and `/camera/depth/points/decimated` of what its camera sees.
 
     Args:
-        graph: where it lives; all its timing is the graph's clock.
-        world: what it drives in; by default a house of 10 m by 8 m.
-        seed: of the laser's noise, so that two runs measure the same.
-        namespace: of its names, for several robots in one graph; they share `/tf` and `/tf_static`, where the
-            frames of one in `/anna` are `anna/odom` and so on.
-        lens: of the cameras.
+        graph: graph of the robot; its clock is the robot's clock.
+        world: map to drive in; by default a house of 10 m by 8 m.
+        seed: seed of the laser's noise, so that two runs measure the same.
+        namespace: namespace of its names, for several robots in one graph; they share `/tf` and
+            `/tf_static`, where the frames of one in `/anna` are `anna/odom` and so on.
+        lens: lens of the cameras.
 
     Attributes:
         http: the meshes that its description names, for :func:`rwt.serve`.
@@ -127,7 +132,7 @@ class DemoRobot:
         self._node.create_timer(CONTROL_PERIOD, self._step)
         self._scans.start()
         self._node.create_timer(REPORT_PERIOD, self._report)
-        Diagnostics(self._node, self._drive, self._battery, self._navigation, REPORT_PERIOD)
+        publish_diagnostics(self._node, self._drive, self._battery, self._navigation, REPORT_PERIOD)
         graph, namespace = self._node.graph, self._node.namespace
         # The square in the middle of the image; two tiles of 3 m reach through a room.
         self._depth_cloud = DepthCloudEncoder(
@@ -166,7 +171,6 @@ class DemoRobot:
         self._chatter.publish({"data": f"hello world {self._said}"})
 
     def _step(self) -> None:
-        """Run one control step: choose the velocity, move the robot, publish its state."""
         now = self._node.clock.monotonic()
         seconds = min(now - self._stepped, _LONGEST_STEP)
         self._stepped = now
@@ -202,28 +206,27 @@ class DemoRobot:
         self._node.log.info("reset: back at the start, battery full")
         return {}
 
-    def _enable_motors(self, request: _Switch) -> messages.Message:
+    def _enable_motors(self, request: Message) -> messages.Message:
         self._drive.enabled = request.data
         if not request.data:
             self._drive.stop()
         return {"success": True, "message": f"motors {'enabled' if request.data else 'disabled'}"}
 
     def _declare_parameters(self) -> None:
-        limits, lidar = self._drive.limits, self._lidar
-        declare_tunables(
-            self._node,
-            {
-                "max_speed": lambda value: setattr(limits, "speed", value),
-                "max_turn_rate": lambda value: setattr(limits, "turn_rate", value),
-                "max_acceleration": lambda value: setattr(limits, "acceleration", value),
-                "max_turn_acceleration": lambda value: setattr(limits, "turn_acceleration", value),
-                "command_timeout": lambda value: setattr(self._teleop, "timeout", value),
-                "scan_rate": self._scans.set_rate,
-                "camera_rate": self._cameras.set_rate,
-                "scan_noise": lambda value: setattr(lidar, "noise", value),
-                "fibonacci_rate": lambda value: setattr(self._fibonacci, "rate", value),
-            },
+        limits = self._drive.limits
+        apply: tuple[Callable[[float], None], ...] = (
+            partial(setattr, limits, "speed"),
+            partial(setattr, limits, "turn_rate"),
+            partial(setattr, limits, "acceleration"),
+            partial(setattr, limits, "turn_acceleration"),
+            partial(setattr, self._teleop, "timeout"),
+            self._scans.set_rate,
+            partial(setattr, self._lidar, "noise"),
+            self._cameras.set_rate,
+            partial(setattr, self._fibonacci, "rate"),
         )
+        for (number, default), on_change in zip(TUNABLES.items(), apply, strict=True):
+            number.declare(self._node, default, on_change)
 
     def _publish_map(self) -> None:
         grid = draw_map(self._world)
@@ -246,10 +249,8 @@ class DemoRobot:
         )
 
     def _describe(self, description: str) -> None:
-        """Publish the URDF on a latched topic and as a parameter, global on ROS 1."""
-        node = self._node
+        node, graph = self._node, self._node.graph
         node.advertise("robot_description", "std_msgs/String", latch=True).publish({"data": description})
-        graph = node.graph
         if node.distro.parameters_belong_to_nodes:
             node.parameters.declare(
                 "robot_description", description, description="The robot as URDF.", read_only=True
@@ -258,27 +259,19 @@ class DemoRobot:
             graph.run_on_graph(lambda: graph.parameters.set(node.resolve("robot_description"), description))
 
 
-def _add_two_ints(request: _Addends) -> messages.Message:
+def _add_two_ints(request: Message) -> messages.Message:
     total = request.a + request.b
     if not -(2**63) <= total < 2**63:
-        msg = f"{request.a} + {request.b} does not fit an int64"
-        raise ServiceFailed(msg)
+        raise ServiceFailed(f"{request.a} + {request.b} does not fit an int64")
     return {"sum": total}
 
 
-#: As many numbers, from 0 on, fit the message's int32.
-_MOST_NUMBERS = 47
+#: Maximum count of Fibonacci numbers, from 0 on, that fit the message's int32.
+_MAX_NUMBERS = 47
 
-#: How many numbers more than the order says a tutorial finds: programs written for either count on it.
 _ADD_TWO_INTS = {"jazzy": "example_interfaces/AddTwoInts", "noetic": "rospy_tutorials/AddTwoInts"}
-_FIBONACCI = {"jazzy": "example_interfaces/Fibonacci", "noetic": "actionlib_tutorials/Fibonacci"}
-_SURPLUS = {"actionlib_tutorials/Fibonacci": 2, "example_interfaces/Fibonacci": 1}
-
-
-class FibonacciRequest(Protocol):
-    """The goal, which every package's Fibonacci action has."""
-
-    order: int
+#: Action type, and how many numbers more than the order the tutorial finds: programs rely on either.
+_FIBONACCI = {"jazzy": ("example_interfaces/Fibonacci", 1), "noetic": ("actionlib_tutorials/Fibonacci", 2)}
 
 
 class Fibonacci:
@@ -291,20 +284,18 @@ class Fibonacci:
     rate = 2.0
 
     def __init__(self, node: Node) -> None:
-        name = _FIBONACCI[node.distro.name]
         self._node = node
-        self._surplus = _SURPLUS[name]
+        name, self._surplus = _FIBONACCI[node.distro.name]
         node.advertise_action("fibonacci", name, self._execute, accept=self._accept)
 
-    def _accept(self, request: FibonacciRequest) -> bool | str:
-        highest = _MOST_NUMBERS - self._surplus
+    def _accept(self, request: Message) -> bool | str:
+        highest = _MAX_NUMBERS - self._surplus
         if 0 <= request.order <= highest:
             return True
         return f"order must be 0 to {highest}, where int32 ends, got {request.order}"
 
-    async def _execute(self, goal: ReceivedGoal) -> Message:
-        request: FibonacciRequest = goal.request
-        count = request.order + self._surplus
+    async def _execute(self, goal: ReceivedGoal) -> messages.Message:
+        count = goal.request.order + self._surplus
         sequence = [0, 1][:count]
         while len(sequence) < count:
             await self._node.clock.sleep(1 / self.rate)

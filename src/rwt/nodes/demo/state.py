@@ -5,20 +5,21 @@ from __future__ import annotations
 from rwt.nodes.demo import messages
 from rwt.nodes.demo.arm.kinematics import ARM, Arm
 from rwt.nodes.demo.drive import Chassis, DifferentialDrive
-from rwt.nodes.demo.frames import MAP, ODOM, frame
+from rwt.nodes.demo.messages import MAP, ODOM, frame
 from rwt.nodes.demo.model.urdf import (
     BASE,
     LEFT_JOINT,
     OPENNI_OPTICAL,
     OPTICAL,
     RIGHT_JOINT,
+    Mount,
     arm_mounts,
     fixed_mounts,
     wheel_mounts,
 )
 from rwt.nodes.demo.world.pose import Pose
 from rwt_graph import Node
-from rwt_tf2 import quaternion_from_euler
+from rwt_tf2 import quaternion_from_euler, quaternion_from_yaw
 
 #: Diagonals of the odometry's covariances: sure of everything but drifting in x, y and yaw.
 _POSE_COVARIANCE = [0.001 if i in (0, 7, 35) else 1e-6 if i % 7 == 0 else 0.0 for i in range(36)]
@@ -37,16 +38,17 @@ class StatePublisher:
         self._arm = arm
         self._origin = odom_origin
         self._map, self._odom_frame, self._base = (frame(node, name) for name in (MAP, ODOM, BASE))
-        self._wheels = [(frame(node, mount.link), mount) for mount in wheel_mounts(chassis)]
-        self._arm_links = tuple(
+        axes = ["y", "y", *(joint.axis for joint in ARM)]
+        #: Parent, link, place and rotation by angle of each wheel and then of each link of the arm.
+        self._moving = [
             (
                 frame(node, mount.parent),
                 frame(node, mount.link),
                 messages.vector(mount.x, mount.y, mount.z),
-                messages.turns_about(joint.axis),
+                messages.turn_about_y if axis == "y" else quaternion_from_yaw,
             )
-            for joint, mount in zip(ARM, arm_mounts(), strict=True)
-        )
+            for mount, axis in zip((*wheel_mounts(chassis), *arm_mounts()), axes, strict=True)
+        ]
         self._chassis = chassis
         self._odom = node.advertise("odom", "nav_msgs/Odometry")
         self._pose = node.advertise("robot_pose", "geometry_msgs/Pose")
@@ -57,15 +59,18 @@ class StatePublisher:
 
     def publish_fixed(self, *, openni: bool = False) -> None:
         """Publish the transforms that do not change, with OpenNI's name of the camera's frame if asked."""
-        transforms = self._fixed_transforms(self._chassis)
-        if openni:
-            stamp, parent, link = (
-                self._node.clock.time_ns(),
-                frame(self._node, OPTICAL),
-                frame(self._node, OPENNI_OPTICAL),
+        stamp = self._node.clock.time_ns()
+        mounts = fixed_mounts(self._chassis) + ((Mount(OPENNI_OPTICAL, parent=OPTICAL),) if openni else ())
+        transforms = [
+            messages.transform(
+                stamp,
+                frame(self._node, mount.parent),
+                frame(self._node, mount.link),
+                messages.vector(mount.x, mount.y, mount.z),
+                quaternion_from_euler(*mount.rpy),
             )
-            same = messages.transform(stamp, parent, link, messages.vector(), quaternion_from_euler(0, 0, 0))
-            transforms.append(same)
+            for mount in mounts
+        ]
         self._fixed.publish({"transforms": transforms})
 
     def publish(self) -> None:
@@ -92,29 +97,18 @@ class StatePublisher:
         }
 
     def _transforms(self, stamp: int) -> list[messages.Message]:
-        """Return the transforms of odometry, robot, wheels and arm."""
         body = self._drive.pose.seen_from(self._origin)
-        angles = (self._drive.left_angle, self._drive.right_angle)
         return [
             messages.planar_transform(stamp, self._map, self._odom_frame, self._origin),
             messages.planar_transform(stamp, self._odom_frame, self._base, body),
             *(
-                messages.transform(
-                    stamp,
-                    self._base,
-                    link,
-                    messages.vector(mount.x, mount.y, mount.z),
-                    messages.turn_about_y(angle),
-                )
-                for (link, mount), angle in zip(self._wheels, angles, strict=True)
-            ),
-            *(
                 messages.transform(stamp, parent, link, place, turn(angle))
-                for (parent, link, place, turn), angle in zip(
-                    self._arm_links, self._arm.positions, strict=True
-                )
+                for (parent, link, place, turn), angle in zip(self._moving, self._angles(), strict=True)
             ),
         ]
+
+    def _angles(self) -> list[float]:
+        return [self._drive.left_angle, self._drive.right_angle, *self._arm.positions]
 
     def _joint_state(self, stamp: int) -> messages.Message:
         velocity, chassis = self._drive.velocity, self._chassis
@@ -122,23 +116,10 @@ class StatePublisher:
         return {
             "header": messages.header(stamp, ""),
             "name": [LEFT_JOINT, RIGHT_JOINT, *_ARM_JOINTS],
-            "position": [self._drive.left_angle, self._drive.right_angle, *self._arm.positions],
+            "position": self._angles(),
             "velocity": [
                 (velocity.linear - apart) / chassis.wheel_radius,
                 (velocity.linear + apart) / chassis.wheel_radius,
                 *self._arm.velocities,
             ],
         }
-
-    def _fixed_transforms(self, chassis: Chassis) -> list[messages.Message]:
-        stamp = self._node.clock.time_ns()
-        return [
-            messages.transform(
-                stamp,
-                frame(self._node, mount.parent),
-                frame(self._node, mount.link),
-                messages.vector(mount.x, mount.y, mount.z),
-                quaternion_from_euler(*mount.rpy),
-            )
-            for mount in fixed_mounts(chassis)
-        ]

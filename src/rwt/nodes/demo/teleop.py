@@ -3,18 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol
 
 from rwt.nodes.demo.drive import Velocity
-from rwt.nodes.demo.messages import VectorLike
 from rwt_graph import Node
-
-
-class TwistLike(Protocol):
-    """`geometry_msgs/Twist`."""
-
-    linear: VectorLike
-    angular: VectorLike
+from rwt_participant.messages import Message
 
 
 class Teleop:
@@ -44,7 +36,7 @@ class Teleop:
         """Drop the command, as if it had expired."""
         self._last = None
 
-    def _on_twist(self, twist: TwistLike) -> None:
+    def _on_twist(self, twist: Message) -> None:
         if not (math.isfinite(twist.linear.x) and math.isfinite(twist.angular.z)):
             topic = self._node.resolve("cmd_vel")
             text = f"{topic}: linear.x or angular.z is not a finite number; ignored"

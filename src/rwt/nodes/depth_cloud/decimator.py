@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Final
+from functools import partial
+from typing import TYPE_CHECKING, Final
 
-from rwt.nodes.depth_cloud.latest_only import Closable, LatestOnly
+from rwt.nodes.depth_cloud.latest_only import LatestOnly
 from rwt.nodes.number_parameters import Number
 from rwt_graph import Graph, Node
+from rwt_participant.handles import Handle
 from rwt_participant.qos import SENSOR_DATA
 
 if TYPE_CHECKING:
@@ -19,16 +21,14 @@ STRIDE: Final = Number("stride", 1, 10_000, "", "Every so many points are taken.
 VOXEL: Final = Number("voxel", 0.0, 1000.0, "m", "Edge of a cube of which one point is taken; 0 for none.")
 
 
-class CloudDecimator:
+class CloudDecimator(Node):
     """Node that publishes fewer points of a `sensor_msgs/PointCloud2` topic, while it has subscribers.
 
     Points keep their fields. `stride` and `voxel` are ROS parameters and can be changed while it works.
 
     Args:
-        graph: graph of the robot.
         source: topic with all points.
         topic: topic of the result; by default the name of the source and `/decimated`.
-        name: name of the node.
         namespace: namespace of the node; relative names are resolved in it.
         stride: take every n-th point; in organised clouds every n-th row and column.
         voxel: edge in metres of the cubes of which one point each is taken; 0 for none. Applied after
@@ -49,25 +49,16 @@ class CloudDecimator:
         stride: int = 1,
         voxel: float = 0.0,
     ) -> None:
-        self._node = Node(graph, name, namespace)
+        super().__init__(graph, name, namespace)
         self._source = source
-        STRIDE.declare(self._node, stride, self._set_stride)
-        VOXEL.declare(self._node, voxel, self._set_voxel)
-        clouds = self._node.advertise(topic or f"{source}/decimated", _CLOUD, qos=SENSOR_DATA)
-        self._work: LatestOnly[Payload] = LatestOnly(self._node, clouds, self._thin, self._listen)
+        self._stride, self._voxel = stride, voxel
+        STRIDE.declare(self, stride, partial(setattr, self, "_stride"))
+        VOXEL.declare(self, voxel, partial(setattr, self, "_voxel"))
+        clouds = self.advertise(topic or f"{source}/decimated", _CLOUD, qos=SENSOR_DATA)
+        self._work: LatestOnly[Payload] = LatestOnly(self, clouds, self._thin, self._subscribe_inputs)
 
-    def close(self) -> None:
-        """Leave the graph."""
-        self._node.close()
-
-    def _set_stride(self, points: float) -> None:
-        self._stride = int(points)
-
-    def _set_voxel(self, metres: float) -> None:
-        self._voxel = metres
-
-    def _listen(self) -> tuple[Closable, ...]:
-        subscription = self._node.subscribe_samples(
+    def _subscribe_inputs(self) -> tuple[Handle, ...]:
+        subscription = self.subscribe_samples(
             self._source,
             type=_CLOUD,
             qos=SENSOR_DATA,
@@ -79,7 +70,7 @@ class CloudDecimator:
         """Decimate one cloud. Runs in a worker thread; numpy is loaded with the first subscriber."""
         from rwt.nodes.depth_cloud.point_cloud import cloud_of, every, one_per_voxel, read_points
 
-        cloud: Any = payload.value()
+        cloud = payload.value()
         points = every(read_points(cloud), self._stride)
         voxel = self._voxel  # It may be changed meanwhile.
         if not voxel:

@@ -6,10 +6,11 @@ from collections.abc import Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
-from rwt.nodes.depth_cloud.latest_only import Closable, LatestOnly
+from rwt.nodes.depth_cloud.latest_only import LatestOnly
 from rwt.nodes.number_parameters import Number
 from rwt_graph import Graph, Node, Sample
 from rwt_interfaces.times import NANOSECONDS
+from rwt_participant.handles import Handle
 from rwt_participant.qos import SENSOR_DATA
 from rwt_tf2 import stamp_ns
 
@@ -31,7 +32,7 @@ MAX_DEPTH_PER_TILE: Final = Number(
 )
 
 
-class DepthCloudEncoder:
+class DepthCloudEncoder(Node):
     """Node that publishes depth and colour as one image, while it has subscribers.
 
     A depth image is combined with the latest colour image if their stamps differ by at most `slop` seconds.
@@ -42,11 +43,9 @@ class DepthCloudEncoder:
     `target_resolution` and `max_depth_per_tile` are ROS parameters and can be changed while it works.
 
     Args:
-        graph: graph of the robot.
         depth: topic of `sensor_msgs/Image`, 16UC1 (millimetres) or 32FC1 (metres).
         colour: topic of `sensor_msgs/Image`.
         topic: topic of the result, `sensor_msgs/Image` of rgb8.
-        name: name of the node.
         namespace: namespace of the node; relative names are resolved in it.
         crop_size: edge of the square crop of both images, in pixels; black outside the images.
         target_resolution: edge of a tile in pixels; the image is twice as large.
@@ -71,21 +70,18 @@ class DepthCloudEncoder:
         max_depth_per_tile: float = 1.0,
         slop: float = 0.05,
     ) -> None:
-        self._node = Node(graph, name, namespace)
+        super().__init__(graph, name, namespace)
         self._topics = (depth, colour)
-        CROP_SIZE.declare(self._node, crop_size, self._set_crop)
-        TARGET_RESOLUTION.declare(self._node, target_resolution, self._set_size)
-        MAX_DEPTH_PER_TILE.declare(self._node, max_depth_per_tile, self._set_depth_per_tile)
+        self._crop, self._size, self._depth_per_tile = crop_size, target_resolution, max_depth_per_tile
+        CROP_SIZE.declare(self, crop_size, partial(setattr, self, "_crop"))
+        TARGET_RESOLUTION.declare(self, target_resolution, partial(setattr, self, "_size"))
+        MAX_DEPTH_PER_TILE.declare(self, max_depth_per_tile, partial(setattr, self, "_depth_per_tile"))
         self._slop_ns = round(slop * NANOSECONDS)
         self._latest: dict[str, tuple[int, Payload]] = {}
-        images = self._node.advertise(topic, _IMAGE, qos=SENSOR_DATA)
+        images = self.advertise(topic, _IMAGE, qos=SENSOR_DATA)
         self._work: LatestOnly[tuple[Payload, Payload]] = LatestOnly(
-            self._node, images, self._encode, self._listen
+            self, images, self._encode, self._subscribe_inputs
         )
-
-    def close(self) -> None:
-        """Leave the graph."""
-        self._node.close()
 
     def configure(self, crop_size: int, target_resolution: int, max_depth_per_tile: float) -> None:
         """Set all three parameters; see :class:`DepthCloudEncoder`.
@@ -98,23 +94,12 @@ class DepthCloudEncoder:
             (TARGET_RESOLUTION, target_resolution),
             (MAX_DEPTH_PER_TILE, max_depth_per_tile),
         ):
-            self._node.parameters.set(number.name, value)
+            self.parameters.set(number.name, value)
 
-    def _set_crop(self, pixels: float) -> None:
-        self._crop = int(pixels)
-
-    def _set_size(self, pixels: float) -> None:
-        self._size = int(pixels)
-
-    def _set_depth_per_tile(self, metres: float) -> None:
-        self._depth_per_tile = metres
-
-    def _listen(self) -> tuple[Closable, ...]:
+    def _subscribe_inputs(self) -> tuple[Handle, ...]:
         self._latest.clear()
         return tuple(
-            self._node.subscribe_samples(
-                topic, type=_IMAGE, qos=SENSOR_DATA, on_sample=partial(self._take, topic)
-            )
+            self.subscribe_samples(topic, type=_IMAGE, qos=SENSOR_DATA, on_sample=partial(self._take, topic))
             for topic in self._topics
         )
 
@@ -131,8 +116,7 @@ class DepthCloudEncoder:
 
     def _encode(self, pair: tuple[Payload, Payload]) -> Mapping[str, object]:
         """Encode one image. Runs in a worker thread; numpy is loaded with the first subscriber."""
-        from rwt.nodes.depth_cloud.depth_image import encode_image
-        from rwt.nodes.depth_cloud.depths import read_depths, square
+        from rwt.nodes.depth_cloud.depth_image import encode_image, read_depths, square
 
         depth: Any = pair[0].value()
         crop, size = self._crop, self._size  # They may be changed meanwhile.
@@ -152,7 +136,6 @@ class DepthCloudEncoder:
 
 
 def _colours(message: Any) -> NDArray[Any]:
-    """Return the red, green and blue of an image."""
     import numpy as np
 
     from rwt.media.encoders.pixels import read_raw

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Final, Generic, Protocol, TypeVar
+from typing import Final, Generic, TypeVar
 
 import anyio.to_thread
 
 from rwt.media.errors import ImageUnreadable
 from rwt.nodes.depth_cloud.errors import DepthCloudError
 from rwt_graph import Node, TopicPublisher
+from rwt_participant.handles import Handle
 
 T = TypeVar("T")
 
@@ -20,19 +21,10 @@ LOOK_EVERY: Final = 0.2
 _COMPLAIN_EVERY: Final = 10.0
 
 
-class Closable(Protocol):
-    """Object that can be closed."""
-
-    def close(self) -> None:
-        """Close it."""
-
-
 class LatestOnly(Generic[T]):
     """Worker that turns inputs into messages in a thread, one at a time; it keeps only the latest input.
 
     Args:
-        node: node that publishes.
-        topic: publisher of the results.
         work: returns the result, in a worker thread; raises an error for unreadable input.
         listen: subscribes to the inputs and passes them to :meth:`offer`; the returned subscription is closed
             when the topic has no subscribers.
@@ -43,13 +35,13 @@ class LatestOnly(Generic[T]):
         node: Node,
         topic: TopicPublisher,
         work: Callable[[T], Mapping[str, object]],
-        listen: Callable[[], tuple[Closable, ...]],
+        listen: Callable[[], tuple[Handle, ...]],
     ) -> None:
         self._node = node
         self._topic = topic
         self._work = work
         self._listen = listen
-        self._inputs: tuple[Closable, ...] = ()
+        self._inputs: tuple[Handle, ...] = ()
         self._next: T | None = None
         self._busy = False
         self._complained = float("-inf")

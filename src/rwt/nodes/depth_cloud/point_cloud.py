@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Final, Protocol
+from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rwt.nodes.depth_cloud.errors import CloudUnreadable
+from rwt_participant.messages import Message
 
 Records = NDArray[np.void]
 
@@ -23,31 +24,8 @@ _REACH: Final = 1 << 20
 """Maximum voxels from the origin along each axis: three such numbers fit one integer of 64 bits."""
 
 
-class Field(Protocol):
-    """`sensor_msgs/PointField`."""
-
-    name: str
-    offset: int
-    datatype: int
-    count: int
-
-
-class Cloud(Protocol):
-    """`sensor_msgs/PointCloud2`."""
-
-    header: object
-    height: int
-    width: int
-    fields: Sequence[Field]
-    is_bigendian: bool
-    point_step: int
-    row_step: int
-    data: bytes
-    is_dense: bool
-
-
-def read_points(cloud: Cloud) -> Records:
-    """Return the points as records, rows x columns; a view of the bytes of the message.
+def read_points(cloud: Message) -> Records:
+    """Return the points of a `sensor_msgs/PointCloud2` as records, rows x columns: a view of its bytes.
 
     Raises:
         CloudUnreadable: the fields do not fit the step, their names are not unique, or there are too few
@@ -67,8 +45,7 @@ def read_points(cloud: Cloud) -> Records:
     return np.ndarray((rows, columns), record, cloud.data, strides=(row_step, step))
 
 
-def _record(cloud: Cloud) -> np.dtype[np.void]:
-    """Return the dtype of one point."""
+def _record(cloud: Message) -> np.dtype[np.void]:
     order, step = ">" if cloud.is_bigendian else "<", cloud.point_step
     if not 0 < step <= _LONGEST_POINT:
         raise CloudUnreadable(f"points of {step} bytes; 1 to {_LONGEST_POINT} can be read")
@@ -128,7 +105,7 @@ def _as_bytes(points: Records) -> Records:
     return points.view(np.dtype((np.void, points.dtype.itemsize)))
 
 
-def cloud_of(points: Records, like: Cloud, *, is_dense: bool | None = None) -> Mapping[str, object]:
+def cloud_of(points: Records, like: Message, *, is_dense: bool | None = None) -> Mapping[str, object]:
     """Return a message of points, with the header, fields and byte order of another.
 
     Args:

@@ -29,9 +29,7 @@ class Feedback:
     """Event reported by a viewer.
 
     Attributes:
-        marker: name of the interactive marker.
         control: name of the control that was used; may be empty.
-        event: kind of event.
         frame: frame of `pose`.
         pose: `geometry_msgs/Pose` of the marker as its viewer has it. For where the marker is, ask the
             server: when the mouse goes up, ros3djs reports the last pose that came back to it, which is

@@ -18,7 +18,6 @@ class MenuEntry:
 
     Attributes:
         number: what feedback names it by; from 1 on, unique in its menu.
-        title: what the entry says.
         checked: with a check mark, without one, or None for an entry that has no place for one.
         visible: True if it is shown, and what is under it.
         on_select: called when it is chosen, in place of the marker's own callback.

@@ -41,21 +41,14 @@ class _Entry:
     has_moved: bool = False
 
     def redraw_menu(self) -> None:
-        """Apply changes of the menu since it was last drawn."""
         if self.menu is None:
             return
         # `convert` gives the very class that the marker's field has, so that the two can be compared.
-        entries = msgspec.convert(
-            list(self.menu.messages()), type=_type_of_field(self.marker, "menu_entries")
-        )
+        type = next(each.type for each in msgspec.structs.fields(self.marker) if each.name == "menu_entries")
+        entries = msgspec.convert(list(self.menu.messages()), type=type)
         if entries != self.marker.menu_entries:
             self.marker = msgspec.structs.replace(self.marker, menu_entries=entries)
             self.is_new = True
-
-    def pose_message(self) -> Message:
-        """Return a `visualization_msgs/InteractiveMarkerPose`."""
-        marker = self.marker
-        return {"header": marker.header, "pose": marker.pose, "name": marker.name}
 
 
 class InteractiveMarkerServer:
@@ -103,7 +96,7 @@ class InteractiveMarkerServer:
         Raises:
             InvalidMessage: `marker` does not fit its type, or has no name.
         """
-        made: Message = Payload.from_value(self._type, marker, now=_no_time).value()
+        made: Message = Payload.from_value(self._type, marker, now=lambda: 0).value()
         if not made.name:
             raise ValueError("an interactive marker needs a name")
         with self._lock:
@@ -120,7 +113,7 @@ class InteractiveMarkerServer:
             NoSuchMarker: there is none of that name.
             InvalidMessage: `pose` does not fit its type.
         """
-        place = Payload.from_value(self._pose, pose, now=_no_time).value()
+        place = Payload.from_value(self._pose, pose, now=lambda: 0).value()
         with self._lock:
             self._move(self._entry(name), place, frame)
 
@@ -165,7 +158,10 @@ class InteractiveMarkerServer:
             self._topics.publish(
                 self._sequence,
                 [entry.marker for entry in new],
-                [entry.pose_message() for entry in moved],
+                [
+                    {"header": entry.marker.header, "pose": entry.marker.pose, "name": entry.marker.name}
+                    for entry in moved
+                ],
                 erased,
             )
 
@@ -204,7 +200,7 @@ class InteractiveMarkerServer:
             entry = self._entries.get(feedback.marker)
             if entry is None or not self._take(entry, feedback):
                 return
-        self._tell(entry, feedback)
+        self._call_back(entry, feedback)
         self.apply_changes()
 
     def _take(self, entry: _Entry, feedback: Feedback) -> bool:
@@ -236,7 +232,7 @@ class InteractiveMarkerServer:
         entry.marker = msgspec.structs.replace(entry.marker, pose=pose, header=header)
         entry.has_moved = True
 
-    def _tell(self, entry: _Entry, feedback: Feedback) -> None:
+    def _call_back(self, entry: _Entry, feedback: Feedback) -> None:
         callback = entry.on_feedback
         if feedback.event is Event.MENU_SELECT and entry.menu is not None:
             chosen = entry.menu.entry(feedback.menu_entry)
@@ -257,12 +253,3 @@ class InteractiveMarkerServer:
         except Exception:
             logger.exception("a callback of interactive marker %s failed", feedback.marker)
         self.apply_changes()
-
-
-def _no_time() -> int:
-    """Return a zero stamp: the marker moves with its frame."""
-    return 0
-
-
-def _type_of_field(message: Message, name: str) -> object:
-    return next(field.type for field in msgspec.structs.fields(message) if field.name == name)

@@ -43,8 +43,7 @@ class PlaybackClock(SteadyClock):
 
     def time_ns(self) -> int:
         """Return the time of the recording, in nanoseconds since the epoch."""
-        held = self._held
-        return self._position() if held is None else held
+        return self._position() if self._held is None else self._held
 
 
 CLOCK = "/clock"

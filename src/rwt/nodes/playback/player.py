@@ -6,7 +6,9 @@ import logging
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from functools import partial
+from itertools import islice
+from typing import TYPE_CHECKING, Any, Final
 
 import anyio
 
@@ -14,15 +16,15 @@ from rwt.nodes.playback.clock import ClockTopic, PlaybackClock
 from rwt.nodes.playback.publications import Publications, add_recorded_types
 from rwt.nodes.playback.read_ahead import ReadAhead
 from rwt.nodes.playback.recorded_services import RecordedServices
-from rwt.nodes.playback.services import PlayerServices
 from rwt.nodes.recording.errors import RecordingUnreadable
-from rwt.nodes.recording.selection import EVERYTHING, TopicSelection
+from rwt.nodes.recording.recording import EVERYTHING, TopicSelection
 from rwt_graph.clock import END_OF_TIME_NS
+from rwt_interfaces import InvalidMessage, Payload
 from rwt_interfaces.times import NANOSECONDS
 
 if TYPE_CHECKING:
     from rwt.nodes.recording.recording import RecordedMessage, Recording
-    from rwt_graph.api import Graph
+    from rwt_graph.api import Graph, ServiceCall
     from rwt_participant.timers import Timer
 
 
@@ -34,8 +36,11 @@ SLOWEST: Final = 0.001
 FASTEST: Final = 1000.0
 """The rates at which a recording can be played."""
 
-_BATCH: Final = 200
-"""Maximum number of due messages published in one turn of the event loop."""
+BATCH: Final = 200
+"""Maximum number of messages published in one turn of the event loop."""
+
+
+Answer = dict[str, object]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +52,6 @@ class PlayOptions:
         start, end: seconds from the beginning of the recording; `end` None is its end.
         loop: True to repeat at the end, unless the recording has no duration.
         paused: True to begin paused.
-        selection: topics to play.
         remap: published names by recorded name.
         clock_hz: rate of `/clock`; 0 for none.
         answer_services: True to answer service calls as recorded.
@@ -76,6 +80,12 @@ class Player:
         recording: open recording; it is read by another thread, and must stay open until `close`.
 
     Attributes:
+        node: node that publishes, and whose services control playback.
+        start_ns: time of the recording at which playback begins, in nanoseconds since the epoch.
+        end_ns: time at which playback ends.
+        paused: True while playback is paused.
+        rate: recorded seconds per second.
+        seeks: number of jumps in time, including those to the beginning of a loop.
         played: number of messages published so far.
         publications: topics of the recording.
         finished: set at the end if playback does not loop; a seek does not clear it.
@@ -84,13 +94,15 @@ class Player:
         ValueError: `rate`, `start` or `end` is out of range.
     """
 
+    node: Final = NODE
+
     def __init__(self, graph: Graph, recording: Recording, options: PlayOptions | None = None) -> None:
         self._graph = graph
         self._clock = graph.clock
         self._recording = recording
         self._options = options = options or PlayOptions()
-        self._rate = checked_rate(options.rate)
-        self._begin, self._end = _bounds(recording, options)
+        self.rate = checked_rate(options.rate)
+        self.start_ns, self.end_ns = _bounds(recording, options)
         self.played = 0
         self.finished = anyio.Event()
         add_recorded_types(graph.registry, recording)
@@ -102,20 +114,20 @@ class Player:
         self._failure = ""
         self._next: RecordedMessage | None = None
         self._timer: Timer | None = None
-        self._paused = True
+        self.paused = True
         self._rounds = 0  # how often the end was reached
-        self._seeks = 0
-        self._place(self._begin)
+        self.seeks = 0
+        self._place(self.start_ns)
         if isinstance(self._clock, PlaybackClock):
-            self._clock.follow(self, self._ros_time)
+            self._clock.follow(self, lambda: min(self.position_ns, self.end_ns))
         self._closables: list[Callable[[], None]] = [PlayerServices(graph, self, NODE).close]
         if options.answer_services:
             services = RecordedServices(graph, recording, options.selection, NODE)
             self._closables.append(services.close)
         if options.clock_hz > 0:
             self._closables.append(ClockTopic(graph, self._participant, options.clock_hz).close)
-        self._keep_earlier(self._begin)
-        self._read_from(self._begin)
+        self._keep_earlier(self.start_ns)
+        self._read_from(self.start_ns)
         if not options.paused:
             self.resume()
 
@@ -140,48 +152,14 @@ class Player:
     @property
     def position_ns(self) -> int:
         """Present time of the recording, in nanoseconds since the epoch."""
-        if self._paused:
+        if self.paused:
             return self._anchor_ns
-        gone = round((self._clock.monotonic() - self._anchor_at) * self._rate * NANOSECONDS)
+        gone = round((self._clock.monotonic() - self._anchor_at) * self.rate * NANOSECONDS)
         position = self._anchor_ns + gone
         # A message that is late is published late; time does not overtake it.
         return position if self._next is None else min(position, self._next.log_time)
 
-    def _ros_time(self) -> int:
-        return min(self.position_ns, self._end)
-
-    @property
-    def start_ns(self) -> int:
-        """Time at which playback begins."""
-        return self._begin
-
-    @property
-    def end_ns(self) -> int:
-        """Time at which playback ends."""
-        return self._end
-
-    @property
-    def paused(self) -> bool:
-        """True while playback is paused."""
-        return self._paused
-
-    @property
-    def rate(self) -> float:
-        """Recorded seconds per second."""
-        return self._rate
-
-    @property
-    def seeks(self) -> int:
-        """Number of jumps in time, including those to the beginning of a loop."""
-        return self._seeks
-
-    @property
-    def node(self) -> str:
-        """Node that publishes, and whose services control playback."""
-        return NODE
-
     def _place(self, position_ns: int) -> None:
-        """Set the position to `position_ns`."""
         self._anchor_ns = position_ns
         self._anchor_at = self._clock.monotonic()
 
@@ -189,21 +167,21 @@ class Player:
 
     def resume(self) -> None:
         """Resume playback."""
-        if self._paused:
+        if self.paused:
             self._place(self._anchor_ns)
-            self._paused = False
+            self.paused = False
             self._arm()
 
     def pause(self) -> None:
         """Pause playback."""
-        if not self._paused:
+        if not self.paused:
             self._place(self.position_ns)
-            self._paused = True
+            self.paused = True
             self._disarm()
 
     def toggle_paused(self) -> None:
         """Pause or resume."""
-        if self._paused:
+        if self.paused:
             self.resume()
         else:
             self.pause()
@@ -216,12 +194,12 @@ class Player:
         """
         checked = checked_rate(rate)
         self._place(self.position_ns)
-        self._rate = checked
+        self.rate = checked
         self._arm()
 
     def play_next(self) -> bool:
         """Publish the next message while paused. Returns False while playing or at the end."""
-        if not self._paused or self._next is None:
+        if not self.paused or self._next is None:
             return False
         self._place(self._next.log_time)
         if not self._publish_next():
@@ -246,13 +224,13 @@ class Player:
 
         Latched topics publish again what was retained at that time.
         """
-        if not self._begin <= time_ns <= self._end:
+        if not self.start_ns <= time_ns <= self.end_ns:
             return False
         self._jump(time_ns)
         return True
 
     def _jump(self, time_ns: int) -> None:
-        self._seeks += 1
+        self.seeks += 1
         self._next = None
         self._place(time_ns)
         self._keep_earlier(time_ns)
@@ -261,7 +239,7 @@ class Player:
 
     def close(self) -> None:
         """Stop and leave the graph; the caller closes the recording. Idempotent."""
-        self._paused = True
+        self.paused = True
         self._next = None
         self._disarm()
         if self._ahead is not None:
@@ -283,9 +261,9 @@ class Player:
     def _arm(self) -> None:
         """Start the timer for the next message, or for the end."""
         self._disarm()
-        if not self._paused:
-            due = self._end if self._next is None else self._next.log_time
-            gone = (due - self._anchor_ns) / NANOSECONDS / self._rate
+        if not self.paused:
+            due = self.end_ns if self._next is None else self._next.log_time
+            gone = (due - self._anchor_ns) / NANOSECONDS / self.rate
             delay = max(0.0, self._anchor_at + gone - self._clock.monotonic())
             self._timer = self._clock.call_later(delay, self._play_due)
 
@@ -296,59 +274,53 @@ class Player:
 
     def _play_due(self) -> None:
         """Publish the messages that are due, in several turns of the event loop if there are many."""
-        for _ in range(_BATCH):
-            if self._paused:
+        for _ in range(BATCH):
+            if self.paused:
                 return  # By a subscriber.
-            if self._next is None:
-                break
-            if not self._is_due(self._next.log_time):
+            if self._next is None or not self._is_due(self._next.log_time):
                 break
             self._publish_next()
-        if self._next is None and self._is_due(self._end):
+        if self._next is None and self._is_due(self.end_ns):
             self._end_reached()
         else:
             self._arm()
 
     def _is_due(self, log_time: int) -> bool:
-        gone = (self._clock.monotonic() - self._anchor_at) * self._rate * NANOSECONDS
+        gone = (self._clock.monotonic() - self._anchor_at) * self.rate * NANOSECONDS
         return log_time <= self._anchor_ns + round(gone)
 
     def _publish_next(self) -> bool:
         """Publish the next message. Returns False if it was the last."""
         message = self._next
-        assert message is not None and self._ahead is not None  # Looked at by who calls this.
+        assert message is not None and self._ahead is not None  # Checked by the callers.
         self._next = self._ahead.next()
         self._publish(message)
-        return self._has_next()
-
-    def _has_next(self) -> bool:
         return self._next is not None
 
     def _publish(self, message: RecordedMessage) -> None:
-        clock = self._clock
-        if isinstance(clock, PlaybackClock):
+        clock = self._clock if isinstance(self._clock, PlaybackClock) else None
+        if clock is not None:
             clock.hold(message.publish_time)
-            try:
-                self.played += self.publications.publish(message)
-            finally:
-                clock.hold(None)
-        else:
+        try:
             self.played += self.publications.publish(message)
+        finally:
+            if clock is not None:
+                clock.hold(None)
 
     def _end_reached(self) -> None:
         self._rounds += 1
-        if self._options.loop and self._begin < self._end:
-            self._jump(self._begin)
+        if self._options.loop and self.start_ns < self.end_ns:
+            self._jump(self.start_ns)
             return
-        self._place(self._end)
-        self._paused = True
+        self._place(self.end_ns)
+        self.paused = True
         self._disarm()
         self.finished.set()
 
     def _read_from(self, time_ns: int) -> None:
         if self._ahead is not None:
             self._ahead.close()
-        messages = self._recording.messages(self.publications.topics, time_ns, self._end + 1)
+        messages = self._recording.messages(self.publications.topics, time_ns, self.end_ns + 1)
         self._ahead = ReadAhead(messages)
         self._next = self._ahead.next()
 
@@ -371,7 +343,6 @@ class Player:
 
 
 def _bounds(recording: Recording, options: PlayOptions) -> tuple[int, int]:
-    """Return the range of time to play."""
     if recording.start_ns >= END_OF_TIME_NS:
         raise ValueError("the recording begins after the 19th of January 2038, where ROS time ends")
     # The index of a damaged file may say that it ends before it begins.
@@ -398,3 +369,70 @@ def checked_rate(rate: float) -> float:
     if not SLOWEST <= rate <= FASTEST:
         raise ValueError(f"a recording is played at a rate from {SLOWEST} to {FASTEST:g}, not {rate}")
     return rate
+
+
+class PlayerServices:
+    """Server of `/rosbag2_player/pause` and the other services."""
+
+    def __init__(self, graph: Graph, player: Player, node: str) -> None:
+        self._player = player
+        self._clock = graph.clock
+        self._participant = graph.participant(node)
+        handlers: dict[tuple[str, str], Callable[[Any], Answer | None]] = {
+            ("pause", "Pause"): lambda _: player.pause(),
+            ("resume", "Resume"): lambda _: player.resume(),
+            ("toggle_paused", "TogglePaused"): lambda _: player.toggle_paused(),
+            ("is_paused", "IsPaused"): lambda _: {"paused": player.paused},
+            ("get_rate", "GetRate"): lambda _: {"rate": player.rate},
+            ("set_rate", "SetRate"): self._set_rate,
+            ("play_next", "PlayNext"): lambda _: {"success": player.play_next()},
+            ("seek", "Seek"): lambda asked: {"success": player.seek(graph.distro.time_ns(asked.time))},
+        }
+        for (name, kind), handler in handlers.items():
+            self._offer(graph, f"{node}/{name}", kind, partial(_answer_at_once, handler))
+        self._offer(graph, f"{node}/burst", "Burst", self._burst)
+
+    def _offer(
+        self, graph: Graph, name: str, kind: str, answer: Callable[[Any, Callable[[Answer], None]], None]
+    ) -> None:
+        interface = graph.registry.service(f"rosbag2_interfaces/{kind}")
+
+        def on_call(call: ServiceCall) -> None:
+            try:
+                request = call.request.value()
+            except InvalidMessage as error:
+                call.fail(str(error))
+                return
+            answer(request, lambda said: call.reply(Payload.from_value(interface.response, said)))
+
+        self._participant.advertise_service(name, interface, on_call)
+
+    def _burst(self, asked: Any, reply: Callable[[Answer], None]) -> None:
+        """Publish in several turns of the event loop: a burst may be a whole long recording."""
+        steps = self._player.steps(asked.num_messages)
+
+        def turn(done: int) -> None:
+            taken = sum(1 for _ in islice(steps, BATCH))
+            if taken == BATCH:
+                self._clock.call_later(0.0, partial(turn, done + taken))
+            else:
+                reply({"actually_burst": done + taken})
+
+        turn(0)
+
+    def _set_rate(self, asked: Any) -> Answer:
+        try:
+            self._player.set_rate(asked.rate)
+        except ValueError:
+            return {"success": False}
+        return {"success": True}
+
+    def close(self) -> None:
+        """Withdraw the services."""
+        self._participant.close()
+
+
+def _answer_at_once(
+    handler: Callable[[Any], Answer | None], request: Any, reply: Callable[[Answer], None]
+) -> None:
+    reply(handler(request) or {})

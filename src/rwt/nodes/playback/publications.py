@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
-from rwt.nodes.recording.recorded_qos import combined
-from rwt.nodes.recording.selection import TopicSelection
+from rwt.nodes.recording.channels import combined
+from rwt.nodes.recording.recording import TopicSelection
 from rwt_graph.names import resolve
 from rwt_interfaces import InterfaceError, InvalidMessage, Payload
 from rwt_interfaces.definitions.parser import parse_message
@@ -43,10 +43,7 @@ class Publications:
     """Publishers of the topics of a recording.
 
     Args:
-        participant: participant that publishes.
-        registry: registry with the types of the recording.
         recording: recording whose topics are advertised at once.
-        selection: topics to play.
         remap: published names by recorded name.
 
     Attributes:

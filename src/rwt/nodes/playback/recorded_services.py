@@ -8,16 +8,14 @@ again. Any other request fails.
 from __future__ import annotations
 
 import logging
-from typing import TYPE_CHECKING, Final, Protocol, cast
+from typing import TYPE_CHECKING, Any, Final
 
 from rwt.nodes.playback.publications import read_payload
-from rwt.nodes.recording.selection import TopicSelection
+from rwt.nodes.recording.recording import TopicSelection
 from rwt_interfaces import InterfaceError, InvalidMessage, Payload
 from rwt_participant.api import ACTION_PARTS, SERVICE_EVENTS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from rwt.nodes.recording.recording import RecordedMessage, RecordedTopic, Recording
     from rwt_graph.api import Graph, ServiceCall
     from rwt_interfaces.structs import MessageType, ServiceType
@@ -27,22 +25,6 @@ logger = logging.getLogger(__name__)
 _EVENT: Final = "_Event"
 _REQUESTS: Final = (0, 1)
 """`event_type` of REQUEST_SENT and REQUEST_RECEIVED; the two others are responses."""
-
-
-class _CallInfo(Protocol):
-    """Used fields of `service_msgs/ServiceEventInfo`."""
-
-    event_type: int
-    client_gid: Sequence[int]
-    sequence_number: int
-
-
-class _ServiceEvent(Protocol):
-    """Event message of any service."""
-
-    info: _CallInfo
-    request: Sequence[object]
-    response: Sequence[object]
 
 
 class RecordedServices:
@@ -95,7 +77,7 @@ class _RecordedCalls:
     def learn(self, topic: RecordedTopic, event: MessageType, message: RecordedMessage) -> None:
         """Add one recorded event."""
         try:
-            recorded = cast("_ServiceEvent", read_payload(topic.encoding, event, message.data).value())
+            recorded: Any = read_payload(topic.encoding, event, message.data).value()
             call = (bytes(recorded.info.client_gid), recorded.info.sequence_number)
             if recorded.info.event_type in _REQUESTS:
                 for request in recorded.request:

@@ -11,11 +11,23 @@ from rwt.nodes.recording.errors import (
     RecordingUnreadable,
 )
 from rwt.nodes.recording.opening import open_recording
-from rwt.nodes.recording.recorder import Recorder, RecordingOptions, record_graph
+from rwt.nodes.recording.recorder import Recorder, record_graph
 from rwt.nodes.recording.recorder_node import RecorderFolderError, RecorderLimits, RecorderNode
-from rwt.nodes.recording.recording import RecordedMessage, RecordedTopic, Recording
-from rwt.nodes.recording.selection import EVERYTHING, TopicSelection
-from rwt.nodes.recording.writer import COMPRESSIONS, Compression, RecordedChannel, RecordingWriter, Split
+from rwt.nodes.recording.recording import (
+    EVERYTHING,
+    RecordedMessage,
+    RecordedTopic,
+    Recording,
+    TopicSelection,
+)
+from rwt.nodes.recording.writer import (
+    COMPRESSIONS,
+    Compression,
+    RecordedChannel,
+    RecordingOptions,
+    RecordingWriter,
+    Split,
+)
 
 __all__ = [
     "Recorder",

@@ -10,7 +10,7 @@ import msgspec
 
 from rwt_interfaces.field_types import Array, Bool, FieldType, Float, Int, Octets, String, Time
 from rwt_interfaces.times import NANOSECONDS
-from rwt_participant.qos import Durability, History, QoS, Reliability
+from rwt_participant.qos import LATCHED, MOST_DEPTH, Durability, History, QoS, Reliability
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
@@ -67,7 +67,7 @@ def channel_form(
     """Return the channel of one topic.
 
     Args:
-        offered_qos: what its publishers offer, where that is known.
+        offered_qos: QoS that its publishers offer, if known.
     """
     registry = message.registry
     distro = registry.distro
@@ -93,11 +93,10 @@ _MADE_BY_RULE: Final = re.compile(r"(?<![\w/])(\w+)/(?:msg/|srv/|action/)?([A-Za
 
 
 def _readable(name: str, text: str) -> tuple[str, str]:
-    """A schema's name and text with no underscores in names of types.
+    """Return a schema's name and text with no underscores in names of types.
 
-    ROS 2 makes such names by rule, for the parts of services and actions and their events
-    (`pkg/srv/X_Event`, which holds `pkg/X_Request`). Readers that are in use (mcap-ros2-support 0.6, rosbags
-    0.11) take them for mistakes, and read nothing of a file that has one.
+    ROS 2 makes such names by rule (`pkg/srv/X_Event`). mcap-ros2-support 0.6 and rosbags 0.11 take them for
+    mistakes, and read nothing of a file that has one.
     """
     heads = [line.removeprefix("MSG: ") for line in text.splitlines() if line.startswith("MSG: ")]
     made = [found for each in (name, *heads) if (found := _MADE_BY_RULE.fullmatch(each))]
@@ -114,7 +113,6 @@ def _readable(name: str, text: str) -> tuple[str, str]:
 
 
 def _latching(offered_qos: tuple[QoS, ...]) -> dict[str, str]:
-    """Return the metadata of ROS 1 in place of quality of service."""
     latched = any(qos.durability is Durability.TRANSIENT_LOCAL for qos in offered_qos)
     return {"latching": "1"} if latched else {}
 
@@ -202,3 +200,45 @@ def _time(field_type: Time) -> Schema:
         "type": "object",
         "properties": {seconds: {"type": "integer"}, nanoseconds: {"type": "integer"}},
     }
+
+
+_HISTORY_WORDS: Final = {"2": History.KEEP_ALL, "keep_all": History.KEEP_ALL}
+_RELIABILITY_WORDS: Final = {"2": Reliability.BEST_EFFORT, "best_effort": Reliability.BEST_EFFORT}
+_DURABILITY_WORDS: Final = {"1": Durability.TRANSIENT_LOCAL, "transient_local": Durability.TRANSIENT_LOCAL}
+_ENTRY: Final = re.compile(r"^[- ] +(history|depth|reliability|durability): *\"?(\w+)", re.MULTILINE)
+
+
+def read_offered_qos(metadata: dict[str, str]) -> tuple[QoS, ...]:
+    """Return the profiles in a channel's metadata: rosbag2's, or ROS 1's latching. Invalid ones become the
+    default.
+    """
+    if metadata.get("latching") == "1":
+        return (LATCHED,)
+    text = metadata.get("offered_qos_profiles", "")
+    profiles = re.split(r"^(?=- )", text, flags=re.MULTILINE)
+    return tuple(
+        _read_profile(dict(_ENTRY.findall(profile))) for profile in profiles if _ENTRY.search(profile)
+    )
+
+
+def _read_profile(entries: dict[str, str]) -> QoS:
+    depth = entries.get("depth", "10")
+    return QoS(
+        history=_HISTORY_WORDS.get(entries.get("history", ""), History.KEEP_LAST),
+        depth=min(int(depth), MOST_DEPTH) if depth.isdecimal() else 10,
+        reliability=_RELIABILITY_WORDS.get(entries.get("reliability", ""), Reliability.RELIABLE),
+        durability=_DURABILITY_WORDS.get(entries.get("durability", ""), Durability.VOLATILE),
+    )
+
+
+def combined(offered_qos: tuple[QoS, ...]) -> QoS:
+    """Merge the profiles of several publishers into one that retains whatever any of them did.
+
+    Transient-local if any is, with the sum of their depths.
+    """
+    kept = [qos for qos in offered_qos if qos.durability is Durability.TRANSIENT_LOCAL]
+    if not kept:
+        return offered_qos[0] if offered_qos else QoS()
+    history = History.KEEP_ALL if any(qos.history is History.KEEP_ALL for qos in kept) else History.KEEP_LAST
+    depth = min(sum(max(1, qos.depth) for qos in kept), MOST_DEPTH)
+    return QoS(history, depth, kept[0].reliability, Durability.TRANSIENT_LOCAL)

@@ -25,9 +25,8 @@ from mcap.reader import SeekingReader
 from mcap.stream_reader import breakup_chunk
 from mcap.summary import Summary
 
-from rwt.nodes.recording.channels import DEFINITION, TYPE, ChannelForm, Encoding
+from rwt.nodes.recording.channels import DEFINITION, TYPE, ChannelForm, Encoding, read_offered_qos
 from rwt.nodes.recording.errors import RecordingNotWritten, RecordingUnreadable
-from rwt.nodes.recording.recorded_qos import read_offered_qos
 from rwt.nodes.recording.recording import (
     CHUNK_BYTES,
     MessageEncoding,
@@ -36,7 +35,7 @@ from rwt.nodes.recording.recording import (
     Recording,
     merged_topics,
 )
-from rwt.nodes.recording.writer import METADATA, RecordedChannel, RecordingWriter
+from rwt.nodes.recording.writer import METADATA, RecordedChannel, RecordingOptions, RecordingWriter
 from rwt_interfaces.distro import JAZZY, NOETIC, Distro, closest_distro
 
 logger = logging.getLogger(__name__)
@@ -61,7 +60,7 @@ _KINDS: Final[dict[int, Callable[[ReadDataStream], records.McapRecord]]] = {
 
 
 class _Damaged(Enum):
-    """Record that cannot be read."""
+    """Mark of a record that cannot be read."""
 
     DAMAGED = auto()
 
@@ -218,7 +217,6 @@ class McapRecording(Recording):
     def _unchunked(
         self, file: IO[bytes], topics: Collection[str] | None, start_ns: int, end_ns: int | None
     ) -> list[_Found]:
-        """Yield the messages of a file without chunks, sorted in memory."""
         found: list[_Found] = []
         for _, message in walk(file):
             if isinstance(message, records.Message) and message.channel_id in self.index.channels:
@@ -271,7 +269,6 @@ def _topic(channel: records.Channel, schema: records.Schema | None, count: int) 
 
 
 def _type_name(channel: records.Channel, schema: records.Schema | None) -> str:
-    """Return the name of a channel's type, which may differ from the name of its schema."""
     return channel.metadata.get(TYPE) or ("" if schema is None else schema.name)
 
 
@@ -308,11 +305,6 @@ def _record(opcode: int, content: bytes) -> records.McapRecord | _Damaged:
 
 
 def _contents(chunk: records.Chunk, most_bytes: int) -> list[records.McapRecord]:
-    """Yield the records of a chunk, within the size that it states.
-
-    Raises:
-        Exception: it is damaged; of which kind is up to the library that unpacks it.
-    """
     if chunk.uncompressed_size > most_bytes:
         raise ValueError(
             f"it would have {chunk.uncompressed_size} bytes unpacked, and {most_bytes} are the most;"
@@ -362,9 +354,6 @@ def _note(summary: Summary, found: list[records.McapRecord], counts: dict[int, i
 
 
 def _chunk_index(chunk: records.Chunk, end: int) -> records.ChunkIndex:
-    """Return the index of a chunk that ends at byte `end`, without message indices, so that readers scan
-    every chunk.
-    """
     length = _HEAD.size + 8 + 8 + 8 + 4 + 4 + len(chunk.compression.encode()) + 8 + len(chunk.data)
     return records.ChunkIndex(
         chunk_length=length,
@@ -412,7 +401,10 @@ def recover(
         channels = recording.index.channels.values()
         encoding: Encoding = "json" if any(each.message_encoding == "json" for each in channels) else "ros"
         try:
-            with RecordingWriter(part, recording.distro, encoding) as writer, _opened(path) as file:
+            with (
+                RecordingWriter(part, recording.distro, RecordingOptions(encoding)) as writer,
+                _opened(path) as file,
+            ):
                 _copy(recording, file, writer)
             _replace(part, to)
         finally:
@@ -421,7 +413,6 @@ def recover(
 
 
 def _replace(part: Path, to: Path) -> None:
-    """Rename a file once it is on disk."""
     try:
         with part.open("rb+") as file:
             os.fsync(file.fileno())

@@ -14,7 +14,6 @@ def open_recording(paths: Sequence[Path], chunk_bytes: int = CHUNK_BYTES) -> Rec
     """Open a recording: MCAP files, ROS 1 bags, or folders of rosbag2; several are played together.
 
     Args:
-        paths: of the files and folders.
         chunk_bytes: what a chunk of an MCAP file may have unpacked; one that says more is left out.
 
     Raises:

@@ -5,13 +5,12 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from rwt.nodes.recording.channels import KEPT, KEPT_TRANSFORMS, Encoding, channel_form
-from rwt.nodes.recording.selection import EVERYTHING, TopicSelection
-from rwt.nodes.recording.writer import Compression, RecordingWriter, Split
+from rwt.nodes.recording.channels import KEPT, KEPT_TRANSFORMS, channel_form
+from rwt.nodes.recording.recording import EVERYTHING, TopicSelection
+from rwt.nodes.recording.writer import DEFAULT_OPTIONS, RecordingOptions, RecordingWriter
 from rwt_graph.nodes.graph_robot import GraphRobot
 from rwt_interfaces import InvalidMessage, Payload
 from rwt_participant.errors import UnknownType
@@ -20,7 +19,6 @@ from rwt_participant.future import run_until_it_waits
 if TYPE_CHECKING:
     from rwt.nodes.recording.writer import RecordedChannel
     from rwt_graph.api import Graph
-    from rwt_interfaces.distro import Distro
     from rwt_participant.api import Listed, RobotApi
     from rwt_participant.handles import Handle
     from rwt_participant.messages import RawMessage
@@ -49,41 +47,6 @@ _REMEMBERED: Final = 100
 """Number of remembered stamps of a latched topic."""
 
 
-@dataclass(frozen=True, slots=True)
-class RecordingOptions:
-    """Format and limits of a recording.
-
-    Attributes:
-        encoding: ``ros`` (CDR, or the ROS 1 serialisation on ROS 1) or ``json``.
-        compression: compression of the chunks.
-        split: condition for a new file.
-        overwrite: replace an existing file.
-        largest_bytes: maximum content, including definitions and before compression; 0 for no maximum.
-    """
-
-    encoding: Encoding = "ros"
-    compression: Compression = "zstd"
-    split: Split | None = field(default=None)
-    overwrite: bool = False
-    largest_bytes: int = 0
-
-    def writer(self, path: Path, distro: Distro) -> RecordingWriter:
-        """Open a file for writing.
-
-        Raises:
-            RecordingNotWritten: the file cannot be created.
-            ExtraMissing: the extra ``mcap`` is not installed.
-        """
-        return RecordingWriter(
-            path,
-            distro,
-            self.encoding,
-            compression=self.compression,
-            split=self.split,
-            overwrite=self.overwrite,
-        )
-
-
 class Recorder:
     """Recorder of a robot's topics until it is stopped.
 
@@ -92,10 +55,6 @@ class Recorder:
     arrival by this computer's clock.
 
     Args:
-        robot: robot to record.
-        writer: writer of the file.
-        selection: topics to record; everything by default.
-        options: format and limits.
         offered_qos: returns the QoS that the publishers of a topic offer; None if that is unknown. It is then
             inferred from the age of the first message, and repeated messages are dropped: a server sends
             retained ones again after a lost connection.
@@ -103,7 +62,6 @@ class Recorder:
         on_stop: called once when the recording stops.
 
     Attributes:
-        writer: writer of the file.
         is_full: True if `largest_bytes` was reached, which stops the recording.
     """
 
@@ -112,7 +70,6 @@ class Recorder:
         robot: RobotApi,
         writer: RecordingWriter,
         selection: TopicSelection = EVERYTHING,
-        options: RecordingOptions = RecordingOptions(),
         *,
         offered_qos: Callable[[str], tuple[QoS, ...] | None] = lambda topic: None,
         node: str = "",
@@ -122,8 +79,8 @@ class Recorder:
         self.is_full = False
         self._robot = robot
         self._selection = selection
-        self._encoding = options.encoding
-        self._room = options.largest_bytes or None
+        self._encoding = writer.options.encoding
+        self._room = writer.options.largest_bytes or None
         self._offered_qos = offered_qos
         self._node = node
         self._on_stop: Callable[[], None] | None = on_stop
@@ -162,7 +119,6 @@ class Recorder:
         self._timer = self._robot.clock.call_later(LOOK_SECONDS, self.keep_looking)
 
     async def _follow(self, topic: Listed, asked_ns: int) -> None:
-        """Subscribe to a topic, unless already done."""
         known = self._topics.get(topic.name)
         # The subscription of a node follows the topic. It has no type, which would be kept for others.
         wanted = topic.type if topic.publishers is None else None
@@ -269,18 +225,11 @@ def record_graph(
     graph: Graph,
     path: Path,
     selection: TopicSelection = EVERYTHING,
-    options: RecordingOptions = RecordingOptions(),
+    options: RecordingOptions = DEFAULT_OPTIONS,
     *,
     name: str = "recorder",
 ) -> Recorder:
     """Record the topics of a graph; begins at once, also before the graph runs.
-
-    Args:
-        graph: any backend.
-        path: file to write.
-        selection: topics to record; everything by default.
-        options: format and limits.
-        name: name of the node that records.
 
     Raises:
         RecordingNotWritten: the file cannot be created.
@@ -291,16 +240,10 @@ def record_graph(
         info = graph.topic(topic)
         return () if info is None else tuple(publisher.qos for publisher in info.publishers)
 
-    writer = options.writer(path, graph.distro)
+    writer = RecordingWriter(path, graph.distro, options)
     robot = GraphRobot(graph, name)
     recorder = Recorder(
-        robot,
-        writer,
-        selection,
-        options,
-        offered_qos=offered_qos,
-        node=robot.name,
-        on_stop=robot.close,
+        robot, writer, selection, offered_qos=offered_qos, node=robot.name, on_stop=robot.close
     )
     recorder.keep_looking()
     return recorder

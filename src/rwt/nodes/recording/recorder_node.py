@@ -7,19 +7,22 @@ import re
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import anyio.to_thread
 
 from rwt.nodes.recording.errors import RecordingError, RecordingNotWritten, require
-from rwt.nodes.recording.recorder import Recorder, RecordingOptions, record_graph
-from rwt.nodes.recording.selection import TopicSelection
+from rwt.nodes.recording.recorder import Recorder, record_graph
+from rwt.nodes.recording.recording import TopicSelection
+from rwt.nodes.recording.writer import RecordingOptions
 from rwt_graph.nodes.node import Node
 
 if TYPE_CHECKING:
     from rwt.nodes.recording.writer import RecordingWriter
     from rwt_graph.api import Graph
+    from rwt_participant.messages import Message
     from rwt_participant.timers import Timer
 
 logger = logging.getLogger(__name__)
@@ -27,9 +30,9 @@ logger = logging.getLogger(__name__)
 STATE_SECONDS: Final = 1.0
 """Interval between state messages while recording, in seconds."""
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
-_MOST_TOPICS: Final = 200
-_MOST_NAME: Final = 256
-_MOST_FILES_A_SECOND: Final = 100
+_MAX_TOPICS: Final = 200
+_MAX_NAME_CHARS: Final = 256
+_MAX_FILES_PER_SECOND: Final = 100
 
 
 class RecorderFolderError(ValueError):
@@ -56,9 +59,7 @@ class RecorderNode:
     a time, which continues if its client disconnects.
 
     Args:
-        graph: graph to record.
         folder: folder of the files, which are named after the request and the time.
-        limits: limits of the recordings.
 
     Raises:
         RecorderFolderError: `folder` is not a folder.
@@ -81,52 +82,53 @@ class RecorderNode:
         self._publisher = self._node.advertise(
             "/recorder/state", "rwt_recorder_msgs/RecorderState", latch=True
         )
-        self._node.advertise_service("/recorder/start", "rwt_recorder_msgs/StartRecording", self._on_start)
-        self._node.advertise_service("/recorder/stop", "rwt_recorder_msgs/StopRecording", self._on_stop)
-        self._tell()
+        for name, type, act in (
+            ("start", "StartRecording", self._start),
+            ("stop", "StopRecording", self._stop),
+        ):
+            handler = partial(self._alone, act)
+            self._node.advertise_service(f"/recorder/{name}", f"rwt_recorder_msgs/{type}", handler)
+        self._publish_state()
 
     # Services
 
-    async def _on_start(self, request: Any) -> dict[str, object]:
-        return await self._alone(lambda: self._start(request.name, tuple(request.topics)))
-
-    async def _on_stop(self, request: Any) -> dict[str, object]:
-        return await self._alone(self._stop)
-
-    async def _alone(self, act: Callable[[], Awaitable[dict[str, object]]]) -> dict[str, object]:
+    async def _alone(
+        self, act: Callable[[Message], Awaitable[dict[str, object]]], request: Message
+    ) -> dict[str, object]:
         """Run one change of the recording at a time; return its outcome or error."""
         if self._is_changing:
             return _refusal("another recording is just being started or ended; ask again")
         self._is_changing = True
         try:
-            done = await act()
+            done = await act(request)
         except RecordingError as error:
             # What it says is for the robot's log; where the files lie is nothing for clients.
             logger.error("%s", error)
             return _refusal(str(error).replace(f"{self._folder}/", ""))
         finally:
             self._is_changing = False
-            self._tell()
+            self._publish_state()
         return done
 
-    async def _start(self, name: str, topics: tuple[str, ...]) -> dict[str, object]:
+    async def _start(self, request: Message) -> dict[str, object]:
+        name, topics = request.name, tuple(request.topics)
         if self._recorder is not None:
             return _refusal(f"{self._state['file']} is being recorded already")
         if name and _NAME.fullmatch(name) is None:
             return _refusal(
                 "name: expected up to 64 of the characters A-Z a-z 0-9 . _ -, no dot at its start"
             )
-        if len(topics) > _MOST_TOPICS or any(not each or len(each) > _MOST_NAME for each in topics):
-            return _refusal(f"topics: expected at most {_MOST_TOPICS} names or patterns")
+        if len(topics) > _MAX_TOPICS or any(not each or len(each) > _MAX_NAME_CHARS for each in topics):
+            return _refusal(f"topics: expected at most {_MAX_TOPICS} names or patterns")
         used = await anyio.to_thread.run_sync(_bytes_in, self._folder)
         room = min(self._limits.recording, self._limits.folder - used)
         if room <= 0:
             return _refusal(
                 f"the recordings here have {used} bytes of {self._limits.folder}: remove some of them"
             )
-        selection = TopicSelection(topics) if topics else TopicSelection()
         path = self._free_path(name or "recording")
-        self._recorder = record_graph(self._graph, path, selection, RecordingOptions(largest_bytes=room))
+        options = RecordingOptions(largest_bytes=room)
+        self._recorder = record_graph(self._graph, path, TopicSelection(topics), options)
         self._state = {
             "recording": True,
             "file": path.name,
@@ -136,7 +138,7 @@ class RecorderNode:
         self._tick()
         return {"success": True, "message": "", "file": path.name}
 
-    async def _stop(self) -> dict[str, object]:
+    async def _stop(self, request: Message) -> dict[str, object]:
         if self._recorder is None:
             return _refusal("nothing is being recorded")
         await self._end("")
@@ -147,14 +149,13 @@ class RecorderNode:
     def _free_path(self, name: str) -> Path:
         at = datetime.fromtimestamp(self._graph.clock.time_ns() / 1e9, UTC)
         stem = f"{name}_{at:%Y%m%d-%H%M%S}"
-        for number in range(1, _MOST_FILES_A_SECOND):
+        for number in range(1, _MAX_FILES_PER_SECOND):
             path = self._folder / f"{stem}{'' if number == 1 else f'_{number}'}.mcap"
             if not path.exists():
                 return path
         raise RecordingNotWritten(f"{stem}.mcap is there already; give another name")
 
     def _tick(self) -> None:
-        """Publish the progress, and stop if the recording is full or cannot be written."""
         recorder = self._recorder
         if recorder is None:
             return
@@ -163,7 +164,7 @@ class RecorderNode:
             self._close_now(f"it has ended: it has come to {self._state['largest_bytes']} bytes")
         elif recorder.writer.failure is not None and not self._is_changing:
             self._close_now(str(recorder.writer.failure).replace(f"{self._folder}/", ""))
-        self._tell()
+        self._publish_state()
 
     async def _end(self, problem: str) -> None:
         recorder = self._forget(problem)
@@ -199,7 +200,7 @@ class RecorderNode:
             "dropped": writer.dropped,
         }
 
-    def _tell(self) -> None:
+    def _publish_state(self) -> None:
         if self._recorder is not None:
             self._note(self._recorder)
         self._publisher.publish(self._state)
@@ -220,5 +221,4 @@ def _refusal(text: str) -> dict[str, object]:
 
 
 def _bytes_in(folder: Path) -> int:
-    """Return the total size of the files directly in a folder."""
     return sum(each.stat().st_size for each in folder.iterdir() if each.is_file())

@@ -5,12 +5,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Final, Literal, Self
 
 from msgspec import Struct
 
 from rwt_interfaces.distro import Distro
+from rwt_participant.api import ACTION_PARTS, SERVICE_EVENTS
 from rwt_participant.qos import QoS
 
 CHUNK_BYTES: Final = 128 * 1024 * 1024
@@ -27,10 +29,9 @@ class RecordedTopic:
     Attributes:
         name: absolute name.
         type: the type's name as it was recorded.
-        encoding: how its messages are written.
         definition: the type's definition with those it contains (API-06); empty where it was not recorded.
         count: messages; None where the file does not say.
-        offered_qos: what its publishers offered_qos, where that is known.
+        offered_qos: QoS of its publishers, if known.
     """
 
     name: str
@@ -47,9 +48,9 @@ class RecordedMessage(Struct, frozen=True, gc=False):
     Attributes:
         topic: absolute name of the topic.
         type: the type's name as it was recorded.
-        log_time: when it was recorded, nanoseconds since the epoch.
-        publish_time: when it was published, likewise.
-        data: as the topic's encoding has it.
+        log_time: time of recording, nanoseconds since the epoch.
+        publish_time: time of publishing, nanoseconds since the epoch.
+        data: message in the topic's encoding.
     """
 
     topic: str
@@ -63,8 +64,7 @@ class Recording(ABC):
     """Open recording. Several threads may read it at once, each with its own iterator.
 
     Attributes:
-        paths: its files.
-        distro: of its messages.
+        paths: files of the recording.
         topics: sorted by name; a topic of two types is there twice.
         start_ns, end_ns: log times of the first and the last message; both 0 when there is none.
         complete: True if the file was ended properly. One that was not is read as far as it goes.
@@ -117,3 +117,41 @@ def merged_topics(topics: list[RecordedTopic]) -> tuple[RecordedTopic, ...]:
             known.name, known.type, known.encoding, known.definition, count, offered_qos
         )
     return tuple(sorted(found.values(), key=lambda topic: (topic.name, topic.type)))
+
+
+@dataclass(frozen=True, slots=True)
+class TopicSelection:
+    """Selection of topics.
+
+    Attributes:
+        topics: patterns of the shell (``/camera/*``), of which one must fit; none stands for all.
+        exclude: patterns of which none may fit.
+        services: True if topics that tell of service calls are taken.
+        actions: True if the topics of ROS 2's actions are taken.
+    """
+
+    topics: tuple[str, ...] = ()
+    exclude: tuple[str, ...] = ()
+    services: bool = False
+    actions: bool = False
+
+    def takes(self, topic: str) -> bool:
+        """Return True if a topic is selected. One that `topics` names in full is, whatever its kind."""
+        if any(_fits(topic, pattern) for pattern in self.exclude):
+            return False
+        if topic in self.topics:
+            return True
+        if self.topics and not any(_fits(topic, pattern) for pattern in self.topics):
+            return False
+        if ACTION_PARTS in topic:
+            return self.actions
+        return self.services or not topic.endswith(SERVICE_EVENTS)
+
+
+def _fits(topic: str, pattern: str) -> bool:
+    # Every absolute name begins with a slash, which people leave away.
+    return fnmatchcase(topic, pattern if pattern.startswith(("/", "*")) else f"/{pattern}")
+
+
+#: Everything that tells of itself as a topic.
+EVERYTHING = TopicSelection(services=True, actions=True)

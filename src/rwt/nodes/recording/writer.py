@@ -53,12 +53,31 @@ class Split:
     seconds: float = 0.0
 
 
+@dataclass(frozen=True, slots=True)
+class RecordingOptions:
+    """Format and limits of a recording.
+
+    Attributes:
+        encoding: ``ros`` (CDR, or the ROS 1 serialisation on ROS 1) or ``json``.
+        split: condition for a new file.
+        largest_bytes: maximum content, including definitions and before compression; 0 for no maximum.
+    """
+
+    encoding: Encoding = "ros"
+    compression: Compression = "zstd"
+    split: Split | None = None
+    overwrite: bool = False
+    largest_bytes: int = 0
+
+
+DEFAULT_OPTIONS: Final = RecordingOptions()
+
+
 class RecordedChannel:
     """Topic of one type in the recording, with counters.
 
     Attributes:
-        form: what the file says of it.
-        messages: number of written messages.
+        form: description of the topic in the file.
         size: bytes of their content.
     """
 
@@ -77,41 +96,31 @@ class RecordingWriter:
     """Writer of one recording.
 
     Args:
-        path: the file; with `split` the first is `NAME_0000.mcap`.
-        distro: whose messages these are.
-        encoding: encoding of the channels, as the file's own note says it.
-        overwrite: True if a file that is there may be replaced.
+        path: file to write; with `options.split` the first is `NAME_0000.mcap`.
 
     Attributes:
-        channels: what is recorded so far.
-        dropped: messages that the disk was too slow for.
-        failure: why nothing more is written; None while all is well.
+        options: format and limits.
+        channels: recorded topics.
+        dropped: number of messages that the disk was too slow for.
+        failure: error that ended writing; None without one.
 
     Raises:
         RecordingNotWritten: the file is there already, or cannot be made.
         ExtraMissing: the extra ``mcap`` is not installed.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        distro: Distro,
-        encoding: Encoding = "ros",
-        *,
-        compression: Compression = "zstd",
-        split: Split | None = None,
-        overwrite: bool = False,
-    ) -> None:
+    def __init__(self, path: Path, distro: Distro, options: RecordingOptions = DEFAULT_OPTIONS) -> None:
         require("mcap")
+        self.options = options
         self.channels: list[RecordedChannel] = []
         self.dropped = 0
         self.failure: RecordingNotWritten | None = None
         self._queue: deque[_Item] = deque()
         self._taken = 0
         self._closing = threading.Event()
-        note = {"distro": distro.name, "ros_version": str(distro.ros_version), "encoding": encoding}
+        note = {"distro": distro.name, "ros_version": str(distro.ros_version), "encoding": options.encoding}
         try:
-            self._files = _Files(path, f"ros{distro.ros_version}", note, compression, split, overwrite)
+            self._files = _Files(path, f"ros{distro.ros_version}", note, options)
         except OSError as error:
             raise RecordingNotWritten(f"{path}: cannot be written: {_reason(error)}") from None
         self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
@@ -231,48 +240,40 @@ def _reason(error: OSError) -> str:
 class _Files:
     """Consecutive files of one recording; belongs to the writing thread."""
 
-    def __init__(
-        self,
-        path: Path,
-        profile: str,
-        note: Mapping[str, str],
-        compression: Compression,
-        split: Split | None,
-        overwrite: bool,
-    ) -> None:
+    def __init__(self, path: Path, profile: str, note: Mapping[str, str], options: RecordingOptions) -> None:
         self.paths: list[Path] = []
         self.written = 0
         self.bytes_on_disk = 0
         self._path = path
         self._profile = profile
         self._note = note
-        self._compression = compression
-        self._split = split
-        self._overwrite = overwrite
+        self._options = options
         self._begin()
 
     def _begin(self) -> None:
         path = self._path
-        if self._split is not None:
+        if self._options.split is not None:
             path = path.with_name(f"{path.stem}_{len(self.paths):04}{path.suffix}")
-        self._disk = _Disk(path, self._overwrite)
+        self._disk = _Disk(path, self._options.overwrite)
         self.paths.append(path)
         self._ids: dict[RecordedChannel, int] = {}
         self._schemas: dict[tuple[str, str], int] = {}
         self._started_at: int | None = None
         self._dirty = False
         self._flushed_at = time.monotonic()
-        self._writer = _mcap_writer(self._disk, self._compression)
+        self._writer = _mcap_writer(self._disk, self._options.compression)
         self._writer.start(profile=self._profile, library="robot-web-tools")
         self._writer.add_metadata(METADATA, dict(self._note))
         self._disk.keep()
 
     def add(self, item: _Item) -> None:
-        """Write one message, in a new file if it is due."""
         channel, log_time, publish_time, data, sequence = item
+        split = self._options.split
         if self._started_at is None:
             self._started_at = log_time
-        elif self._split is not None and self._is_over(log_time):
+        elif split is not None and (
+            0 < split.size <= self._disk.size or 0 < split.seconds * 1e9 <= log_time - self._started_at
+        ):
             self.finish()
             self._begin()
             self._started_at = log_time
@@ -283,11 +284,6 @@ class _Files:
         self._disk.keep()  # If it ended a chunk, that is written whole now.
         self.written += len(data)
         self._dirty = True
-
-    def _is_over(self, log_time: int) -> bool:
-        assert self._split is not None and self._started_at is not None  # Asked of what was begun and splits.
-        size, seconds = self._split.size, self._split.seconds
-        return (0 < size <= self._disk.size) or 0 < seconds * 1e9 <= log_time - self._started_at
 
     def _register(self, channel: RecordedChannel) -> int:
         form = channel.form
@@ -300,7 +296,6 @@ class _Files:
         return found
 
     def flush_if_due(self) -> None:
-        """Flush to the system unless that was done within the last second."""
         now = time.monotonic()
         if self._dirty and now - self._flushed_at >= FLUSH_SECONDS:
             self._flush()
@@ -316,7 +311,6 @@ class _Files:
         return sum(path.stat().st_size for path in self.paths[:-1])
 
     def finish(self) -> None:
-        """Write the index and close the file."""
         self._flush()
         self._writer.finish()  # type: ignore[no-untyped-call]  # the library does not type it
         self._disk.keep()
@@ -324,7 +318,6 @@ class _Files:
         self._disk.close()
 
     def abandon(self) -> None:
-        """Remove incomplete records, and close the file as it is."""
         self._disk.cut()
         self._disk.close()
 
@@ -361,7 +354,6 @@ class _Disk:
         """No-op: nothing is buffered."""
 
     def keep(self) -> None:
-        """Mark everything written so far as complete."""
         self._whole = self.size
 
     def cut(self) -> None:

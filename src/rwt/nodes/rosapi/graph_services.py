@@ -5,8 +5,7 @@ from __future__ import annotations
 import socket
 from typing import TYPE_CHECKING, Any, Final
 
-from rwt.nodes.rosapi.conventions import CONVENTIONS
-from rwt.nodes.rosapi.service import Answer, Service
+from rwt.nodes.rosapi.service import CONVENTIONS, Answer, Service
 from rwt_graph.disclosure import NOTHING, AsksAbout, Lists, ListsProviders
 from rwt_graph.errors import InvalidGraphName
 from rwt_graph.names import resolve

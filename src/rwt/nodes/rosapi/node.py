@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from rwt.nodes.rosapi import graph_services, parameter_services, type_services
-from rwt.nodes.rosapi.conventions import CONVENTIONS
+from rwt.nodes.rosapi.service import CONVENTIONS
 from rwt_graph.nodes.node import Node
 
 if TYPE_CHECKING:
@@ -26,25 +26,12 @@ DISCLOSURES: Final[Mapping[str, Disclosure]] = MappingProxyType(
 """Declarations of what the services of rosapi reveal, by two-part type name in each distribution."""
 
 
-class Rosapi:
+class Rosapi(Node):
     """Node that serves rosapi for one graph until `close`."""
 
     def __init__(self, graph: Graph) -> None:
-        self._node = Node(graph, "rosapi")
+        super().__init__(graph, "rosapi")
         conventions = CONVENTIONS[graph.distro.name]
         for service in (*_SERVICES, *((graph_services.VERSION,) if conventions.has_version else ())):
-            self._node.advertise_service(
-                f"/rosapi/{service.name}",
-                f"{conventions.package}/{service.type}",
-                service.serve(self._node),
-            )
-
-    def close(self) -> None:
-        """Withdraw the services."""
-        self._node.close()
-
-    def __enter__(self) -> Rosapi:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
+            interface = f"{conventions.package}/{service.type}"
+            self.advertise_service(f"/rosapi/{service.name}", interface, service.serve(self))

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
-from rwt.nodes.rosapi.conventions import CONVENTIONS
-from rwt.nodes.rosapi.service import Answer, Service
+from rwt.nodes.rosapi.service import CONVENTIONS, Answer, Service
 from rwt_graph.disclosure import AsksAbout, Lists, Reads, Writes
 from rwt_participant.errors import NotFound, RobotError, ServiceFailed
 

@@ -1,13 +1,12 @@
-"""Row of the tables of services in this folder."""
+"""Row of the tables of services in this folder, and differences between the distributions."""
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
-from rwt.nodes.rosapi.conventions import CONVENTIONS
 from rwt_interfaces.payload import Payload
 from rwt_participant.future import run_until_it_waits
 
@@ -16,8 +15,48 @@ if TYPE_CHECKING:
     from rwt_graph.nodes.node import Node
     from rwt_participant.messages import ServiceHandler
 
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Conventions:
+    """rosapi of one distribution.
+
+    Attributes:
+        package: package of the service types.
+        has_version: True if `get_ros_version` is offered. Clients recognise ROS 1 by its absence.
+        has_idl_names: True if scalars have the names of IDL (API-04).
+        reports_failures: True if responses about parameters have ``successful`` and ``reason``. Otherwise the
+            call fails.
+        fails_for_unknown_nodes: True if ``node_details`` fails for an unknown node. Otherwise its lists are
+            empty (API-14).
+    """
+
+    package: str
+    has_version: bool
+    has_idl_names: bool
+    reports_failures: bool
+    fails_for_unknown_nodes: bool
+
+
+CONVENTIONS: Final[Mapping[str, Conventions]] = {
+    "jazzy": Conventions(
+        package="rosapi_msgs",
+        has_version=True,
+        has_idl_names=True,
+        reports_failures=True,
+        fails_for_unknown_nodes=True,
+    ),
+    "noetic": Conventions(
+        package="rosapi",
+        has_version=False,
+        has_idl_names=False,
+        reports_failures=False,
+        fails_for_unknown_nodes=False,
+    ),
+}
+"""Conventions by the name of the distribution."""
+
 Answer = dict[str, object]
-"""The fields of a response."""
+"""Fields of a response."""
 
 
 @dataclass(frozen=True, slots=True)

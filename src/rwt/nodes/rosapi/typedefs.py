@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rwt.nodes.rosapi.conventions import CONVENTIONS
+from rwt.nodes.rosapi.service import CONVENTIONS
 from rwt_interfaces.definitions.model import WrittenType
 
 if TYPE_CHECKING:

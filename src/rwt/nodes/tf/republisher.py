@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from itertools import count
-from typing import TYPE_CHECKING, Any, Final, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Final
 
 import anyio
 
-from rwt.nodes.tf.request import Request, RequestMessage, RequestRefused
 from rwt.nodes.tf.streams import CpuBudget, GoalStream, TopicStream
-from rwt.nodes.tf.transform_filters import MissingFrames, make_filter
+from rwt.nodes.tf.transform_filters import InvalidRequest, MissingFrames, Request, make_filter
 from rwt_graph import Node
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.errors import GoalAborted, GoalCanceled, ServiceFailed
 from rwt_participant.goals import ReceivedGoal
+from rwt_participant.messages import Message
 from rwt_tf2 import Buffer, Feed, stamp_ns
 
 if TYPE_CHECKING:
@@ -36,15 +36,7 @@ _PACKAGE = "tf2_web_republisher"
 _PACKAGE_OF_ROS_2 = "tf2_web_republisher_interfaces"
 
 
-class _Stream(Protocol):
-    def stop(self, reason: str) -> None: ...
-
-
-class _RepublishRequest(RequestMessage, Protocol):
-    timeout: Any
-
-
-class Tf2WebRepublisher:
+class Tf2WebRepublisher(Node):
     """Node that serves tf2_web_republisher for one graph until `close` (TFR-01 to TFR-10).
 
     It serves the action `/tf2_web_republisher`, also over actionlib's topics, and the service
@@ -52,33 +44,23 @@ class Tf2WebRepublisher:
     """
 
     def __init__(self, graph: Graph) -> None:
-        self._node = node = Node(graph, NAME)
-        self._buffer = listen(node)
-        self._streams: dict[int, _Stream] = {}
+        super().__init__(graph, NAME)
+        self._buffer = listen(self)
+        self._streams: dict[int, GoalStream | TopicStream] = {}
         self._numbers = count()
         over_topics = f"{_PACKAGE}/TFSubscription"
-        if node.distro.action_transport == "topics":
-            node.advertise_action(NAME, over_topics, self._run_goal, accept=self._accept)
+        if self.distro.action_transport == "topics":
+            self.advertise_action(NAME, over_topics, self._run_goal, accept=self._accept)
         else:
             own = f"{_PACKAGE_OF_ROS_2}/TFSubscription"
-            node.advertise_action(NAME, own, self._run_goal, accept=self._accept)
-            node.serve_over_topics(NAME, over_topics)
-        node.advertise_service(SERVICE, f"{_PACKAGE}/RepublishTFs", self._republish)
+            self.advertise_action(NAME, own, self._run_goal, accept=self._accept)
+            self.serve_over_topics(NAME, over_topics)
+        self.advertise_service(SERVICE, f"{_PACKAGE}/RepublishTFs", self._republish)
 
-    def close(self) -> None:
-        """Leave the graph; goals end as aborted."""
-        self._node.close()
-
-    def __enter__(self) -> Tf2WebRepublisher:
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        self.close()
-
-    def _accept(self, message: RequestMessage) -> bool | str:
+    def _accept(self, message: Message) -> bool | str:
         try:
             Request.read(message)
-        except RequestRefused as error:
+        except InvalidRequest as error:
             return str(error)
         return True
 
@@ -88,9 +70,9 @@ class Tf2WebRepublisher:
         number = self._make_room()
         with anyio.CancelScope() as scope:
             filter_ = make_filter(request, self._missing())
-            stream = GoalStream(self._node, self._buffer, filter_, self._budget(), goal, scope.cancel)
+            stream = GoalStream(self, self._buffer, filter_, self._budget(), goal, scope.cancel)
             self._streams[number] = stream
-            timer = self._node.create_timer(request.period, stream.tick)
+            timer = self.create_timer(request.period, stream.tick)
             try:
                 await goal.cancel_event.wait()
             finally:
@@ -100,28 +82,25 @@ class Tf2WebRepublisher:
             raise GoalAborted({}, stream.reason)
         raise GoalCanceled({})
 
-    def _republish(self, message: _RepublishRequest) -> dict[str, str]:
+    def _republish(self, message: Message) -> dict[str, str]:
         """Publish on a separate topic for each call (TFR-09)."""
         try:
             request = Request.read(message)
-        except RequestRefused as error:
+        except InvalidRequest as error:
             raise ServiceFailed(str(error)) from error
         timeout = stamp_ns(message.timeout) / NANOSECONDS or TOPIC_TIMEOUT
         if timeout < 0:
             raise ServiceFailed(f"timeout must not be negative, got {timeout:g} s")
         number = self._make_room()
-        publisher = self._node.advertise(
-            f"{NAME}/tf_repub_{number}", f"{_PACKAGE}/TFArray", qos=TopicStream.QOS
-        )
+        publisher = self.advertise(f"{NAME}/tf_repub_{number}", f"{_PACKAGE}/TFArray", qos=TopicStream.QOS)
         filter_ = make_filter(request, self._missing())
         ended = partial(self._streams.pop, number, None)
-        stream = TopicStream(self._node, self._buffer, filter_, self._budget(), publisher, timeout, ended)
+        stream = TopicStream(self, self._buffer, filter_, self._budget(), publisher, timeout, ended)
         self._streams[number] = stream
         stream.start(request.period)
         return {"topic_name": publisher.name}
 
     def _make_room(self) -> int:
-        """Return the number of a new stream; end the oldest if there are too many."""
         if len(self._streams) >= MOST_STREAMS:
             oldest = next(iter(self._streams))
             self._streams.pop(oldest).stop(
@@ -130,14 +109,11 @@ class Tf2WebRepublisher:
         return next(self._numbers)
 
     def _budget(self) -> CpuBudget:
-        return CpuBudget(self._node.clock.monotonic, lambda: len(self._streams))
+        return CpuBudget(self.clock.monotonic, lambda: len(self._streams))
 
     def _missing(self) -> MissingFrames:
-        return MissingFrames(self._node.log.error, self._node.clock.monotonic)
+        return MissingFrames(self.log.error, self.clock.monotonic)
 
-
-Message: TypeAlias = Any
-"""`tf2_msgs/TFMessage`."""
 
 _TYPE: Final = "tf2_msgs/TFMessage"
 

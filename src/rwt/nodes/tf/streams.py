@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from time import thread_time
 from typing import Final
 
-from rwt.nodes.tf.transform_filters import TransformFilter
+from rwt.nodes.tf.transform_filters import TargetFrameFilter, TreeFilter
 from rwt_graph import Node, Timer, TopicPublisher
 from rwt_participant.goals import ReceivedGoal
 from rwt_participant.qos import Durability, QoS
@@ -48,7 +48,7 @@ class GoalStream:
         self,
         node: Node,
         buffer: Buffer,
-        filter_: TransformFilter,
+        filter_: TargetFrameFilter | TreeFilter,
         budget: CpuBudget,
         goal: ReceivedGoal,
         end: Callable[[], None],
@@ -97,7 +97,7 @@ class TopicStream:
         self,
         node: Node,
         buffer: Buffer,
-        filter_: TransformFilter,
+        filter_: TargetFrameFilter | TreeFilter,
         budget: CpuBudget,
         publisher: TopicPublisher,
         timeout: float,
@@ -145,20 +145,19 @@ class TopicStream:
         self._ended()
 
 
-SHARE: Final = 0.25
-"""Of the event loop's time, for all streams together: a client may ask for a thousand frames a hundred times
-a second, and other clients must be served, too."""
+CPU_FRACTION: Final = 0.25
+"""Fraction of the event loop's time for all streams together: a client may ask for a thousand frames a
+hundred times a second, and other clients must be served, too."""
 
 _NEWEST: Final = 0.2
 """Weight of the last turn in the moving average of its duration: one delayed turn must not slow a stream."""
 
 
 class CpuBudget:
-    """CPU budget of one stream: it pauses after each turn to stay within its part of :data:`SHARE`.
+    """CPU budget of one stream: it pauses after each turn to stay within its part of :data:`CPU_FRACTION`.
 
     Args:
         monotonic: returns the seconds of the robot's clock.
-        streams: returns the number of streams.
         worked: returns the CPU seconds of this thread.
     """
 
@@ -182,4 +181,4 @@ class CpuBudget:
         began = self._worked()
         work()
         self._usual += _NEWEST * (self._worked() - began - self._usual)
-        self._rests_until = now + self._usual * self._streams() / SHARE
+        self._rests_until = now + self._usual * self._streams() / CPU_FRACTION

@@ -1,27 +1,80 @@
-"""Filters of transforms: select those that have moved since they were sent."""
+"""Requests of transforms, and filters that select those that have moved since they were sent."""
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
-from typing import Final, Protocol
+from dataclasses import dataclass
+from typing import Final, Generic, TypeVar
 
-from rwt.nodes.tf.request import Request
+from rwt_participant.messages import Message
 from rwt_tf2 import IDENTITY, Buffer, LookupFailed, StampedTransform, Transform, UnknownFrame
 from rwt_tf2.quaternion import dot
+from rwt_tf2.transform import bare
+
+T = TypeVar("T", Transform, StampedTransform)
+
+DEFAULT_RATE: Final = 10.0
+"""Messages a second where the request says 0."""
+
+HIGHEST_RATE: Final = 100.0
+"""Higher rates are taken as this one."""
+
+LOWEST_RATE: Final = 0.001
+"""Lower rates are taken as this one: those of the smallest floats have no period."""
+
+MOST_FRAMES: Final = 1000
+"""More frames in one request are refused."""
+
+
+class InvalidRequest(ValueError):
+    """A request is rejected; the text says what to change."""
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """Subscription to transforms.
+
+    Attributes:
+        target: target frame; empty for the parent of each frame, the mode that sends the tree.
+        sources: source frames; empty for all.
+        angular: minimum rotation for sending a transform again, in radians.
+        linear: minimum translation for sending a transform again, in metres.
+        period: seconds between updates.
+    """
+
+    target: str
+    sources: tuple[str, ...]
+    angular: float
+    linear: float
+    period: float
+
+    @classmethod
+    def read(cls, message: Message) -> Request:
+        """Parse a goal of the action or a request of the service; leading slashes are removed (TFR-03).
+
+        Raises:
+            InvalidRequest: a rate or threshold is NaN, a rate is negative, or there are too many frames.
+        """
+        for name in ("angular_thres", "trans_thres", "rate"):
+            value = getattr(message, name)
+            if not math.isfinite(value):
+                raise InvalidRequest(f"{name} must be a finite number, got {value}")
+        if message.rate < 0:
+            raise InvalidRequest(f"rate must not be negative, got {message.rate:g}")
+        if len(message.source_frames) > MOST_FRAMES:
+            raise InvalidRequest(
+                f"at most {MOST_FRAMES} source_frames, got {len(message.source_frames)}; none means all"
+            )
+        # The original divides by a rate of 0 (TFR-01).
+        rate = max(LOWEST_RATE, min(message.rate or DEFAULT_RATE, HIGHEST_RATE))
+        sources = tuple(dict.fromkeys(map(bare, message.source_frames)))
+        return cls(bare(message.target_frame), sources, message.angular_thres, message.trans_thres, 1 / rate)
+
 
 GRACE: Final = 2.0
 """Seconds that a frame may be missing before it is logged: the first transforms take a moment."""
-
-
-class TransformFilter(Protocol):
-    """Filter of the transforms of one client."""
-
-    def due(self, buffer: Buffer, now_ns: int) -> list[StampedTransform]:
-        """Return the transforms to send now; they count as sent."""
-
-    def forget(self) -> None:
-        """Forget what was sent: every transform is due."""
 
 
 class MissingFrames:
@@ -46,28 +99,39 @@ class MissingFrames:
             self._said.discard(frame)
 
 
-def make_filter(request: Request, missing: MissingFrames) -> TransformFilter:
-    """Return the filter for a request."""
-    return TargetFrameFilter(request, missing) if request.target else TreeFilter(request, missing)
-
-
-class TargetFrameFilter:
-    """Filter of each source frame relative to the target (TFR-02), sent again if it has moved (TFR-04).
-
-    Frames that cannot be looked up are left out, also at first: tf2_web_republisher sends zeros then
-    (TFR-07).
-    """
+class TransformFilter(ABC, Generic[T]):
+    """Filter of the transforms of one client."""
 
     def __init__(self, request: Request, missing: MissingFrames) -> None:
         self._request = request
         self._missing = missing
-        self._sent: dict[str, Transform] = {}
+        self._sent: dict[str, T] = {}
 
+    @abstractmethod
     def due(self, buffer: Buffer, now_ns: int) -> list[StampedTransform]:
-        """Return the transforms that moved, stamped with the present time."""
+        """Return the transforms to send now; they count as sent."""
+
+    def forget(self) -> None:
+        """Forget what was sent: every transform is due."""
+        self._sent.clear()
+
+
+def make_filter(request: Request, missing: MissingFrames) -> TargetFrameFilter | TreeFilter:
+    """Return the filter for a request."""
+    return TargetFrameFilter(request, missing) if request.target else TreeFilter(request, missing)
+
+
+class TargetFrameFilter(TransformFilter[Transform]):
+    """Filter of each source frame relative to the target (TFR-02), sent again if it has moved (TFR-04).
+
+    Transforms are stamped with the present time. Frames that cannot be looked up are left out, also at first:
+    tf2_web_republisher sends zeros then (TFR-07).
+    """
+
+    def due(self, buffer: Buffer, now_ns: int) -> list[StampedTransform]:  # noqa: D102 - inherited
         target = self._request.target
         found = []
-        for source in self._request.sources or self._others(buffer):
+        for source in self._request.sources or [frame for frame in buffer.frames() if frame != target]:
             try:
                 transform = buffer.lookup_transform(target, source).transform
             except LookupFailed as error:
@@ -79,13 +143,6 @@ class TargetFrameFilter:
                 self._sent[source] = transform
                 found.append(StampedTransform(target, source, now_ns, transform))
         return found
-
-    def forget(self) -> None:
-        """Forget what was sent: every transform is due."""
-        self._sent.clear()
-
-    def _others(self, buffer: Buffer) -> list[str]:
-        return [frame for frame in buffer.frames() if frame != self._request.target]
 
     def _moved(self, last: Transform, now: Transform) -> bool:
         request = self._request
@@ -106,21 +163,16 @@ def half_angle(a: Transform, b: Transform) -> float:
     return math.acos(max(-1.0, min(1.0, dot(a.rotation, b.rotation))))
 
 
-class TreeFilter:
+class TreeFilter(TransformFilter[StampedTransform]):
     """Filter of each frame relative to its parent, sent again only if the poses of frames change.
 
     A robot that drives moves one transform of its tree, and every frame as seen from the map. What the client
     holds stays within the thresholds for each frame as seen from the root: where that is exceeded, all
-    transforms from there up to the root that have changed at all are sent. Angles are the rotation's own.
+    transforms from there up to the root that have changed at all are sent, parents first, with their own
+    stamps. Angles are the rotation's own.
     """
 
-    def __init__(self, request: Request, missing: MissingFrames) -> None:
-        self._request = request
-        self._missing = missing
-        self._sent: dict[str, StampedTransform] = {}
-
-    def due(self, buffer: Buffer, now_ns: int) -> list[StampedTransform]:
-        """Return the transforms to send, parents first, with their own stamps."""
+    def due(self, buffer: Buffer, now_ns: int) -> list[StampedTransform]:  # noqa: D102 - inherited
         edges = self._edges(buffer)
         true = _poses(edges)
         due = {frame for frame, edge in edges.items() if self._is_new(edge)}
@@ -129,10 +181,6 @@ class TreeFilter:
         found = [edge for frame, edge in edges.items() if frame in due]
         self._sent.update((edge.child, edge) for edge in found)
         return found
-
-    def forget(self) -> None:
-        """Forget what was sent: every transform is due."""
-        self._sent.clear()
 
     def _edges(self, buffer: Buffer) -> dict[str, StampedTransform]:
         """Return the latest transforms of the requested frames and their ancestors, parents first."""

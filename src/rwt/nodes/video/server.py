@@ -62,7 +62,6 @@ class WebVideoServer:
     """Node that serves image topics over HTTP, with the paths and parameters of web_video_server.
 
     Args:
-        graph: graph of the robot.
         most_viewers: maximum number of viewers; others are rejected with status 503.
         most_encoders: maximum number of different streams; others are rejected with status 503.
         most_pixels: maximum sum of the pixels of all different videos, VP9 counted twice; an encoder uses up
@@ -122,12 +121,10 @@ class WebVideoServer:
         return self._join(stream, work)
 
     def _section(self, request: HttpRequest, reader: Reader) -> str:
-        """Return the list of image topics as HTML, for the index page."""
         topics = VisibleTopics(self._node.graph, reader)
         return topic_list(topics.of_types(RAW, COMPRESSED), topics.of_types(INFO), request.query)
 
     def _metrics(self) -> Iterator[MetricFamily]:
-        """Return the metric families for `/metrics`."""
         return self._stream_metrics.families(
             (request.topic, request.type, len(broadcast.viewers))
             for request, broadcast in self._broadcasts.items()
@@ -196,11 +193,7 @@ class WebVideoServer:
     # -- sharing -------------------------------------------------------------------------------------------
 
     async def _resolved(self, stream: StreamRequest, topics: VisibleTopics) -> StreamRequest:
-        """Return the request with its topic resolved, after a short wait for a missing topic.
-
-        Raises:
-            RequestRefused: the topic does not exist, or the reader may not subscribe to it.
-        """
+        """Return the request with its topic resolved, after a short wait for a missing topic."""
         _check_codec(stream)
         until = anyio.current_time() + PATIENCE
         while (resolved := topics.resolve(stream)) is None:
@@ -235,11 +228,6 @@ class WebVideoServer:
             raise RequestRefused(503, f"{many} different streams are running already (limits.video_encoders)")
 
     def _check_pixels(self, stream: StreamRequest, pixels: int) -> None:
-        """Check that there is room for a video.
-
-        Raises:
-            ImageUnreadable: the limit on pixels is reached.
-        """
         others = (each for each in tuple(self._broadcasts.values()) if each.request != stream)
         taken = sum(broadcast.pixels for broadcast in others)
         if taken + pixels > self._most_pixels:
@@ -249,11 +237,7 @@ class WebVideoServer:
             )
 
     def _reserve(self, stream: StreamRequest, pixels: int) -> None:
-        """Count the pixels of a new video. Runs in the thread of the encoder.
-
-        Raises:
-            ImageUnreadable: the limit on pixels is reached.
-        """
+        """Count the pixels of a new video. Runs in the thread of the encoder."""
         broadcast = self._broadcasts.get(stream)
         if broadcast is None:
             return

@@ -20,9 +20,6 @@ class VisibleTopics:
     """Topics of a graph that one reader may subscribe to.
 
     The pages of this package have no other access to the graph, so they cannot reveal a hidden topic.
-
-    Attributes:
-        reader: reader of the page.
     """
 
     def __init__(self, graph: Graph, reader: Reader) -> None:

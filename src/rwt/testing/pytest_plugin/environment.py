@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from functools import cached_property
 
-import anyio
 import pytest
 from anyio.from_thread import BlockingPortal, start_blocking_portal
 
@@ -16,7 +14,7 @@ from rwt.server import Server
 from rwt.settings.models import Settings
 from rwt.settings.sources import Given, from_text, load_settings
 from rwt.testing import Faults, ObservedGraph, ObservedWire, ScriptedRobot, Transcript
-from rwt.testing.expectations import TIMEOUT_SECONDS, refuse_on_an_event_loop
+from rwt.testing.expectations import TIMEOUT_SECONDS, block_until, wait_until
 from rwt.testing.pytest_plugin.options import Options
 from rwt.testing.virtual_time import VirtualTime
 from rwt_graph.clock import SimulatedClock
@@ -28,7 +26,6 @@ EPOCH_NS = 1_700_000_000_000_000_000
 _OPEN: list[Environment] = []
 
 _ANY_PORT = "ws://127.0.0.1:0"
-_POLL_SECONDS = 0.005
 
 
 class RobotServer:
@@ -37,7 +34,6 @@ class RobotServer:
     Attributes:
         url: ``ws://127.0.0.1:PORT``.
         host: ``127.0.0.1``.
-        port: port number.
     """
 
     def __init__(self, url: str, wire: ObservedWire) -> None:
@@ -72,36 +68,20 @@ class RobotServer:
             BlockingWait: called from a coroutine.
         """
         __tracebackhide__ = True
-        refuse_on_an_event_loop("use `await rwt_server.until_clients(...)`")
-        deadline = time.monotonic() + within
-        while self.client_count != count:
-            self._check(count, within, deadline)
-            time.sleep(_POLL_SECONDS)
+        instead = "use `await rwt_server.until_clients(...)`"
+        block_until(lambda: self.client_count == count, within, lambda: self._count(count, within), instead)
 
     async def until_clients(self, count: int = 1, within: float = TIMEOUT_SECONDS) -> None:
         """Like :meth:`wait_for_clients`, for coroutines."""
         __tracebackhide__ = True
-        deadline = time.monotonic() + within
-        while self.client_count != count:
-            self._check(count, within, deadline)
-            await anyio.sleep(_POLL_SECONDS)
+        await wait_until(lambda: self.client_count == count, within, lambda: self._count(count, within))
 
-    def _check(self, count: int, within: float, deadline: float) -> None:
-        __tracebackhide__ = True
-        if time.monotonic() >= deadline:
-            raise AssertionError(
-                f"{self.client_count} clients are connected after {within:g} s, where {count} should be"
-            )
+    def _count(self, count: int, within: float) -> str:
+        return f"{self.client_count} clients are connected after {within:g} s, where {count} should be"
 
 
 class Environment:
-    """Objects that the fixtures of one test share. The robot is created on first use.
-
-    Attributes:
-        graph: running robot graph.
-        wire: observer of the server's connections.
-        server: listening server.
-    """
+    """Objects that the fixtures of one test share. The robot is created on first use."""
 
     def __init__(
         self, url: str, wire: ObservedWire, graph: ObservedGraph, portal: BlockingPortal, stack: ExitStack

@@ -21,7 +21,6 @@ class Options:
     """Options of a robot and its server.
 
     Attributes:
-        distro: ROS distribution.
         demo: True to run the demo robot.
         interfaces: folders of interface files.
         settings: server settings by dotted key; those from the ini file are strings.
@@ -86,7 +85,6 @@ def _marked(marks: list[pytest.Mark]) -> dict[str, object]:
 
 
 def _folders(node: pytest.Item, asked: object) -> tuple[Path, ...]:
-    """Resolve the folders that the marker names, relative to the test's file."""
     several = asked if isinstance(asked, list | tuple) else (asked,)
     return tuple(node.path.parent / str(folder) for folder in several)
 

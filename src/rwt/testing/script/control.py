@@ -42,8 +42,6 @@ class ScriptControl:
     - `faults` (`std_srvs/SetBool`): enable or disable the faults of the file.
 
     Args:
-        graph: graph of the robot.
-        wire: wire on which faults are injected.
         file: `.toml` or `.py` file.
 
     Raises:
@@ -62,7 +60,7 @@ class ScriptControl:
         self._node = Node(graph, CONTROL)
         self._offer("reset", self._reset)
         self._offer("received", self._received)
-        self._offer("disconnect", self._disconnect)
+        self._offer("disconnect", lambda: (True, f"{wire.faults.disconnect()} clients are disconnected"))
         self._node.advertise_service(f"{CONTROL}/faults", "std_srvs/SetBool", self._switch_faults)
         self._begin()
 
@@ -77,7 +75,6 @@ class ScriptControl:
         self._node.close()
 
     def _maker(self) -> Callable[[], TomlRobot | ProgramRobot]:
-        """Read the file once; return a function that makes a robot."""
         if self._file.suffix == ".py":
             function = read_program(self._file)
             return lambda: ProgramRobot(self._graph, function, self._file)
@@ -119,9 +116,6 @@ class ScriptControl:
             return False, str(error)
         self._begin()
         return True, "the robot starts again"
-
-    def _disconnect(self) -> tuple[bool, str]:
-        return True, f"{self._wire.faults.disconnect()} clients are disconnected"
 
     def _switch_faults(self, request: Message) -> MessageLike:
         self._wire.faults.clear()

@@ -30,11 +30,6 @@ class Recorded(Table):
 
 
 def _only_one(table: Table, keys: tuple[str, ...]) -> list[str]:
-    """Return the keys that the table has.
-
-    Raises:
-        ValueError: there is more than one.
-    """
     given = [key for key in keys if key in table.model_fields_set]
     if len(given) > 1:
         raise ValueError(f"expected one of {' and '.join(f'`{key}`' for key in given)}, not both")

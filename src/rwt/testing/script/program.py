@@ -65,12 +65,7 @@ class ProgramRobot:
     A plain function is called once and must return; a coroutine function runs until the robot is closed.
 
     Args:
-        graph: graph of the robot.
-        function: function of the script.
         file: file of the function, for error texts.
-
-    Attributes:
-        node: node of the robot.
 
     Raises:
         ScriptError: the function raised.

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from rwt.testing.errors import ScriptError
 from rwt.testing.script.errors import dotted, read_recorded
-from rwt.testing.script.file import Recorded
 from rwt.testing.scripted.robot import ScriptedRobot
 from rwt_participant.errors import RobotError
 
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
     )
     from rwt.testing.scripted.service import Case, ScriptedService
     from rwt.testing.scripted.topic import ScriptedTopic
-    from rwt.testing.wire.faults import Fault, Faults
+    from rwt.testing.wire.faults import Faults, Scope
 
 
 class SteppedTopic:
@@ -33,8 +32,6 @@ class SteppedTopic:
 
     Attributes:
         name: absolute name.
-        messages: all messages.
-        done: number of published messages.
     """
 
     def __init__(self, topic: ScriptedTopic, messages: tuple[Any, ...]) -> None:
@@ -56,12 +53,10 @@ class TomlRobot:
     """Robot driven by a script in TOML.
 
     Args:
-        graph: graph of the robot.
-        script: parsed script.
         file: file of the script, for relative paths and error texts.
 
     Attributes:
-        node: node of the robot.
+        stepped: topics that are published step by step.
 
     Raises:
         ScriptError: a type is unknown, a name is not allowed, or a message does not fit its type.
@@ -69,7 +64,7 @@ class TomlRobot:
 
     def __init__(self, graph: ObservedGraph, script: Script, file: Path) -> None:
         self._file = file
-        self._stepped: list[SteppedTopic] = []
+        self.stepped: list[SteppedTopic] = []
         with self._saying("name"):
             self.node = ScriptedRobot(graph, script.name)
         try:
@@ -89,11 +84,6 @@ class TomlRobot:
                 self._action(name, action)
         for name, topic in script.topics.items():
             self._topic(name, topic)
-
-    @property
-    def stepped(self) -> tuple[SteppedTopic, ...]:
-        """Topics that are published step by step."""
-        return tuple(self._stepped)
 
     def close(self) -> None:
         """Close the node."""
@@ -123,9 +113,10 @@ class TomlRobot:
                 messages = [_as_lists(message) for message in script.messages]
                 topic.repeat(messages, script.rate, again=script.repeat is not False)
             elif script.messages:
-                self._stepped.append(SteppedTopic(topic, tuple(map(_as_lists, script.messages))))
+                self.stepped.append(SteppedTopic(topic, tuple(map(_as_lists, script.messages))))
             elif recorded:
-                topic.play(_timed(recorded), repeat=script.repeat is True)
+                timed = [(each.at, _as_lists(each.msg)) for each in recorded]
+                topic.play(timed, repeat=script.repeat is True)
 
     def _service(self, name: str, script: ServiceScript) -> None:
         with self._saying("services", name):
@@ -161,10 +152,6 @@ def _answer(service: ScriptedService | Case, script: AnswerScript) -> None:
         service.never_answers()
 
 
-def _timed(recorded: tuple[Recorded, ...]) -> list[tuple[float, Any]]:
-    return [(each.at, _as_lists(each.msg)) for each in recorded]
-
-
 def _as_lists(value: Any) -> Any:
     """Convert tuples to lists: ROS arrays are lists, the models have tuples."""
     if isinstance(value, Mapping):
@@ -172,22 +159,17 @@ def _as_lists(value: Any) -> Any:
     return [_as_lists(inner) for inner in value] if isinstance(value, tuple | list) else value
 
 
-def inject(faults: Faults, scripts: tuple[FaultScript, ...]) -> list[Fault]:
+def inject(faults: Faults, scripts: tuple[FaultScript, ...]) -> None:
     """Inject the faults of a script."""
-    return [_inject(faults, script) for script in scripts]
-
-
-def _inject(faults: Faults, script: FaultScript) -> Fault:
-    op, to, count, every = script.op, script.to, script.count, script.every
-    if script.drop is not None:
-        return faults.drop(script.drop, op=op, to=to, count=count, every=every)
-    if script.delay is not None:
-        seconds = script.seconds or 0.0
-        return faults.delay(seconds, script.delay, op=op, to=to, count=count, every=every)
-    if script.duplicate is not None:
-        return faults.duplicate(
-            script.duplicate, copies=script.copies, op=op, to=to, count=count, every=every
-        )
-    if script.refuse is not None:
-        return faults.refuse(script.refuse, count=count)
-    return faults.slow_reader(script.slow_reader or 1.0)
+    for each in scripts:
+        scope: Scope = {"op": each.op, "to": each.to, "count": each.count, "every": each.every}
+        if each.drop is not None:
+            faults.drop(each.drop, **scope)
+        elif each.delay is not None:
+            faults.delay(each.seconds or 0.0, each.delay, **scope)
+        elif each.duplicate is not None:
+            faults.duplicate(each.duplicate, copies=each.copies, **scope)
+        elif each.refuse is not None:
+            faults.refuse(each.refuse, count=each.count)
+        else:
+            faults.slow_reader(each.slow_reader or 1.0)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import anyio
 
-from rwt.testing.errors import ScriptError
+from rwt.testing.errors import check_messages
 from rwt.testing.journal import Kind, Received
 from rwt_participant.errors import GoalAborted, GoalCanceled
 from rwt_participant.goals import Execute, ReceivedGoal
@@ -27,7 +27,6 @@ class ScriptedAction:
 
     Attributes:
         name: absolute name.
-        type: action type.
     """
 
     def __init__(self, name: str, interface: ActionType, clock: Clock, journal: Journal) -> None:
@@ -152,8 +151,4 @@ class ScriptedAction:
             raise GoalCanceled
 
     def _check(self, kind: MessageType, messages: Sequence[MessageLike | None]) -> None:
-        for message in messages:
-            try:
-                to_payload(kind, {} if message is None else message, self._clock.time_ns)
-            except ValueError as error:
-                raise ScriptError(f"{self.name} ({kind.name}): {error}") from None
+        check_messages(kind, messages, self._clock.time_ns, self.name)

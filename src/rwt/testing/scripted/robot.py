@@ -37,10 +37,6 @@ class ScriptedRobot(Node):
     Every method may be called from any thread while the graph runs. `expect_…` blocks, for plain tests;
     coroutines await `until_…` with the same arguments.
 
-    Args:
-        graph: observed graph of the robot.
-        name: name of the node.
-
     Attributes:
         journal: what was received.
     """

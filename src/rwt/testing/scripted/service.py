@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import anyio
 
-from rwt.testing.errors import ScriptError
+from rwt.testing.errors import check_messages
 from rwt.testing.journal import Kind, Received
 from rwt.testing.matching import Matching, mismatch
 from rwt_graph.nodes.service_handlers import Answer
@@ -79,7 +79,6 @@ class ScriptedService(Case):
 
     Attributes:
         name: absolute name.
-        type: service type.
         handlers: requests with their answers. The first match answers: the newest case before older ones, and
             the answer to all requests last.
     """
@@ -122,7 +121,4 @@ class ScriptedService(Case):
 
     def check(self, response: MessageLike | None) -> None:
         """Raise :exc:`ScriptError` if a response does not fit the service type."""
-        try:
-            to_payload(self.type.response, {} if response is None else response, self._clock.time_ns)
-        except ValueError as error:
-            raise ScriptError(f"{self.name} ({self.type.name}) cannot answer so: {error}") from None
+        check_messages(self.type.response, (response,), self._clock.time_ns, self.name)

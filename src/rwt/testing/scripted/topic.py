@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-import anyio
-
-from rwt.testing.errors import ScriptError
-from rwt.testing.expectations import TIMEOUT_SECONDS, refuse_on_an_event_loop
+from rwt.testing.errors import ScriptError, check_messages
+from rwt.testing.expectations import TIMEOUT_SECONDS, block_until, wait_until
 from rwt_graph.nodes.endpoints import TopicPublisher
-from rwt_participant.messages import MessageLike, to_payload
+from rwt_participant.messages import MessageLike
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph
     from rwt_participant.timers import Timer
-
-_POLL_SECONDS = 0.005
 
 #: Maximum number of messages per turn of the event loop, so that a rate above what the machine can publish
 #: does not block it.
@@ -103,32 +98,19 @@ class ScriptedTopic:
             BlockingWait: called from a coroutine.
         """
         __tracebackhide__ = True
-        refuse_on_an_event_loop("use `await topic.until_subscribed()`")
-        deadline = time.monotonic() + within
-        while not self.subscriber_count:
-            if time.monotonic() >= deadline:
-                raise AssertionError(self._nobody(within))
-            time.sleep(_POLL_SECONDS)
+        instead = "use `await topic.until_subscribed()`"
+        block_until(lambda: self.subscriber_count > 0, within, lambda: self._nobody(within), instead)
 
     async def until_subscribed(self, within: float = TIMEOUT_SECONDS) -> None:
         """Like :meth:`wait_for_subscriber`, for coroutines."""
         __tracebackhide__ = True
-        deadline = time.monotonic() + within
-        while not self.subscriber_count:
-            if time.monotonic() >= deadline:
-                raise AssertionError(self._nobody(within))
-            await anyio.sleep(_POLL_SECONDS)
+        await wait_until(lambda: self.subscriber_count > 0, within, lambda: self._nobody(within))
 
     def check(self, messages: Sequence[MessageLike | None]) -> None:
         """Raise :exc:`ScriptError` if a message does not fit the topic's type."""
-        for message in messages:
-            try:
-                to_payload(self._publisher.type, {} if message is None else message, self._publisher.now_ns)
-            except ValueError as error:
-                raise ScriptError(f"{self.name} ({self._publisher.type.name}): {error}") from None
+        check_messages(self._publisher.type, messages, self._publisher.now_ns, self.name)
 
     def _run(self, call: Callable[[], None]) -> None:
-        """Call on the graph's thread: now, or in the order of this thread's requests."""
         if self._graph.on_graph_thread():
             call()
         else:

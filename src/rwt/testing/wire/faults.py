@@ -59,7 +59,6 @@ class Fault:
     """Active fault, until :meth:`remove` or the end of the block ``with faults.drop(...):``.
 
     Attributes:
-        what: kind of the fault.
         amount: seconds of a delay, copies of a duplicate, messages per second of a slow reader, HTTP status
             of a refusal.
         hits: number of affected messages or connections.

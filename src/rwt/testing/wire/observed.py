@@ -40,7 +40,6 @@ class ObservedWire:
 
     Attributes:
         faults: active faults.
-        transcript: transcript of all messages.
 
     Raises:
         SettingsError: BSON requires a package that is not installed.
@@ -113,7 +112,6 @@ def _bson() -> Codec:
 
 
 def _subjects(items: Sequence[Op | Refusal]) -> list[Subject]:
-    """Return op and name of each message of one frame."""
     subjects = []
     for item in items:
         if isinstance(item, Refusal):
@@ -149,11 +147,9 @@ class _ObservedEndpoint:
             if action.delay <= 0:
                 self.inner.receive(kept, binary)
             else:
-                wire.clock.call_later(action.delay, partial(self._receive_late, kept, binary))
-
-    def _receive_late(self, data: bytes, binary: bool) -> None:
-        if not self._over:
-            self.inner.receive(data, binary)
+                wire.clock.call_later(
+                    action.delay, lambda: None if self._over else self.inner.receive(kept, binary)
+                )
 
     def oversized(self, size: int, limit: int, head: bytes) -> None:
         self._wire.transcript.message(self._number, "→", f"<{size} bytes: too large, skipped>")
@@ -202,7 +198,6 @@ class _ObservedSink:
     def pass_on(
         self, frame: Frame, subjects: list[Subject], flow: _ObservedFlow | None, send: Callable[[], None]
     ) -> None:
-        """Record an outgoing message in the transcript, and apply the faults to it."""
         if self.over:
             return
         action = self.wire.faults.action_for("client", subjects) if self.wire.faults else PASS
@@ -253,8 +248,6 @@ class _ObservedSink:
 
 
 class _ObservedFlow:
-    """Flow of one topic to one client."""
-
     def __init__(
         self,
         sink: _ObservedSink,

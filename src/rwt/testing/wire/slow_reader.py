@@ -29,7 +29,6 @@ class SlowReader:
     """Sends messages at the rate of a slow reader, in order.
 
     Args:
-        clock: clock that the rate refers to.
         read_rate: returns the current rate in messages per second; None for no limit, which flushes the
             queue.
     """

@@ -18,9 +18,6 @@ class Transcript:
     """Transcript with one line per message, connection and fault.
 
     ``←`` goes to the client, ``→`` comes from it. Times are of the robot's clock, from the start.
-
-    Args:
-        monotonic: returns the seconds of the clock.
     """
 
     def __init__(self, monotonic: Callable[[], float]) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rwt.nodes.demo.parameters import TUNABLES
+from rwt.nodes.demo.robot import TUNABLES
 from rwt_participant.errors import ParameterRejected
 
 pytestmark = pytest.mark.anyio

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from rwt.nodes.depth_cloud.depth_image import LEVELS, decode_image, encode_image
-from rwt.nodes.depth_cloud.depths import read_depths, square
+from rwt.nodes.depth_cloud.depth_image import LEVELS, decode_image, encode_image, read_depths, square
 from rwt.nodes.depth_cloud.errors import DepthsUnreadable, ImageShape
 from tests.rwt.nodes.video.conftest import image, payload
 

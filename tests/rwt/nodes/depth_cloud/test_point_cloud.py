@@ -14,7 +14,6 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from rwt.nodes.depth_cloud.errors import CloudUnreadable
-from rwt.nodes.depth_cloud.point_cloud import Field as AnyField
 from rwt.nodes.depth_cloud.point_cloud import cloud_of, every, one_per_voxel, read_points
 
 #: `sensor_msgs/PointField`'s constants and the letters of Python's struct.
@@ -35,7 +34,7 @@ class Cloud:
 
     width: int = 0
     height: int = 1
-    fields: Sequence[AnyField] = ()
+    fields: Sequence[Field] = ()
     point_step: int = 0
     row_step: int = 0
     data: bytes = b""

@@ -128,7 +128,7 @@ def test_a_recording_splits_by_size_and_by_time(tmp_path: Path) -> None:
     form = channel_form("/text", Registry(JAZZY).message("std_msgs/String"), "ros")
     for split, count in ((Split(seconds=1.0), 3), (Split(size=1), 1)):
         path = tmp_path / f"{split.size}.mcap"
-        with RecordingWriter(path, JAZZY, split=split) as writer:
+        with RecordingWriter(path, JAZZY, RecordingOptions(split=split)) as writer:
             channel = writer.add_channel(form)
             for second in (0.0, 0.9, 1.0, 2.5):
                 writer.write(channel, round(second * 1e9), 0, b"\0\1\0\0\1\0\0\0\0")
@@ -142,7 +142,7 @@ def test_a_recording_splits_by_size_and_by_time(tmp_path: Path) -> None:
 def test_a_later_file_that_is_there_ends_the_recording_with_a_word(tmp_path: Path) -> None:
     (tmp_path / "run_0001.mcap").write_bytes(b"of yesterday")
     text = Registry(JAZZY).message("std_msgs/String")
-    writer = RecordingWriter(tmp_path / "run.mcap", JAZZY, split=Split(seconds=1.0))
+    writer = RecordingWriter(tmp_path / "run.mcap", JAZZY, RecordingOptions(split=Split(seconds=1.0)))
     channel = writer.add_channel(channel_form("/words", text, "ros"))
     for second in range(3):
         writer.write(channel, second * 10**9, second * 10**9, text.to_cdr(text.struct(data="a")))
@@ -166,7 +166,7 @@ def test_a_file_that_is_there_is_not_overwritten_unless_told(tmp_path: Path) -> 
     with pytest.raises(RecordingNotWritten, match=r"run\.mcap is there already"):
         RecordingWriter(path, JAZZY)
     assert path.read_bytes() == b"precious"
-    RecordingWriter(path, JAZZY, overwrite=True).close()
+    RecordingWriter(path, JAZZY, RecordingOptions(overwrite=True)).close()
     assert path.read_bytes().startswith(MAGIC)
 
 
@@ -175,7 +175,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A file of several chunks."""
     path = tmp_path_factory.mktemp("whole") / "run.mcap"
     form = channel_form("/text", Registry(JAZZY).message("std_msgs/String"), "ros")
-    with RecordingWriter(path, JAZZY, compression="none") as writer:
+    with RecordingWriter(path, JAZZY, RecordingOptions(compression="none")) as writer:
         channel = writer.add_channel(form)
         for number in range(9):
             content = b"\0\1\0\0" + (400_000).to_bytes(4, "little") + bytes([65 + number]) * 399_999 + b"\0"
@@ -345,7 +345,7 @@ def test_a_recording_does_not_begin_on_a_full_disk(tmp_path: Path) -> None:
     path = tmp_path / "full.mcap"
     path.symlink_to("/dev/full")
     with pytest.raises(RecordingNotWritten, match=r"full\.mcap: cannot be written: the disk is full"):
-        RecordingWriter(path, JAZZY, overwrite=True)
+        RecordingWriter(path, JAZZY, RecordingOptions(overwrite=True))
 
 
 def test_what_was_written_before_the_disk_was_full_is_readable(
@@ -364,7 +364,7 @@ def test_what_was_written_before_the_disk_was_full_is_readable(
 
     os_write = os.write
     monkeypatch.setattr("rwt.nodes.recording.writer.os.write", write)
-    writer = RecordingWriter(path, JAZZY, compression="none")
+    writer = RecordingWriter(path, JAZZY, RecordingOptions(compression="none"))
     channel = writer.add_channel(channel_form("/text", Registry(JAZZY).message("std_msgs/String"), "ros"))
     for number in range(50):
         writer.write(channel, number, number, bytes(400_000))

@@ -22,8 +22,7 @@ from rwt.nodes.recording import (
     open_recording,
     record_graph,
 )
-from rwt.nodes.recording.channels import qos_text
-from rwt.nodes.recording.recorded_qos import combined, read_offered_qos
+from rwt.nodes.recording.channels import combined, qos_text, read_offered_qos
 from rwt_graph import MemoryGraph, Node, SimulatedClock
 from rwt_interfaces import JAZZY, NOETIC, Payload, Registry
 from rwt_participant.qos import LATCHED, Durability, History, QoS, Reliability

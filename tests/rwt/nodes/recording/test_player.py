@@ -158,7 +158,7 @@ def test_a_burst_ends_where_the_recording_does_also_in_a_loop(path: Path) -> Non
 
 @pytest.mark.anyio
 async def test_a_long_burst_gives_others_their_turn(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rwt.nodes.playback.services.BURST_TURN", 3)
+    monkeypatch.setattr("rwt.nodes.playback.player.BATCH", 3)
     with playing(path, PlayOptions(paused=True)) as heard:
         async with heard.graph:
             answers: list[Any] = []

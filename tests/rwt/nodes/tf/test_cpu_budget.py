@@ -6,7 +6,7 @@ from itertools import count
 
 import pytest
 
-from rwt.nodes.tf.streams import SHARE, CpuBudget
+from rwt.nodes.tf.streams import CPU_FRACTION, CpuBudget
 from tests.rwt.nodes.tf.conftest import Asking, Lab, settle
 
 
@@ -38,7 +38,7 @@ def ticks(seconds: float, turn: float, *, streams: int = 1, period: float = 0.01
 def test_streams_keep_to_their_share(turn: float, streams: int) -> None:
     worker = ticks(2000.0 * turn * streams, turn, streams=streams)
     assert worker.turns > 1
-    assert worker.worked / worker.now <= SHARE / streams * 1.1
+    assert worker.worked / worker.now <= CPU_FRACTION / streams * 1.1
 
 
 def test_a_stream_that_takes_little_does_not_rest() -> None:

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rwt.nodes.tf.request import Request
-from rwt.nodes.tf.transform_filters import MissingFrames, TreeFilter
+from rwt.nodes.tf.transform_filters import MissingFrames, Request, TreeFilter
 from rwt_tf2 import Buffer, StampedTransform, Transform
 from tests.rwt.nodes.tf.conftest import Asking, Lab, places, settle
 

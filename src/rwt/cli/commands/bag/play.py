@@ -17,7 +17,7 @@ from rwt.cli.console.logs import log_to_stderr
 from rwt.cli.console.output import note
 from rwt.cli.errors import CommandError
 from rwt.cli.parser import Commands
-from rwt.cli.verbs import number_within, seconds_or_none, topic_glob
+from rwt.cli.verbs import add_globs, number_within, seconds_or_none
 
 if TYPE_CHECKING:
     from rwt.nodes.playback import Player, PlayOptions
@@ -44,7 +44,6 @@ def add_play_verb(verbs: Commands) -> None:
         help="serve a recording as a robot",
         description=__doc__,
         epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "what",
@@ -53,12 +52,8 @@ def add_play_verb(verbs: Commands) -> None:
         help="MCAP files, .bag files or folders of rosbag2; and where to listen (default ws://127.0.0.1:9090)",
     )
     _add_time(parser)
-    parser.add_argument(
-        "--topics", nargs="+", action="extend", default=[], type=topic_glob, metavar="GLOB", help="only these"
-    )
-    parser.add_argument(
-        "--exclude", nargs="+", action="extend", default=[], type=topic_glob, metavar="GLOB", help="not these"
-    )
+    add_globs(parser, "--topics", "only these")
+    add_globs(parser, "--exclude", "not these")
     parser.add_argument(
         "--remap", "-m", nargs="+", action="extend", default=[], type=parse_remap, metavar="OLD:=NEW",
         help="publish a topic under another name",

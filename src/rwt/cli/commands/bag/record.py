@@ -24,6 +24,7 @@ from rwt.cli.verbs import (
     DEFAULT_URL,
     TOKEN_VARIABLE,
     URL_VARIABLE,
+    add_globs,
     add_tls_options,
     command_error,
     request_headers,
@@ -73,7 +74,6 @@ def add_record_verb(verbs: Commands) -> None:
         help="write what a robot publishes to an MCAP file",
         description=__doc__,
         epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "topics",
@@ -86,10 +86,6 @@ def add_record_verb(verbs: Commands) -> None:
     parser.add_argument(
         "--url", metavar="URL", help=f"URL of the robot (default ${URL_VARIABLE}, or {DEFAULT_URL})"
     )
-    _add_options(parser)
-
-
-def _add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--token", metavar="TOKEN", help=f"bearer token to present (default ${TOKEN_VARIABLE})"
     )
@@ -98,41 +94,14 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
         "--output", "-o", type=Path, metavar="FILE", help="output file (default rwt_DATE-TIME.mcap)"
     )
     parser.add_argument("--overwrite", action="store_true", help="replace an existing file")
-    _add_topics(parser)
-    _add_form(parser)
-    parser.add_argument("--max-seconds", type=seconds, metavar="S", help="stop after this many seconds")
-    parser.add_argument(
-        "--no-reconnect",
-        action="store_true",
-        help="stop when the connection is lost, instead of reconnecting",
-    )
-    parser.add_argument("--verbose", "-v", action="store_true", help="log every topic")
-    parser.set_defaults(run=_run)
-
-
-def _add_topics(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--exclude",
-        nargs="+",
-        action="extend",
-        default=[],
-        type=topic_glob,
-        metavar="GLOB",
-        help="do not record topics that match these patterns",
-    )
+    add_globs(parser, "--exclude", "do not record topics that match these patterns")
     parser.add_argument(
         "--services", action="store_true", help="also service calls that the robot publishes as events"
     )
     parser.add_argument(
         "--actions", action="store_true", help="also the topics that carry the robot's actions (ROS 2)"
     )
-    parser.add_argument(
-        "--latched", nargs="+", action="extend", default=[], type=topic_glob, metavar="GLOB",
-        help="topics that latch their last message, if the server does not report that",
-    )  # fmt: skip
-
-
-def _add_form(parser: argparse.ArgumentParser) -> None:
+    add_globs(parser, "--latched", "topics that latch their last message, if the server does not report that")
     parser.add_argument(
         "--encoding",
         choices=ENCODINGS,
@@ -148,6 +117,14 @@ def _add_form(parser: argparse.ArgumentParser) -> None:
         metavar="AMOUNT",
         help="begin a new file at this size (1GB) or duration (10m)",
     )
+    parser.add_argument("--max-seconds", type=seconds, metavar="S", help="stop after this many seconds")
+    parser.add_argument(
+        "--no-reconnect",
+        action="store_true",
+        help="stop when the connection is lost, instead of reconnecting",
+    )
+    parser.add_argument("--verbose", "-v", action="store_true", help="log every topic")
+    parser.set_defaults(run=_run)
 
 
 def parse_split(text: str) -> Split:
@@ -190,7 +167,6 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _refuse_files(topics: Iterable[str]) -> None:
-    """Raise :exc:`CommandError` for a file name among the topics."""
     for topic in topics:
         if topic.endswith(".mcap"):
             raise CommandError(f"expected topics, got {topic!r}; to record to it: -o {topic}", CALLED_WRONGLY)
@@ -215,12 +191,12 @@ async def _record_robot(robot: Robot, arguments: argparse.Namespace, over: anyio
     options = RecordingOptions(
         arguments.encoding, arguments.compression, arguments.split, arguments.overwrite
     )
-    writer = options.writer(arguments.output, robot.types.registry.distro)
+    writer = RecordingWriter(arguments.output, robot.types.registry.distro, options)
     topics = TopicSelection(
         tuple(arguments.topics), tuple(arguments.exclude), arguments.services, arguments.actions
     )
     latched = TopicSelection(tuple(arguments.latched), services=True, actions=True)
-    recorder = Recorder(robot, writer, topics, options, offered_qos=partial(_offered_qos, latched))
+    recorder = Recorder(robot, writer, topics, offered_qos=partial(_offered_qos, latched))
     try:
         await _look(recorder)
         note(f"recording {url} to {writer.paths[0]}")
@@ -249,7 +225,6 @@ async def _look(recorder: Recorder) -> None:
 
 
 async def _keep_looking(recorder: Recorder, over: anyio.Event) -> None:
-    """Poll for new topics and print the progress until `over` is set or writing fails."""
     from rwt_participant.errors import RobotError
 
     progress = Progress(recorder.writer)
@@ -265,7 +240,6 @@ async def _keep_looking(recorder: Recorder, over: anyio.Event) -> None:
 
 
 def _finish(writer: RecordingWriter, verbose: bool) -> None:
-    """Finish the file, and print a summary."""
     writer.close()
     files = ", ".join(map(str, writer.paths))
     size = writer.bytes_on_disk / 1e6

@@ -15,8 +15,7 @@ from rwt.cli.parser import Commands
 from rwt.cli.verbs import number_within
 
 if TYPE_CHECKING:
-    from rwt.nodes.recording import Recording
-    from rwt_participant.qos import QoS
+    from rwt.nodes.recording import RecordedTopic, Recording
 
 
 def add_recover_verb(verbs: Commands) -> None:
@@ -124,7 +123,7 @@ def described(recording: Recording) -> dict[str, object]:
                 "type": topic.type,
                 "encoding": topic.encoding,
                 "count": topic.count,
-                "latched": any(qos.durability.value == "transient_local" for qos in topic.offered_qos),
+                "latched": _is_latched(topic),
             }
             for topic in recording.topics
         ],
@@ -149,13 +148,12 @@ def text_of(recording: Recording) -> str:
     for topic in recording.topics:
         count = "?" if topic.count is None else topic.count
         name, kind = printable(topic.name), printable(topic.type)
-        lines.append(f"{count:>9}  {name:<{width}}  {kind}{_latched(topic.offered_qos)}")
+        lines.append(f"{count:>9}  {name:<{width}}  {kind}{' (latched)' if _is_latched(topic) else ''}")
     return "\n".join(lines)
 
 
-def _latched(offered: tuple[QoS, ...]) -> str:
-    latched = any(qos.durability.value == "transient_local" for qos in offered)
-    return " (latched)" if latched else ""
+def _is_latched(topic: RecordedTopic) -> bool:
+    return any(qos.durability.value == "transient_local" for qos in topic.offered_qos)
 
 
 def _date(time_ns: int) -> str:

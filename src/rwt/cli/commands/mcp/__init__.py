@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -13,12 +12,11 @@ from rwt.cli.parser import Commands
 from rwt.cli.verbs import Arguments, add_robot_options, connecting, run_async
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Callable
+    from collections.abc import AsyncIterator
 
     from mcp.server.context import ServerRequestContext
 
     from rwt.gateways.mcp.agent import Act, Agent
-    from rwt.gateways.mcp.content.answer import Answer
     from rwt.gateways.mcp.server import Allow
     from rwt.gateways.mcp.settings import McpSettings
     from rwt_client import Robot
@@ -40,7 +38,6 @@ def add_mcp_command(commands: Commands) -> None:
         description="Give an agent tools, resources and prompts for a robot, over standard input and output."
         ' A server with `gateways = ["mcp"]` offers them at /mcp.',
         epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_robot_options(parser, json=False)
     parser.add_argument("--robot", dest="url", metavar="URL", help="URL of the robot, like --url")
@@ -116,6 +113,8 @@ class CommandHost:
         """Yield the only agent."""
         from functools import partial
 
+        import anyio.to_thread
+
         from rwt.cli.commands.mcp.checked_publisher import CheckedPublisher, take_lease
         from rwt.gateways.mcp.agent import Agent
 
@@ -125,9 +124,9 @@ class CommandHost:
             settings=self.settings,
             acts=self._acts,
             goals=self._goals,
-            in_thread=_in_thread,
-            charge=_count_nothing,
-            sees=_sees_all,
+            in_thread=lambda work: anyio.to_thread.run_sync(work),
+            charge=lambda seconds: None,  # The only agent has no work limit.
+            sees=lambda topic: True,  # The recordings belong to the user of this program.
             how_to_act="start `rwt mcp` with --act",
             advertise=partial(CheckedPublisher, self._robot),
             lease_seconds=partial(take_lease, self._robot),
@@ -142,18 +141,3 @@ class CommandHost:
 
     def count(self, tool: str, outcome: str) -> None:
         """No-op: this program serves no metrics."""
-
-
-async def _in_thread(work: Callable[[], Answer]) -> Answer:
-    import anyio.to_thread
-
-    return await anyio.to_thread.run_sync(work)
-
-
-def _count_nothing(seconds: float) -> None:
-    """No-op: the only agent has no work limit."""
-
-
-def _sees_all(topic: str) -> bool:
-    """True for every topic: the recordings belong to the user of this program."""
-    return True

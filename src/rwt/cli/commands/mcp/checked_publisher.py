@@ -37,11 +37,6 @@ class CheckedPublisher(Publisher):
 
     A rosbridge server reports a rejected message later, and not which one it was. Of two such publishers that
     publish at the same time, both raise it.
-
-    Args:
-        robot: connection to the robot.
-        topic: topic to publish on.
-        type: message type.
     """
 
     def __init__(self, robot: Robot, topic: str, type: str) -> None:

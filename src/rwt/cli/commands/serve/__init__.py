@@ -50,7 +50,6 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         "serve",
         description=__doc__,
         epilog=_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "url",
@@ -200,7 +199,6 @@ def _in_worker(number: int, serve: Callable[[], None]) -> int:
 
 
 def _settings(arguments: argparse.Namespace) -> Settings:
-    """Return the settings of file, environment and command line; later ones take precedence."""
     given: dict[str, object] = {
         "listen": tuple(arguments.url) or None,
         "demo": arguments.demo,
@@ -227,7 +225,6 @@ def _settings(arguments: argparse.Namespace) -> Settings:
 
 
 def _on_up(server: Server) -> str:
-    """Return the lines to print at start: URLs and, for the demo robot, next steps."""
     from rwt.server import listening
 
     BoundedGarbageCollection(partial(server.graph.clock.call_later, 0.0)).begin()

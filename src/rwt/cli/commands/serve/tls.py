@@ -23,18 +23,14 @@ def encrypted(settings: Settings) -> Settings:
     """
     if "listen" not in settings.model_fields_set:
         return settings.model_copy(update={"listen": ("wss://127.0.0.1:9090",)})
-    if not any(_encrypts(url) for url in settings.listen):
+    schemes = map(scheme_of, settings.listen)
+    if not any(scheme is not None and scheme.tls for scheme in schemes):
         raise CommandError(
             f"--tls auto: {', '.join(settings.listen)} is not encrypted: expected a URL such as"
             " wss://0.0.0.0:9090",
             exit_code=CALLED_WRONGLY,
         )
     return settings
-
-
-def _encrypts(url: str) -> bool:
-    scheme = scheme_of(url)
-    return scheme is not None and scheme.tls
 
 
 def for_devices(server: Server) -> str:

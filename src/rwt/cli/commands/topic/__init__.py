@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +11,7 @@ from rwt.cli.commands.topic import rates as topic_rates
 from rwt.cli.console.output import Output
 from rwt.cli.entities import TOPIC, Named
 from rwt.cli.parser import Commands
-from rwt.cli.verbs import Arguments, add_family, gather
+from rwt.cli.verbs import Arguments, add_family, argument, gather
 
 if TYPE_CHECKING:
     from rwt_client import Robot
@@ -47,12 +46,6 @@ async def _show_verbose_list(robot: Robot, topics: Named, output: Output) -> Non
         output.line()
 
 
-def _info_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "-v", "--verbose", action="store_true", help="list the publishing and subscribing nodes"
-    )
-
-
 async def _ask_info(robot: Robot, name: str, arguments: Arguments) -> dict[str, Any]:
     questions = [partial(robot.api.publishers, name), partial(robot.api.subscribers, name)]
     return dict(zip(("publishers", "subscribers"), await gather(questions), strict=True))
@@ -80,7 +73,7 @@ VERBS = (
         _show_info,
         '{"name": "/odom", "type": "nav_msgs/msg/Odometry", "publishers": ["/demo_robot"],\n'
         '"subscribers": []}',
-        _info_options,
+        argument("-v", "--verbose", action="store_true", help="list the publishing and subscribing nodes"),
     ),
     TOPIC.type_verb(),
     TOPIC.find_verb(),

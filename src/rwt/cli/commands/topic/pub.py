@@ -110,11 +110,6 @@ async def _ticks(rate: float, times: int | None) -> AsyncIterator[int]:
 
 
 async def _wait_for_subscribers(robot: Robot, name: str, arguments: Arguments) -> None:
-    """Wait for `--wait` subscriptions, at most `--timeout`.
-
-    Raises:
-        CommandError: too few nodes subscribed in time.
-    """
     import anyio
 
     wanted = arguments.wait if arguments.wait is not None else int(arguments.times is not None)

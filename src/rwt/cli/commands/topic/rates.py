@@ -26,56 +26,25 @@ _MANY: Final = 10_000
 _FEW: Final = 100
 
 
+Samples = deque[tuple[float, float]]
+"""Newest values of a quantity, each after its time of arrival in seconds."""
+
+Report = tuple[str, dict[str, object]]
+"""Figures of one topic: text for people, without the name of the topic, and JSON object for programs."""
+
+Measure = Callable[[Samples, float], Report | None]
+"""Function that reports samples at a time in seconds; None if there are no figures."""
+
+
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Summary of some numbers.
-
-    Attributes:
-        mean: arithmetic mean.
-        least: minimum.
-        most: maximum.
-        deviation: standard deviation of the population.
-        number: count of the numbers.
-    """
+    """Summary of some numbers; the standard deviation is that of the population."""
 
     mean: float
     least: float
     most: float
     deviation: float
     number: int
-
-
-class Window:
-    """Newest values of a quantity, each with its time of arrival.
-
-    Args:
-        longest: maximum number of values.
-    """
-
-    def __init__(self, longest: int) -> None:
-        self._seen: deque[tuple[float, float]] = deque(maxlen=longest)
-
-    def __len__(self) -> int:
-        return len(self._seen)
-
-    def add(self, time: float, value: float) -> None:
-        """Add a value that arrived at `time`, in seconds."""
-        self._seen.append((time, value))
-
-    def spread(self) -> Spread | None:
-        """Return the summary of the values; None if there are none."""
-        return spread([value for _, value in self._seen])
-
-    def intervals(self) -> Spread | None:
-        """Return the summary of the intervals in seconds; None with fewer than two values."""
-        times = [time for time, _ in self._seen]
-        return spread([later - earlier for earlier, later in pairwise(times)])
-
-    def per_second(self, now: float) -> float:
-        """Return the sum of the values per second, from the first one until `now`."""
-        if not self._seen or now <= self._seen[0][0]:
-            return 0.0
-        return sum(value for _, value in self._seen) / (now - self._seen[0][0])
 
 
 def spread(values: list[float]) -> Spread | None:
@@ -96,31 +65,6 @@ def in_bytes(number: float) -> str:
     return f"{number:.2f} GB"
 
 
-@dataclass(frozen=True, slots=True)
-class MeasuredTopic:
-    """Subscribed topic with a window of its messages."""
-
-    subscription: RemoteSubscription
-    window: Window
-
-
-@dataclass(frozen=True, slots=True)
-class Report:
-    """Figures of one topic at one time.
-
-    Attributes:
-        text: text for people, without the name of the topic.
-        record: JSON object for programs.
-    """
-
-    text: str
-    record: dict[str, object]
-
-
-Measure = Callable[[MeasuredTopic, float], Report | None]
-"""Function that reports a topic at a time in seconds of the event loop; None if there are no figures."""
-
-
 def _arguments(parser: argparse.ArgumentParser, window: int) -> None:
     parser.add_argument("topic", metavar="TOPIC", nargs="+", help="for example /odom; several may be given")
     parser.add_argument(
@@ -135,10 +79,6 @@ def _arguments(parser: argparse.ArgumentParser, window: int) -> None:
     parser.add_argument(
         "--interval", type=seconds, default=1.0, metavar="SECONDS", help="seconds between reports (default 1)"
     )
-
-
-async def _hz(robot: Robot, arguments: Arguments, output: Output) -> None:
-    await _measure(robot, arguments, output, _frequency, lambda measured, message: 0.0)
 
 
 async def _bw(robot: Robot, arguments: Arguments, output: Output) -> None:
@@ -157,11 +97,12 @@ async def _delay(robot: Robot, arguments: Arguments, output: Output) -> None:
     await clock.set()
 
     def age(subscription: RemoteSubscription, message: Any) -> float:
-        return clock.now() - _stamp(message.header.stamp)
+        stamp = message.header.stamp
+        seconds, nanoseconds = (getattr(stamp, name) for name in stamp.__struct_fields__)
+        return float(clock.now() - seconds - nanoseconds / NANOSECONDS)
 
-    names = [absolute_name(name) for name in arguments.topic]
-    for name in names:
-        await _check_header(robot, name)
+    for name in arguments.topic:
+        await _check_header(robot, absolute_name(name))
     await _measure(robot, arguments, output, _lateness, age, clock.set)
 
 
@@ -176,18 +117,10 @@ async def _measure(
     value: Callable[[RemoteSubscription, Any], float],
     between: Callable[[], Awaitable[None]] | None = None,
 ) -> None:
-    """Listen to topics and report until it is enough.
-
-    Args:
-        value: what is noted of a message.
-        between: done after each report.
-    """
     import anyio
 
-    measured = [
-        await _listen(robot, absolute_name(name), arguments.window, value)
-        for name in dict.fromkeys(arguments.topic)
-    ]
+    names = [absolute_name(name) for name in dict.fromkeys(arguments.topic)]
+    measured = {name: await _listen(robot, name, arguments.window, value) for name in names}
     reported = 0
     due = anyio.current_time()
     while arguments.times is None or reported < arguments.times:
@@ -201,30 +134,28 @@ async def _measure(
 
 async def _listen(
     robot: Robot, name: str, window: int, value: Callable[[RemoteSubscription, Any], float]
-) -> MeasuredTopic:
+) -> Samples:
     import anyio
 
-    seen = Window(window)
-    kind = await TOPIC.known(robot, name)
+    samples: Samples = deque(maxlen=window)
 
     def hear(message: Any) -> None:
-        seen.add(anyio.current_time(), value(subscription, message))
+        samples.append((anyio.current_time(), value(subscription, message)))
 
-    subscription = await robot.subscribe(name, hear, kind)
-    return MeasuredTopic(subscription, seen)
+    subscription = await robot.subscribe(name, hear, await TOPIC.known(robot, name))
+    return samples
 
 
-def _report(measured: list[MeasuredTopic], now: float, measure: Measure, output: Output) -> None:
+def _report(measured: dict[str, Samples], now: float, measure: Measure, output: Output) -> None:
     shown: list[str] = []
-    for each in measured:
-        report = measure(each, now)
-        name = each.subscription.name
+    for name, samples in measured.items():
+        text, record = measure(samples, now) or (f"no messages on {name} yet", {"messages": 0})
         if output.json:
-            output.record({"topic": name, **({"messages": 0} if report is None else report.record)})
+            output.record({"topic": name, **record})
             continue
         if len(measured) > 1:
             shown.append(f"topic: {output.styled(name, 'name')}")
-        shown += (report.text if report is not None else f"no messages on {name} yet").split("\n")
+        shown += text.split("\n")
     if output.people:
         output.live(shown)
     elif not output.json:
@@ -234,42 +165,36 @@ def _report(measured: list[MeasuredTopic], now: float, measure: Measure, output:
 # -- the figures ------------------------------------------------------------------------------------------
 
 
-def _frequency(measured: MeasuredTopic, now: float) -> Report | None:
-    between = measured.window.intervals()
+def _frequency(samples: Samples, now: float) -> Report | None:
+    between = spread([later - earlier for (earlier, _), (later, _) in pairwise(samples)])
     if between is None or between.mean <= 0:
         return None
     rate = 1 / between.mean
-    record = {"rate": rate, **_fields(between, "s")}
-    return Report(
-        f"average rate: {rate:.3f}\n{_seconds(between, 1)}", {**record, "window": len(measured.window)}
-    )
+    record = {"rate": rate, **_fields(between), "window": len(samples)}
+    return f"average rate: {rate:.3f}\n{_seconds(between, 1)}", record
 
 
-def _bandwidth(measured: MeasuredTopic, now: float) -> Report | None:
-    sizes = measured.window.spread()
+def _bandwidth(samples: Samples, now: float) -> Report | None:
+    sizes = spread([size for _, size in samples])
     if sizes is None:
         return None
-    rate = measured.window.per_second(now)
+    elapsed = now - samples[0][0]
+    rate = sum(size for _, size in samples) / elapsed if elapsed > 0 else 0.0
     mean, least, most = (in_bytes(value) for value in (sizes.mean, sizes.least, sizes.most))
     text = (
         f"{in_bytes(rate)}/s from {sizes.number} messages\n"
         f"\tMessage size mean: {mean} min: {least} max: {most}"
     )
-    record = {
-        "bytes_per_second": rate,
-        "mean_bytes": sizes.mean,
-        "min_bytes": sizes.least,
-        "max_bytes": sizes.most,
-    }
-    return Report(text, {**record, "window": sizes.number})
+    record = {"mean_bytes": sizes.mean, "min_bytes": sizes.least, "max_bytes": sizes.most}
+    return text, {"bytes_per_second": rate, **record, "window": sizes.number}
 
 
-def _lateness(measured: MeasuredTopic, now: float) -> Report | None:
-    late = measured.window.spread()
+def _lateness(samples: Samples, now: float) -> Report | None:
+    late = spread([delay for _, delay in samples])
     if late is None:
         return None
-    record = {"delay": late.mean, **_fields(late, "s"), "window": late.number}
-    return Report(f"average delay: {late.mean:.3f}\n{_seconds(late, 0)}", record)
+    record = {"delay": late.mean, **_fields(late), "window": late.number}
+    return f"average delay: {late.mean:.3f}\n{_seconds(late, 0)}", record
 
 
 def _seconds(times: Spread, more: int) -> str:
@@ -279,8 +204,8 @@ def _seconds(times: Spread, more: int) -> str:
     )
 
 
-def _fields(times: Spread, unit: str) -> dict[str, object]:
-    return {f"min_{unit}": times.least, f"max_{unit}": times.most, f"std_dev_{unit}": times.deviation}
+def _fields(times: Spread) -> dict[str, object]:
+    return {"min_s": times.least, "max_s": times.most, "std_dev_s": times.deviation}
 
 
 # -- time --------------------------------------------------------------------------------------------------
@@ -295,13 +220,12 @@ class _RobotClock:
         self._noted = False
 
     def now(self) -> float:
-        """Return seconds since 1970, or since the start of the simulation."""
         import time
 
         return time.time() + self._ahead
 
     async def set(self) -> None:
-        """Ask the robot for its time, assuming half of the round trip for the answer."""
+        # Half of the round trip is taken for the way of the answer.
         import time
 
         from rwt_participant.errors import ProviderNotFound, ServiceFailed
@@ -317,21 +241,12 @@ class _RobotClock:
             self._ahead = there - (before + time.time()) / 2
 
 
-def _stamp(time: Any) -> float:
-    whole, rest = (getattr(time, name) for name in time.__struct_fields__)
-    return float(whole + rest / NANOSECONDS)
-
-
 async def _check_header(robot: Robot, name: str) -> None:
     kind = await TOPIC.known(robot, name)
     message_type = await robot.types.message(kind)
-    for slot in message_type.slots:
-        if (
-            slot.name == "header"
-            and isinstance(slot.type, field_types.Message)
-            and slot.type.type.name == "std_msgs/Header"
-        ):
-            return
+    header = next((slot.type for slot in message_type.slots if slot.name == "header"), None)
+    if isinstance(header, field_types.Message) and header.type.name == "std_msgs/Header":
+        return
     raise CommandError(f"{name}: {kind} has no header, so the delay of its messages is unknown")
 
 
@@ -339,7 +254,7 @@ VERBS = (
     Verb(
         "hz",
         "measure the rate of topics",
-        _hz,
+        partial(_measure, measure=_frequency, value=lambda subscription, message: 0.0),
         "rwt topic hz /odom\nrwt topic hz /odom /scan -n 3",
         'one line for each topic and report: {"topic": "/odom", "rate": 20.0, "min_s": 0.049,\n'
         '"max_s": 0.051, "std_dev_s": 0.0004, "window": 21}; {"topic": …, "messages": 0} while there is\n'

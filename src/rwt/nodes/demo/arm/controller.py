@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Final, Protocol
+from typing import Final
 
 import anyio
 
@@ -14,6 +14,7 @@ from rwt.nodes.demo.arm.trajectory import Angles, Trajectory, Waypoint
 from rwt_graph import Node
 from rwt_participant.errors import GoalAborted, GoalCanceled
 from rwt_participant.goals import ReceivedGoal
+from rwt_participant.messages import Message
 from rwt_tf2 import stamp_ns
 
 ACTION: Final = "control_msgs/FollowJointTrajectory"
@@ -24,28 +25,6 @@ _FEEDBACK_EVERY: Final = 0.1
 #: Of `control_msgs/FollowJointTrajectory`, where no other code says it better.
 _INVALID_GOAL: Final = -1
 _NAMES: Final = tuple(joint.name for joint in ARM)
-
-
-class TrajectoryPoint(Protocol):
-    """`trajectory_msgs/JointTrajectoryPoint`."""
-
-    positions: Sequence[float]
-    velocities: Sequence[float]
-    time_from_start: object
-
-
-class TrajectoryMessage(Protocol):
-    """`trajectory_msgs/JointTrajectory`."""
-
-    header: Any
-    joint_names: Sequence[str]
-    points: Sequence[TrajectoryPoint]
-
-
-class TrajectoryGoal(Protocol):
-    """The goal of `control_msgs/FollowJointTrajectory`."""
-
-    trajectory: TrajectoryMessage
 
 
 class TrajectoryRefused(ValueError):
@@ -105,14 +84,14 @@ class ArmController:
             run.reason = reason
             run.ended.set()
 
-    def _begin(self, message: TrajectoryMessage, goal: ReceivedGoal | None) -> _ActiveTrajectory:
+    def _begin(self, message: Message, goal: ReceivedGoal | None) -> _ActiveTrajectory:
         trajectory = self._read(message)
         self.abort("a newer trajectory took its place")
         wait = max(0, stamp_ns(message.header.stamp) - self._node.clock.time_ns()) / 1e9
         self._run = _ActiveTrajectory(trajectory, self._node.clock.monotonic() + wait, goal)
         return self._run
 
-    def _take(self, message: TrajectoryMessage) -> None:
+    def _take(self, message: Message) -> None:
         try:
             self._begin(message, None)
         except TrajectoryRefused as error:
@@ -120,7 +99,7 @@ class ArmController:
             line = f"the trajectory on {topic} is left: {error}"
             self._node.log.warning(line)
 
-    def _accept(self, request: TrajectoryGoal) -> bool | str:
+    def _accept(self, request: Message) -> bool | str:
         try:
             self._read(request.trajectory)
         except TrajectoryRefused as error:
@@ -128,9 +107,8 @@ class ArmController:
         return True
 
     async def _execute(self, goal: ReceivedGoal) -> messages.Message:
-        request: TrajectoryGoal = goal.request
         try:
-            run = self._begin(request.trajectory, goal)
+            run = self._begin(goal.request.trajectory, goal)
         except TrajectoryRefused as error:  # the arm has moved on since the goal was accepted
             raise GoalAborted(_result(_INVALID_GOAL, str(error)), str(error)) from error
         try:
@@ -162,12 +140,7 @@ class ArmController:
             }
         )
 
-    def _read(self, message: TrajectoryMessage) -> Trajectory:
-        """Return the trajectory from the arm's present position.
-
-        Raises:
-            TrajectoryRefused: the arm cannot follow it.
-        """
+    def _read(self, message: Message) -> Trajectory:
         columns = _columns(message.joint_names)
         if not message.points:
             raise TrajectoryRefused("the trajectory has no points")
@@ -198,9 +171,7 @@ def _columns(names: Sequence[str]) -> Mapping[int, int]:
     return {_NAMES.index(name): column for column, name in enumerate(names)}
 
 
-def _angles(
-    point: TrajectoryPoint, columns: Mapping[int, int], before: Angles
-) -> tuple[Angles, Angles | None]:
+def _angles(point: Message, columns: Mapping[int, int], before: Angles) -> tuple[Angles, Angles | None]:
     """Return positions and velocities of all joints at a point; missing ones stay."""
     for name, values in (("positions", point.positions), ("velocities", point.velocities)):
         if len(values) != len(columns) and (name == "positions" or len(values)):

@@ -13,15 +13,14 @@ class ArmJoint:
     """Joint and the link that it turns, drawn as a cylinder along z.
 
     Attributes:
-        name: name of the joint.
-        link: what it turns; the joint is at its origin.
-        height: of the joint on the link before it, along that one's z, metres.
-        axis: what it turns about.
-        length: of the link, metres.
-        radius: of the link, metres.
-        limit: how far it turns either way, radians.
-        speed: how fast it turns at most, radians a second.
-        rest: its angle at the start and after a reset, radians.
+        link: link that it turns, with the joint at its origin.
+        height: position of the joint along z of the previous link, metres.
+        axis: axis of rotation.
+        length: length of the link, metres.
+        radius: radius of the link, metres.
+        limit: maximum angle either way, radians.
+        speed: maximum speed, radians per second.
+        rest: angle at the start and after a reset, radians.
     """
 
     name: str

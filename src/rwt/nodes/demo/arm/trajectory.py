@@ -72,8 +72,6 @@ def _straight(begin: Angles, end: Angles, share: float, span: float) -> tuple[An
 
 
 def _cubic(p0: float, p1: float, m0: float, m1: float, t: float) -> tuple[float, float]:
-    """Return value and slope at `t` (0 to 1) of the cubic Hermite spline with these values and slopes at its
-    ends.
-    """
+    # Value and slope at `t` (0 to 1) of the cubic Hermite spline with these values and slopes at its ends.
     a, b = 2 * (p0 - p1) + m0 + m1, 3 * (p1 - p0) - 2 * m0 - m1
     return ((a * t + b) * t + m0) * t + p0, (3 * a * t + 2 * b) * t + m0

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
-from rwt.nodes.demo.model.shapes import Shape, Surface, text
+from rwt.nodes.demo.model.shapes import Shape, text
 from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
 #: The package that they are in.
@@ -65,7 +65,7 @@ class Visual:
             points=_source("points", surface.points),
             normals=_source("normals", surface.normals),
             count=len(surface.triangles),
-            triangles=_indexes(surface),
+            triangles=" ".join(str(index) for triangle in surface.triangles for index in triangle),
         )
 
 
@@ -85,7 +85,6 @@ class Meshes:
         self.http: Final = HttpExtension((Route(f"{PATH}*", self._page, Audience.ADMITTED),))
 
     def _page(self, request: HttpRequest, reader: Reader) -> HttpResponse:
-        """Respond with the mesh of one link."""
         name = request.path.removeprefix(PATH)
         visual = self._visuals.get(name.removesuffix(".dae"))
         if visual is None or not name.endswith(".dae"):
@@ -107,7 +106,3 @@ def _source(name: str, vectors: Iterable[tuple[float, float, float]]) -> str:
     values = [text(value) for vector in vectors for value in vector]
     count = len(values)
     return _SOURCE.format(name=name, numbers=count, values=" ".join(values), count=count // 3)
-
-
-def _indexes(surface: Surface) -> str:
-    return " ".join(str(index) for triangle in surface.triangles for index in triangle)

@@ -22,8 +22,8 @@ class Surface:
     """Triangles, counterclockwise as seen from outside.
 
     Attributes:
-        points: of all corners, metres.
-        normals: of the surface at each of the points, of length 1.
+        points: corners, metres.
+        normals: unit normal at each point.
         triangles: three indexes of points each.
     """
 

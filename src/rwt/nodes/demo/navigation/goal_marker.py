@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rwt.nodes.demo import messages
-from rwt.nodes.demo.frames import MAP, frame
+from rwt.nodes.demo.messages import MAP, frame
 from rwt.nodes.demo.world.pose import Pose
 from rwt.nodes.interactive_markers import (
     Colour,
@@ -40,14 +40,13 @@ class GoalMarker:
 
     def __init__(self, node: Node, start: Pose) -> None:
         self._node = node
-        self._start = start
         self._grabbed_at: Message | None = None
         self._goal: Goal | None = None
         self._markers = InteractiveMarkerServer(node, NAMESPACE)
         menu = Menu()
         menu.add("Drive here", self._drive)
         menu.add("Stop", self._stop)
-        menu.add("Fetch the marker", self._fetch)
+        menu.add("Fetch the marker", lambda _: self._markers.set_pose(_NAME, _pose(start)))
         self._markers.insert(_marker(frame(node, MAP), start), self._on_feedback, menu=menu)
         self._markers.apply_changes()
 
@@ -79,9 +78,6 @@ class GoalMarker:
     async def _stop(self, feedback: Feedback) -> None:
         if self._goal is not None:
             self._goal.cancel()
-
-    def _fetch(self, feedback: Feedback) -> None:
-        self._markers.set_pose(_NAME, _pose(self._start))
 
 
 def _marker(frame_id: str, start: Pose) -> messages.Message:

@@ -59,7 +59,9 @@ class PathFollower:
 
     def steer(self, pose: Pose) -> Velocity:
         """The velocity to drive with from here."""
-        self._advance(pose)
+        # The nearest point a little ahead: a path may cross itself.
+        ahead = range(self._reached, min(len(self._points), self._reached + 20))
+        self._reached = min(ahead, key=lambda i: pose.distance_to(*self._points[i]))
         if self.arrived(pose):
             return STANDSTILL
         # Once in place only the heading is corrected, unless the turn has carried the robot off again.
@@ -80,11 +82,6 @@ class PathFollower:
             limits.turn_rate * _LOOK_AHEAD / max(abs(error), 0.1),
         )
         return Velocity(speed, turn)
-
-    def _advance(self, pose: Pose) -> None:
-        """Move the mark to the nearest point a little ahead: a path may cross itself."""
-        end = min(len(self._points), self._reached + 20)
-        self._reached = min(range(self._reached, end), key=lambda i: pose.distance_to(*self._points[i]))
 
     def _target(self, pose: Pose) -> tuple[float, float]:
         for point in self._points[self._reached :]:

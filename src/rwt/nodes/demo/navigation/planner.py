@@ -55,7 +55,6 @@ class Planner:
         return self._straightened([start, *(self._centre(cell) for cell in cells), goal])
 
     def _measure(self) -> None:
-        """Return the clearance of each cell, computed at the first plan."""
         self._clearance = [
             self._world.clearance(*self._centre(cell)) for cell in range(self._columns * self._rows)
         ]
@@ -70,7 +69,6 @@ class Planner:
         return min(max(row, 0), self._rows - 1) * self._columns + min(max(column, 0), self._columns - 1)
 
     def _nearest_free(self, point: Point) -> int | None:
-        """Return the nearest free cell to a point, which may itself be too close to a wall."""
         reach = math.ceil(_SNAP / _CELL)
         row, column = divmod(self._cell_at(point), self._columns)
         near = (
@@ -107,7 +105,6 @@ class Planner:
         return None
 
     def _neighbours(self, cell: int) -> Iterator[tuple[int, float]]:
-        """Return the free neighbours of a cell, with their costs in cells."""
         row, column = divmod(cell, self._columns)
         for dx, dy, length in _STEPS:
             if 0 <= column + dx < self._columns and 0 <= row + dy < self._rows:
@@ -130,7 +127,6 @@ class Planner:
         return corners
 
     def _sees(self, here: Point, there: Point) -> bool:
-        """Return True if a straight line keeps the minimum distance to walls."""
         pieces = max(1, math.ceil(math.dist(here, there) / (_CELL / 2)))
         for i in range(1, pieces):
             part = i / pieces

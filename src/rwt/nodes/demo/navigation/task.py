@@ -9,13 +9,14 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Final, Protocol
+from operator import attrgetter
+from typing import Final
 
 import anyio
 
 from rwt.nodes.demo import messages
 from rwt.nodes.demo.drive import STANDSTILL, DifferentialDrive, Velocity
-from rwt.nodes.demo.frames import MAP, ODOM, frame
+from rwt.nodes.demo.messages import MAP, ODOM, frame
 from rwt.nodes.demo.model.urdf import BASE
 from rwt.nodes.demo.navigation.path_follower import PathFollower
 from rwt.nodes.demo.navigation.planner import NoPath, Planner
@@ -23,6 +24,7 @@ from rwt.nodes.demo.world.pose import ORIGIN, Pose
 from rwt_graph import Node
 from rwt_participant.errors import GoalAborted, GoalCanceled
 from rwt_participant.goals import GoalStatus, ReceivedGoal
+from rwt_participant.messages import Message
 
 ACTION = "nav2_msgs/NavigateToPose"
 #: Seconds between two feedbacks.
@@ -33,52 +35,23 @@ _PATIENCE = 5.0
 _REPLAN_AT = 0.4
 
 
-class _Header(Protocol):
-    frame_id: str
-
-
-class _PoseStamped(Protocol):
-    header: _Header
-    pose: messages.PoseLike
-
-
-class NavigateRequest(Protocol):
-    """The goal of `nav2_msgs/NavigateToPose`."""
-
-    pose: _PoseStamped
-
-
-class MoveBaseRequest(Protocol):
-    """The goal of `move_base_msgs/MoveBase`."""
-
-    target_pose: _PoseStamped
-
-
 @dataclass(frozen=True, slots=True)
 class _Interface:
     """Spelling of a navigation task in one action.
 
     Attributes:
-        target: where a goal leads.
-        pose_field: the field of the feedback that holds where the robot is.
+        target: returns the pose of a goal, a `geometry_msgs/PoseStamped`.
+        pose_field: field of the feedback with the pose of the robot.
         has_progress: True if feedback and result have more than that.
     """
 
-    target: Callable[[Any], _PoseStamped]
+    target: Callable[[Message], Message]
     pose_field: str
     has_progress: bool
 
 
-def _nav2_target(request: NavigateRequest) -> _PoseStamped:
-    return request.pose
-
-
-def _move_base_target(request: MoveBaseRequest) -> _PoseStamped:
-    return request.target_pose
-
-
-_NAV2 = _Interface(_nav2_target, "current_pose", has_progress=True)
-_MOVE_BASE = _Interface(_move_base_target, "base_position", has_progress=False)
+_NAV2 = _Interface(attrgetter("pose"), "current_pose", has_progress=True)
+_MOVE_BASE = _Interface(attrgetter("target_pose"), "base_position", has_progress=False)
 
 
 @dataclass(slots=True)
@@ -181,8 +154,7 @@ class Navigation:
         task.still_since = None
         return False
 
-    def _accept(self, interface: _Interface, request: object) -> bool | str:
-        """Return True, or the reason to reject the goal."""
+    def _accept(self, interface: _Interface, request: Message) -> bool | str:
         asked = interface.target(request)
         target = messages.read_pose(asked.pose)
         if not all(math.isfinite(value) for value in (target.x, target.y, target.heading)):

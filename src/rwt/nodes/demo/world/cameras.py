@@ -9,7 +9,7 @@ import anyio.to_thread
 
 from rwt.nodes.demo import messages
 from rwt.nodes.demo.drive import DifferentialDrive
-from rwt.nodes.demo.frames import frame
+from rwt.nodes.demo.messages import frame
 from rwt.nodes.demo.model.urdf import OPTICAL, Mount
 from rwt.nodes.demo.world.lens import Lens
 from rwt.nodes.demo.world.map import World
@@ -54,6 +54,7 @@ class CameraPublisher:
             "camera/depth/camera_info", "sensor_msgs/CameraInfo", qos=SENSOR_DATA
         )
         self._points = node.advertise("camera/depth/points", "sensor_msgs/PointCloud2", qos=SENSOR_DATA)
+        self._drawn = (self._colours, self._jpegs, self._depths, self._points)
 
     def set_rate(self, rate: float) -> None:
         """Publish `rate` images a second from now on."""
@@ -64,18 +65,12 @@ class CameraPublisher:
 
     def follow_subscribers(self) -> None:
         """Start and stop the timer with the subscribers: an idle robot is not woken thirty times a second."""
-        wanted = self._is_heard(*self._topics())
+        wanted = self._is_heard(*self._drawn, self._infos, self._depth_infos)
         if wanted and self._timer is None:
             self._timer = self._node.create_timer(self._period, self._shoot)
         elif not wanted and self._timer is not None:
             self._timer.cancel()
             self._timer = None
-
-    def _topics(self) -> tuple[TopicPublisher, ...]:
-        return (*self._drawn(), self._infos, self._depth_infos)
-
-    def _drawn(self) -> tuple[TopicPublisher, ...]:
-        return self._colours, self._jpegs, self._depths, self._points
 
     async def _shoot(self) -> None:
         """Publish one image of each subscribed kind, all of the same moment."""
@@ -84,7 +79,7 @@ class CameraPublisher:
         for infos in (self._infos, self._depth_infos):
             if infos.subscriber_count:
                 infos.publish(self._lens.camera_info(header, self._node.distro))
-        if self._is_heard(*self._drawn()):
+        if self._is_heard(*self._drawn):
             pose = self._drive.pose.after(Pose(self._mount.x, self._mount.y))
             await anyio.to_thread.run_sync(partial(self._draw, header, pose))
 
@@ -118,7 +113,6 @@ class CameraPublisher:
         return any(topic.subscriber_count for topic in topics)
 
     def _image(self, header: messages.Message, encoding: str, pixel: int, data: bytes) -> messages.Message:
-        """Return a `sensor_msgs/Image` of little-endian pixels of so many bytes."""
         return {
             "header": header,
             "width": self._lens.width,

@@ -1,4 +1,4 @@
-"""A laser scanner that sees the world's boxes and pillars.
+"""A laser scanner that sees the world's boxes and pillars, and its topic `/scan`.
 
 Each visible side is cast onto the rays within its angle of view instead of each ray onto every side: one pass
 over about a thousand ray hits, where walking a grid takes tens of thousands of cells. That is a fraction of a
@@ -11,8 +11,13 @@ import math
 import random
 from collections.abc import Iterable
 
+from rwt.nodes.demo import messages
+from rwt.nodes.demo.drive import DifferentialDrive
+from rwt.nodes.demo.model.urdf import LASER
 from rwt.nodes.demo.world.map import Box, Pillar, World
 from rwt.nodes.demo.world.pose import Pose
+from rwt_graph import Node, Timer
+from rwt_participant.qos import SENSOR_DATA
 
 
 class Lidar:
@@ -122,3 +127,45 @@ def _relative(point: tuple[float, float], pose: Pose) -> tuple[float, float]:
     cos, sin = math.cos(pose.heading), math.sin(pose.heading)
     dx, dy = point[0] - pose.x, point[1] - pose.y
     return cos * dx + sin * dy, cos * dy - sin * dx
+
+
+class ScanPublisher:
+    """Publishes `/scan`."""
+
+    def __init__(self, node: Node, drive: DifferentialDrive, lidar: Lidar) -> None:
+        self._node = node
+        self._drive = drive
+        self._lidar = lidar
+        self._frame = messages.frame(node, LASER)
+        self._scans = node.advertise("scan", "sensor_msgs/LaserScan", qos=SENSOR_DATA)
+        self._period = 0.1
+        self._timer: Timer | None = None
+
+    def start(self) -> None:
+        """Publish scans from now on."""
+        self._timer = self._node.create_timer(self._period, self._scan)
+
+    def set_rate(self, rate: float) -> None:
+        """Scan `rate` times a second from now on."""
+        self._period = 1 / rate
+        if self._timer is not None:
+            self._timer.cancel()
+            self.start()
+
+    def _scan(self) -> None:
+        # Rays are cast for subscribers only.
+        if not self._scans.subscriber_count:
+            return
+        lidar = self._lidar
+        self._scans.publish(
+            {
+                "header": messages.header(self._node.clock.time_ns(), self._frame),
+                "angle_min": lidar.angle_min,
+                "angle_max": lidar.angle_min + (lidar.ray_count - 1) * lidar.angle_increment,
+                "angle_increment": lidar.angle_increment,
+                "scan_time": self._period,
+                "range_min": lidar.range_min,
+                "range_max": lidar.range_max,
+                "ranges": lidar.scan(self._drive.pose),
+            }
+        )

@@ -53,7 +53,6 @@ class World:
     Attributes:
         floor: the whole rectangle; nothing is outside.
         boxes: walls and furniture, the outer walls among them.
-        pillars: round obstacles.
         start: where the robot begins, in the map frame.
     """
 
@@ -93,14 +92,6 @@ class Grid:
     bottom: float
     cells: Sequence[int]
 
-    def at(self, x: float, y: float) -> int:
-        """The value of the cell that a point is in; :data:`OCCUPIED` outside the map."""
-        column = math.floor((x - self.left) / self.resolution)
-        row = math.floor((y - self.bottom) / self.resolution)
-        if 0 <= column < self.columns and 0 <= row < self.rows:
-            return self.cells[row * self.columns + column]
-        return OCCUPIED
-
 
 def draw_map(world: World, resolution: float = 0.05) -> Grid:
     """The world as an occupancy grid; a cell is occupied when its centre is in something solid."""
@@ -108,7 +99,8 @@ def draw_map(world: World, resolution: float = 0.05) -> Grid:
     columns = math.ceil((floor.right - floor.left) / resolution - 1e-9)
     rows = math.ceil((floor.top - floor.bottom) / resolution - 1e-9)
     cells = [FREE] * (columns * rows)
-    for shape in (*world.boxes, *(_around(pillar) for pillar in world.pillars)):
+    around = (Box(p.x - p.radius, p.y - p.radius, p.x + p.radius, p.y + p.radius) for p in world.pillars)
+    for shape in (*world.boxes, *around):
         # Only the cells around each shape are tested: 160 times 200 cells times 20 shapes would be seconds.
         first = max(0, math.floor((shape.left - floor.left) / resolution))
         last = min(columns, math.ceil((shape.right - floor.left) / resolution))
@@ -121,11 +113,6 @@ def draw_map(world: World, resolution: float = 0.05) -> Grid:
                 if world.clearance(floor.left + (column + 0.5) * resolution, y) == 0.0:
                     cells[row * columns + column] = OCCUPIED
     return Grid(resolution, columns, rows, floor.left, floor.bottom, tuple(cells))
-
-
-def _around(pillar: Pillar) -> Box:
-    r = pillar.radius
-    return Box(pillar.x - r, pillar.y - r, pillar.x + r, pillar.y + r)
 
 
 def walled(floor: Box, thickness: float = 0.1) -> tuple[Box, ...]:

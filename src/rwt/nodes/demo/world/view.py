@@ -53,7 +53,6 @@ class RayHits:
     """Nearest obstacle in each column of an image.
 
     Attributes:
-        pose: of the camera.
         depth: metres along the viewing axis.
         texel: where in the atlas the strip of texture begins.
     """
@@ -67,9 +66,7 @@ class View:
     """Renderer of the camera's view.
 
     Args:
-        world: what is there.
-        lens: of the camera.
-        height: of the camera above the floor, metres.
+        height: height of the camera above the floor, metres.
     """
 
     def __init__(self, world: World, lens: Lens, height: float) -> None:
@@ -122,7 +119,6 @@ class View:
         return np.stack(tiles), _packed(light[:, None] * np.array((215, 220, 225)))
 
     def _surroundings(self, hits: RayHits) -> NDArray[np.uint32]:
-        """Return the image without obstacles: the ceiling and a tiled floor."""
         rows, columns = len(self._rises), len(self._slopes)
         image = np.empty((rows, columns), np.uint32)
         horizon = int(np.count_nonzero(self._rises >= 0))
@@ -228,10 +224,8 @@ def point_cloud(
     red and 0 as a float, as in PCL.
 
     Args:
-        header: of the message.
         depths: rows x columns, millimetres; 0 is unknown.
         colours: rows x columns x red, green, blue.
-        lens: that both were taken through.
         skip: every so many rows and columns become points.
     """
     down, across = (
