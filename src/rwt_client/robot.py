@@ -158,11 +158,11 @@ class Robot(RobotApi):
         session.dispatcher = self._dispatcher()
 
     @property
-    def tf(self) -> RemoteTransforms:  # noqa: D102 - inherited
+    def tf(self) -> RemoteTransforms:
         return self._tf
 
     @property
-    def clock(self) -> RobotClock:  # noqa: D102 - inherited
+    def clock(self) -> RobotClock:
         return self._clock
 
     # -- the connection --------------------------------------------------------------------------------------
@@ -209,7 +209,7 @@ class Robot(RobotApi):
 
     # -- listings --------------------------------------------------------------------------------------------
 
-    async def topics(self, *, hidden: bool = False) -> tuple[Listed, ...]:  # noqa: D102 - inherited
+    async def topics(self, *, hidden: bool = False) -> tuple[Listed, ...]:
         found = {each.name: each for each in await self.api.topics()}
         if hidden:
             names = [name for name in await self._hidden_names() if name not in found]
@@ -225,10 +225,10 @@ class Robot(RobotApi):
                 names += [f"{name}{ACTION_PARTS}{part}" for name in actions for part in _ACTION_TOPICS]
         return [name for name in names if not name.startswith(f"{_ROSAPI}/")]
 
-    async def services(self) -> tuple[Listed, ...]:  # noqa: D102 - inherited
+    async def services(self) -> tuple[Listed, ...]:
         return await self._typed(await self.api.services(), self.types.of_service)
 
-    async def actions(self) -> tuple[Listed, ...]:  # noqa: D102 - inherited
+    async def actions(self) -> tuple[Listed, ...]:
         return await self._typed(await self.api.action_servers(), self.types.of_action)
 
     async def _typed(
@@ -249,10 +249,10 @@ class Robot(RobotApi):
                 tasks.start_soon(ask, name)
         return tuple(Listed(name, type) for name, type in types.items())
 
-    async def type_of(self, topic: str) -> MessageType:  # noqa: D102 - inherited
+    async def type_of(self, topic: str) -> MessageType:
         return await self.types.message(await self.types.of_topic(topic))
 
-    async def interface(self, name: str) -> MessageType | ServiceType | ActionType:  # noqa: D102 - inherited
+    async def interface(self, name: str) -> MessageType | ServiceType | ActionType:
         types = self.types
         known = types.known_message(name) or types.known_service(name) or types.known_action(name)
         if known is not None:
@@ -269,7 +269,6 @@ class Robot(RobotApi):
     def topic(
         self, topic: str, type: str | None = None, **options: Unpack[SubscribeKeywords]
     ) -> RemoteSubscription:
-        """Return the messages of a topic from now on, as an asynchronous iterator; as :meth:`subscribe`."""
         subscription = RemoteSubscription(self._table, topic, self._options(options), None)
         return subscription.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
 
@@ -288,9 +287,7 @@ class Robot(RobotApi):
         subscription = RemoteSubscription(self._table, topic, self._options(options), callback)
         return subscription.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
 
-    def subscribe_raw(  # noqa: D102 - inherited
-        self, topic: str, callback: RawCallback, type: str | None = None
-    ) -> RawSubscription:
+    def subscribe_raw(self, topic: str, callback: RawCallback, type: str | None = None) -> RawSubscription:
         async def ask() -> MessageType:
             name = type or await self.types.of_topic(topic)
             if self.types.known_message(name) is None:
@@ -337,7 +334,7 @@ class Robot(RobotApi):
         publisher = RemotePublisher(self._session, self.types, topic, advertised, self._drained)
         return publisher.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
 
-    def publish(  # noqa: D102 - inherited
+    def publish(
         self, topic: str, message: MessageLike, type: str | None = None, *, latch: bool = False
     ) -> RemotePublisher:
         publisher = self._publishers.get(topic)
@@ -385,7 +382,7 @@ class Robot(RobotApi):
             raise ProviderNotFound(f"{error}{await self.types.meant('service', service)}") from None
         return self.types.reader(service_type.response, self._arrays).read(answer)
 
-    def advertise_service(self, service: str, type: str, handler: ServiceHandler) -> ServiceServer:  # noqa: D102 - inherited
+    def advertise_service(self, service: str, type: str, handler: ServiceHandler) -> ServiceServer:
         check_handler(service, handler)
         server = ServiceServer(
             self._session, service, self._interface_name, self._services.offered, handler, self._tasks
@@ -394,7 +391,7 @@ class Robot(RobotApi):
 
     # -- actions ---------------------------------------------------------------------------------------------
 
-    async def send_goal(  # noqa: D102 - inherited
+    async def send_goal(
         self,
         action: str,
         goal: MessageLike | None = None,
@@ -413,13 +410,13 @@ class Robot(RobotApi):
         )
         return self._goals.send(sent, self._interface_name(action_type), RawJson(payload.json()), readers)
 
-    def cancel_goal(self, action: str, goal_id: str) -> None:  # noqa: D102 - inherited
+    def cancel_goal(self, action: str, goal_id: str) -> None:
         if self.types.registry.distro.action_transport == "topics":
             self.publish(f"{action}/cancel", {"id": goal_id}, "actionlib_msgs/GoalID")
         else:
             self._goals.cancel(action, goal_id)
 
-    def advertise_action(self, action: str, type: str, execute: Execute) -> ActionServer:  # noqa: D102 - inherited
+    def advertise_action(self, action: str, type: str, execute: Execute) -> ActionServer:
         server = ActionServer(
             self._session, action, self._interface_name, self._actions.offered, execute, self._tasks
         )
@@ -427,14 +424,12 @@ class Robot(RobotApi):
 
     # -- time ------------------------------------------------------------------------------------------------
 
-    def create_timer(  # noqa: D102 - inherited
-        self, period: float, callback: Callable[[], Awaitable[None] | None]
-    ) -> PeriodicTimer:
+    def create_timer(self, period: float, callback: Callable[[], Awaitable[None] | None]) -> PeriodicTimer:
         timer = PeriodicTimer(self._clock, self._clock, period, callback)
         timer.start()
         return timer
 
-    async def time_ns(self) -> int:  # noqa: D102 - inherited
+    async def time_ns(self) -> int:
         return await self.api.time_ns()
 
     def __repr__(self) -> str:
@@ -494,7 +489,6 @@ class Robot(RobotApi):
         return await self._question(question, args, self._timeout)
 
     async def _ask_briefly(self, question: str, args: Mapping[str, object]) -> Any:
-        """Ask rosapi with a short timeout: it may be missing."""
         patience = IDENTIFY_SECONDS if self._timeout is None else min(self._timeout, IDENTIFY_SECONDS)
         return await self._question(question, args, patience)
 
@@ -542,7 +536,6 @@ class _ClientClock:
         return anyio.move_on_after(seconds)
 
     def call_later(self, delay: float, call: Callable[[], None]) -> Timer:
-        """Run `call` once, `delay` seconds from now, unless the connection is closed before."""
         return _TimerTask(self._tasks, delay, call)
 
     def soon(self, call: Callable[[], None]) -> None:
@@ -550,8 +543,6 @@ class _ClientClock:
         call()
 
     def spawn(self, function: Callable[[], Awaitable[None]], name: str) -> None:
-        """Run a coroutine function as a task; its exceptions are logged."""
-
         async def run() -> None:
             try:
                 await function()

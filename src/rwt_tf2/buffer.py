@@ -274,7 +274,6 @@ class Buffer:
         return name
 
     def _latest_of(self, frame: str) -> int:
-        """Return the time of a frame's latest transform; 0 if there is none."""
         track = self._tracks.get(frame)
         return 0 if track is None else track.latest_ns
 
@@ -295,7 +294,6 @@ class Buffer:
         raise ConnectivityError(target, source, self._root(target), self._root(source))
 
     def _path(self, target: str, source: str, parent_of: Callable[[Track], str | None]) -> _Path | None:
-        """Return the path between two frames; None if they are not connected."""
         up = self._way_up(source, target, parent_of)
         down = self._way_up(target, "", parent_of) if target not in up else {target: 0}
         meeting = next((frame for frame in down if frame in up), None)

@@ -244,7 +244,6 @@ _TLS_REASONS: Final = {
 
 
 def _explained(target: ConnectUrl, error: OSError) -> ConnectError:
-    """Return an error with the reason in one line."""
     if isinstance(error, ssl.SSLError):
         reason = getattr(error, "verify_message", "") or _TLS_REASONS.get(error.reason or "", error.reason)
         text = f"cannot connect to {target.address} in TLS: {reason or 'the handshake failed'}"

@@ -288,7 +288,6 @@ class Connection:
 
     @property
     def _is_ending(self) -> bool:
-        """True if the connection is closing or lost."""
         return self._state in (_ConnectionState.CLOSING, _ConnectionState.LOST)
 
     def begin(self) -> None:
@@ -311,7 +310,6 @@ class Connection:
     # -- the driver's side ---------------------------------------------------------------------------------
 
     def receive(self, data: bytes) -> None:
-        """Pass received bytes to the wire."""
         self._is_alive = True
         self.outbox.received += len(data)
         try:
@@ -320,7 +318,6 @@ class Connection:
             self._broken_inside()
 
     def buffer_updated(self, count: int) -> None:
-        """Tell the wire that `count` bytes were received into the buffer from `get_buffer`."""
         self._is_alive = True
         self.outbox.received += count
         try:
@@ -329,7 +326,6 @@ class Connection:
             self._broken_inside()
 
     def progress(self) -> None:
-        """Note a sign of life: the network accepted bytes again."""
         self._is_alive = True
 
     def eof(self) -> None:
@@ -340,7 +336,6 @@ class Connection:
         self.outbox.when_empty(self._link.close)
 
     def lost(self) -> None:
-        """Release everything: the link is gone."""
         self._listener.detach(self)
         self._listener.buffers.release(self._wire)
         self._listener.buffers.is_read(self._wire)
@@ -365,13 +360,11 @@ class Connection:
             self.outbox.when_empty(self._link.close)
 
     def abort(self) -> None:
-        """Cut the connection."""
         self._link.abort()
 
     # -- the endpoint's flow control -----------------------------------------------------------------------
 
     def pause(self) -> None:
-        """Pause reading from the peer."""
         self._is_paused = True
         self._listener.buffers.keep_unread(self._wire)
         self._link.pause()
@@ -379,7 +372,6 @@ class Connection:
             self._inflating.hold()
 
     def resume(self) -> None:
-        """Resume reading from the peer."""
         self._is_paused = False
         self._listener.buffers.is_read(self._wire)
         self._link.resume()
@@ -390,7 +382,6 @@ class Connection:
                 self._broken_inside()
 
     def when_empty(self, callback: Callable[[], None]) -> None:
-        """Call `callback` once the network has accepted everything sent."""
         if not self._is_ending:
             self.outbox.when_empty(callback)
 
@@ -407,17 +398,14 @@ class Connection:
     # -- what the wire reports (WireEvents) ----------------------------------------------------------------
 
     def oversized(self, size: int) -> bool:
-        """Return True if a message larger than the limit is to be skipped."""
         return isinstance(self._endpoint, OversizeAware)
 
     def oversized_head(self, size: int, head: bytes) -> None:
-        """Report the beginning of a message that is skipped."""
         endpoint: object = self._endpoint
         if isinstance(endpoint, OversizeAware):
             endpoint.oversized(size, self._listener.limits.message_bytes, head)
 
     def answer(self, data: bytes) -> None:
-        """Send bytes of the protocol itself."""
         self.outbox.push(data)
 
     def pong(self, data: bytes) -> None:
@@ -442,7 +430,6 @@ class Connection:
         self._set_endpoint(endpoint)
 
     def _set_endpoint(self, endpoint: Endpoint) -> None:
-        """Pass messages to `endpoint` from the next one on."""
         self._endpoint = endpoint
         if isinstance(endpoint, FlowControlled):
             endpoint.set_flow_control(self)
@@ -457,14 +444,12 @@ class Connection:
         return self._closed_with or (ABNORMAL, "the connection was lost")
 
     def hand_over(self, endpoint: Endpoint) -> None:
-        """Replace the endpoint."""
         if self._endpoint is None:
             endpoint.closed(*self.ended_with)
         else:
             self._set_endpoint(endpoint)
 
     def _end_endpoint(self, code: int, reason: str) -> None:
-        """Call the endpoint's `closed`, once."""
         endpoint, self._endpoint = self._endpoint, None
         if endpoint is not None:
             self.outbox.stop_sending()
@@ -578,14 +563,12 @@ class _ConnectionSink(Outbox):
             self._connection.close(code, reason)
 
     def hand_over(self, endpoint: Endpoint) -> None:
-        """Pass messages to `endpoint` from the next one on."""
         if self._connection is not None:
             self._connection.hand_over(endpoint)
         else:
             endpoint.closed(*self._ended_with)
 
     def discard(self) -> None:
-        """Release everything, and send nothing more: the peer is gone."""
         super().discard()
         if self._connection is not None:
             self._ended_with = self._connection.ended_with

@@ -169,7 +169,6 @@ class DataLane:
         return first
 
     def _drop_expired(self, queue: Queue) -> None:
-        """Drop expired messages at the front."""
         waiting = queue.waiting
         while waiting and waiting[0][2] and waiting[0][2] < queue.time_ns():
             self._drop_oldest(queue, DropReason.LIFESPAN)
@@ -195,7 +194,6 @@ class DataLane:
             queue.on_drop(reason)
 
     def _drop_oldest(self, queue: Queue, reason: DropReason) -> int:
-        """Drop the oldest message and return its size."""
         first, further, _ = queue.waiting.popleft()
         size = first.size + sum(frame.size for frame in further)
         queue.size -= size

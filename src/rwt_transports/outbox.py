@@ -42,7 +42,6 @@ class OutboxFlow:
         self._queue = queue
 
     def send(self, frame: Frame) -> None:
-        """Queue one message of one frame."""
         outbox = self._outbox
         room = outbox.room
         if room > 0 and frame.size < outbox.small:
@@ -78,7 +77,6 @@ class OutboxFlow:
         return True
 
     def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
-        """Queue one message in one or more frames."""
         outbox = self._outbox
         if any(outbox.is_too_large(self._queue, frame) for frame in pieces):
             return
@@ -93,11 +91,9 @@ class OutboxFlow:
             outbox.send_rest_later(self._queue, pieces[sent:])
 
     def configure(self, rules: FlowRules) -> None:
-        """Apply `rules` from now on."""
         self._outbox.configure(self._queue, rules)
 
     def close(self) -> None:
-        """Stop reporting drops."""
         self._queue.on_drop = None
 
 
@@ -175,7 +171,6 @@ class Outbox:
     # -- the endpoint's side -------------------------------------------------------------------------------
 
     def send(self, frame: Frame) -> None:
-        """Queue one frame in the control lane; see :meth:`rwt_transports.endpoint.Sink.send`."""
         if self.room > 0:
             self.send_at_once(frame)
         elif not self._closed:
@@ -189,7 +184,6 @@ class Outbox:
         on_drop: Callable[[DropReason], None] | None = None,
         time_ns: Callable[[], int] = time_ns,
     ) -> OutboxFlow:
-        """Return a flow of the data lane; see :meth:`rwt_transports.endpoint.Sink.flow`."""
         return OutboxFlow(self, Queue(topic, rules, on_drop, time_ns))
 
     def send_at_once(self, frame: Frame) -> None:
@@ -234,14 +228,12 @@ class Outbox:
 
     @property
     def backlog(self) -> int:
-        """Bytes queued and not yet accepted by the network."""
         begun = sum(map(len, self._begun))
         ready = sum(piece.size if isinstance(piece, Burst) else len(piece) for piece in self.ready)
         return begun + ready + self._control_bytes + self._data.size
 
     @property
     def traffic(self) -> Traffic:
-        """Counts since the connection began."""
         waiting = len(self._control) + self._data.messages
         return Traffic(
             self.messages, self._taken, waiting, self.backlog, dict(self._data.dropped), self.received
@@ -337,14 +329,12 @@ class Outbox:
         self._data.clear()
 
     def when_empty(self, callback: Callable[[], None]) -> None:
-        """Call `callback` once, when everything has been taken."""
         self._on_empty = callback
         self.wake()
 
     # -- the driver's side ---------------------------------------------------------------------------------
 
     def take(self) -> Buffer | None:
-        """Return the next bytes to write; None if there are none."""
         if self._begun:
             data: Buffer = self._slice(self._begun.popleft(), SLICE_BYTES)
         else:

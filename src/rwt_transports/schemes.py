@@ -43,7 +43,6 @@ def stream_driver() -> AnyioDriver | AsyncioDriver:
 
 
 def _data_channel() -> Connector:
-    """Return the WebRTC connector. Raises ConnectError if it is not installed."""
     try:
         from rwt_transports.webrtc.connector import DataChannelConnector  # An extra that few need.
     except ImportError as missing:

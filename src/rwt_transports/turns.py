@@ -162,7 +162,6 @@ class Turns:
             self._call_soon(self._next)
 
     def _next(self) -> None:
-        """Begin a turn: reset what was counted, and do waiting work."""
         self._is_begun = self.is_full = False
         self._used = 0.0
         self._holder = None

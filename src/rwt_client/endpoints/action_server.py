@@ -51,16 +51,13 @@ class ActionServer(RemoteServer[ActionType]):
         self._tasks = tasks
 
     def release(self) -> None:
-        """Request that running goals end, and withdraw the action."""
         self._cancel_all()
         super().release()
 
     def advertise(self, wire_type: str) -> AdvertiseAction:
-        """Return the op that offers it."""
         return AdvertiseAction(type=wire_type, action=self.name, id=self.id)
 
     def withdrawal(self) -> UnadvertiseAction:
-        """Return the op that withdraws it."""
         return UnadvertiseAction(action=self.name, id=self.id)
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
@@ -90,7 +87,6 @@ class ActionServer(RemoteServer[ActionType]):
             goal.cancel_event.set()
 
     def _send_feedback(self, id: str | int | None, message: MessageLike) -> None:
-        """Send feedback of a goal; no-op if it has ended."""
         values = RawJson(to_payload(self.type.feedback, message).json())
         if id in self._goals:
             self._session.send_if_connected(ActionFeedback(action=self.name, values=values, id=id))

@@ -137,11 +137,9 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
         await self._drained()
 
     def release(self) -> None:
-        """Reject further messages."""
         self._error = HandleClosed(f"the publisher on {self.name} was closed")
 
     def withdrawal(self) -> Unadvertise:
-        """Return the op that withdraws the advertisement."""
         return Unadvertise(topic=self.name, id=self.id)
 
     def __repr__(self) -> str:
@@ -150,12 +148,10 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
     # -- called by the session ------------------------------------------------------------------------------
 
     def take_type(self, type: MessageType) -> None:
-        """Set the type that messages are checked by."""
         self._message_type = type
         self._wire_type = self._types.wire_name(type.name)
 
     def opened(self) -> None:
-        """Send the messages that were published before the type was known."""
         while self._early and self._flow is not None:
             try:
                 self.publish(self._early.popleft())
@@ -164,7 +160,6 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
                 logger.warning("a message for %s was not published: %s", self.name, error)
 
     def restore(self) -> None:
-        """Advertise on a new connection."""
         options = self._options
         given: dict[str, Any] = {}
         if options.latch:
@@ -183,11 +178,9 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
             self.fail(error)
 
     def refused(self, text: str) -> None:
-        """Reject messages with the server's text."""
         self.fail(ServerRefused(text))
 
     def fail(self, error: RobotError) -> None:
-        """Reject further messages with `error`."""
         self._error = error
 
     def _on_drop(self, reason: DropReason) -> None:

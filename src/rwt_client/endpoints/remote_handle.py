@@ -58,7 +58,6 @@ class RemoteHandle(Handle, Generic[T]):
         return self
 
     async def ready(self) -> None:
-        """Wait until its type is known; see :meth:`Handle.ready`."""
         await self._opened.wait()
 
     async def _ask(self, ask: Callable[[], Awaitable[T]]) -> None:
@@ -88,7 +87,6 @@ class RemoteHandle(Handle, Generic[T]):
         return self._closed
 
     def close(self) -> None:
-        """Withdraw it. No-op if it is closed."""
         if self._closed:
             return
         self._closed = True
@@ -153,7 +151,6 @@ class RemoteServer(RemoteHandle[T]):
         offered[name] = self
 
     def release(self) -> None:
-        """Withdraw the service or action."""
         if self._offered.get(self.name) is self:
             del self._offered[self.name]
 
@@ -161,18 +158,15 @@ class RemoteServer(RemoteHandle[T]):
         """No-op: nothing else depends on the type."""
 
     def restore(self) -> None:
-        """Advertise on a new connection."""
         self._session.send(self.advertise(self._wire_name(self.type)))
 
     def fail(self, error: RobotError) -> None:
-        """Withdraw it because of `error`."""
         self.close()
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
         """No-op: the server notifies all callers."""
 
     def refused(self, text: str) -> None:
-        """Log that the server rejects it."""
         logger.error("%s is not offered: %s", self.name, text)
 
     @abstractmethod

@@ -213,7 +213,6 @@ class RemoteTypes:
         return did_you_mean(name, await self._names(what))
 
     async def _names(self, what: str) -> list[str]:
-        """Return the listed names; empty if the robot does not answer."""
         question, key = _LISTS[what]
         answer: object = None
         with anyio.move_on_after(ADVICE_SECONDS):

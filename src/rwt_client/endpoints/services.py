@@ -59,12 +59,10 @@ class WireCall:
             self._calls.session.send(CallService(service=self._service, args=self._args, id=self.id))
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
-        """Fail the call, unless it may be sent again."""
         if final or not self._repeat:
             self.outcome.set(type(error)(f"{error}, before {self._service} answered"))
 
     def refused(self, text: str) -> None:
-        """Fail the call with the server's text."""
         self.outcome.set(call_error(text, self._service))
 
 
@@ -154,11 +152,9 @@ class ServiceServer(RemoteServer[ServiceType]):
         self._tasks = tasks
 
     def advertise(self, wire_type: str) -> AdvertiseService:
-        """Return the op that offers it."""
         return AdvertiseService(type=wire_type, service=self.name, id=self.id)
 
     def withdrawal(self) -> UnadvertiseService:
-        """Return the op that withdraws it."""
         return UnadvertiseService(service=self.name, id=self.id)
 
     # -- calls -----------------------------------------------------------------------------------------------

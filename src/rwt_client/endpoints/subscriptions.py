@@ -78,7 +78,6 @@ class TopicSubscriptions:
         self.subscriptions: tuple[RemoteSubscription, ...] = ()
 
     def deliver(self, arrived: UnparsedMessage, size: int) -> None:
-        """Pass one message to every subscription."""
         for subscription in self.subscriptions:
             subscription.take(arrived, size)
 
@@ -161,7 +160,6 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
         self._callback = callback
 
     def take_type(self, type: MessageType) -> None:
-        """Prepare to read messages of that type."""
         self._compression = self._table.compression(self._options.compression, type)
         self._reader = self._table.types.reader(type, self._options.arrays)
         self._table.add(self)
@@ -169,13 +167,11 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
             self._table.tasks.start_soon(self._call_in_turn, self._queue, self._callback)
 
     def release(self) -> None:
-        """End an iteration, and drop the queued messages."""
         self._end(HandleClosed(f"the subscription to {self.name} was closed"))
         if self._type is not None:
             self._table.remove(self)
 
     def withdrawal(self) -> Unsubscribe:
-        """Return the op that unsubscribes."""
         return Unsubscribe(topic=self.name, id=self.id)
 
     def __repr__(self) -> str:
@@ -184,7 +180,6 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
     # -- messages --------------------------------------------------------------------------------------------
 
     def take(self, arrived: UnparsedMessage, size: int) -> None:
-        """Decode a message, and pass it on."""
         self.received += 1
         self.received_bytes += size
         if self._queue is not None:
@@ -212,7 +207,6 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
     # -- called by the session ------------------------------------------------------------------------------
 
     def restore(self) -> None:
-        """Subscribe on a new connection."""
         options = self._options
         given: dict[str, Any] = {}
         if options.throttle > 0:
@@ -227,7 +221,6 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
         self._session.send(Subscribe(topic=self.name, type=wire_type, id=self.id, **given))
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
-        """End the subscription if the loss is final."""
         if final:
             self.fail(error)
 
@@ -241,7 +234,6 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
             self.fail(ServerRefused(text))
 
     def fail(self, error: RobotError) -> None:
-        """End the subscription with `error`."""
         if self._callback is not None and not isinstance(error, ConnectionLost):
             logger.warning("the subscription to %s was refused: %s", self.name, error)
         self._end(error)

@@ -250,7 +250,6 @@ class ReconnectingSession:
     # --------------------------------------------------------------------------------------------
 
     def receive(self, data: bytes, binary: bool) -> None:
-        """Receive one message."""
         size = len(data)
         if SMALL < size <= LARGE:
             head = _match_head(data)

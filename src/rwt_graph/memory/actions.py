@@ -170,7 +170,6 @@ class MemoryGoal(ServerGoal):
 
     @property
     def goal(self) -> Payload:
-        """Message of the goal; raises :exc:`InvalidTransition` after the server's callback has returned."""
         if self._goal is None:
             raise InvalidTransition(f"goal {self.id} of {self.action} was taken: its message is not kept")
         return self._goal
@@ -181,17 +180,14 @@ class MemoryGoal(ServerGoal):
 
     @property
     def status(self) -> GoalStatus:
-        """Current state."""
         return self._status
 
     @property
     def cancel_requested(self) -> bool:
-        """True if a cancel was requested."""
         return self._cancel_requested
 
     @property
     def feedback_wanted(self) -> bool:
-        """True if the client, or one in another process, takes feedback now."""
         if self.listening and self._events is not None and self._events.on_feedback is not None:
             return True
         return self._server.watcher is not None and self._server.watcher.feedback_wanted
@@ -217,7 +213,6 @@ class MemoryGoal(ServerGoal):
             self.request_cancel()
 
     def reject(self, reason: str) -> None:
-        """End an UNKNOWN goal; the client receives :exc:`GoalRejected`."""
         if self._status is not GoalStatus.UNKNOWN or self._server.goals.pop(self.id, None) is None:
             raise InvalidTransition(
                 f"goal {self.id} of {self.action} is {self._status.name}: too late to reject"
@@ -236,7 +231,6 @@ class MemoryGoal(ServerGoal):
             self._server.watcher.fed_back(self.id, feedback)
 
     def finish(self, status: GoalStatus, result: Payload, reason: str = "") -> None:
-        """End the goal as SUCCEEDED, CANCELED or ABORTED. Raises :exc:`InvalidTransition`."""
         event = ENDINGS.get(status)
         if event is None:
             raise InvalidTransition(f"a goal cannot be finished as {status.name}, which is not an end")
@@ -305,26 +299,21 @@ class MemoryClientGoal(ClientGoal):
 
     @property
     def status(self) -> GoalStatus:
-        """Current state; UNKNOWN if there was no server."""
         return GoalStatus.UNKNOWN if self._goal is None else self._goal.status
 
     @property
     def reason(self) -> str:
-        """Reason that the server gave for the end."""
         return "" if self._goal is None else self._goal.reason
 
     def cancel(self) -> None:
-        """Request cancellation."""
         if self._goal is not None:
             self._goal.request_cancel()
 
     def want_feedback(self, wanted: bool) -> None:
-        """Set whether the client takes feedback now."""
         if self._goal is not None:
             self._goal.listening = wanted
 
     def abandon(self) -> None:
-        """Drop the client's callbacks; the goal continues."""
         if self._goal is not None:
             self._goal.abandon()
 
@@ -353,7 +342,6 @@ class MemoryActionServer(Registration):
         self._actions = actions
 
     def close(self) -> None:
-        """Withdraw the action; its goals end as ABORTED with :exc:`ProviderGone` (ACT-18, ACT-19)."""
         if self.closed:
             return
         self.closed = True
@@ -461,7 +449,6 @@ class Actions:
             return events
 
     def cancel(self, action: str, goal_id: str, client: NodeResources) -> None:
-        """Request cancellation of any client's goal by its id."""
         server = self._servers.get(action)
         goal = None if server is None else server.goals.get(goal_id)
         if goal is not None:
@@ -470,7 +457,6 @@ class Actions:
             self.remote.cancel(action, goal_id, client)
 
     def cancel_every(self, action: str, client: NodeResources) -> None:
-        """Request cancellation of all goals of an action."""
         server = self._servers.get(action)
         if server is not None:
             for goal in tuple(server.goals.values()):
@@ -479,20 +465,17 @@ class Actions:
             self.remote.cancel_every(action, client)
 
     def info(self, name: str) -> ActionInfo | None:
-        """Return a snapshot of one action."""
         server = self._servers.get(name)
         if server is not None:
             return ActionInfo(name, server.type, server.node)
         return None if self.remote is None else self.remote.info(name)
 
     def names(self) -> list[str]:
-        """Return the names of all actions, sorted."""
         if self.remote is None:
             return sorted(self._servers)
         return sorted(self._servers.keys() | self.remote.names())
 
     def by_node(self) -> Iterator[tuple[str, str]]:
-        """Yield each node with each of its actions."""
         for server in self._table:
             yield server.node, server.name
         if self.remote is not None:

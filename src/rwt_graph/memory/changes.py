@@ -42,7 +42,6 @@ class Kept(Generic[T]):
         self._listing: T
 
     def __call__(self) -> T:
-        """Return the current listing."""
         count = self._changes.count
         if self._at != count:
             self._listing = self._make()

@@ -65,7 +65,6 @@ class MemoryParticipant(Participant):
         type: MessageType,
         qos: QoS = DEFAULT_QOS,
     ) -> Publisher:
-        """Become a publisher of `topic`. Raises :exc:`TypeConflict`, :exc:`NotRunning` after `close`."""
         self._check_open()
         return self._graph.topic_table.advertise(validate(topic), type, qos, self.owner)
 
@@ -76,7 +75,6 @@ class MemoryParticipant(Participant):
         type: MessageType | None = None,
         qos: QoS = BEST_AVAILABLE,
     ) -> Subscription:
-        """Become a subscriber of `topic`. Raises :exc:`TypeConflict`, :exc:`NotRunning` after `close`."""
         self._check_open()
         return self._graph.topic_table.subscribe(validate(topic), on_sample, type, qos, self.owner)
 
@@ -86,14 +84,12 @@ class MemoryParticipant(Participant):
         type: ServiceType,
         on_call: Callable[[ServiceCall], None],
     ) -> Registration:
-        """Offer a service. Raises :exc:`NotRunning` after `close`."""
         self._check_open()
         return self._graph.service_table.advertise(validate(service), type, self.owner, on_call)
 
     def call_service(
         self, service: str, request: Payload, on_reply: OnReply, timeout: float | None = None
     ) -> PendingCall:
-        """Call a service. Raises :exc:`NotRunning` after `close`."""
         self._check_open()
         return self._graph.service_table.call(service, request, on_reply, timeout, self.owner)
 
@@ -103,7 +99,6 @@ class MemoryParticipant(Participant):
         type: ActionType,
         on_goal: Callable[[ServerGoal], None],
     ) -> Registration:
-        """Offer an action. Raises :exc:`NotRunning` after `close`."""
         self._check_open()
         graph = self._graph
         server = graph.action_table.advertise(validate(action), type, self.owner, on_goal)
@@ -118,20 +113,16 @@ class MemoryParticipant(Participant):
     def send_goal(
         self, action: str, goal: Payload, events: GoalEvents, goal_id: str | None = None
     ) -> ClientGoal:
-        """Send a goal. Raises :exc:`InvalidGraphName` for a bad id, :exc:`NotRunning` after `close`."""
         self._check_open()
         return self._graph.action_table.send(action, goal, events, goal_id, self.owner)
 
     def cancel_goal(self, action: str, goal_id: str) -> None:
-        """Request cancellation of any client's goal by its id."""
         self._graph.action_table.cancel(action, goal_id, self.owner)
 
     def cancel_every_goal(self, action: str) -> None:
-        """Request cancellation of all goals of an action."""
         self._graph.action_table.cancel_every(action, self.owner)
 
     def close(self) -> None:
-        """Close everything that this node created, and leave the graph."""
         if not self._closed:
             self._closed = True
             self.owner.release_all()
@@ -199,7 +190,6 @@ class MemoryGraph(Graph):
         self.parameters.set("/run_id", str(uuid.uuid1()))
 
     def participant(self, name: str) -> MemoryParticipant:
-        """Join as a node with that absolute name."""
         participant = self.make_participant(validate(name))
         self._participants[participant] = None
         self.node_joined(name)
@@ -241,11 +231,9 @@ class MemoryGraph(Graph):
 
     @property
     def version(self) -> int:
-        """Number that grows with every change of the listings."""
         return self.changes.count
 
     def topics(self) -> tuple[TopicInfo, ...]:
-        """Return all topics, sorted by name."""
         return self._topics()
 
     def _list_topics(self) -> tuple[TopicInfo, ...]:
@@ -253,11 +241,9 @@ class MemoryGraph(Graph):
         return tuple(info for name in table.names() if (info := table.info(name)))
 
     def topic(self, name: str) -> TopicInfo | None:
-        """Return a topic; None if it does not exist."""
         return self.topic_table.info(name)
 
     def services(self) -> tuple[ServiceInfo, ...]:
-        """Return all services, sorted by name."""
         return self._services()
 
     def _list_services(self) -> tuple[ServiceInfo, ...]:
@@ -265,11 +251,9 @@ class MemoryGraph(Graph):
         return tuple(info for name in table.names() if (info := table.info(name)))
 
     def service(self, name: str) -> ServiceInfo | None:
-        """Return a service; None if it does not exist."""
         return self.service_table.info(name)
 
     def actions(self) -> tuple[ActionInfo, ...]:
-        """Return all actions, sorted by name."""
         return self._actions()
 
     def _list_actions(self) -> tuple[ActionInfo, ...]:
@@ -277,11 +261,9 @@ class MemoryGraph(Graph):
         return tuple(info for name in table.names() if (info := table.info(name)))
 
     def action(self, name: str) -> ActionInfo | None:
-        """Return an action; None if it does not exist."""
         return self.action_table.info(name)
 
     def nodes(self) -> tuple[NodeInfo, ...]:
-        """Return all nodes, sorted by name; participants of one name are one node."""
         return self._node_infos()
 
     def _list_nodes(self) -> tuple[NodeInfo, ...]:
@@ -298,26 +280,21 @@ class MemoryGraph(Graph):
         )
 
     def observe_calls(self, observer: CallObserver | None) -> bool:
-        """Let `observer` observe every call and goal from now on; None ends that. Returns True."""
         self.service_table.observer = observer
         self.action_table.observer = observer
         return True
 
     @property
     def running(self) -> bool:
-        """True if the graph is on an event loop now."""
         return self._runtime.running
 
     def on_graph_thread(self) -> bool:
-        """True if this is the graph's thread, or no loop runs the graph."""
         return self._runtime.on_graph_thread()
 
     def run_on_graph(self, call: Callable[[], None]) -> None:
-        """Run `call` on the graph's thread, soon and in order; safe from any thread."""
         self._runtime.run_on_graph(call)
 
     def spawn(self, task: Callable[[], Awaitable[None]], name: str) -> None:
-        """Run a coroutine function as a task of the graph. Raises :exc:`NotRunning` after its end."""
         self._runtime.spawn(task, name)
 
     async def __aenter__(self) -> Self:

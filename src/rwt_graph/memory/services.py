@@ -56,7 +56,6 @@ class MemoryCall(ServiceCall, PendingCall):
 
     @property
     def done(self) -> bool:
-        """True if the call was answered, timed out or was abandoned by its caller."""
         return self._on_reply is None
 
     def wait(self, provider: Answering, caller: NodeResources, due: set[MemoryCall] | None) -> None:
@@ -83,13 +82,11 @@ class MemoryCall(ServiceCall, PendingCall):
         return on_reply
 
     def reply(self, response: Payload) -> None:
-        """Answer with success."""
         on_reply = self._end()
         if on_reply is not None:
             self._call_back(on_reply, response)
 
     def fail(self, reason: str) -> None:
-        """Answer with failure."""
         self.end_with(ServiceFailed(reason))
 
     def end_with(self, failure: CallFailed) -> None:
@@ -107,7 +104,6 @@ class MemoryCall(ServiceCall, PendingCall):
         self.end_with(CallFailed(f"node {self._caller.name} was closed"))
 
     def cancel(self) -> None:
-        """Cancel the call: no reply callback is called after this."""
         self._end()
 
     def _call_back(self, on_reply: OnReply, answer: Payload | CallFailed) -> None:
@@ -205,7 +201,6 @@ class MemoryProvider(Registration):
         self._services = services
 
     def close(self) -> None:
-        """Withdraw the service; pending calls fail (SVP-09)."""
         if self.closed:
             return
         self.closed = True
@@ -308,7 +303,6 @@ class Services:
             return on_reply
 
     def info(self, name: str) -> ServiceInfo | None:
-        """Return a snapshot of one service."""
         provider = self._providers.get(name)
         if provider is not None:
             return provider.info
@@ -319,13 +313,11 @@ class Services:
         return tuple(self._table)
 
     def names(self) -> list[str]:
-        """Return the names of all services, sorted."""
         if self.remote is None:
             return sorted(self._providers)
         return sorted(self._providers.keys() | self.remote.names())
 
     def by_node(self) -> Iterator[tuple[str, str]]:
-        """Yield each node with each of its services."""
         for provider in self._table:
             yield provider.node, provider.name
         if self.remote is not None:

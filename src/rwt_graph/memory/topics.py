@@ -156,7 +156,6 @@ class Topic:
         self._info_of: tuple[object, ...] = ()
 
     def info(self, registry: Registry) -> TopicInfo:
-        """Return a snapshot, cached until something changes: listings request all of them."""
         parts = (
             self.known_type,
             self.publishers,
@@ -251,7 +250,6 @@ class MemoryPublisher(Publisher):
         self.on_publish_remote: OnSample | None = None
 
     def publish(self, payload: Payload) -> None:
-        """Send a message to every subscriber, in the order of the calls."""
         state = self._state
         if state is None:
             return
@@ -272,12 +270,10 @@ class MemoryPublisher(Publisher):
 
     @property
     def subscriber_count(self) -> int:
-        """Number of known subscribers."""
         state = self._state
         return 0 if state is None else len(state.subscribers) + len(state.remote_subscribers)
 
     def close(self) -> None:
-        """Leave the topic, with the samples that are retained for late joiners."""
         state, self._state = self._state, None
         if state is not None:
             if self.cache is not None:
@@ -309,11 +305,9 @@ class MemorySubscription(Subscription):
 
     @property
     def type(self) -> MessageType | None:
-        """Type of the topic; None while there is none, and after `close`."""
         return None if self._state is None else self._state.type
 
     def history(self) -> tuple[Sample, ...]:
-        """Return the samples that a transient-local subscriber would receive now, in order of publishing."""
         if self._state is None:
             return ()
         cached = [p.cache.samples() for p in self._state.publishers if p.cache is not None]
@@ -341,7 +335,6 @@ class MemorySubscription(Subscription):
             logger.exception("a subscriber of %s failed", self.topic)
 
     def close(self) -> None:
-        """Leave the topic; no callback is called after this."""
         state, self._state = self._state, None
         if state is not None:
             self.on_sample = _ignore
@@ -444,10 +437,8 @@ class Topics:
             self._changed(topic)
 
     def info(self, name: str) -> TopicInfo | None:
-        """Return a snapshot of one topic."""
         topic = self._topics.get(name)
         return None if topic is None else topic.info(self.registry)
 
     def names(self) -> list[str]:
-        """Return the names of all topics, sorted."""
         return sorted(self._topics)

@@ -43,11 +43,9 @@ class TopicPublisher(Publisher):
 
     @property
     def subscriber_count(self) -> int:
-        """Number of known subscribers."""
         return self._publisher.subscriber_count
 
     def close(self) -> None:
-        """Leave the topic, with the messages that are retained for late joiners."""
         if self._graph.on_graph_thread():
             self._publisher.close()
         else:
@@ -93,7 +91,6 @@ class TopicSubscription(Subscription):
 
     @property
     def type(self) -> MessageType | None:
-        """Type of the topic; None while it has none."""
         return self._subscription.type
 
     def close(self) -> None:
@@ -106,7 +103,6 @@ class TopicSubscription(Subscription):
 
 
 def _at_once(callback: MessageCallback | None) -> Callable[[Sample], None] | None:
-    """Return the sample callback of a plain function; None for a callback that needs a queue."""
     if callback is None or is_coroutine_function(callback):
         return None
 

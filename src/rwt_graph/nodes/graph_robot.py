@@ -60,7 +60,6 @@ class GraphServer(Handle):
         self._withdraw = withdraw
 
     def close(self) -> None:
-        """Withdraw it, from any thread; calls and goals in flight end with :exc:`ProviderGone`."""
         if self._graph.on_graph_thread():
             self._close()
         else:
@@ -128,7 +127,6 @@ class GraphVerbs(RobotApi):
 
     @property
     def clock(self) -> Clock:
-        """ROS time, steady time and timers."""
         return self.graph.clock
 
     @property
@@ -162,28 +160,28 @@ class GraphVerbs(RobotApi):
 
     # Listings
 
-    async def topics(self, *, hidden: bool = False) -> tuple[Listed, ...]:  # noqa: D102 - inherited
+    async def topics(self, *, hidden: bool = False) -> tuple[Listed, ...]:
         name_of = self.registry.type_name
         return tuple(
             Listed(each.name, name_of(each.type) if each.type else "", each.publishers, each.subscribers)
             for each in self._listings.topics()
         )
 
-    async def services(self) -> tuple[Listed, ...]:  # noqa: D102 - inherited
+    async def services(self) -> tuple[Listed, ...]:
         name_of = self.registry.type_name
         return tuple(Listed(each.name, name_of(each.type)) for each in self._listings.services())
 
-    async def actions(self) -> tuple[Listed, ...]:  # noqa: D102 - inherited
+    async def actions(self) -> tuple[Listed, ...]:
         name_of = self.registry.type_name
         return tuple(Listed(each.name, name_of(each.type)) for each in self._listings.actions())
 
-    async def type_of(self, topic: str) -> MessageType:  # noqa: D102 - inherited
+    async def type_of(self, topic: str) -> MessageType:
         info = self._listings.topic(self.resolve(topic))
         if info is None or info.type is None:
             raise NotFound(f"there is no topic {topic}{self._meant(topic, self._listings.topics())}")
         return info.type
 
-    async def interface(self, name: str) -> MessageType | ServiceType | ActionType:  # noqa: D102 - inherited
+    async def interface(self, name: str) -> MessageType | ServiceType | ActionType:
         for find in (self.registry.message, self.registry.service, self.registry.action):
             try:
                 return find(name)
@@ -196,14 +194,14 @@ class GraphVerbs(RobotApi):
 
     # Topics
 
-    def advertise(  # noqa: D102 - inherited
+    def advertise(
         self, topic: str, type: str, *, qos: QoS | None = None, latch: bool = False
     ) -> TopicPublisher:
         name, message = self.resolve(topic), self.registry.message(type)
         wanted = qos or (LATCHED if latch else DEFAULT_QOS)
         return self.run(lambda: TopicPublisher(self.graph, self._advertise(name, message, wanted)))
 
-    def publish(  # noqa: D102 - inherited
+    def publish(
         self, topic: str, message: MessageLike, type: str | None = None, *, latch: bool = False
     ) -> TopicPublisher:
         name = self.resolve(topic)
@@ -226,7 +224,7 @@ class GraphVerbs(RobotApi):
     def _meant_topic(self, topic: str) -> str:
         return self._meant(topic, tuple(each for each in self._listings.topics() if each.publishers))
 
-    def subscribe(  # noqa: D102 - inherited
+    def subscribe(
         self,
         topic: str,
         callback: MessageCallback,
@@ -249,16 +247,14 @@ class GraphVerbs(RobotApi):
         """Call `on_sample`, on the graph's thread, with each undecoded sample; see :meth:`subscribe`."""
         return self._subscribe(topic, type, qos, on_sample=on_sample)
 
-    def subscribe_raw(  # noqa: D102 - inherited
-        self, topic: str, callback: RawCallback, type: str | None = None
-    ) -> TopicSubscription:
+    def subscribe_raw(self, topic: str, callback: RawCallback, type: str | None = None) -> TopicSubscription:
         def take(sample: Sample) -> None:
             payload = sample.payload
             callback(RawMessage(payload.serialised(), sample.stamp_ns, payload.type))
 
         return self.subscribe_samples(topic, take, type)
 
-    def topic(  # noqa: D102 - inherited
+    def topic(
         self,
         topic: str,
         type: str | None = None,
@@ -269,7 +265,7 @@ class GraphVerbs(RobotApi):
     ) -> TopicSubscription:
         return self._subscribe(topic, type, qos, queue_size, queue_bytes)
 
-    async def once(self, topic: str, type: str | None = None, *, timeout: Timeout = USUAL) -> Message:  # noqa: D102 - inherited
+    async def once(self, topic: str, type: str | None = None, *, timeout: Timeout = USUAL) -> Message:
         try:
             with self.topic(topic, type) as messages:
                 return await messages.get(self._patience(timeout))
@@ -298,16 +294,14 @@ class GraphVerbs(RobotApi):
 
     # Services
 
-    def advertise_service(  # noqa: D102 - inherited
-        self, service: str, type: str, handler: ServiceHandler
-    ) -> GraphServer:
+    def advertise_service(self, service: str, type: str, handler: ServiceHandler) -> GraphServer:
         name, interface = self.resolve(service), self.registry.service(type)
         function = ServiceFunction(self.graph, name, interface.response, handler)
         return self.run(
             lambda: GraphServer(self.graph, name, *self._offer_service(name, interface, function))
         )
 
-    async def call(  # noqa: D102 - inherited
+    async def call(
         self,
         service: str,
         request: MessageLike | None = None,
@@ -343,18 +337,16 @@ class GraphVerbs(RobotApi):
     # Transforms and time
 
     @property
-    def tf(self) -> Transforms:  # noqa: D102 - inherited
+    def tf(self) -> Transforms:
         if self._tf is None:
             clock = self.clock
             self._tf = Transforms(self.subscribe, self.advertise, clock.time_ns, self._timeout, clock.within)
         return self._tf
 
-    async def time_ns(self) -> int:  # noqa: D102 - inherited
+    async def time_ns(self) -> int:
         return self.clock.time_ns()
 
-    def create_timer(  # noqa: D102 - inherited
-        self, period: float, callback: Callable[[], Awaitable[None] | None]
-    ) -> PeriodicTimer:
+    def create_timer(self, period: float, callback: Callable[[], Awaitable[None] | None]) -> PeriodicTimer:
         timer = PeriodicTimer(self.clock, _TimerLoop(self.graph), period, callback, self._timers.discard)
         self._timers.add(timer)
         self.run(timer.start)
@@ -454,7 +446,7 @@ class GraphRobot(GraphVerbs):
         await sent.accepted.wait()
         return sent
 
-    def cancel_goal(self, action: str, goal_id: str) -> None:  # noqa: D102 - inherited
+    def cancel_goal(self, action: str, goal_id: str) -> None:
         name = self.resolve(action)
         self.run(lambda: self._participant.cancel_goal(name, goal_id))
 

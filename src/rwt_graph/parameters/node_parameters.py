@@ -99,7 +99,6 @@ class NodeStore(Store):
         self._on_stored = on_stored
 
     def declare(self, declaration: Declaration, default: ParameterValue) -> ParameterValue:
-        """Add a parameter with its default."""
         value = default
         if declaration.type is not ParameterType.NOT_SET:
             value = coerce(default, declaration.type)
@@ -108,16 +107,13 @@ class NodeStore(Store):
         return value
 
     def undeclare(self, name: str) -> None:
-        """Remove a parameter."""
         self._charges.drop(name)
         self._on_stored(name, self._values.pop(name), None)
 
     def get(self, name: str) -> ParameterValue:
-        """Return the value of a parameter."""
         return self._values[name]
 
     def set(self, declaration: Declaration, value: ParameterValue) -> None:
-        """Set a parameter. Raises :exc:`ParameterRejected`."""
         value = declaration.admitted(value)
         self._charges.put(declaration.name, measured(value)[1])
         old, self._values[declaration.name] = self._values[declaration.name], value
@@ -142,7 +138,6 @@ class TreeStore(Store):
         return f"{self._node}/{name}"
 
     def declare(self, declaration: Declaration, default: ParameterValue) -> ParameterValue:
-        """Add a parameter, and watch it."""
         full = self._full(declaration.name)
         if self._tree.has(full):
             declaration.admitted(self._tree.get(full))
@@ -160,7 +155,6 @@ class TreeStore(Store):
         return self._tree.get(self._full(name))
 
     def set(self, declaration: Declaration, value: ParameterValue) -> None:
-        """Set a parameter. Raises :exc:`ParameterRejected`."""
         self._tree.set(self._full(declaration.name), value)
 
     def close(self) -> None:

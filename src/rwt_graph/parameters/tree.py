@@ -262,7 +262,6 @@ class ParameterTree:
         return count, size
 
     def _affected(self, name: str, value: ParameterValue) -> list[tuple[str, ParameterValue]]:
-        """Return the watched names that `set` affects, with their new values."""
         prefix = "/" + "/".join(_parts(name))
         affected = []
         for watched in self._watches:

@@ -96,14 +96,12 @@ class ZenohGraph(MemoryGraph):
         return Node(self, name, self.namespace if namespace is None else namespace)
 
     def participant(self, name: str) -> MemoryParticipant:
-        """Join as a node with that absolute name."""
         participant = super().participant(name)
         if self._link is not None:
             self._present[participant.owner] = self._link.declare_node(participant.owner)
         return participant
 
     def left(self, participant: MemoryParticipant) -> None:
-        """Remove a closed participant."""
         super().left(participant)
         presence = self._present.pop(participant.owner, None)
         if presence is not None and self._link is not None:
@@ -113,7 +111,6 @@ class ZenohGraph(MemoryGraph):
     def offer_action_services(
         self, participant: MemoryParticipant, server: MemoryActionServer
     ) -> Callable[[], None]:
-        """Offer the services and topics of an action on ROS 2; returns a function that withdraws them."""
         return Ros2ActionServer(participant, server, self.action_table, self.clock).close
 
     async def __aenter__(self) -> Self:
@@ -151,7 +148,6 @@ class ZenohGraph(MemoryGraph):
             logger.info("joined domain %d over Zenoh; connected to %d others", link.domain, met)
 
     async def __aexit__(self, *exc: object) -> None:
-        """Stop handlers and timers, close every participant, and close the Zenoh session."""
         try:
             self._close_participants()
         finally:

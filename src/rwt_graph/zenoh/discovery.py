@@ -104,7 +104,6 @@ class Discovery:
             forget()
 
     def _add(self, token: Token, key: str) -> Callable[[], None]:
-        """Add the node or endpoint of a token to its table; returns a function that removes it."""
         end = token.endpoint
         if end is None:
             self._graph.node_joined(token.node)

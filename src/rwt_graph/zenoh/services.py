@@ -99,7 +99,6 @@ class ZenohServices:
     # Services of this process
 
     def offered(self, provider: MemoryProvider) -> None:
-        """Declare a service of this process."""
         link = self._link
         if link is None or provider.owner.private:
             return
@@ -113,7 +112,6 @@ class ZenohServices:
         self._offers[provider] = Offer(presence, queryable)
 
     def withdrawn(self, provider: MemoryProvider) -> None:
-        """Withdraw the service's queryable and token."""
         offer = self._offers.pop(provider, None)
         link = self._link
         if offer is not None and link is not None:
@@ -205,16 +203,13 @@ class ZenohServices:
             service.open.pop().end_with(ProviderGone(why))
 
     def info(self, name: str) -> ServiceInfo | None:
-        """Return a service of another process; None if it does not exist."""
         service = self._remote.get(name)
         return None if service is None else service.first[2]
 
     def names(self) -> set[str]:
-        """Return the names of all services of other processes."""
         return set(self._remote)
 
     def by_node(self) -> Iterator[tuple[str, str]]:
-        """Yield each node of another process with each of its services."""
         for name, service in self._remote.items():
             for _, _, info in service.offers.values():
                 yield info.node, name
@@ -222,7 +217,6 @@ class ZenohServices:
     def call(
         self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources
     ) -> PendingCall | None:
-        """Call a service of another process; None if no other process offers it."""
         service, link = self._remote.get(name), self._link
         if service is None or link is None:
             return None

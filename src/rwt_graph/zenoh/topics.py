@@ -78,7 +78,6 @@ class ZenohTopics:
             queue.query_history()
 
     def changed(self, topic: Topic) -> None:
-        """Declare new endpoints of a topic, and undeclare those that left."""
         link = self._link
         if link is None:
             return

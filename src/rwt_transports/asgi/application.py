@@ -68,7 +68,6 @@ class AsgiLink(TaskLink):
         self._send = send
 
     def finish(self) -> None:
-        """Close: a WebSocket cannot half-close."""
         self.close()
 
     async def _read(self) -> None:
@@ -161,7 +160,6 @@ class AsgiListener:
         return HttpRequest(method, path, query, headers, b"", address, prefix + mounted)
 
     def _refused(self, request: HttpRequest) -> HttpResponse | None:
-        """Return the rejection of a request, before it is read; None if it is acceptable."""
         host = request.headers.get("host", "")
         try:
             if not self._state.hosts.include(host):
@@ -259,7 +257,6 @@ class AsgiListener:
 
 
 def _split_path(scope: Scope) -> tuple[str, str]:
-    """Return the percent-encoded path below the mount point, and the mount point without a trailing slash."""
     raw = scope.get("raw_path") or b""
     path = raw.decode("latin-1").partition("?")[0] or quote(scope["path"])
     remaining = scope.get("path_remaining")  # Django Channels' URLRouter, which leaves the rest alone.
@@ -307,7 +304,6 @@ async def _respond(request: HttpRequest, response: HttpResponse, receive: Receiv
 
 
 async def _stream(chunks: AsyncIterator[bytes], receive: Receive, send: Send) -> None:
-    """Send chunks until they end or the client disconnects."""
     async with anyio.create_task_group() as tasks:
 
         async def watch() -> None:
@@ -421,7 +417,6 @@ class AsgiApplication:
             self._listeners = {}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve one scope."""
         kind = scope["type"]
         if kind == "lifespan":
             await _live(self._lifespan, receive, send)
@@ -439,7 +434,6 @@ class AsgiApplication:
 
 
 async def _live(lifespan: Lifespan, receive: Receive, send: Send) -> None:
-    """Run the lifespan protocol around a block."""
     if (await receive())["type"] != "lifespan.startup":
         return
     began = False

@@ -64,7 +64,6 @@ class AsgiWire:
 
     @property
     def framing(self) -> Framing:
-        """Conversion of outgoing frames to bytes."""
         return FRAMING
 
     def feed(self, data: bytes) -> None:
@@ -105,7 +104,6 @@ class AsgiWire:
         return _message(CLOSE, close_bytes(code, reason))
 
     def ping(self) -> bytes:
-        """Return nothing to send: pings are up to the ASGI server."""
         return b""
 
 

@@ -306,7 +306,6 @@ class _Socket:
     # -- the connection's side -----------------------------------------------------------------------------
 
     def set_flow_control(self, flow_control: FlowControl) -> None:
-        """Pause the client by `flow_control` while the app does not read."""
         self._flow_control = flow_control
 
     def receive(self, data: bytes, binary: bool) -> None:
@@ -363,7 +362,6 @@ class _Socket:
             await self._room()
 
     async def _room(self) -> None:
-        """Wait for room in the send queue, unless the client has disconnected."""
         while self._sink.backlog > _UNSENT_BYTES and not self._over and self._flow_control is not None:
             self._drained = anyio.Event()
             self._flow_control.when_empty(self._drained.set)

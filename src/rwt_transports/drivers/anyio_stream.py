@@ -75,12 +75,10 @@ class _Link(TaskLink):
         return HangUp.NO if file < 0 else hang_up_of(file)
 
     def finish(self) -> None:
-        """Half-close once what was taken is written."""
         self._finishing = True
         self._awake.set()
 
     async def run(self) -> None:
-        """Move bytes both ways until the connection ends, and close the stream."""
         try:
             await super().run()
         finally:
@@ -148,12 +146,10 @@ class AnyioDriver:
     :class:`rwt_transports.api.Connector`."""
 
     async def connect(self, address: RemoteAddress, attach: Attach, tasks: TaskGroup) -> None:
-        """Reach the other side and serve its stream in a task."""
         turns = _turns_of(address.is_held_back)
         tasks.start_soon(serve_stream, attach, await _connected(address), turns)
 
     def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
-        """Accept peers within the block; gives the port in use, 0 for a Unix socket."""
         return self._serve(address, attach)
 
     @asynccontextmanager
@@ -207,7 +203,6 @@ async def _serve_in_tls(
     handshakes: Handshakes,
     stream: ByteStream,
 ) -> None:
-    """Shake hands, and serve the peer."""
     peer = stream.extra(SocketAttribute.remote_address, "")
     host = str(peer[0]) if isinstance(peer, tuple) else ""
     address.addresses.enter(host)

@@ -91,7 +91,6 @@ _shares: Final[WeakValueDictionary[tuple[asyncio.AbstractEventLoop, Callable[[],
 
 
 def _share_of(is_held_back: Callable[[], bool]) -> _LoopShare:
-    """Return the share of the running event loop and this hold-back function."""
     return _shares.setdefault((asyncio.get_running_loop(), is_held_back), _LoopShare(is_held_back))
 
 
@@ -174,7 +173,6 @@ class _Link(asyncio.BufferedProtocol):
     # -- asyncio's callbacks -------------------------------------------------------------------------------
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Set up the link and attach it."""
         # cast(): uvloop's transports do not subclass asyncio's.
         transport = cast("asyncio.Transport", transport)
         # Pause writing as soon as one byte is left over. With high=0, TLS would pause for good.
@@ -197,7 +195,6 @@ class _Link(asyncio.BufferedProtocol):
         self._attach(self, address, port)
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        """Return the buffer for the next read: of the current large message, or the shared one."""
         space = self._callbacks.get_buffer()
         if space is None:
             self._direct = False
@@ -287,11 +284,9 @@ class _Link(asyncio.BufferedProtocol):
         callbacks.lost()
 
     def pause_writing(self) -> None:
-        """Stop flushing: the socket accepts no more bytes."""
         self._writable = False
 
     def resume_writing(self) -> None:
-        """Resume flushing: the socket accepted everything."""
         self._writable = True
         self._resuming = True
         try:
@@ -306,7 +301,6 @@ class _Link(asyncio.BufferedProtocol):
     # -- Link ----------------------------------------------------------------------------------------------
 
     def set_callbacks(self, callbacks: DriverCallbacks) -> None:
-        """Deliver events to `callbacks` from now on."""
         self._callbacks = callbacks
         self._gathering = callbacks if self._file >= 0 and isinstance(callbacks, Gathering) else None
 
@@ -415,11 +409,9 @@ class _Link(asyncio.BufferedProtocol):
             self.close()
 
     def close(self) -> None:
-        """Close after sending what was written."""
         self._close(self._transport.close)
 
     def abort(self) -> None:
-        """Close immediately."""
         self._close(self._transport.abort)
 
     def _close(self, how: Callable[[], None]) -> None:
@@ -430,12 +422,10 @@ class _Link(asyncio.BufferedProtocol):
             how()
 
     def pause(self) -> None:
-        """Pause reading."""
         self._is_paused = True
         self._transport.pause_reading()
 
     def resume(self) -> None:
-        """Resume reading."""
         self._is_paused = False
         if self._state in (_LinkState.ENDING, _LinkState.CUT):
             self._share.loop.call_soon(self._end)  # Not immediately: the caller delivers buffered data first.
@@ -487,7 +477,6 @@ class AsyncioDriver:
             await loop.create_connection(make_link, address.host, address.port, ssl=address.tls)
 
     def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
-        """Accept connections inside the block. Yields the port, 0 for a Unix socket."""
         return self._serve(address, attach)
 
     @asynccontextmanager

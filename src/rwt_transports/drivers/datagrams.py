@@ -36,7 +36,6 @@ class _Sessions:
         self._awake = anyio.Event()
 
     async def read(self) -> None:
-        """Deliver each datagram to the session of its sender."""
         async for data, (host, port) in self._socket:
             link = self._links.get((host, port)) or self._begin(host, port)
             if not link.over:
@@ -48,7 +47,6 @@ class _Sessions:
         return link
 
     async def write(self) -> None:
-        """Send the data of woken links, each message as one datagram."""
         while True:
             await self._awake.wait()
             self._awake = anyio.Event()
@@ -71,7 +69,6 @@ class _Sessions:
             del self._links[link.address]
 
     def close(self) -> None:
-        """End all sessions."""
         for link in tuple(self._links.values()):
             link.abort()
 
@@ -98,7 +95,6 @@ class _Link:
         self.close()
 
     def close(self) -> None:
-        """End the session after sending queued data."""
         self.closing = True
         self._sessions.wake(self)
 
@@ -134,7 +130,6 @@ class DatagramDriver:
     """Serves UDP; satisfies :class:`rwt_transports.api.Driver`."""
 
     def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
-        """Accept peers within the block; gives the port in use."""
         return self._serve(address, attach)
 
     @asynccontextmanager

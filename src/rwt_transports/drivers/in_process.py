@@ -74,7 +74,6 @@ class _End:
         return Traffic(queued_messages=len(self._frames), queued_bytes=self._size)
 
     def watch(self, awake: anyio.Event) -> None:
-        """Set `awake` when there is something to deliver."""
         self._awake = awake
 
     def deliver(self) -> tuple[int, str] | None:
@@ -157,7 +156,6 @@ async def _pump(ours: _End, theirs: _End) -> None:
 
 
 def _end(ours: _End, theirs: _End, closing: tuple[int, str]) -> None:
-    """Call `closed` of both endpoints, once."""
     for end in (ours, theirs):
         end.close(*closing)
         endpoint, end.other = end.other, None

@@ -52,7 +52,6 @@ class DescriptorStream(ByteStream):
         return data
 
     async def send(self, item: bytes) -> None:
-        """Write all of it."""
         rest = memoryview(item)
         while rest:
             if self._waits_to_write:
@@ -85,7 +84,6 @@ class StandardStreamsDriver:
         self._descriptors = descriptors
 
     def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
-        """Serve the peer within the block; gives port 0."""
         return self._serve(attach)
 
     async def connect(self, address: RemoteAddress, attach: Attach, tasks: TaskGroup) -> None:
@@ -111,7 +109,6 @@ async def _serve_process(attach: Attach, process: Process) -> None:
 
 @contextmanager
 def _claimed() -> Iterator[tuple[int, int]]:
-    """Reserve standard input and output for this listener. Raises ListenError."""
     if os.name != "posix":
         raise ListenError("stdio: needs a POSIX system; use tcp://127.0.0.1:9091 on this one")
     if _Claim.held:

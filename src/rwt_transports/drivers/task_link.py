@@ -68,11 +68,9 @@ class TaskLink(ABC):
     # -- Link --------------------------------------------------------------------------------------------
 
     def set_callbacks(self, callbacks: DriverCallbacks) -> None:
-        """Deliver events to `callbacks` from now on."""
         self._callbacks = callbacks
 
     def wake(self) -> None:
-        """Wake the writing task."""
         self._awake.set()
 
     @abstractmethod
@@ -80,21 +78,17 @@ class TaskLink(ABC):
         """Half-close, once everything taken has been sent."""
 
     def close(self) -> None:
-        """Close once everything taken has been sent."""
         self._closing = True
         self._awake.set()
 
     def abort(self) -> None:
-        """Close immediately."""
         self._scope.cancel()
 
     def pause(self) -> None:
-        """Pause reading, from the next read on."""
         if self._reading.is_set():
             self._reading = anyio.Event()
 
     def resume(self) -> None:
-        """Resume reading."""
         self._reading.set()
 
     # -- tasks -------------------------------------------------------------------------------------------

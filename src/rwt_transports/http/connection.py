@@ -103,7 +103,6 @@ class HttpConnection:
         self._taken = 0
 
     def _become(self, state: _HttpState) -> None:
-        """Change the state, unless the connection has ended."""
         if not self._is_over:
             assert state is _HttpState.ENDED or state in _TRANSITIONS[self._state], (
                 f"{self._state} -> {state}"
@@ -158,7 +157,6 @@ class HttpConnection:
             self._end()
 
     def lost(self) -> None:
-        """Release everything: the link is gone."""
         self._become(_HttpState.ENDED)
         self._listener.detach(self)
         self.outbox.discard()
@@ -184,7 +182,6 @@ class HttpConnection:
             self._end()
 
     def abort(self) -> None:
-        """Cut the connection."""
         self._become(_HttpState.ENDED)
         self._link.abort()
 
@@ -421,7 +418,6 @@ class HttpConnection:
         self._listener.requests.wait(self._take_waiting)
 
     async def _respond_in_scope(self, response: HttpResponse | Awaitable[HttpResponse]) -> None:
-        """Respond, in a task that ends with the connection."""
         with anyio.CancelScope() as self._scope:
             if self._is_over:
                 self._scope.cancel()
@@ -469,7 +465,6 @@ class HttpConnection:
             await close_iterator(chunks)
 
     async def _drained(self) -> None:
-        """Wait until the network has accepted everything sent so far."""
         empty = anyio.Event()
         if not self._is_over:
             self.outbox.when_empty(empty.set)

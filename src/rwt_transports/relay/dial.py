@@ -135,8 +135,6 @@ async def dial(
 
 
 def _bounded(status: RelayStatus, accept: Accept, most: int) -> Accept:
-    """Return an accept function for at most `most` clients."""
-
     def accept_some(sink: Sink, info: PeerInfo) -> Endpoint:
         if status.clients > most:
             raise Refused(503, f"all {most} connections of this robot are taken (limits.connections)")
@@ -194,12 +192,10 @@ class _Robot:
         self._shaky = 0  # failures before the connections that have not lasted yet
 
     async def run(self, tasks: TaskGroup) -> None:
-        """Open connections as long as too few are idle."""
         with self._running:
             await self._keep(tasks)
 
     async def leave(self) -> None:
-        """Close all connections, and wait for their end."""
         self._running.cancel()
         connections = tuple(self._open)
         for connection in connections:
@@ -295,12 +291,10 @@ class _IdleConnection:
         self.ending = ""
 
     def open(self, sink: Sink, info: PeerInfo) -> Endpoint:
-        """Note that the connection is open; its accept function."""
         self._sink = sink
         return self
 
     def receive(self, data: bytes, binary: bool) -> None:
-        """Read the assignment of a client from the first message."""
         sink = self._sink
         try:
             info = decode_assignment(data)

@@ -86,7 +86,6 @@ class ClientHandshake:
         raise ConnectError(f"{self._where} hung up during the WebSocket handshake")
 
     def _refused(self) -> None:
-        """Raise if the refusal is complete."""
         for event in self._protocol.events_received():
             if isinstance(event, Response):
                 said = (event.body or b"").decode("utf-8", "replace").strip()[:200]

@@ -215,7 +215,6 @@ class DeflateWire(WebSocketWire):
 
     @property
     def framing(self) -> Framing:
-        """Conversion of outgoing frames to bytes."""
         return self._deflate_framing
 
     def hold(self) -> None:

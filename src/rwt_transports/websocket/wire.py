@@ -200,7 +200,6 @@ class _Head:
         self._missing = 0
 
     def begin_frame(self, key: bytes, size: int) -> None:
-        """Continue with the payload of another frame."""
         self._key = key
         self._missing = min(HEAD_BYTES - len(self.start), size)
 
@@ -312,7 +311,6 @@ class WebSocketWire:
 
     @property
     def framing(self) -> Framing:
-        """Conversion of outgoing frames to bytes."""
         return SERVER_FRAMING if self._server else CLIENT_FRAMING
 
     # -- outgoing ------------------------------------------------------------------------------------------
@@ -332,7 +330,6 @@ class WebSocketWire:
     # -- incoming ------------------------------------------------------------------------------------------
 
     def feed(self, data: bytes) -> None:
-        """Read frames; each whole message goes to :attr:`message` within the call."""
         position = 0
         try:
             if self._staged is not None:
@@ -586,7 +583,6 @@ class WebSocketWire:
             self._deliver(whole, self._parts_binary)
 
     def _begin(self, first: int, progress: _Message) -> None:
-        """Note a data frame that is not a whole message."""
         if self._progress is _Message.NONE:
             self._parts_binary = first & 0x0F == BINARY
         self._progress = progress

@@ -43,7 +43,6 @@ class BsonStreamWire(StreamWire):
         self._to_skip = 0
 
     def feed(self, data: bytes) -> None:
-        """Read documents; each whole one goes to :attr:`message` within the call."""
         self._buffer += data
         while not self._over and self._step():
             pass
@@ -52,7 +51,6 @@ class BsonStreamWire(StreamWire):
         self._count_held()
 
     def _step(self) -> bool:
-        """Take or skip one document; return False if more bytes are needed."""
         buffer = self._buffer
         if self._to_skip:
             skipped = min(self._to_skip, len(buffer))

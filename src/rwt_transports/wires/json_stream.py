@@ -61,7 +61,6 @@ class JsonStreamWire(StreamWire):
         self._fresh = True  # nothing was handed over yet
 
     def feed(self, data: bytes) -> None:
-        """Read objects; each whole one goes to :attr:`message` within the call."""
         self._buffer += data
         while not self._over and self._step():
             pass
@@ -80,7 +79,6 @@ class JsonStreamWire(StreamWire):
         self._in_string = self._skipping = False
 
     def _step(self) -> bool:
-        """Continue to the next brace or quote; return False if more bytes are needed."""
         if self._depth == 0:
             return self._between()
         match = (_IN_STRING if self._in_string else _STRUCTURE).search(self._buffer, self._scanned)

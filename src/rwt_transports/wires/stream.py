@@ -39,7 +39,6 @@ class StreamWire(ABC):
 
     @property
     def framing(self) -> Framing:
-        """Conversion of outgoing frames to bytes."""
         return self._framing
 
     def close(self, code: int, reason: str) -> bytes:
@@ -55,7 +54,6 @@ class StreamWire(ABC):
         self._events.ended(POLICY, reason, agreed=False)
 
     def _count_held(self) -> None:
-        """Count the bytes of an incomplete message."""
         size = len(self._buffer)
         if size >= STAGING_BYTES:
             self._part = self._part or bytearray(PART_BYTES)
@@ -69,11 +67,9 @@ class StreamWire(ABC):
         return b""
 
     def get_buffer(self) -> memoryview | None:
-        """Return the buffer for the next bytes of a large message, if time and memory allow."""
         return None if self._part is None else memoryview(self._part)
 
     def buffer_updated(self, count: int) -> None:
-        """`count` bytes were received into :meth:`get_buffer`."""
         if self._part is not None:
             self.feed(bytes(memoryview(self._part)[:count]))
 

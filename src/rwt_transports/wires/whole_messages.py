@@ -47,7 +47,6 @@ class MessageWire(StreamWire):
         self._binary = False
 
     def feed(self, data: bytes) -> None:
-        """Read messages; each whole one goes to :attr:`message` within the call."""
         if not self._over and self._wanted == len(data) and not self._buffer:
             self._finish(data)  # The whole message as the driver has it: not copied.
             return
@@ -59,7 +58,6 @@ class MessageWire(StreamWire):
         self._count_held()
 
     def _step(self) -> bool:
-        """Take a header or a message; return False if more bytes are needed."""
         wanted = HEADER.size if self._wanted < 0 else self._wanted
         if len(self._buffer) < wanted:
             return False

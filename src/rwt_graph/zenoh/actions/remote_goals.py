@@ -41,7 +41,6 @@ class ZenohActions:
         self._remote = remote
 
     def info(self, name: str) -> ActionInfo | None:
-        """Return an action; None if it or its type is unknown."""
         service = self._remote.info(f"{name}{SEND_GOAL}")
         if service is None:
             return None
@@ -52,11 +51,9 @@ class ZenohActions:
         return ActionInfo(name, type, service.node)
 
     def names(self) -> set[str]:
-        """Return the names of all actions of other processes."""
         return {name.removesuffix(SEND_GOAL) for name in self._remote.names() if name.endswith(SEND_GOAL)}
 
     def by_node(self) -> Iterator[tuple[str, str]]:
-        """Yield each node of another process with each of its actions."""
         for node, name in self._remote.by_node():
             if name.endswith(SEND_GOAL):
                 yield node, name.removesuffix(SEND_GOAL)
@@ -64,7 +61,6 @@ class ZenohActions:
     def send(
         self, action: str, payload: Payload, events: GoalEvents, goal_id: str, client: NodeResources
     ) -> ClientGoal | None:
-        """Send a goal; None when no other process offers the action."""
         info = self.info(action)
         if info is None:
             return None
@@ -73,13 +69,11 @@ class ZenohActions:
         return goal
 
     def cancel(self, action: str, goal_id: str, client: NodeResources) -> None:
-        """Request cancellation of a goal by its id, without waiting for the answer."""
         if goal_id == _EVERY_GOAL:
             return  # The id of no goal: it would cancel every goal.
         self.ask_to_cancel(action, goal_id, client, lambda _: None)
 
     def cancel_every(self, action: str, client: NodeResources) -> None:
-        """Request cancellation of all goals of an action, without waiting for the answer."""
         self.ask_to_cancel(action, _EVERY_GOAL, client, lambda _: None)
 
     def ask_to_cancel(
@@ -117,7 +111,6 @@ class RemoteGoal(ClientGoal):
 
     @property
     def status(self) -> GoalStatus:
-        """Last state that the server reported."""
         return self._status
 
     @property
@@ -225,7 +218,6 @@ class RemoteGoal(ClientGoal):
     # Requests of the client
 
     def cancel(self) -> None:
-        """Request cancellation."""
         if self._events is not None and not self._status.is_terminal:
             self._actions.ask_to_cancel(self.action, self.id, self._client, self._on_cancel_answer)
 
@@ -237,7 +229,6 @@ class RemoteGoal(ClientGoal):
             self._status = GoalStatus.CANCELING
 
     def abandon(self) -> None:
-        """Drop the goal's callbacks; the goal continues."""
         pending = self._pending
         self._let_go()
         if pending is not None and self._status is not GoalStatus.UNKNOWN:

@@ -134,11 +134,9 @@ class Ros2ActionServer:
 
     @property
     def feedback_wanted(self) -> bool:
-        """True if the feedback has subscribers, in any process."""
         return bool(self._feedback.subscriber_count)
 
     def fed_back(self, goal_id: str, feedback: Payload) -> None:
-        """Publish feedback to its subscribers."""
         if self.feedback_wanted:
             type = self._feedback.type
             uuid = uuid_struct(type, goal_id)
