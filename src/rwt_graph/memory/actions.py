@@ -98,19 +98,15 @@ class GoalWatcher(Protocol):
     @property
     def feedback_wanted(self) -> bool:
         """True if a client takes feedback now."""
-        ...
 
     def changed(self, goal_id: str) -> None:
         """Called when a goal's state has changed."""
-        ...
 
     def fed_back(self, goal_id: str, feedback: Payload) -> None:
         """Called when the server sent feedback on a goal."""
-        ...
 
     def ended(self, goal_id: str, status: GoalStatus, result: Payload | None, reason: str) -> None:
         """Called when a goal has ended; without a result if it was rejected or its server left."""
-        ...
 
 
 class RemoteActions(Protocol):
@@ -118,29 +114,23 @@ class RemoteActions(Protocol):
 
     def info(self, name: str) -> ActionInfo | None:
         """Return an action of another process; None if it does not exist."""
-        ...
 
     def names(self) -> set[str]:
         """Return the names of all actions of other processes."""
-        ...
 
     def by_node(self) -> Iterator[tuple[str, str]]:
         """Yield each node of another process with each of its actions."""
-        ...
 
     def send(
         self, action: str, payload: Payload, events: GoalEvents, goal_id: str, client: NodeResources
     ) -> ClientGoal | None:
         """Send a goal to another process; None if no other process offers the action."""
-        ...
 
     def cancel(self, action: str, goal_id: str, client: NodeResources) -> None:
         """Request cancellation of a goal in another process by its id."""
-        ...
 
     def cancel_every(self, action: str, client: NodeResources) -> None:
         """Request cancellation of all goals of an action in another process."""
-        ...
 
 
 class MemoryGoal(ServerGoal):

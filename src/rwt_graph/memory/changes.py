@@ -25,7 +25,7 @@ class Changes:
         self.count += 1
 
 
-class Kept(Generic[T]):
+class CachedListing(Generic[T]):
     """Listing that is rebuilt on the first request after a change.
 
     Args:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import uuid
 from collections import Counter
-from collections.abc import Awaitable, Callable, Iterable
-from typing import TYPE_CHECKING, Self
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Self, TypeVar
 
 from rwt_graph.api import (
     ActionInfo,
@@ -30,7 +30,7 @@ from rwt_graph.clock import Clock, SimulatedClock, WallClock
 from rwt_graph.errors import NotRunning
 from rwt_graph.memory.actions import Actions, MemoryActionServer
 from rwt_graph.memory.cancel_service import cancel_service
-from rwt_graph.memory.changes import Changes, Kept
+from rwt_graph.memory.changes import CachedListing, Changes
 from rwt_graph.memory.node_resources import NodeResources
 from rwt_graph.memory.runtime import Runtime
 from rwt_graph.memory.services import Services
@@ -44,6 +44,8 @@ from rwt_participant.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+
+T = TypeVar("T")
 
 
 class MemoryParticipant(Participant):
@@ -155,7 +157,7 @@ class SystemTopics:
         self._participant.close()
 
 
-class MemoryGraph(Graph):
+class MemoryGraph(Runtime, Graph):
     """Graph with all nodes in this process.
 
     Args:
@@ -166,24 +168,24 @@ class MemoryGraph(Graph):
     def __init__(self, registry: Registry | None = None, clock: Clock | None = None) -> None:
         self.registry = registry = registry or Registry()
         self.distro = registry.distro
-        self.clock = clock or WallClock()
+        super().__init__(clock or WallClock())
         self.parameters = ParameterTree()
         if self.distro.master_version is not None:
-            self._tell_of_master(self.distro.master_version)
+            self._set_master_parameters(self.distro.master_version)
         self.changes = changes = Changes()
         self.topic_table = Topics(registry, self.clock, changes)
         self.service_table = Services(self.clock, changes)
         self.action_table = Actions(changes)
-        self._topics = Kept(changes, self._list_topics)
-        self._services = Kept(changes, self._list_services)
-        self._actions = Kept(changes, self._list_actions)
-        self._node_infos = Kept(changes, self._list_nodes)
+        topics, services, actions = self.topic_table, self.service_table, self.action_table
+        self._topics = CachedListing(changes, lambda: _infos(topics.names(), topics.info))
+        self._services = CachedListing(changes, lambda: _infos(services.names(), services.info))
+        self._actions = CachedListing(changes, lambda: _infos(actions.names(), actions.info))
+        self._node_infos = CachedListing(changes, self._list_nodes)
         self._nodes: Counter[str] = Counter()
-        self._runtime = Runtime(self.clock)
         self._participants: dict[MemoryParticipant, None] = {}
         self._system = SystemTopics(self)
 
-    def _tell_of_master(self, version: str) -> None:
+    def _set_master_parameters(self, version: str) -> None:
         """Set the parameters that ROS 1's core sets; line ends are those of its commands."""
         self.parameters.set("/rosdistro", f"{self.distro.name}\n")
         self.parameters.set("/rosversion", f"{version}\n")
@@ -236,29 +238,17 @@ class MemoryGraph(Graph):
     def topics(self) -> tuple[TopicInfo, ...]:
         return self._topics()
 
-    def _list_topics(self) -> tuple[TopicInfo, ...]:
-        table = self.topic_table
-        return tuple(info for name in table.names() if (info := table.info(name)))
-
     def topic(self, name: str) -> TopicInfo | None:
         return self.topic_table.info(name)
 
     def services(self) -> tuple[ServiceInfo, ...]:
         return self._services()
 
-    def _list_services(self) -> tuple[ServiceInfo, ...]:
-        table = self.service_table
-        return tuple(info for name in table.names() if (info := table.info(name)))
-
     def service(self, name: str) -> ServiceInfo | None:
         return self.service_table.info(name)
 
     def actions(self) -> tuple[ActionInfo, ...]:
         return self._actions()
-
-    def _list_actions(self) -> tuple[ActionInfo, ...]:
-        table = self.action_table
-        return tuple(info for name in table.names() if (info := table.info(name)))
 
     def action(self, name: str) -> ActionInfo | None:
         return self.action_table.info(name)
@@ -284,30 +274,21 @@ class MemoryGraph(Graph):
         self.action_table.observer = observer
         return True
 
-    @property
-    def running(self) -> bool:
-        return self._runtime.running
-
-    def on_graph_thread(self) -> bool:
-        return self._runtime.on_graph_thread()
-
-    def run_on_graph(self, call: Callable[[], None]) -> None:
-        self._runtime.run_on_graph(call)
-
-    def spawn(self, task: Callable[[], Awaitable[None]], name: str) -> None:
-        self._runtime.spawn(task, name)
-
     async def __aenter__(self) -> Self:
-        await self._runtime.start()
+        await self._start()
         return self
 
     async def __aexit__(self, *exc: object) -> None:
-        await self._runtime.stop(self._close_participants)
+        await self._stop(self._close_participants)
 
     def _close_participants(self) -> None:
         for participant in tuple(reversed(self._participants)):
             participant.close()
         self._system.close()
+
+
+def _infos(names: Iterable[str], find: Callable[[str], T | None]) -> tuple[T, ...]:
+    return tuple(info for name in names if (info := find(name)))
 
 
 def _by_node(pairs: Iterable[tuple[str, str]]) -> dict[str, list[str]]:

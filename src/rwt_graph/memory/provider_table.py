@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
+from rwt_graph.api import Registration
 from rwt_graph.memory.changes import Changes
 
-
-class Provider(Protocol):
-    """Service or action that a node offers."""
-
-    name: str
-
-
-P = TypeVar("P", bound=Provider)
+P = TypeVar("P", bound=Registration)
 
 
 class ProviderTable(Generic[P]):

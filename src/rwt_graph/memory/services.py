@@ -35,41 +35,35 @@ OnCall = Callable[[ServiceCall], None]
 TICKS = 50
 
 
-class Answering(Protocol):
-    """Provider with its open calls, in this process or another."""
-
-    open: set[MemoryCall]
-
-
 class MemoryCall(ServiceCall, PendingCall):
     """Request as both sides see it."""
 
-    __slots__ = ("_caller", "_due", "_on_reply", "_provider", "request", "service")
+    __slots__ = ("_caller", "_due", "_on_reply", "_open", "request", "service")
 
     def __init__(self, service: str, request: Payload, on_reply: OnReply) -> None:
         self.service = service
         self.request = request
         self._on_reply: OnReply | None = on_reply
         self.on_end: Callable[[], None] | None = None
-        self._provider: Answering | None = None
+        self._open: set[MemoryCall] | None = None
         self._due: set[MemoryCall] | None = None
 
     @property
     def done(self) -> bool:
         return self._on_reply is None
 
-    def wait(self, provider: Answering, caller: NodeResources, due: set[MemoryCall] | None) -> None:
+    def wait(self, pending: set[MemoryCall], caller: NodeResources, due: set[MemoryCall] | None) -> None:
         """Keep the call open: register it with its provider, its caller and its deadline, if any."""
-        self._provider = provider
+        self._open = pending
         self._caller = caller
         self._due = due
-        provider.open.add(self)
+        pending.add(self)
         caller.add(self, self.caller_closed)
 
     def _end(self) -> OnReply | None:
         on_reply, self._on_reply = self._on_reply, None
-        if on_reply is not None and self._provider is not None:
-            self._provider.open.discard(self)
+        if on_reply is not None and self._open is not None:
+            self._open.discard(self)
             self._caller.drop(self)
             if self._due is not None:
                 self._due.discard(self)
@@ -158,29 +152,23 @@ class RemoteServices(Protocol):
 
     def offered(self, provider: MemoryProvider) -> None:
         """Called when a service is offered in this process."""
-        ...
 
     def withdrawn(self, provider: MemoryProvider) -> None:
         """Called when a service of this process is withdrawn, before its open calls end."""
-        ...
 
     def info(self, name: str) -> ServiceInfo | None:
         """Return a service of another process; None if it does not exist."""
-        ...
 
     def names(self) -> set[str]:
         """Return the names of all services of other processes."""
-        ...
 
     def by_node(self) -> Iterator[tuple[str, str]]:
         """Yield each node of another process with each of its services."""
-        ...
 
     def call(
         self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources
     ) -> PendingCall | None:
         """Call a service of another process; None if no other process offers it."""
-        ...
 
 
 class MemoryProvider(Registration):
@@ -278,7 +266,9 @@ class Services:
             if provider.closed:
                 call.end_with(provider.gone())
             else:
-                call.wait(provider, caller, None if timeout is None else self.deadlines.add(call, timeout))
+                call.wait(
+                    provider.open, caller, None if timeout is None else self.deadlines.add(call, timeout)
+                )
         return call
 
     def _call_remote(

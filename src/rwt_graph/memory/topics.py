@@ -139,7 +139,6 @@ class RemoteTopics(Protocol):
 
     def changed(self, topic: Topic) -> None:
         """Called when an endpoint of this process joined or left, or the topic's type changed."""
-        ...
 
 
 class Topic:

@@ -46,10 +46,7 @@ class TopicPublisher(Publisher):
         return self._publisher.subscriber_count
 
     def close(self) -> None:
-        if self._graph.on_graph_thread():
-            self._publisher.close()
-        else:
-            self._graph.run_on_graph(self._publisher.close)
+        self._graph.soon(self._publisher.close)
 
 
 class TopicSubscription(Subscription):
@@ -95,9 +92,9 @@ class TopicSubscription(Subscription):
 
     def close(self) -> None:
         """Leave the topic. No callback is called after this, and iterators end."""
-        if not self._graph.on_graph_thread():
-            self._graph.run_on_graph(self.close)
-            return
+        self._graph.soon(self._close)
+
+    def _close(self) -> None:
         self._subscription.close()
         self._end(HandleClosed(f"the subscription to {self.name} was closed"))
 

@@ -60,10 +60,7 @@ class GraphServer(Handle):
         self._withdraw = withdraw
 
     def close(self) -> None:
-        if self._graph.on_graph_thread():
-            self._close()
-        else:
-            self._graph.run_on_graph(self._close)
+        self._graph.soon(self._close)
 
     def _close(self) -> None:
         for withdraw in self._withdraw:
@@ -99,7 +96,7 @@ class GraphVerbs(RobotApi):
 
     @abstractmethod
     def _advertise(self, topic: str, type: MessageType, qos: QoS) -> api.Publisher:
-        """Become a publisher; see :meth:`rwt_graph.api.Participant.advertise`."""
+        """As :meth:`rwt_graph.api.Participant.advertise`."""
 
     @abstractmethod
     def _listen(
@@ -347,7 +344,7 @@ class GraphVerbs(RobotApi):
         return self.clock.time_ns()
 
     def create_timer(self, period: float, callback: Callable[[], Awaitable[None] | None]) -> PeriodicTimer:
-        timer = PeriodicTimer(self.clock, _TimerLoop(self.graph), period, callback, self._timers.discard)
+        timer = PeriodicTimer(self.clock, self.graph, period, callback, self._timers.discard)
         self._timers.add(timer)
         self.run(timer.start)
         return timer
@@ -453,17 +450,3 @@ class GraphRobot(GraphVerbs):
     def _close(self) -> None:
         super()._close()
         self._participant.close()
-
-
-class _TimerLoop:
-    """Loop of a graph, for timers; satisfies :class:`rwt_participant.timers.TimerLoop`."""
-
-    def __init__(self, graph: Graph) -> None:
-        self.spawn = graph.spawn
-        self._graph = graph
-
-    def soon(self, call: Callable[[], None]) -> None:
-        if self._graph.on_graph_thread():
-            call()
-        else:
-            self._graph.run_on_graph(call)

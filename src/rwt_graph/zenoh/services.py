@@ -230,7 +230,7 @@ class ZenohServices:
         sessions = {token.session for token, _, _ in service.offers.values()}
         call = client.ask(name, request, on_reply, info.type.response, sessions)
         deadlines = self._services.deadlines
-        call.wait(service, caller, None if timeout is None else deadlines.add(call, timeout))
+        call.wait(service.open, caller, None if timeout is None else deadlines.add(call, timeout))
         return call
 
     def _client(self, link: Link, caller: NodeResources, end: Endpoint) -> Client:
