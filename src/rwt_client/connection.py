@@ -208,7 +208,7 @@ class _Reconnector:
         """Reconnect, and wait until that connection is lost; return False to give up."""
         text = "the connection was lost"
         for attempt, delay in enumerate(() if self._backoff is None else self._backoff.delays(), 1):
-            self._session.events.tell(ConnectionEvent("retrying", text, attempt, delay))
+            self._session.events.publish(ConnectionEvent("retrying", text, attempt, delay))
             await anyio.sleep(delay)
             try:
                 await self._stay_connected(_nothing)

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack
 import anyio
 import msgspec
 
-from rwt_client.endpoints.action_server import ActionServer, ActionServers
+from rwt_client.endpoints.action_server import ActionServer
 from rwt_client.endpoints.actionlib import send_over_topics
 from rwt_client.endpoints.goals import SentGoals
-from rwt_client.endpoints.publisher import AdvertiseOptions, RemotePublisher, wire_qos
+from rwt_client.endpoints.publisher import AdvertiseOptions, RemotePublisher
 from rwt_client.endpoints.raw_subscription import RawSubscription
+from rwt_client.endpoints.remote_handle import Offered
 from rwt_client.endpoints.remote_types import RemoteTypes
-from rwt_client.endpoints.services import Calls, ServiceServer, ServiceServers
+from rwt_client.endpoints.services import Calls, ServiceServer
 from rwt_client.endpoints.subscriptions import RemoteSubscription, SubscribeOptions, SubscriptionTable
 from rwt_client.endpoints.transforms import RemoteTransforms
 from rwt_client.errors import ConnectionClosed
@@ -100,14 +101,6 @@ class SubscribeKeywords(TypedDict, total=False):
     qos: QoS | Qos | None
 
 
-class AdvertiseKeywords(TypedDict, total=False):
-    """Keyword arguments of :meth:`Robot.advertise`; see `AdvertiseOptions`."""
-
-    latch: bool
-    queue_size: int | None
-    qos: QoS | Qos | None
-
-
 class Robot(RobotApi):
     """Connection to a robot; made by :func:`rwt_client.connect`.
 
@@ -151,8 +144,8 @@ class Robot(RobotApi):
         session.events.listen(self._tf.on_event)
         self._calls = Calls(session)
         self._goals = SentGoals(session, tasks, self.types.meant)
-        self._services = ServiceServers()
-        self._actions = ActionServers()
+        self._services: Offered[ServiceServer] = Offered()
+        self._actions: Offered[ActionServer] = Offered()
         self._publishers: dict[str, RemotePublisher] = {}
         self._clock = _ClientClock(tasks)
         session.dispatcher = self._dispatcher()
@@ -320,7 +313,7 @@ class Robot(RobotApi):
         except TimedOut as error:
             raise TimedOut(f"{error}{await self.types.meant('topic', topic)}") from None
 
-    def advertise(self, topic: str, type: str, **options: Unpack[AdvertiseKeywords]) -> RemotePublisher:
+    def advertise(self, topic: str, type: str, **options: Unpack[AdvertiseOptions]) -> RemotePublisher:
         """Become a publisher of a topic; see :meth:`RobotApi.advertise`.
 
         Args:
@@ -328,10 +321,8 @@ class Robot(RobotApi):
         """
         return self._advertise(topic, type, options)
 
-    def _advertise(self, topic: str, type: str | None, options: AdvertiseKeywords) -> RemotePublisher:
-        qos = wire_qos(options.get("qos"))
-        advertised = AdvertiseOptions(options.get("latch", False), options.get("queue_size"), qos)
-        publisher = RemotePublisher(self._session, self.types, topic, advertised, self._drained)
+    def _advertise(self, topic: str, type: str | None, options: AdvertiseOptions) -> RemotePublisher:
+        publisher = RemotePublisher(self._session, self.types, topic, options, self._drained)
         return publisher.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
 
     def publish(
@@ -385,7 +376,7 @@ class Robot(RobotApi):
     def advertise_service(self, service: str, type: str, handler: ServiceHandler) -> ServiceServer:
         check_handler(service, handler)
         server = ServiceServer(
-            self._session, service, self._interface_name, self._services.offered, handler, self._tasks
+            self._session, service, self._interface_name, self._services, handler, self._tasks
         )
         return server.open(self.types.known_service(type), partial(self.types.service, type), self._tasks)
 
@@ -418,7 +409,7 @@ class Robot(RobotApi):
 
     def advertise_action(self, action: str, type: str, execute: Execute) -> ActionServer:
         server = ActionServer(
-            self._session, action, self._interface_name, self._actions.offered, execute, self._tasks
+            self._session, action, self._interface_name, self._actions, execute, self._tasks
         )
         return server.open(self.types.known_action(type), partial(self.types.action, type), self._tasks)
 
@@ -474,11 +465,11 @@ class Robot(RobotApi):
                 Publish: _nothing,
                 Status: _nothing,
                 ServiceResponse: self._calls.on_response,
-                CallService: self._services.on_call,
+                CallService: lambda _, op: self._services.find(op.service).on_call(op),
                 ActionFeedback: self._goals.on_feedback,
                 ActionResult: self._goals.on_result,
-                SendActionGoal: self._actions.on_goal,
-                CancelActionGoal: self._actions.on_cancel,
+                SendActionGoal: lambda _, op: self._actions.find(op.action).on_goal(op),
+                CancelActionGoal: lambda _, op: self._actions.find(op.action).on_cancel(op),
             },
             _log_failure,
             (ServiceFailed, InvalidMessage),
@@ -498,16 +489,8 @@ class Robot(RobotApi):
         return answer.plain()
 
     def _options(self, given: SubscribeKeywords) -> SubscribeOptions:
-        usual = SubscribeOptions()
-        return SubscribeOptions(
-            arrays=given.get("arrays", self._arrays),
-            compression=given.get("compression", usual.compression),
-            throttle=given.get("throttle", usual.throttle),
-            queue_size=given.get("queue_size", usual.queue_size),
-            queue_bytes=given.get("queue_bytes", usual.queue_bytes),
-            fragment_size=given.get("fragment_size"),
-            qos=wire_qos(given.get("qos")),
-        )
+        options: SubscribeKeywords = {"arrays": self._arrays, **given}
+        return SubscribeOptions(**options)
 
     def _patience(self, timeout: Timeout) -> float | None:
         return self._timeout if timeout is USUAL else timeout

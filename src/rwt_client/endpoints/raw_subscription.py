@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal
 
 from rwt_client.endpoints.remote_handle import RemoteHandle
-from rwt_client.errors import ConnectionLost, ServerRefused
+from rwt_client.errors import ServerRefused
 from rwt_interfaces.structs import MessageType
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.errors import InvalidMessage, RobotError
@@ -96,10 +96,6 @@ class RawSubscription(RemoteHandle[MessageType]):
                 qos=_EVERYTHING,
             )
         )
-
-    def lost(self, error: ConnectionLost, final: bool) -> None:
-        if final:
-            self.fail(error)
 
     def refused(self, text: str) -> None:
         """Subscribe in JSON if the server rejects `cbor-raw`; fail if it rejects that, too."""

@@ -7,7 +7,7 @@ from abc import abstractmethod
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Generic, Self, TypeVar
 
-from rwt_participant.errors import RobotError, UnknownType
+from rwt_participant.errors import RobotError, ServiceFailed, UnknownType
 from rwt_participant.future import Future
 from rwt_participant.handles import Handle
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger("rwt_client")
 
 T = TypeVar("T")
+S = TypeVar("S")
 
 
 class RemoteHandle(Handle, Generic[T]):
@@ -113,9 +114,10 @@ class RemoteHandle(Handle, Generic[T]):
     def restore(self) -> None:
         """Request it on a new connection."""
 
-    @abstractmethod
     def lost(self, error: ConnectionLost, final: bool) -> None:
         """Called when the connection is lost; `final`: there will not be another."""
+        if final:
+            self.fail(error)
 
     @abstractmethod
     def refused(self, text: str) -> None:
@@ -124,6 +126,17 @@ class RemoteHandle(Handle, Generic[T]):
     @abstractmethod
     def fail(self, error: RobotError) -> None:
         """End it because of `error`."""
+
+
+class Offered(dict[str, S]):
+    """Services or actions that this program offers, by name."""
+
+    def find(self, name: str) -> S:
+        """Return the one of that name. Raises :exc:`ServiceFailed`."""
+        offered = self.get(name)
+        if offered is None:
+            raise ServiceFailed(f"this client does not offer {name}")
+        return offered
 
 
 class RemoteServer(RemoteHandle[T]):
@@ -140,7 +153,7 @@ class RemoteServer(RemoteHandle[T]):
         kind: str,
         name: str,
         wire_name: Callable[[T], str],
-        offered: dict[str, Self],
+        offered: Offered[Self],
     ) -> None:
         super().__init__(session, kind, name)
         self._wire_name = wire_name

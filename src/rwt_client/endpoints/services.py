@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from rwt_client.endpoints.remote_handle import RemoteServer
+from rwt_client.endpoints.remote_handle import Offered, RemoteServer
 from rwt_client.errors import ConnectionLost
 from rwt_client.wire.decoding import request_of
 from rwt_interfaces.structs import ServiceType
@@ -143,7 +143,7 @@ class ServiceServer(RemoteServer[ServiceType]):
         session: ReconnectingSession,
         name: str,
         wire_name: Callable[[ServiceType], str],
-        offered: dict[str, ServiceServer],
+        offered: Offered[ServiceServer],
         handler: ServiceHandler,
         tasks: TaskStarter,
     ) -> None:
@@ -181,21 +181,3 @@ class ServiceServer(RemoteServer[ServiceType]):
         self._session.send_if_connected(
             ServiceResponse(service=op.service, values=reason, result=False, id=op.id)
         )
-
-
-class ServiceServers:
-    """Dispatcher of calls to this program's services.
-
-    Attributes:
-        offered: services of this program, by name.
-    """
-
-    def __init__(self) -> None:
-        self.offered: dict[str, ServiceServer] = {}
-
-    def on_call(self, _: None, op: CallService) -> None:
-        """Pass a call to its service (SVP-01)."""
-        service = self.offered.get(op.service)
-        if service is None:
-            raise ServiceFailed(f"this client does not offer {op.service}")
-        service.on_call(op)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import anyio
 
+from rwt_client.endpoints.publisher import wire_qos
 from rwt_client.endpoints.remote_handle import RemoteHandle
 from rwt_client.errors import ConnectionClosed, ConnectionLost, ServerRefused
 from rwt_client.wire.arrays import ArrayKind, check_kind, has_big_arrays, is_encoded_everywhere
@@ -16,6 +17,7 @@ from rwt_interfaces.structs import MessageType
 from rwt_participant.errors import HandleClosed, InvalidMessage, RobotError
 from rwt_participant.handles import QUEUE_BYTES, MessageQueue, Subscription
 from rwt_participant.messages import Message, MessageCallback, is_coroutine_function
+from rwt_participant.qos import QoS
 from rwt_protocol.codecs import SELECTABLE, load_encoding
 from rwt_protocol.extensions import ExtensionError, extension_names
 from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
@@ -55,7 +57,7 @@ class SubscribeOptions:
     queue_size: int = 1000
     queue_bytes: int = QUEUE_BYTES
     fragment_size: int | None = None
-    qos: Qos | None = None
+    qos: QoS | Qos | None = None
 
     def __post_init__(self) -> None:
         check_kind(self.arrays)
@@ -216,13 +218,9 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
         if options.fragment_size:
             given["fragment_size"] = options.fragment_size
         if options.qos is not None:
-            given["qos"] = options.qos
+            given["qos"] = wire_qos(options.qos)
         wire_type = self._table.types.wire_name(self.type.name)
         self._session.send(Subscribe(topic=self.name, type=wire_type, id=self.id, **given))
-
-    def lost(self, error: ConnectionLost, final: bool) -> None:
-        if final:
-            self.fail(error)
 
     def refused(self, text: str) -> None:
         """Subscribe in JSON if the server rejects CBOR; fail if it rejects that, too."""
