@@ -14,7 +14,7 @@ from typing import Final, TypedDict
 import anyio
 from websockets.uri import WebSocketURI
 
-from rwt_transports.api import Connector, FindsPath, Link
+from rwt_transports.api import Connector, FindsPath, Link, UnbufferedCallbacks
 from rwt_transports.background import background_tasks
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.endpoint import Accept
@@ -95,7 +95,7 @@ class OutgoingConnection:
             self._draining = None
 
 
-class _Handshaking:
+class _Handshaking(UnbufferedCallbacks):
     """Callbacks of a link until the server has accepted the handshake; then the connection takes over."""
 
     __slots__ = ("_address", "_handshake", "_link", "_outgoing", "_port", "_request")
@@ -124,18 +124,9 @@ class _Handshaking:
             if rest:
                 connection.receive(rest)
 
-    def get_buffer(self) -> None:
-        """Return None: the response needs no buffer of its own."""
-
-    def buffer_updated(self, count: int) -> None:
-        """No-op."""
-
     def take(self) -> bytes | None:
         request, self._request = self._request, None
         return request
-
-    def progress(self) -> None:
-        """No-op: the handshake has a timeout."""
 
     def eof(self) -> None:
         try:

@@ -24,8 +24,9 @@ from rwt_transports.api import (
     StepTaking,
     Wire,
     WireEvents,
+    drop_message,
 )
-from rwt_transports.background import TaskStarter
+from rwt_transports.background import TaskStarter, background_tasks
 from rwt_transports.endpoint import Accept, Endpoint, PeerInfo
 from rwt_transports.errors import Refused, log_exception
 from rwt_transports.http.addresses import AddressCount
@@ -166,7 +167,7 @@ class ListenerState:
     @asynccontextmanager
     async def serving(self) -> AsyncIterator[None]:
         """Run handlers and check timeouts inside the block; then close every connection with 1001."""
-        async with anyio.create_task_group() as tasks:
+        async with background_tasks() as tasks:
             self.tasks = TaskStarter()
             self.requests = loop_turns(REQUESTS_SECONDS)
             tasks.start_soon(self.tasks.run, tasks)
@@ -175,7 +176,6 @@ class ListenerState:
                 yield
             finally:
                 await self.end(GOING_AWAY, "the server is going away")
-                tasks.cancel_scope.cancel()
 
     async def end(self, code: int, reason: str) -> None:
         """Close every connection, and cut those that are still open after ``limits.close_seconds``."""
@@ -453,7 +453,7 @@ class Connection:
         endpoint, self._endpoint = self._endpoint, None
         if endpoint is not None:
             self.outbox.stop_sending()
-            self._wire.message = _ignore
+            self._wire.message = drop_message
             if self._inflating is not None:
                 self._inflating.take_steps = None
             endpoint.closed(*(self._closed_with or (code, reason)))
@@ -511,17 +511,13 @@ class Connection:
         return f"<{self._listener.transport} connection {self.address}:{self._port}>"
 
 
-def _ignore(data: bytes, binary: bool) -> None:
-    """Drop a message: the endpoint is gone."""
-
-
 class _NoWire:
     """Wire of a lost connection: drops everything. Implements :class:`rwt_transports.api.Wire`."""
 
     framing = SERVER_FRAMING
 
     def __init__(self) -> None:
-        self.message: Callable[[bytes, bool], None] = _ignore
+        self.message: Callable[[bytes, bool], None] = drop_message
 
     def feed(self, data: bytes) -> None:
         """Drop `data`."""

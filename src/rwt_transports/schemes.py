@@ -5,7 +5,6 @@ Other distributions add schemes by entry points of the group `rwt.transports`.
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 from ssl import SSLContext
@@ -14,6 +13,7 @@ from urllib.parse import urlsplit
 
 from rwt_protocol.extensions import ExtensionError, extension_names, load_extension
 from rwt_transports.api import BindAddress, Connector, Driver, RemoteAddress
+from rwt_transports.background import runs_asyncio
 from rwt_transports.connection import MakeWire
 from rwt_transports.drivers.anyio_stream import AnyioDriver
 from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
@@ -35,11 +35,7 @@ _GROUP: Final = "rwt.transports"
 
 def stream_driver() -> AnyioDriver | AsyncioDriver:
     """Return the fastest driver of TCP and Unix sockets on the running event loop."""
-    try:
-        asyncio.get_running_loop()
-    except RuntimeError:
-        return AnyioDriver()
-    return AsyncioDriver()
+    return AsyncioDriver() if runs_asyncio() else AnyioDriver()
 
 
 def _data_channel() -> Connector:

@@ -5,20 +5,12 @@ from __future__ import annotations
 import logging
 from collections.abc import AsyncIterator, Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractAsyncContextManager, asynccontextmanager, contextmanager
+from dataclasses import replace
 from urllib.parse import quote
 
 import anyio
 
-from rwt_transports.asgi.messages import (
-    BINARY,
-    CLOSE,
-    HEADER,
-    TEXT,
-    KindCutter,
-    asgi_messages,
-    close_bytes,
-    close_of,
-)
+from rwt_transports.asgi.messages import asgi_messages, close_bytes, close_of
 from rwt_transports.asgi.types import Receive, Scope, Send
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.drivers.task_link import TaskLink
@@ -40,6 +32,7 @@ from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import NO_STATUS, POLICY, may_travel
 from rwt_transports.websocket.handshake import choose_subprotocol
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
+from rwt_transports.wires.whole_messages import BINARY, CLOSE, HEADER, TEXT, MessageCutter
 
 access = logging.getLogger("rwt_transports.access")
 
@@ -90,11 +83,11 @@ class AsgiLink(TaskLink):
                 return
 
     async def _write(self) -> None:
-        cutter = KindCutter(self._callbacks.take)
+        cutter = MessageCutter(self._callbacks.take)
         while not self._closing:
             await self._woken()
-            while (message := cutter.next_of_kind()) is not None:
-                kind, data = message
+            while (message := cutter.next()) is not None:
+                data, kind = message
                 if kind == CLOSE:
                     await self._send_close(*close_of(data))
                     return
@@ -182,17 +175,8 @@ class AsgiListener:
             return body
         if isinstance(found, HttpResponse):
             return found
-        whole = HttpRequest(
-            request.method,
-            request.path,
-            request.query,
-            request.headers,
-            body,
-            request.address,
-            request.prefix,
-        )
         try:
-            answer = found(whole)
+            answer = found(replace(request, body=body))
             return answer if isinstance(answer, HttpResponse) else await answer
         except Exception:
             log_exception("the handler of %s %s failed", request.method, request.path)
@@ -375,14 +359,8 @@ async def asgi_listener(
         subprotocols=frozenset(subprotocols),
         hosts=Hosts(hosts, loopback=loopback),
     )
-    failure: Exception | None = None
     async with state.serving():
-        try:
-            yield AsgiListener(state, routes)
-        except Exception as error:
-            failure = error  # Raised below, and not in a group.
-    if failure is not None:
-        raise failure
+        yield AsgiListener(state, routes)
 
 
 Lifespan = Callable[[], AbstractAsyncContextManager[object]]

@@ -15,7 +15,7 @@ from anyio.streams.memory import MemoryObjectReceiveStream, MemoryObjectSendStre
 from rwt_protocol.frames import Frame
 from rwt_transports.api import FlowControl
 from rwt_transports.asgi.types import App, Event, Scope
-from rwt_transports.background import TaskStarter
+from rwt_transports.background import TaskStarter, background_tasks
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.http.routes import HttpRequest, HttpResponse
 from rwt_transports.websocket.close_codes import INTERNAL_ERROR, NORMAL
@@ -63,22 +63,16 @@ class AsgiMount:
         Raises:
             RuntimeError: the app said that it could not start.
         """
-        failure: Exception | None = None
-        async with anyio.create_task_group() as tasks:
+        async with background_tasks() as tasks:
             lifespan = _Lifespan(self._app, self._state)
             tasks.start_soon(self._tasks.run, tasks)
             tasks.start_soon(lifespan.run)
             try:
                 await lifespan.began(self.path)
                 yield self
-            except Exception as error:
-                failure = error  # Raised below, and not in a group.
             finally:
                 with anyio.CancelScope(shield=True):
                     await lifespan.end()
-                tasks.cancel_scope.cancel()
-        if failure is not None:
-            raise failure
 
     # -- HTTP ----------------------------------------------------------------------------------------------
 
@@ -217,8 +211,6 @@ class _Exchange:
             # What an app lets through that was told of its client's leave is no failure.
             if not (self.gone.is_set() and _is_leave(error)):
                 logger.exception("a mounted app failed at %s", self._scope["path"])
-            if not self.started.is_set():
-                self._status, self._headers, self._whole = 500, [], b"internal error\n"
         finally:
             if self._chunks is not None:
                 self._chunks.close()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import socket
 from collections.abc import AsyncIterator, Callable
-from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 from ssl import SSLContext
 from typing import Final
@@ -50,7 +50,7 @@ def _turns_of(is_held_back: Callable[[], bool]) -> Turns:
     return _turns.setdefault(key, loop_turns(READ_SECONDS, is_held_back=is_held_back))
 
 
-class _Link(TaskLink):
+class _StreamLink(TaskLink):
     """Stream of one peer.
 
     Attributes by purpose, beside those of `TaskLink`:
@@ -149,11 +149,8 @@ class AnyioDriver:
         turns = _turns_of(address.is_held_back)
         tasks.start_soon(serve_stream, attach, await _connected(address), turns)
 
-    def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
-        return self._serve(address, attach)
-
     @asynccontextmanager
-    async def _serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
+    async def serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
         sockets = (
             [bind_unix(address.path)]
             if address.path
@@ -186,7 +183,7 @@ async def serve_stream(attach: Attach, stream: ByteStream, turns: Turns | None =
     """
     address = stream.extra(SocketAttribute.remote_address, "")
     host, port = (str(address[0]), int(address[1])) if isinstance(address, tuple) else ("", 0)
-    link = _Link(stream, turns or loop_turns(READ_SECONDS))
+    link = _StreamLink(stream, turns or loop_turns(READ_SECONDS))
     try:
         attach(link, host, port)
         await link.run()

@@ -9,7 +9,7 @@ import os
 import socket
 import traceback
 from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import AbstractAsyncContextManager, ExitStack, asynccontextmanager, nullcontext
+from contextlib import ExitStack, asynccontextmanager, nullcontext
 from enum import Enum
 from functools import partial
 from time import monotonic
@@ -111,7 +111,7 @@ _TRANSITIONS: Final = {
 }
 
 
-class _Link(asyncio.BufferedProtocol):
+class _SocketLink(asyncio.BufferedProtocol):
     """Socket of one peer; implements :class:`rwt_transports.api.Link`.
 
     Life cycle::
@@ -470,17 +470,14 @@ class AsyncioDriver:
     async def connect(self, address: RemoteAddress, attach: Attach, tasks: TaskGroup) -> None:
         """Connect to `address` and attach the link. Starts no task: bytes arrive by callback."""
         loop = asyncio.get_running_loop()
-        make_link = partial(_Link, attach, _share_of(address.is_held_back))
+        make_link = partial(_SocketLink, attach, _share_of(address.is_held_back))
         if address.path:
             await loop.create_unix_connection(make_link, address.path, ssl=address.tls)
         else:
             await loop.create_connection(make_link, address.host, address.port, ssl=address.tls)
 
-    def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
-        return self._serve(address, attach)
-
     @asynccontextmanager
-    async def _serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
+    async def serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
         loop = asyncio.get_running_loop()
         sockets = (
             [bind_unix(address.path)]
@@ -506,7 +503,7 @@ class AsyncioDriver:
                     counted.close()  # The attached connection does its own counting.
                     attach(link, host, port)
 
-                make_link = partial(_Link, attach_counted, share)
+                make_link = partial(_SocketLink, attach_counted, share)
                 try:
                     with handshakes.one() if address.tls is not None else nullcontext():
                         await loop.connect_accepted_socket(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import AsyncIterator
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from contextlib import asynccontextmanager
 from socket import gaierror
 
 import anyio
@@ -31,8 +31,8 @@ class _Sessions:
     def __init__(self, socket: UDPSocket, attach: Attach) -> None:
         self._socket = socket
         self._attach = attach
-        self._links: dict[Address, _Link] = {}
-        self._waiting: deque[_Link] = deque()
+        self._links: dict[Address, _DatagramLink] = {}
+        self._waiting: deque[_DatagramLink] = deque()
         self._awake = anyio.Event()
 
     async def read(self) -> None:
@@ -41,8 +41,8 @@ class _Sessions:
             if not link.over:
                 link.callbacks.receive(data)
 
-    def _begin(self, host: str, port: int) -> _Link:
-        link = self._links[host, port] = _Link(self, (host, port))
+    def _begin(self, host: str, port: int) -> _DatagramLink:
+        link = self._links[host, port] = _DatagramLink(self, (host, port))
         self._attach(link, host, port)
         return link
 
@@ -59,11 +59,11 @@ class _Sessions:
                     log_exception("writing to %s:%d failed; forgetting it", *link.address)
                     link.abort()
 
-    def wake(self, link: _Link) -> None:
+    def wake(self, link: _DatagramLink) -> None:
         self._waiting.append(link)
         self._awake.set()
 
-    def forget(self, link: _Link) -> None:
+    def forget(self, link: _DatagramLink) -> None:
         """Remove an ended session; the next datagram of its address begins another."""
         if self._links.get(link.address) is link:
             del self._links[link.address]
@@ -73,7 +73,7 @@ class _Sessions:
             link.abort()
 
 
-class _Link:
+class _DatagramLink:
     """Link to one peer. Implements :class:`rwt_transports.api.Link`."""
 
     __slots__ = ("_sessions", "address", "callbacks", "closing", "over")
@@ -129,11 +129,8 @@ class _Link:
 class DatagramDriver:
     """Serves UDP; satisfies :class:`rwt_transports.api.Driver`."""
 
-    def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
-        return self._serve(address, attach)
-
     @asynccontextmanager
-    async def _serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
+    async def serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
         try:
             socket = await anyio.create_udp_socket(local_host=address.host, local_port=address.port)
         except gaierror:

@@ -11,7 +11,7 @@ import shlex
 import stat
 import sys
 from collections.abc import AsyncIterator, Iterator
-from contextlib import AbstractAsyncContextManager, asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager, contextmanager
 
 import anyio
 import anyio.lowlevel
@@ -83,16 +83,13 @@ class StandardStreamsDriver:
     def __init__(self, descriptors: tuple[int, int] | None = None) -> None:
         self._descriptors = descriptors
 
-    def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
-        return self._serve(attach)
-
     async def connect(self, address: RemoteAddress, attach: Attach, tasks: TaskGroup) -> None:
         """Run a command for the life of the connection; its standard error is this program's."""
         process = await anyio.open_process(shlex.split(address.path), stderr=None)
         tasks.start_soon(_serve_process, attach, process)
 
     @asynccontextmanager
-    async def _serve(self, attach: Attach) -> AsyncIterator[int]:
+    async def serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
         given = self._descriptors
         with _claimed() if given is None else _as_they_are(*given) as (read_from, write_to):
             async with anyio.create_task_group() as tasks:

@@ -7,30 +7,19 @@ from typing import Final
 
 import anyio
 
-from rwt_transports.api import DriverCallbacks
+from rwt_transports.api import DriverCallbacks, UnbufferedCallbacks
 
 
-class NoCallbacks:
+class NoCallbacks(UnbufferedCallbacks):
     """Callbacks of a link without a connection; they drop everything, so that the link does not keep the
     connection.
-
-    Implements :class:`rwt_transports.api.DriverCallbacks`.
     """
 
     def receive(self, data: bytes) -> None:
         """Drop `data`."""
 
-    def get_buffer(self) -> None:
-        """Return None: there is no buffer."""
-
-    def buffer_updated(self, count: int) -> None:
-        """No-op: there is no buffer."""
-
     def take(self) -> None:
         """Return None: there is nothing to send."""
-
-    def progress(self) -> None:
-        """No-op."""
 
     def eof(self) -> None:
         """No-op."""

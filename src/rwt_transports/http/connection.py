@@ -13,7 +13,7 @@ import anyio
 import h11
 
 from rwt_protocol.frames import Buffer
-from rwt_transports.api import Link
+from rwt_transports.api import Link, UnbufferedCallbacks
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused, log_exception
@@ -42,7 +42,7 @@ _TRANSITIONS: Final = {
 }
 
 
-class HttpConnection:
+class HttpConnection(UnbufferedCallbacks):
     """HTTP of one connection, request after request (RFC 9112), until it closes or becomes a WebSocket.
 
     A :class:`~rwt_transports.connection.Connection` then takes over its link.
@@ -136,15 +136,6 @@ class HttpConnection:
         except Exception:
             log_exception("a route or the handshake failed; cutting %s", self)
             self.abort()
-
-    def get_buffer(self) -> None:
-        """Return None: requests need no buffer of their own."""
-
-    def buffer_updated(self, count: int) -> None:
-        """No-op: there is no buffer."""
-
-    def progress(self) -> None:
-        """No-op: :meth:`tick` looks at what the network accepted."""
 
     def eof(self) -> None:
         """Note that the peer sends nothing more.

@@ -23,7 +23,7 @@ except ImportError:  # no compiled extension for this interpreter
     from websockets.utils import apply_mask
 
 from rwt_protocol.frames import Buffer, Frame
-from rwt_transports.api import HEAD_BYTES, Framing, WireEvents
+from rwt_transports.api import HEAD_BYTES, Framing, WireEvents, drop_message
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import (
     INVALID_DATA,
@@ -182,7 +182,7 @@ class _Staged:
         self.buffer = larger
 
 
-class _Head:
+class _SkippedHead:
     """First bytes of a message that is skipped.
 
     Attributes:
@@ -225,7 +225,7 @@ _TRANSITIONS: Final = {
 }
 
 
-class _Message(Enum):
+class _Progress(Enum):
     """Message that is in progress between two frames."""
 
     NONE = "none"
@@ -292,13 +292,13 @@ class WebSocketWire:
         self._server = server
         self._strict = strict_utf8
         self._buffers = ReceiveBufferPool() if buffers is None else buffers
-        self.message: Callable[[bytes, bool], None] = _ignore
+        self.message: Callable[[bytes, bool], None] = drop_message
         self._state = _WireState.OPEN
-        self._progress = _Message.NONE
+        self._progress = _Progress.NONE
         self._is_usual = server
         self._parts = bytearray()
         self._parts_binary = False
-        self._head: _Head | None = None
+        self._head: _SkippedHead | None = None
         self._tail = b""
         self._staged: _Staged | None = None
         self._skip = 0
@@ -320,7 +320,7 @@ class WebSocketWire:
         if self._state is not _WireState.OPEN:
             return b""
         self._become(_WireState.CLOSING)
-        self.message = _ignore
+        self.message = drop_message
         return pack(CLOSE, close_payload(code, reason), masked=not self._server)
 
     def ping(self) -> bytes:
@@ -437,7 +437,7 @@ class WebSocketWire:
             size = _long_size(data[position + 2 : start])
         if second > 127:
             start += 4
-        elif not self._server and self._progress is _Message.NONE and (first == 0x81 or first == 0x82):
+        elif not self._server and self._progress is _Progress.NONE and (first == 0x81 or first == 0x82):
             # Nearly every frame from a server: the same, and not masked.
             stop = start + size
             if stop <= end and size <= self._max_size:
@@ -463,9 +463,9 @@ class WebSocketWire:
                 raise ProtocolViolation(PROTOCOL_ERROR, "a control frame holds at most 125 bytes")
             if first < 0x80:
                 raise ProtocolViolation(PROTOCOL_ERROR, "a control frame cannot be fragmented")
-        elif opcode == CONTINUATION and self._progress is _Message.NONE:
+        elif opcode == CONTINUATION and self._progress is _Progress.NONE:
             raise ProtocolViolation(PROTOCOL_ERROR, "a continuation frame without a message to continue")
-        elif opcode != CONTINUATION and self._progress is not _Message.NONE:
+        elif opcode != CONTINUATION and self._progress is not _Progress.NONE:
             raise ProtocolViolation(
                 PROTOCOL_ERROR, "a new message before the last fragment of the one before"
             )
@@ -495,7 +495,7 @@ class WebSocketWire:
     def _admit(self, first: int, size: int) -> bool:
         """Return True if a data frame is within the limit of its message. The first that is not is reported,
         and may be skipped."""
-        if self._progress is _Message.SKIPPED:
+        if self._progress is _Progress.SKIPPED:
             return False
         total = len(self._parts) + size
         if total <= self._max_size:
@@ -505,8 +505,8 @@ class WebSocketWire:
                 TOO_BIG,
                 f"a message of {total} bytes; the limit is {self._max_size} (max_message_size)",
             )
-        self._head = _Head(total, bytes(self._parts[:HEAD_BYTES]))
-        self._begin(first, _Message.SKIPPED)
+        self._head = _SkippedHead(total, bytes(self._parts[:HEAD_BYTES]))
+        self._begin(first, _Progress.SKIPPED)
         self._parts = bytearray()
         return False
 
@@ -570,10 +570,10 @@ class WebSocketWire:
 
     def _data_frame(self, first: int, payload: bytes) -> None:
         last = first > 127
-        if last and self._progress is _Message.NONE:
+        if last and self._progress is _Progress.NONE:
             self._deliver(payload, first & 0x0F == BINARY)
             return
-        self._begin(first, _Message.FRAGMENTED)
+        self._begin(first, _Progress.FRAGMENTED)
         self._parts += payload
         if len(self._parts) >= DIRECT_BYTES:
             self._buffers.hold(self, len(self._parts))
@@ -582,8 +582,8 @@ class WebSocketWire:
             self._end_message()
             self._deliver(whole, self._parts_binary)
 
-    def _begin(self, first: int, progress: _Message) -> None:
-        if self._progress is _Message.NONE:
+    def _begin(self, first: int, progress: _Progress) -> None:
+        if self._progress is _Progress.NONE:
             self._parts_binary = first & 0x0F == BINARY
         self._progress = progress
         self._is_usual = False
@@ -591,7 +591,7 @@ class WebSocketWire:
     def _end_message(self) -> None:
         self._buffers.release(self)
         self._parts = bytearray()
-        self._progress = _Message.NONE
+        self._progress = _Progress.NONE
         self._is_usual = self._server
 
     def _deliver(self, payload: bytes, binary: bool) -> None:
@@ -613,10 +613,6 @@ class WebSocketWire:
         if answer:
             self._events.answer(answer)
         self._events.ended(code, reason, agreed=True)
-
-
-def _ignore(_data: bytes, _binary: bool) -> None:
-    """Drop a message: there is no endpoint yet, or the connection is closing."""
 
 
 def _long_size(field: bytes) -> int:

@@ -42,14 +42,6 @@ class BsonStreamWire(StreamWire):
         super().__init__(events, max_size, DOCUMENTS, buffers)
         self._to_skip = 0
 
-    def feed(self, data: bytes) -> None:
-        self._buffer += data
-        while not self._over and self._step():
-            pass
-        if self._over:
-            self._buffer.clear()
-        self._count_held()
-
     def _step(self) -> bool:
         buffer = self._buffer
         if self._to_skip:
@@ -83,10 +75,6 @@ class BsonStreamWire(StreamWire):
             f"a message of {length} bytes; the limit is {self._max_size} (max_message_size)",
         )
         return False
-
-    def _end(self, code: int, reason: str) -> None:
-        self._over = True
-        self._events.ended(code, reason, agreed=False)
 
 
 def _pieces(frame: Frame) -> tuple[Buffer, ...]:

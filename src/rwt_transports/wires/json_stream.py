@@ -128,8 +128,7 @@ class JsonStreamWire(StreamWire):
         elif len(message) > self._max_size:
             self._report(len(message), message)
         elif self._fresh and _HTTP_REQUEST.match(message):
-            self._over = True
-            self._events.ended(POLICY, "this port speaks JSON, not HTTP: web pages use ws://", agreed=False)
+            self._end(POLICY, "this port speaks JSON, not HTTP: web pages use ws://")
         elif message.strip():
             self._hand_on(message, False)
         self._fresh = False
@@ -146,9 +145,8 @@ class JsonStreamWire(StreamWire):
         if self._events.oversized(size):
             self._events.oversized_head(size, message[:HEAD_BYTES])
         else:
-            self._over = True
             reason = f"a message of {size} bytes or more; the limit is {self._max_size} (max_message_size)"
-            self._events.ended(TOO_BIG, reason, agreed=False)
+            self._end(TOO_BIG, reason)
 
 
 def _framing(end: bytes) -> Framing:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 
-from rwt_transports.api import Framing, WireEvents
+from rwt_transports.api import Framing, WireEvents, drop_message
 from rwt_transports.websocket.close_codes import POLICY
 from rwt_transports.wires.receive_buffer import STAGING_BYTES, ReceiveBufferPool
 
@@ -33,7 +33,7 @@ class StreamWire(ABC):
         self._events = events
         self._max_size = max_size
         self._framing = framing
-        self.message: Callable[[bytes, bool], None] = _ignore
+        self.message: Callable[[bytes, bool], None] = drop_message
         self._buffer = bytearray()
         self._over = False
 
@@ -44,14 +44,17 @@ class StreamWire(ABC):
     def close(self, code: int, reason: str) -> bytes:
         """End the connection. Returns nothing to send: the protocol has no close."""
         self._over = True
-        self.message = _ignore
+        self.message = drop_message
         return b""
 
     def give_up(self, reason: str) -> None:
         """Drop what has come of a message, and end the connection."""
-        self._over = True
         self._buffer.clear()
-        self._events.ended(POLICY, reason, agreed=False)
+        self._end(POLICY, reason)
+
+    def _end(self, code: int, reason: str) -> None:
+        self._over = True
+        self._events.ended(code, reason, agreed=False)
 
     def _count_held(self) -> None:
         size = len(self._buffer)
@@ -73,16 +76,20 @@ class StreamWire(ABC):
         if self._part is not None:
             self.feed(bytes(memoryview(self._part)[:count]))
 
-    @abstractmethod
     def feed(self, data: bytes) -> None:
-        """Take what arrived."""
+        self._buffer += data
+        while not self._over and self._step():
+            pass
+        if self._over:
+            self._buffer.clear()
+        self._count_held()
+
+    @abstractmethod
+    def _step(self) -> bool:
+        """Take one message or a part of it from the buffer; return False if more bytes are needed."""
 
     def _hand_on(self, message: bytes, binary: bool) -> None:
         if len(message) < STAGING_BYTES:
             self.message(message, binary)
         else:
             self._buffers.hand_on(self.message, message, binary)
-
-
-def _ignore(_data: bytes, _binary: bool) -> None:
-    """Drop a message: the endpoint is missing or closing."""
