@@ -17,7 +17,7 @@ from rwt_graph.nodes.node import Node
 from rwt_graph.zenoh.actions.remote_goals import ZenohActions
 from rwt_graph.zenoh.actions.server import Ros2ActionServer
 from rwt_graph.zenoh.discovery import Discovery
-from rwt_graph.zenoh.link import Link, NodeNumbers, Presence
+from rwt_graph.zenoh.link import NodeNumbers, Presence, ZenohLink
 from rwt_graph.zenoh.services import ZenohServices
 from rwt_graph.zenoh.session import Mode, ZenohOptions, ZenohSession
 from rwt_graph.zenoh.topics import ZenohTopics
@@ -79,7 +79,7 @@ class ZenohGraph(MemoryGraph):
                 "use the graph in memory, or a ROS 2 distribution"
             )
         self._session = ZenohSession()
-        self._link: Link | None = None
+        self._link: ZenohLink | None = None
         self._numbers = NodeNumbers()
         self._present: dict[NodeResources, Presence] = {}
         self._zenoh_topics = ZenohTopics(self.topic_table)
@@ -130,7 +130,7 @@ class ZenohGraph(MemoryGraph):
 
     async def _join(self) -> None:
         session = await anyio.to_thread.run_sync(self._session.open, self.options)
-        link = Link(session, self.options.domain, self._numbers, self.run_on_graph)
+        link = ZenohLink(session, self.options.domain, self._numbers, self.run_on_graph)
         alive = await anyio.to_thread.run_sync(self._discovery.query_tokens, link)
         self._log_neighbours(link)
         self._discovery.open(link, alive)
@@ -140,7 +140,7 @@ class ZenohGraph(MemoryGraph):
         self._zenoh_topics.open(link)
         self._zenoh_services.open(link)
 
-    def _log_neighbours(self, link: Link) -> None:
+    def _log_neighbours(self, link: ZenohLink) -> None:
         met, asked = link.count_others(), ", ".join(self.options.connect)
         if asked and not met:
             logger.warning("no process answers at %s yet; connecting is tried until one does", asked)

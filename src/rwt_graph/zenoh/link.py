@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import count
 from typing import TYPE_CHECKING
 
-from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind, Token, gid_of
+from rwt_graph.zenoh.rmw.tokens import EntityKind, Token, TokenEndpoint, gid_of
 
 if TYPE_CHECKING:
     import zenoh
@@ -52,7 +52,7 @@ class Presence:
         self._token.undeclare()
 
 
-class Link:
+class ZenohLink:
     """Open session.
 
     Attributes:
@@ -79,9 +79,9 @@ class Link:
     def declare_node(self, owner: NodeResources) -> Presence:
         """Declare the token of a node."""
         number = self._numbers.node(owner)
-        return self._declare(Token(self.domain, self.id, number, number, Kind.NODE, owner.name))
+        return self._declare(Token(self.domain, self.id, number, number, EntityKind.NODE, owner.name))
 
-    def declare(self, kind: Kind, owner: NodeResources, endpoint: Endpoint) -> Presence:
+    def declare(self, kind: EntityKind, owner: NodeResources, endpoint: TokenEndpoint) -> Presence:
         """Declare the token of an endpoint of a node."""
         node, entity = self._numbers.node(owner), self._numbers.entity()
         return self._declare(Token(self.domain, self.id, node, entity, kind, owner.name, endpoint))

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol
 
 from rwt.nodes.demo.drive import Velocity
 from rwt.nodes.demo.world.pose import Pose
 from rwt_interfaces.times import NANOSECONDS
 from rwt_tf2 import quaternion_from_yaw, yaw_from_quaternion
-from rwt_tf2.messages import QuaternionMessage
 
 Message = Mapping[str, object]
 
@@ -30,7 +29,7 @@ class PoseLike(Protocol):
     """`geometry_msgs/Pose`."""
 
     position: VectorLike
-    orientation: QuaternionMessage
+    orientation: Any
 
 
 def time(nanoseconds: int) -> Message:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from rwt_graph.api import ActionInfo, ClientGoal, Sample, Subscription
-from rwt_graph.zenoh.actions.names import SEND_GOAL, ActionNames, part_type, struct_payload, uuid_struct
+from rwt_graph.zenoh.actions.names import SEND_GOAL, ActionNames, struct_payload, uuid_struct
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed, GoalRejected, ProviderGone, ServiceFailed
@@ -123,7 +123,7 @@ class RemoteGoal(ClientGoal):
         self._client.add(self, self.client_closed)
         self.want_feedback(True)
         self._reasons = self._listen(self._names.reasons, "std_msgs/String", self._on_reason)
-        request = self._actions.registry.service(part_type(self._type, "_SendGoal")).request
+        request = self._actions.registry.service(f"{self._type.name}_SendGoal").request
         goal = struct_payload(request, goal_id=uuid_struct(request, self.id), goal=payload.value())
         self._call(self._names.send_goal, goal, self._on_answer)
 
@@ -136,7 +136,7 @@ class RemoteGoal(ClientGoal):
         elif (
             wanted and feedback is None and self._events is not None and self._events.on_feedback is not None
         ):
-            type = part_type(self._type, "_FeedbackMessage")
+            type = f"{self._type.name}_FeedbackMessage"
             self._feedback = self._listen(self._names.feedback, type, self._on_feedback)
 
     def _listen(self, topic: str, type: str, on_sample: Callable[[Sample], None]) -> Subscription:
@@ -167,7 +167,7 @@ class RemoteGoal(ClientGoal):
             self._ask_result()
 
     def _ask_result(self) -> None:
-        request = self._actions.registry.service(part_type(self._type, "_GetResult")).request
+        request = self._actions.registry.service(f"{self._type.name}_GetResult").request
         self._call(
             self._names.get_result,
             struct_payload(request, goal_id=uuid_struct(request, self.id)),
