@@ -9,7 +9,7 @@ import ssl
 from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Final, TypedDict
+from typing import Final
 
 import anyio
 from websockets.uri import WebSocketURI
@@ -138,16 +138,6 @@ class _Handshaking(UnbufferedCallbacks):
     def lost(self) -> None:
         address = self._outgoing.target.address
         self._outgoing.fail(ConnectError(f"{address} hung up before the connection was open"))
-
-
-class ConnectOptions(TypedDict, total=False):
-    """Keyword arguments of :func:`connect`."""
-
-    limits: Limits | None
-    tls: ssl.SSLContext | None
-    headers: Mapping[str, str] | None
-    timeout: float
-    ice_servers: Sequence[Mapping[str, str]] | None
 
 
 @asynccontextmanager

@@ -22,8 +22,7 @@ from rwt_transports.drivers.standard_streams import StandardStreamsDriver
 from rwt_transports.errors import BadUrl, ConnectError
 from rwt_transports.websocket.wire import websocket_client, websocket_server
 from rwt_transports.wires.bson_stream import bson_documents
-from rwt_transports.wires.json_datagrams import DATAGRAM_BYTES, json_datagrams
-from rwt_transports.wires.json_stream import json_lines, json_over_tcp
+from rwt_transports.wires.json_stream import DATAGRAM_BYTES, json_datagrams, json_lines, json_over_tcp
 from rwt_transports.wires.whole_messages import whole_messages
 
 DEFAULT_PORT = 9090

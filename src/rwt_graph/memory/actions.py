@@ -23,7 +23,7 @@ import logging
 import re
 from collections.abc import Callable, Iterator
 from enum import Enum, auto
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 from uuid import uuid4
 
 from rwt_graph.api import (
@@ -34,17 +34,16 @@ from rwt_graph.api import (
     GoalEvents,
     Registration,
     ServerGoal,
+    ServiceCall,
 )
 from rwt_graph.errors import InvalidGraphName, InvalidTransition
-from rwt_graph.memory.changes import Changes
-from rwt_graph.memory.node_resources import NodeResources
-from rwt_graph.memory.provider_table import ProviderTable
+from rwt_graph.memory.tables import Changes, NodeResources, ProviderTable
+from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed, GoalRejected, ProviderGone, ProviderNotFound
 from rwt_participant.goals import GoalStatus
 
 if TYPE_CHECKING:
-    from rwt_interfaces.payload import Payload
-    from rwt_interfaces.structs import ActionType
+    from rwt_interfaces.structs import ActionType, ServiceType
 
 logger = logging.getLogger(__name__)
 
@@ -478,3 +477,35 @@ def _refused(goal_id: str, action: str, events: GoalEvents, why: CallFailed) -> 
     except Exception:
         logger.exception("the client of action %s failed on its result", action)
     return MemoryClientGoal(goal_id, action, None)
+
+
+#: Return codes of `action_msgs/CancelGoal`.
+ERROR_NONE, ERROR_REJECTED, ERROR_UNKNOWN_GOAL_ID = 0, 1, 2
+
+_EVERY_GOAL = bytes(16)
+
+
+def cancel_service(server: MemoryActionServer, type: ServiceType) -> Callable[[ServiceCall], None]:
+    """Return the handler of `<action>/_action/cancel_goal`, which cancels one goal or all of them on ROS 2.
+
+    Without a goal id, all goals are cancelled. Cancelling by the time of acceptance is rejected with
+    `ERROR_REJECTED`.
+    """
+
+    def on_call(call: ServiceCall) -> None:
+        request: Any = call.request.value()
+        info = request.goal_info
+        wanted = bytes(info.goal_id.uuid)
+        if info.stamp.sec or info.stamp.nanosec:
+            code, goals = ERROR_REJECTED, []
+        elif wanted == _EVERY_GOAL:
+            code, goals = ERROR_NONE, list(server.goals.values())
+        else:
+            goals = [goal for goal in server.goals.values() if goal.id == wanted.hex()]
+            code = ERROR_NONE if goals else ERROR_UNKNOWN_GOAL_ID
+        canceling = [{"goal_id": {"uuid": bytes.fromhex(goal.id)}} for goal in goals]
+        call.reply(Payload.from_value(type.response, {"return_code": code, "goals_canceling": canceling}))
+        for goal in goals:
+            goal.request_cancel()
+
+    return on_call

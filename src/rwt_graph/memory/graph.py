@@ -28,12 +28,10 @@ from rwt_graph.api import (
 )
 from rwt_graph.clock import Clock, SimulatedClock, WallClock
 from rwt_graph.errors import NotRunning
-from rwt_graph.memory.actions import Actions, MemoryActionServer
-from rwt_graph.memory.cancel_service import cancel_service
-from rwt_graph.memory.changes import CachedListing, Changes
-from rwt_graph.memory.node_resources import NodeResources
+from rwt_graph.memory.actions import Actions, MemoryActionServer, cancel_service
 from rwt_graph.memory.runtime import Runtime
 from rwt_graph.memory.services import Services
+from rwt_graph.memory.tables import CachedListing, Changes, NodeResources
 from rwt_graph.memory.topics import Topics
 from rwt_graph.names import validate
 from rwt_graph.nodes.node import Node

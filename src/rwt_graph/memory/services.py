@@ -17,9 +17,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from rwt_graph.api import CallObserver, OnReply, PendingCall, Registration, ServiceCall, ServiceInfo
 from rwt_graph.clock import Clock
-from rwt_graph.memory.changes import Changes
-from rwt_graph.memory.node_resources import NodeResources
-from rwt_graph.memory.provider_table import ProviderTable
+from rwt_graph.memory.tables import Changes, NodeResources, ProviderTable
 from rwt_participant.errors import CallFailed, CallTimeout, ProviderGone, ProviderNotFound, ServiceFailed
 from rwt_participant.timers import LONGEST_DELAY, Timer
 

@@ -24,8 +24,7 @@ from typing import TYPE_CHECKING, Protocol
 from rwt_graph.api import EndpointInfo, Publisher, Sample, Subscription, TopicInfo
 from rwt_graph.clock import Clock
 from rwt_graph.errors import TypeConflict
-from rwt_graph.memory.changes import Changes
-from rwt_graph.memory.node_resources import NodeResources
+from rwt_graph.memory.tables import Changes, NodeResources
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.qos import Durability, History, QoS
 

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from rwt_graph.accounts import Charges
 from rwt_graph.errors import GraphError
 from rwt_graph.names import parameter_name
-from rwt_graph.parameters.accounts import Charges
 from rwt_graph.parameters.tree import ParameterTree, measured
 from rwt_graph.parameters.values import ParameterType, coerce, type_of
 from rwt_participant.errors import NotFound, ParameterRejected

@@ -16,7 +16,7 @@ from uuid import UUID
 
 import msgspec
 
-from rwt_graph.parameters.accounts import Charges
+from rwt_graph.accounts import Charges
 from rwt_graph.parameters.values import INT64_MAX, INT64_MIN
 from rwt_participant.errors import NotFound, ParameterRejected
 from rwt_participant.messages import ParameterValue

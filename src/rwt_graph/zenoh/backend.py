@@ -17,7 +17,7 @@ from rwt_graph.nodes.node import Node
 from rwt_graph.zenoh.actions.remote_goals import ZenohActions
 from rwt_graph.zenoh.actions.server import Ros2ActionServer
 from rwt_graph.zenoh.discovery import Discovery
-from rwt_graph.zenoh.link import NodeNumbers, Presence, ZenohLink
+from rwt_graph.zenoh.link import Presence, ZenohLink
 from rwt_graph.zenoh.services import ZenohServices
 from rwt_graph.zenoh.session import Mode, ZenohOptions, ZenohSession
 from rwt_graph.zenoh.topics import ZenohTopics
@@ -25,7 +25,7 @@ from rwt_graph.zenoh.topics import ZenohTopics
 if TYPE_CHECKING:
     from rwt_graph.clock import Clock
     from rwt_graph.memory.actions import MemoryActionServer
-    from rwt_graph.memory.node_resources import NodeResources
+    from rwt_graph.memory.tables import NodeResources
     from rwt_interfaces.registry import Registry
 
 
@@ -80,7 +80,6 @@ class ZenohGraph(MemoryGraph):
             )
         self._session = ZenohSession()
         self._link: ZenohLink | None = None
-        self._numbers = NodeNumbers()
         self._present: dict[NodeResources, Presence] = {}
         self._zenoh_topics = ZenohTopics(self.topic_table)
         self._zenoh_services = ZenohServices(self.service_table, self.registry, self.clock.time_ns)
@@ -104,9 +103,10 @@ class ZenohGraph(MemoryGraph):
     def left(self, participant: MemoryParticipant) -> None:
         super().left(participant)
         presence = self._present.pop(participant.owner, None)
-        if presence is not None and self._link is not None:
-            presence.end()
-        self._numbers.forget(participant.owner)
+        if self._link is not None:
+            if presence is not None:
+                presence.end()
+            self._link.forget_node(participant.owner)
 
     def offer_action_services(
         self, participant: MemoryParticipant, server: MemoryActionServer
@@ -130,7 +130,7 @@ class ZenohGraph(MemoryGraph):
 
     async def _join(self) -> None:
         session = await anyio.to_thread.run_sync(self._session.open, self.options)
-        link = ZenohLink(session, self.options.domain, self._numbers, self.run_on_graph)
+        link = ZenohLink(session, self.options.domain, self.run_on_graph)
         alive = await anyio.to_thread.run_sync(self._discovery.query_tokens, link)
         self._log_neighbours(link)
         self._discovery.open(link, alive)

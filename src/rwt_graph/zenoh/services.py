@@ -12,8 +12,8 @@ import zenoh
 
 from rwt_graph.api import ServiceInfo
 from rwt_graph.errors import WireError
-from rwt_graph.memory.node_resources import NodeResources
 from rwt_graph.memory.services import MemoryCall
+from rwt_graph.memory.tables import NodeResources
 from rwt_graph.zenoh.calls import FAILED, GONE, Client, RemoteCall, abandoned_key, read_abandoned
 from rwt_graph.zenoh.rmw import attachment
 from rwt_graph.zenoh.rmw.attachment import Attachment

@@ -17,7 +17,7 @@ from rwt_graph.zenoh.sample_router import ReplayFilter, SampleRouter
 from rwt_participant.qos import QoS
 
 if TYPE_CHECKING:
-    from rwt_graph.memory.node_resources import NodeResources
+    from rwt_graph.memory.tables import NodeResources
     from rwt_graph.memory.topics import MemoryPublisher, MemorySubscription, RemoteEndpoint, Topic, Topics
     from rwt_graph.zenoh.link import Presence, ZenohLink
     from rwt_interfaces.structs import MessageType

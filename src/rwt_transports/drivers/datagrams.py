@@ -18,7 +18,7 @@ from anyio.abc import SocketAttribute, UDPSocket
 from rwt_transports.api import Attach, BindAddress, DriverCallbacks
 from rwt_transports.drivers.sockets import unknown_host, why_not
 from rwt_transports.errors import ListenError, log_exception
-from rwt_transports.wires.json_datagrams import END
+from rwt_transports.wires.json_stream import END
 
 logger = logging.getLogger("rwt_transports")
 

@@ -6,6 +6,9 @@ twice, so that a cut anywhere, inside a character, an escape or a string, change
 between objects and is not blank is handed over as a message of its own, so that the endpoint can refuse it.
 
 There is no binary on this wire (TCP-05): a binary frame is logged and left out.
+
+A datagram (UDP-01) has one or more objects, and none continues in the next. Each outgoing frame is one
+datagram; what does not fit is logged and left out: to divide it is for the sender (`fragment_size`).
 """
 
 from __future__ import annotations
@@ -21,6 +24,12 @@ from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from rwt_transports.wires.stream import StreamWire
 
 logger = logging.getLogger("rwt_transports.json_stream")
+
+DATAGRAM_BYTES = 65_507
+"""The largest UDP payload over IPv4 (65,535 bytes less the headers of RFC 791 and RFC 768)."""
+
+END = b"\0"
+"""End of a frame for the driver of datagrams. No JSON text holds this byte (RFC 8259 section 7)."""
 
 STRAY_BYTES = 1024
 """Maximum bytes between objects that are delivered at once."""
@@ -69,14 +78,6 @@ class JsonStreamWire(StreamWire):
         elif self._depth and len(self._buffer) > self._max_size:
             self._too_large()
         self._count_held()
-
-    def end_of_datagram(self) -> None:
-        """Hand over what is left of an object that is not whole, and expect a new one."""
-        if self._buffer and not self._over:
-            self._hand_over(len(self._buffer))
-        self._buffer.clear()
-        self._scanned = self._depth = 0
-        self._in_string = self._skipping = False
 
     def _step(self) -> bool:
         if self._depth == 0:
@@ -149,6 +150,21 @@ class JsonStreamWire(StreamWire):
             self._end(TOO_BIG, reason)
 
 
+class JsonDatagramWire(JsonStreamWire):
+    """Objects of one peer in datagrams; arguments as for the stream."""
+
+    __slots__ = ()
+
+    def feed(self, data: bytes) -> None:
+        """Read one datagram; an object that is not whole is delivered, so that the endpoint can reject it."""
+        super().feed(data)
+        if self._buffer and not self._over:
+            self._hand_over(len(self._buffer))
+        self._buffer.clear()
+        self._scanned = self._depth = 0
+        self._in_string = self._skipping = False
+
+
 def _framing(end: bytes) -> Framing:
     def pieces(frame: Frame) -> tuple[Buffer, ...]:
         if frame.binary:
@@ -173,3 +189,27 @@ def json_over_tcp(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool
 def json_lines(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> JsonStreamWire:
     """Return the wire of a peer over a Unix socket or standard input and output."""
     return JsonStreamWire(events, max_size=limits.message_bytes, framing=LINES, buffers=buffers)
+
+
+def _datagram(frame: Frame) -> tuple[Buffer, ...]:
+    if frame.binary:
+        logger.warning("a binary message of %d bytes has no place in a JSON datagram; left out", frame.size)
+    elif frame.size > DATAGRAM_BYTES:
+        logger.warning(
+            "a message of %d bytes does not fit a datagram and was left out: the limit is %d; ask for "
+            "`fragment_size`, or connect by tcp://",
+            frame.size,
+            DATAGRAM_BYTES,
+        )
+    else:
+        return (*frame.parts, END)
+    return ()
+
+
+DATAGRAMS = Framing(lambda frame: b"".join(_datagram(frame)), _datagram)
+"""One frame, and where it ends."""
+
+
+def json_datagrams(events: WireEvents, limits: Limits, _buffers: ReceiveBufferPool) -> JsonDatagramWire:
+    """Return the wire of a peer over UDP."""
+    return JsonDatagramWire(events, max_size=limits.message_bytes, framing=DATAGRAMS)

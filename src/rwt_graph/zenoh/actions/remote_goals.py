@@ -16,8 +16,8 @@ from rwt_participant.qos import DEFAULT_QOS
 
 if TYPE_CHECKING:
     from rwt_graph.api import GoalEvents, PendingCall
-    from rwt_graph.memory.node_resources import NodeResources
     from rwt_graph.memory.services import RemoteServices, Services
+    from rwt_graph.memory.tables import NodeResources
     from rwt_graph.memory.topics import Topics
     from rwt_interfaces.registry import Registry
 
