@@ -114,7 +114,7 @@ class Outbox:
       are not joined), ``_begun``.
     * Framing: ``_framing``, ``whole``, ``small``, ``burst_bytes``.
     * Wake-up: ``wake``, ``_on_empty`` (called once when everything is taken).
-    * Counters: ``messages``, ``received``, ``_taken`` (bytes accepted by the network).
+    * Counters: ``messages``, ``received``, ``taken``.
 
     Args:
         framing: converts frames to bytes.
@@ -128,6 +128,7 @@ class Outbox:
         room: bytes that may still be added to them.
         messages: number of frames made ready so far.
         received: bytes received by the connection, which counts them here.
+        taken: bytes accepted by the network so far.
         small: frames of fewer bytes are one piece that all connections share.
         burst_bytes: frames of fewer bytes may begin a burst.
         whole: builds that piece.
@@ -135,8 +136,8 @@ class Outbox:
 
     __slots__ = (
         "_begun", "_closed", "_control", "_control_bytes", "_data", "_framing", "_large", "_limits",
-        "_on_empty", "_overflow", "_taken", "burst_bytes", "bursts", "messages", "ready",
-        "received", "room", "small", "wake", "whole",
+        "_on_empty", "_overflow", "burst_bytes", "bursts", "messages", "ready",
+        "received", "room", "small", "taken", "wake", "whole",
     )  # fmt: skip
 
     def __init__(
@@ -164,7 +165,7 @@ class Outbox:
         self._data = DataLane(limits)
         self.messages = 0
         self.received = 0
-        self._taken = 0
+        self.taken = 0
         self._on_empty: Callable[[], None] | None = None
         self._closed = False
 
@@ -236,13 +237,8 @@ class Outbox:
     def traffic(self) -> Traffic:
         waiting = len(self._control) + self._data.messages
         return Traffic(
-            self.messages, self._taken, waiting, self.backlog, dict(self._data.dropped), self.received
+            self.messages, self.taken, waiting, self.backlog, dict(self._data.dropped), self.received
         )
-
-    @property
-    def taken(self) -> int:
-        """Bytes accepted by the network so far."""
-        return self._taken
 
     @property
     def is_waited_for(self) -> bool:
@@ -345,7 +341,7 @@ class Outbox:
                     self._empty()
                     return None
             data = self._take_mixed(self._settle_bursts(), SLICE_BYTES) if self._large else self._take_small()
-        self._taken += len(data)
+        self.taken += len(data)
         return data
 
     def _take_small(self) -> Buffer:
@@ -389,7 +385,7 @@ class Outbox:
             pieces = self._gather()
         else:
             pieces = (self._take_small(),)
-            self._taken += len(pieces[0])
+            self.taken += len(pieces[0])
         # There is room as long as nothing waits.
         return pieces, self.room <= 0 or self._on_empty is not None
 
@@ -405,11 +401,11 @@ class Outbox:
             else:
                 break
             left -= len(pieces[-1])
-        self._taken += GATHER_BYTES - left
+        self.taken += GATHER_BYTES - left
         if self.ready and not self._large and not self._begun:
             # The end of the last large message, and the small ones behind it.
             pieces.append(self._take_small())
-            self._taken += len(pieces[-1])
+            self.taken += len(pieces[-1])
         return pieces
 
     def put_back(self, pieces: Sequence[Buffer]) -> None:
@@ -417,7 +413,7 @@ class Outbox:
         time."""
         for piece in filter(len, reversed(pieces)):
             self._begun.appendleft(memoryview(piece))
-            self._taken -= len(piece)
+            self.taken -= len(piece)
         self._make_room()
 
     def _take_mixed(self, ready: list[Buffer], most: int) -> Buffer:

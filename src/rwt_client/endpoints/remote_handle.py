@@ -29,6 +29,7 @@ class RemoteHandle(Handle, Generic[T]):
     Attributes:
         name: name of the topic, service or action.
         id: id on the wire.
+        closed: True if this program has closed it.
     """
 
     def __init__(self, session: ReconnectingSession, kind: str, name: str) -> None:
@@ -36,7 +37,7 @@ class RemoteHandle(Handle, Generic[T]):
         self.id = session.next_id(kind, name)
         self._session = session
         self._type: T | None = None
-        self._closed = False
+        self.closed = False
         self._opened: Future[None] = Future()
 
     @property
@@ -82,15 +83,10 @@ class RemoteHandle(Handle, Generic[T]):
         self.opened()
         self._opened.set(None)
 
-    @property
-    def closed(self) -> bool:
-        """True if this program has closed it."""
-        return self._closed
-
     def close(self) -> None:
-        if self._closed:
+        if self.closed:
             return
-        self._closed = True
+        self.closed = True
         self.release()
         self._session.remove(self.id)
         if self._type is not None:

@@ -94,22 +94,6 @@ class ReconnectingSession:
         raw_topics: number of topics subscribed to in `cbor-raw`.
     """
 
-    __slots__ = (
-        "_closed",
-        "_connect_count",
-        "_count",
-        "_destinations",
-        "_ended",
-        "_level",
-        "_limits",
-        "_restorables",
-        "_session",
-        "_sink",
-        "dispatcher",
-        "events",
-        "raw_topics",
-    )  # fmt: skip
-
     def __init__(self, level: Level | None, limits: WireLimits) -> None:
         self._level = level
         self._limits = limits

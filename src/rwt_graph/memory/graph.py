@@ -31,7 +31,7 @@ from rwt_graph.errors import NotRunning
 from rwt_graph.memory.actions import Actions, MemoryActionServer, cancel_service
 from rwt_graph.memory.runtime import Runtime
 from rwt_graph.memory.services import Services
-from rwt_graph.memory.tables import CachedListing, Changes, NodeResources
+from rwt_graph.memory.tables import Changes, NodeResources, cached_listing
 from rwt_graph.memory.topics import Topics
 from rwt_graph.names import validate
 from rwt_graph.nodes.node import Node
@@ -174,11 +174,6 @@ class MemoryGraph(Runtime, Graph):
         self.topic_table = Topics(registry, self.clock, changes)
         self.service_table = Services(self.clock, changes)
         self.action_table = Actions(changes)
-        topics, services, actions = self.topic_table, self.service_table, self.action_table
-        self._topics = CachedListing(changes, lambda: _infos(topics.names(), topics.info))
-        self._services = CachedListing(changes, lambda: _infos(services.names(), services.info))
-        self._actions = CachedListing(changes, lambda: _infos(actions.names(), actions.info))
-        self._node_infos = CachedListing(changes, self._list_nodes)
         self._nodes: Counter[str] = Counter()
         self._participants: dict[MemoryParticipant, None] = {}
         self._system = SystemTopics(self)
@@ -233,28 +228,29 @@ class MemoryGraph(Runtime, Graph):
     def version(self) -> int:
         return self.changes.count
 
+    @cached_listing
     def topics(self) -> tuple[TopicInfo, ...]:
-        return self._topics()
+        return _infos(self.topic_table.names(), self.topic_table.info)
 
     def topic(self, name: str) -> TopicInfo | None:
         return self.topic_table.info(name)
 
+    @cached_listing
     def services(self) -> tuple[ServiceInfo, ...]:
-        return self._services()
+        return _infos(self.service_table.names(), self.service_table.info)
 
     def service(self, name: str) -> ServiceInfo | None:
         return self.service_table.info(name)
 
+    @cached_listing
     def actions(self) -> tuple[ActionInfo, ...]:
-        return self._actions()
+        return _infos(self.action_table.names(), self.action_table.info)
 
     def action(self, name: str) -> ActionInfo | None:
         return self.action_table.info(name)
 
+    @cached_listing
     def nodes(self) -> tuple[NodeInfo, ...]:
-        return self._node_infos()
-
-    def _list_nodes(self) -> tuple[NodeInfo, ...]:
         topics = self.topic_table.all()
         kinds = [
             _by_node((end.node, topic.name) for topic in topics for end in topic.all_publishers),

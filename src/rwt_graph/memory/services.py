@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Protocol
 
-from rwt_graph.api import CallObserver, OnReply, PendingCall, Registration, ServiceCall, ServiceInfo
+from rwt_graph.api import CallObserver, OnReply, PendingCall, ServiceCall, ServiceInfo
 from rwt_graph.clock import Clock
-from rwt_graph.memory.tables import Changes, NodeResources, ProviderTable
+from rwt_graph.memory.tables import Changes, NodeResources, Provider, ProviderTable, RemoteProviders
 from rwt_participant.errors import CallFailed, CallTimeout, ProviderGone, ProviderNotFound, ServiceFailed
 from rwt_participant.timers import LONGEST_DELAY, Timer
 
@@ -145,7 +145,7 @@ class Deadlines:
             self._arm()
 
 
-class RemoteServices(Protocol):
+class RemoteServices(RemoteProviders, Protocol):
     """Services of other processes, which are notified of those of this process."""
 
     def offered(self, provider: MemoryProvider) -> None:
@@ -157,19 +157,13 @@ class RemoteServices(Protocol):
     def info(self, name: str) -> ServiceInfo | None:
         """Return a service of another process; None if it does not exist."""
 
-    def names(self) -> set[str]:
-        """Return the names of all services of other processes."""
-
-    def by_node(self) -> Iterator[tuple[str, str]]:
-        """Yield each node of another process with each of its services."""
-
     def call(
         self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources
     ) -> PendingCall | None:
         """Call a service of another process; None if no other process offers it."""
 
 
-class MemoryProvider(Registration):
+class MemoryProvider(Provider):
     """Service that a node offers; `open` are its pending calls."""
 
     def __init__(
@@ -204,29 +198,27 @@ class MemoryProvider(Registration):
         return ProviderGone(f"Service {self.name} was unadvertised")
 
 
-class Services:
+class Services(ProviderTable[MemoryProvider]):
     """Services of one graph.
 
     Attributes:
         remote: services of other processes; None in a graph of one process.
         observer: observer of every call of this process's services.
-        changes: counter of changes, including those of other processes.
     """
 
+    remote: RemoteServices | None = None
+    observer: CallObserver | None = None
+
     def __init__(self, clock: Clock, changes: Changes) -> None:
-        self.changes = changes
+        super().__init__(changes)
         self.deadlines = Deadlines(clock)
-        self.remote: RemoteServices | None = None
-        self._table = ProviderTable[MemoryProvider](changes)
-        self._providers = self._table.current
-        self.observer: CallObserver | None = None
 
     def advertise(
         self, name: str, interface: ServiceType, owner: NodeResources, on_call: OnCall
     ) -> MemoryProvider:
         """Offer a service; a provider of the same name is displaced (SVP-07) until this one closes."""
         provider = MemoryProvider(self, name, interface, owner, on_call)
-        old = self._table.put(provider)
+        old = self.put(provider)
         owner.add(provider, provider.close)
         if old is not None:
             logger.warning("service %s of node %s replaces the one of node %s", name, owner.name, old.node)
@@ -239,7 +231,7 @@ class Services:
 
     def withdrawn(self, provider: MemoryProvider) -> None:
         """Remove a closed provider; the one that it displaced answers again."""
-        restored = self._table.remove(provider)
+        restored = self.remove(provider)
         if self.remote is not None:
             self.remote.withdrawn(provider)
             if restored is not None:
@@ -249,7 +241,7 @@ class Services:
         self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources
     ) -> PendingCall:
         """Call a service; one of this process has priority over others."""
-        provider = self._providers.get(name)
+        provider = self.current.get(name)
         if provider is None:
             return self._call_remote(name, request, on_reply, timeout, caller)
         if self.observer is not None:
@@ -291,22 +283,7 @@ class Services:
             return on_reply
 
     def info(self, name: str) -> ServiceInfo | None:
-        provider = self._providers.get(name)
+        provider = self.current.get(name)
         if provider is not None:
             return provider.info
         return None if self.remote is None else self.remote.info(name)
-
-    def here(self) -> tuple[MemoryProvider, ...]:
-        """Return all services of this process."""
-        return tuple(self._table)
-
-    def names(self) -> list[str]:
-        if self.remote is None:
-            return sorted(self._providers)
-        return sorted(self._providers.keys() | self.remote.names())
-
-    def by_node(self) -> Iterator[tuple[str, str]]:
-        for provider in self._table:
-            yield provider.node, provider.name
-        if self.remote is not None:
-            yield from self.remote.by_node()

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Generic, TypeVar
+from functools import wraps
+from typing import Generic, Protocol, TypeVar
 
 from rwt_graph.api import Registration
 
 T = TypeVar("T")
-P = TypeVar("P", bound=Registration)
 
 
 class Changes:
@@ -28,28 +28,27 @@ class Changes:
         self.count += 1
 
 
-class CachedListing(Generic[T]):
-    """Listing that is rebuilt on the first request after a change.
+class _HasChanges(Protocol):
+    changes: Changes
 
-    Args:
-        changes: counter of changes.
-        make: builds the listing.
-    """
 
-    __slots__ = ("_at", "_changes", "_listing", "_make")
+G = TypeVar("G", bound=_HasChanges)
 
-    def __init__(self, changes: Changes, make: Callable[[], T]) -> None:
-        self._changes = changes
-        self._make = make
-        self._at = -1
-        self._listing: T
 
-    def __call__(self) -> T:
-        count = self._changes.count
-        if self._at != count:
-            self._listing = self._make()
-            self._at = count
-        return self._listing
+def cached_listing(make: Callable[[G], T]) -> Callable[[G], T]:
+    """Return a method that calls `make` on the first request after a change, and keeps what it returned."""
+    attribute = f"_cached_{make.__name__}"
+
+    @wraps(make)
+    def listing(graph: G) -> T:
+        count = graph.changes.count
+        cached: tuple[int, T] | None = getattr(graph, attribute, None)
+        if cached is None or cached[0] != count:
+            cached = (count, make(graph))
+            setattr(graph, attribute, cached)
+        return cached[1]
+
+    return listing
 
 
 class NodeResources:
@@ -83,29 +82,60 @@ class NodeResources:
             release()
 
 
+class Provider(Registration):
+    """Service or action that a node of this process offers."""
+
+    node: str
+
+
+P = TypeVar("P", bound=Provider)
+
+
+class RemoteProviders(Protocol):
+    """Services or actions of other processes."""
+
+    def names(self) -> set[str]:
+        """Return the names of all of them."""
+
+    def by_node(self) -> Iterator[tuple[str, str]]:
+        """Yield each node of another process with each of its services or actions."""
+
+
 class ProviderTable(Generic[P]):
-    """Current provider of each name, and those that it has displaced.
+    """Current provider of each name: the newest, and after it closes, the one that it has displaced.
 
     Attributes:
         current: provider that answers, by name.
-
-    Args:
         changes: counter of changes of `current`.
+        remote: providers of other processes; None in a graph of one process.
     """
 
+    remote: RemoteProviders | None = None
+
     def __init__(self, changes: Changes) -> None:
-        self._changes = changes
+        self.changes = changes
         self.current: dict[str, P] = {}
         self._displaced: dict[str, list[P]] = {}
 
     def __iter__(self) -> Iterator[P]:
         return iter(tuple(self.current.values()))
 
+    def names(self) -> list[str]:
+        """Return all names, sorted."""
+        return sorted(self.current.keys() | (self.remote.names() if self.remote is not None else set()))
+
+    def by_node(self) -> Iterator[tuple[str, str]]:
+        """Yield each node with each of its services or actions."""
+        for provider in self:
+            yield provider.node, provider.name
+        if self.remote is not None:
+            yield from self.remote.by_node()
+
     def put(self, provider: P) -> P | None:
         """Make a provider the current one; return the one that it displaces."""
         old = self.current.get(provider.name)
         self.current[provider.name] = provider
-        self._changes.note()
+        self.changes.note()
         if old is not None:
             self._displaced.setdefault(provider.name, []).append(old)
         return old
@@ -113,7 +143,7 @@ class ProviderTable(Generic[P]):
     def remove(self, provider: P) -> P | None:
         """Remove a provider; return the one that becomes current again."""
         name = provider.name
-        self._changes.note()
+        self.changes.note()
         displaced = self._displaced.get(name, [])
         restored = None
         if self.current.get(name) is not provider:

@@ -87,7 +87,7 @@ class ZenohServices:
         self._abandonments = link.session.declare_subscriber(
             key, handler, allowed_origin=zenoh.Locality.REMOTE
         )
-        for provider in self._services.here():
+        for provider in self._services:
             self.offered(provider)
 
     def close(self) -> None:

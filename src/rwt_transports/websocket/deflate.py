@@ -192,7 +192,7 @@ class DeflateWire(WebSocketWire):
             inflated at once.
     """
 
-    __slots__ = ("_compressed", "_deflate_framing", "_inflater", "take_steps")
+    __slots__ = ("_compressed", "_inflater", "take_steps")
 
     def __init__(
         self,
@@ -207,15 +207,11 @@ class DeflateWire(WebSocketWire):
         self.take_steps: TakeSteps | None = None
         self._compressed = False  # the message under way is
         self._inflater = _Inflater(terms.peer_keeps_context, max_size)
-        self._deflate_framing = (
+        self.framing = (
             _framing_with_context(terms.window_bits)
             if terms.keeps_context
             else shared_framing(terms.window_bits)
         )
-
-    @property
-    def framing(self) -> Framing:
-        return self._deflate_framing
 
     def hold(self) -> None:
         """Inflate nothing more until :meth:`go_on`: what came in one read may be a thousand times as much."""

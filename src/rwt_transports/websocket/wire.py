@@ -275,7 +275,8 @@ class WebSocketWire:
 
     __slots__ = (
         "_buffers", "_events", "_head", "_is_held", "_is_usual", "_max_size", "_parts", "_parts_binary",
-        "_progress", "_server", "_skip", "_skip_last", "_staged", "_state", "_strict", "_tail", "message",
+        "_progress", "_server", "_skip", "_skip_last", "_staged", "_state", "_strict", "_tail",
+        "framing", "message",
     )  # fmt: skip
 
     def __init__(
@@ -290,6 +291,7 @@ class WebSocketWire:
         self._events = events
         self._max_size = max_size
         self._server = server
+        self.framing = SERVER_FRAMING if server else CLIENT_FRAMING
         self._strict = strict_utf8
         self._buffers = ReceiveBufferPool() if buffers is None else buffers
         self.message: Callable[[bytes, bool], None] = drop_message
@@ -308,10 +310,6 @@ class WebSocketWire:
     def _become(self, state: _WireState) -> None:
         assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
         self._state = state
-
-    @property
-    def framing(self) -> Framing:
-        return SERVER_FRAMING if self._server else CLIENT_FRAMING
 
     # -- outgoing ------------------------------------------------------------------------------------------
 

@@ -23,7 +23,7 @@ class StreamWire(ABC):
         buffers: where is counted what has come of large messages.
     """
 
-    __slots__ = ("_buffer", "_buffers", "_events", "_framing", "_max_size", "_over", "_part", "message")
+    __slots__ = ("_buffer", "_buffers", "_events", "_max_size", "_over", "_part", "framing", "message")
 
     def __init__(
         self, events: WireEvents, max_size: int, framing: Framing, buffers: ReceiveBufferPool | None = None
@@ -32,14 +32,10 @@ class StreamWire(ABC):
         self._part: bytearray | None = None  # where the next bytes of a large message are received
         self._events = events
         self._max_size = max_size
-        self._framing = framing
+        self.framing = framing
         self.message: Callable[[bytes, bool], None] = drop_message
         self._buffer = bytearray()
         self._over = False
-
-    @property
-    def framing(self) -> Framing:
-        return self._framing
 
     def close(self, code: int, reason: str) -> bytes:
         """End the connection. Returns nothing to send: the protocol has no close."""

@@ -91,7 +91,10 @@ class ZenohActions:
 
 
 class RemoteGoal(ClientGoal):
-    """Goal as its client sees it."""
+    """Goal as its client sees it; only servers of this project send reasons."""
+
+    status = GoalStatus.UNKNOWN
+    reason = ""
 
     def __init__(
         self, actions: ZenohActions, info: ActionInfo, events: GoalEvents, goal_id: str, client: NodeResources
@@ -103,20 +106,9 @@ class RemoteGoal(ClientGoal):
         self._actions = actions
         self._events: GoalEvents | None = events
         self._client = client
-        self._status = GoalStatus.UNKNOWN
-        self._reason = ""
         self._feedback: Subscription | None = None
         self._reasons: Subscription | None = None
         self._pending: PendingCall | None = None
-
-    @property
-    def status(self) -> GoalStatus:
-        return self._status
-
-    @property
-    def reason(self) -> str:
-        """Reason that the server gave for the end; only servers of this project send reasons."""
-        return self._reason
 
     def send(self, payload: Payload) -> None:
         """Subscribe to the goal's feedback and reason, then send it."""
@@ -156,11 +148,11 @@ class RemoteGoal(ClientGoal):
             return
         response: Any = answer.value()
         if not response.accepted:
-            text = self._reason or f"action {self.action} rejected the goal"
+            text = self.reason or f"action {self.action} rejected the goal"
             self._end(GoalStatus.UNKNOWN, GoalRejected(text))
             return
         # A cancel may have been granted before this answer came.
-        self._status = max(self._status, GoalStatus.EXECUTING)
+        self.status = max(self.status, GoalStatus.EXECUTING)
         if self._events is not None:
             if self._events.on_accepted is not None:
                 self._run_callback(self._events.on_accepted)
@@ -189,7 +181,7 @@ class RemoteGoal(ClientGoal):
         if isinstance(failure, ProviderGone):
             self._end(GoalStatus.ABORTED, ProviderGone(f"Action {self.action} was unadvertised"))
         else:
-            self._end(self._status, failure)
+            self._end(self.status, failure)
 
     def _on_feedback(self, sample: Sample) -> None:
         message: Any = sample.payload.value()
@@ -204,12 +196,12 @@ class RemoteGoal(ClientGoal):
         message: Any = sample.payload.value()
         goal_id, _, reason = message.data.partition(" ")
         if goal_id == self.id:
-            self._reason = reason
+            self.reason = reason
 
     def _end(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
-        self._status = status
+        self.status = status
         if isinstance(outcome, ProviderGone):
-            self._reason = str(outcome)
+            self.reason = str(outcome)
         events = self._events
         self._let_go()
         if events is not None:
@@ -218,26 +210,26 @@ class RemoteGoal(ClientGoal):
     # Requests of the client
 
     def cancel(self) -> None:
-        if self._events is not None and not self._status.is_terminal:
+        if self._events is not None and not self.status.is_terminal:
             self._actions.ask_to_cancel(self.action, self.id, self._client, self._on_cancel_answer)
 
     def _on_cancel_answer(self, answer: Payload | CallFailed) -> None:
-        if isinstance(answer, CallFailed) or self._status.is_terminal:
+        if isinstance(answer, CallFailed) or self.status.is_terminal:
             return
         response: Any = answer.value()
         if any(bytes(info.goal_id.uuid).hex() == self.id for info in response.goals_canceling):
-            self._status = GoalStatus.CANCELING
+            self.status = GoalStatus.CANCELING
 
     def abandon(self) -> None:
         pending = self._pending
         self._let_go()
-        if pending is not None and self._status is not GoalStatus.UNKNOWN:
+        if pending is not None and self.status is not GoalStatus.UNKNOWN:
             # Let the call be answered: cancelling it might cancel the goal.
             pending.cancel()
 
     def client_closed(self) -> None:
         """Drop the callbacks of a client whose node leaves; the goal continues (ACT-19)."""
-        self._end(self._status, CallFailed(f"node {self._client.name} was closed"))
+        self._end(self.status, CallFailed(f"node {self._client.name} was closed"))
 
     def _let_go(self) -> None:
         self._events = None
