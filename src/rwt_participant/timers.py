@@ -65,10 +65,7 @@ class PeriodicTimer(Timer):
     """Timer that calls back every `period` seconds of a clock, on a grid that does not drift.
 
     Args:
-        loop: loop that runs `callback`.
         period: seconds, from :data:`SHORTEST_PERIOD` to :data:`LONGEST_DELAY`.
-        callback: plain or coroutine function.
-        on_cancel: called when the timer is cancelled.
 
     Raises:
         ValueError: `period` is out of range.

@@ -31,8 +31,6 @@ class OutgoingConnection:
 
     Attributes:
         opened: set once messages can be sent, or once it has failed.
-        error: why it could not be opened.
-        connector: what opens it.
     """
 
     target: ConnectUrl

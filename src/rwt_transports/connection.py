@@ -79,8 +79,6 @@ class ListenerState:
 
     Attributes:
         accept: factory of the endpoint of a new peer.
-        make_wire: factory of its wire.
-        limits: bounds of each connection.
         http: factory of the connection that serves a new peer until its upgrade; None for transports without
             HTTP.
         transport: URL scheme, for :class:`~rwt_transports.endpoint.PeerInfo`.
@@ -95,8 +93,6 @@ class ListenerState:
         tasks: starts HTTP handlers that wait or stream; None until the listener is open.
         requests: turns in which HTTP requests are read.
         ended: set when the only peer is gone, and when the listener has closed.
-        buffers: buffers for large messages.
-        connections: open connections.
         closing: True if no more connections are accepted.
     """
 

@@ -117,14 +117,11 @@ class Outbox:
     * Counters: ``messages``, ``received``, ``taken``.
 
     Args:
-        framing: converts frames to bytes.
-        limits: bounds of the two lanes.
         wake: called when there is something to take and there was nothing before.
         overflow: called with a reason when the control lane is full.
 
     Attributes:
         ready: bytes to write next, and bursts, some of which may still grow.
-        bursts: True if some of them are bursts.
         room: bytes that may still be added to them.
         messages: number of frames made ready so far.
         received: bytes received by the connection, which counts them here.

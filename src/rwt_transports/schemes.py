@@ -155,13 +155,7 @@ def carries_binary(url: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class ListenUrl:
-    """Parsed URL to listen on.
-
-    Attributes:
-        name: the scheme.
-        scheme: its row.
-        address: where to listen.
-    """
+    """Parsed URL to listen on."""
 
     name: str
     scheme: Scheme
@@ -237,10 +231,6 @@ class ConnectUrl:
     """Parsed URL to connect to.
 
     Attributes:
-        name: the scheme.
-        scheme: its row.
-        client_wire: makes the wire.
-        address: where to connect.
         path: path and query of the request, for the schemes that have one.
     """
 

@@ -94,9 +94,6 @@ class SentGoals:
     ) -> Goal:
         """Send a goal (ACT-01).
 
-        Args:
-            readers: readers of the feedback and of the result.
-
         Raises:
             NotConnected: there is no connection now.
         """

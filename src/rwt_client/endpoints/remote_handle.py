@@ -27,8 +27,6 @@ class RemoteHandle(Handle, Generic[T]):
     """Handle of a client that is restored on each new connection.
 
     Attributes:
-        name: name of the topic, service or action.
-        id: id on the wire.
         closed: True if this program has closed it.
     """
 

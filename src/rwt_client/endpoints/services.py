@@ -39,11 +39,7 @@ HANDLER_FAILED = "the service's handler failed; its program's log says why"
 
 
 class WireCall:
-    """Pending call.
-
-    Attributes:
-        outcome: response as JSON.
-    """
+    """Pending call."""
 
     def __init__(self, calls: Calls, service: str, args: RawJson, repeat: bool) -> None:
         self.id = calls.session.next_id("call_service", service)

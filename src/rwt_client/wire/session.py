@@ -86,10 +86,8 @@ class ReconnectingSession:
 
     Args:
         level: minimum severity of status messages from the server; None does not request any.
-        limits: limits of one message.
 
     Attributes:
-        events: events of the connection.
         dispatcher: handlers of all ops but published messages.
         raw_topics: number of topics subscribed to in `cbor-raw`.
     """

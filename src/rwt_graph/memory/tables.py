@@ -12,11 +12,7 @@ T = TypeVar("T")
 
 
 class Changes:
-    """Counter of changes to the listings of a graph.
-
-    Attributes:
-        count: number of changes so far.
-    """
+    """Counter of changes to the listings of a graph."""
 
     __slots__ = ("count",)
 
@@ -55,7 +51,6 @@ class NodeResources:
     """Resources of one node, each with the function that releases it.
 
     Attributes:
-        name: absolute name of the node.
         private: True if the node and its endpoints are hidden from other processes.
     """
 

@@ -120,7 +120,6 @@ class RemoteEndpoint:
     """Publisher or subscription in another process.
 
     Attributes:
-        node: absolute name of its node.
         type_name: name of its type, as the distribution writes it.
         type: message type; None if the registry does not know it.
         cache: samples of a transient-local publisher, while this process subscribes to it.

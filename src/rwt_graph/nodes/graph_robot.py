@@ -73,12 +73,10 @@ class GraphVerbs(RobotApi):
     Args:
         graph: any backend; its clock, thread and tasks are used.
         listings: topics, services and actions that the program sees.
-        name: absolute name of the program's node; `~/x` is relative to it.
         timeout: default timeout of calls and queries, in seconds of the graph's clock; None waits without
             limit, as in ROS.
 
     Attributes:
-        name: absolute name.
         namespace: namespace that relative names are resolved in.
     """
 

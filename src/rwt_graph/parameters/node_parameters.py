@@ -153,7 +153,6 @@ class NodeParameters:
     Args:
         node: absolute name, for error texts.
         dynamic: True to allow values without a type in ROS 2 (dictionaries, mixed lists), as on ROS 1.
-        run: runs a function on the graph's thread and waits for it.
     """
 
     def __init__(self, node: str, store: NodeStore | TreeStore, dynamic: bool, run: _RunAndWait) -> None:

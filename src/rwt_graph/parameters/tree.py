@@ -49,7 +49,6 @@ def measured(value: ParameterValue, most_depth: float = inf) -> tuple[int, int]:
     The value is traversed level by level: a call for each of many small tables would be far slower.
 
     Args:
-        value: value of dictionaries, lists and scalars.
         most_depth: maximum levels of tables and lists.
 
     Raises:

@@ -38,9 +38,6 @@ class ReceiveQueue:
         history: True to receive retained samples of transient-local publishers, too.
         prompt: True to deliver from Zenoh's receiving thread itself: slower, but in the order in which
             samples, replies and tokens arrived.
-
-    Attributes:
-        dropped: number of samples dropped because the queue was full.
     """
 
     def __init__(

@@ -47,10 +47,6 @@ class AsgiLink(TaskLink):
 
     The writing task awaits the ASGI server's backpressure. Meanwhile, the connection's outbox queues frames
     within its limits.
-
-    Args:
-        receive: function of the scope.
-        send: function of the scope.
     """
 
     __slots__ = ("_receive", "_send")

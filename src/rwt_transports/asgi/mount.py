@@ -42,7 +42,6 @@ class AsgiMount:
 
     Args:
         path: where it is, such as ``/shop``.
-        app: the app (ASGI 3).
     """
 
     def __init__(self, path: str, app: App) -> None:

@@ -177,8 +177,6 @@ async def serve_stream(attach: Attach, stream: ByteStream, turns: Turns | None =
     """Serve the one peer at the other end of `stream`, until its connection ends.
 
     Args:
-        attach: called with the link of the peer.
-        stream: bytes of the peer.
         turns: turns in which large messages are received; None if the peer is the only one.
     """
     address = stream.extra(SocketAttribute.remote_address, "")

@@ -69,7 +69,6 @@ class _LoopShare:
         is_held_back: returns True while large messages must wait.
 
     Attributes:
-        loop: event loop of the links.
         buffer: receive buffer for small messages.
         reading: turns in which large messages are received.
         writing: turns in which links are flushed.

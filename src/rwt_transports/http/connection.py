@@ -71,13 +71,6 @@ class HttpConnection(UnbufferedCallbacks):
       (True if the peer sends nothing more).
     * Timeouts, monotonic: ``_deadline`` (for the next request, or to close), ``_stalled`` (for the network to
       accept some bytes), ``_taken`` (bytes that it had accepted at the last :meth:`tick`).
-
-    Args:
-        routes: routes to serve.
-        state: state that the connections of the listener share.
-        link: link to the peer.
-        address: address of the peer.
-        port: port of the peer.
     """
 
     def __init__(self, routes: Routes, state: ListenerState, link: Link, address: str, port: int) -> None:

@@ -95,7 +95,6 @@ async def dial(
         accept: makes the endpoint of each client; may raise :exc:`~rwt_transports.errors.Refused`, and the
             client is closed with 1008 and the reason, since it is connected to the hub already.
         token: what the hub wants to see.
-        limits: bounds of each connection.
         addresses: counts the clients of each address that the hub names; one of its own by default.
         buffers: what large messages of all clients are received in; of its own by default.
         routes: the pages that the hub may ask for.

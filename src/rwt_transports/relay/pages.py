@@ -49,13 +49,7 @@ def end_to_end(headers: Mapping[str, str]) -> dict[str, str]:
 
 
 class PageServer:
-    """Robot's end of a connection that a request was assigned to.
-
-    Args:
-        sink: the connection.
-        routes: what the robot serves.
-        request: what is asked for.
-    """
+    """Robot's end of a connection that a request was assigned to."""
 
     def __init__(self, sink: Sink, routes: Routes, request: HttpRequest) -> None:
         self._sink = sink

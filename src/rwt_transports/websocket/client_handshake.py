@@ -22,7 +22,6 @@ class ClientHandshake:
     """Opening handshake of a client.
 
     Args:
-        target: where to connect.
         headers: request headers beside those of the handshake.
 
     Attributes:

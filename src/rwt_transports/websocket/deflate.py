@@ -180,13 +180,6 @@ def _end_of(parts: list[bytes]) -> bytes:
 class DeflateWire(WebSocketWire):
     """WebSocket wire of a server with permessage-deflate.
 
-    Args:
-        events: what the wire reports to, messages excepted.
-        terms: what was agreed.
-        max_size: largest message in bytes, compressed and inflated.
-        strict_utf8: end the connection with 1007 when a text message is not UTF-8.
-        buffers: where large messages are received.
-
     Attributes:
         take_steps: takes the steps in which a large message is inflated; None where nobody does, and it is
             inflated at once.

@@ -266,11 +266,8 @@ class WebSocketWire:
       :class:`~rwt_transports.websocket.deflate.DeflateWire`.
 
     Args:
-        events: receives what the wire reports, messages excepted.
-        max_size: largest message in bytes.
         server: True for the server's side: incoming frames must be masked, outgoing ones are not.
         strict_utf8: end the connection with 1007 when a text message is not UTF-8.
-        buffers: buffers for large messages.
     """
 
     __slots__ = (

@@ -26,13 +26,7 @@ SMALLEST: Final = 5
 
 
 class BsonStreamWire(StreamWire):
-    """Documents of one connection.
-
-    Args:
-        events: what the wire reports to, messages excepted.
-        max_size: largest document in bytes; a larger one is skipped as it comes in, and kept nowhere.
-        buffers: where is counted what has come of large messages.
-    """
+    """Documents of one connection."""
 
     __slots__ = ("_to_skip",)
 

@@ -43,14 +43,7 @@ _BACKSLASH, _QUOTE, _OPEN = b'\\"{'
 
 
 class JsonStreamWire(StreamWire):
-    """Objects of one connection.
-
-    Args:
-        events: what the wire reports to, messages excepted.
-        max_size: largest object in bytes.
-        framing: :data:`PLAIN` or :data:`LINES`.
-        buffers: where is counted what has come of large messages.
-    """
+    """Objects of one connection."""
 
     __slots__ = ("_depth", "_fresh", "_in_string", "_scanned", "_skipping")
 

@@ -54,7 +54,6 @@ class Token:
     """Liveliness token.
 
     Attributes:
-        domain: ROS_DOMAIN_ID.
         session: the Zenoh session's id, as text.
         node_id, entity_id: numbers within the session; the same for a node.
         node: absolute name of the node.
