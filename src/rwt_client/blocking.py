@@ -147,11 +147,12 @@ class BlockingRobot(BlockingVerbs[Robot]):
         tf: transforms between frames.
     """
 
-    def __init__(self, loop: _PortalThread, inner: Robot) -> None:
+    def __init__(self, loop: _PortalThread, inner: Robot, connection: ExitStack) -> None:
         super().__init__(loop, inner)
+        self._thread = loop
+        self._connection = connection
         self.api = BlockingApi(loop, inner.api)
         self.tf = BlockingRemoteTransforms(loop, inner.tf)
-        self._close: Callable[[], None] = _nothing
 
     advertise = holds(Robot.advertise, BlockingClientPublisher)
     publish = holds(Robot.publish, BlockingClientPublisher)
@@ -184,22 +185,14 @@ class BlockingRobot(BlockingVerbs[Robot]):
 
     def close(self) -> None:
         """Close the connection; `with` does so at its end."""
-        close, self._close = self._close, _nothing
-        close()
-
-    def when_closed(self, close: Callable[[], None]) -> None:
-        """Set the function that :meth:`close` calls."""
-        self._close = close
+        self._thread.closed = True
+        self._connection.close()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *exc: object) -> None:
         self.close()
-
-
-def _nothing() -> None:
-    """No-op: the connection is closed."""
 
 
 def connect(target: str | Accept, **options: Unpack[ConnectKeywords]) -> BlockingRobot:
@@ -216,13 +209,5 @@ def connect(target: str | Accept, **options: Unpack[ConnectKeywords]) -> Blockin
     with ExitStack() as stack:
         portal = stack.enter_context(start_blocking_portal())
         connecting = portal.wrap_async_context_manager(connection.connect(target, **options))
-        loop = _PortalThread(portal)
-        robot = BlockingRobot(loop, stack.enter_context(connecting))
-        everything = stack.pop_all()
-
-        def close() -> None:
-            loop.closed = True
-            everything.close()
-
-        robot.when_closed(close)
-    return robot
+        robot = stack.enter_context(connecting)
+        return BlockingRobot(_PortalThread(portal), robot, stack.pop_all())

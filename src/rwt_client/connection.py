@@ -5,8 +5,7 @@ from __future__ import annotations
 import ssl
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
-from functools import partial
-from typing import TYPE_CHECKING, Final, Literal, TypedDict, Unpack
+from typing import TYPE_CHECKING, Final, Literal, TypedDict
 
 import anyio
 import anyio.lowlevel
@@ -20,7 +19,6 @@ from rwt_protocol.errors import Level
 from rwt_protocol.limits import WireLimits
 from rwt_transports.background import TaskStarter, background_tasks
 from rwt_transports.backoff import Backoff
-from rwt_transports.connect import ConnectOptions
 from rwt_transports.connect import connect as connect_transport
 from rwt_transports.drivers.in_process import connect_in_process
 from rwt_transports.endpoint import Accept
@@ -140,30 +138,26 @@ def _dial(
     tls: ssl.SSLContext | None,
     ice_servers: Sequence[Mapping[str, str]] | None,
 ) -> Dial:
-    if not isinstance(target, str):
-        return partial(_dial_memory, target)
     patience = _FOREVER if timeout is None else timeout
-    return partial(
-        _dial_url,
-        target,
-        limits=limits,
-        tls=tls,
-        headers=headers,
-        timeout=patience,
-        ice_servers=ice_servers,
-    )
 
+    @asynccontextmanager
+    async def dial(accept: Accept) -> AsyncIterator[Drained]:
+        if not isinstance(target, str):
+            async with connect_in_process(accept, target):
+                yield anyio.lowlevel.checkpoint
+            return
+        async with connect_transport(
+            target,
+            accept,
+            limits=limits,
+            tls=tls,
+            headers=headers,
+            timeout=patience,
+            ice_servers=ice_servers,
+        ) as outgoing:
+            yield outgoing.drained
 
-@asynccontextmanager
-async def _dial_url(url: str, accept: Accept, **options: Unpack[ConnectOptions]) -> AsyncIterator[Drained]:
-    async with connect_transport(url, accept, **options) as outgoing:
-        yield outgoing.drained
-
-
-@asynccontextmanager
-async def _dial_memory(server: Accept, accept: Accept) -> AsyncIterator[Drained]:
-    async with connect_in_process(accept, server):
-        yield anyio.lowlevel.checkpoint
+    return dial
 
 
 class _Reconnector:
@@ -208,17 +202,13 @@ class _Reconnector:
         """Reconnect, and wait until that connection is lost; return False to give up."""
         text = "the connection was lost"
         for attempt, delay in enumerate(() if self._backoff is None else self._backoff.delays(), 1):
-            self._session.events.tell(ConnectionEvent("retrying", text, attempt, delay))
+            self._session.events.publish(ConnectionEvent("retrying", text, attempt, delay))
             await anyio.sleep(delay)
             try:
-                await self._stay_connected(_nothing)
+                await self._stay_connected(lambda: None)
             except TransportError as error:
                 text = str(error)
             else:
                 return True
         self._session.close(ConnectionLost(f"{text}, and it is not tried again"))
         return False
-
-
-def _nothing() -> None:
-    """No-op: no task waits for a restored connection."""

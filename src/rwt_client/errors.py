@@ -1,17 +1,4 @@
-"""Errors of a connection, in addition to those of every robot program (:mod:`rwt_participant.errors`).
-
-* :exc:`ClientError`
-
-  * :exc:`BadAddress`: the URL is invalid; also a :exc:`ValueError`.
-  * :exc:`ConnectionLost`: the connection was lost or failed before the operation was done; also a
-    :exc:`CallFailed`, because it ends pending calls and goals, and a :exc:`ConnectionError`.
-
-    * :exc:`CannotConnect`: the first connection failed.
-    * :exc:`NotConnected`: there is no connection now; another attempt may be in progress.
-    * :exc:`ConnectionClosed`: this program has closed the connection.
-
-  * :exc:`ServerRefused`: the server rejects a subscription or advertisement; with its text.
-"""
+"""Errors of a connection, in addition to those of every robot program (:mod:`rwt_participant.errors`)."""
 
 from __future__ import annotations
 

@@ -12,9 +12,9 @@ import anyio
 
 logger = logging.getLogger("rwt_client")
 
-Kind = Literal["connected", "lost", "retrying", "restored", "status", "closed"]
+EventKind = Literal["connected", "lost", "retrying", "restored", "status", "closed"]
 
-_KEPT = 1000
+_MOST_QUEUED = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class ConnectionEvent:
         level: for ``status``: ``info``, ``warning`` or ``error``.
     """
 
-    kind: Kind
+    kind: EventKind
     text: str = ""
     attempt: int = 0
     delay: float = 0.0
@@ -50,7 +50,7 @@ class Events:
         self._callbacks: list[Callable[[ConnectionEvent], object]] = []
         self._streams: list[EventStream] = []
 
-    def tell(self, event: ConnectionEvent) -> None:
+    def publish(self, event: ConnectionEvent) -> None:
         """Pass `event` to all listeners, at once."""
         for callback in tuple(self._callbacks):
             try:
@@ -85,7 +85,7 @@ class EventStream:
     __slots__ = ("_awake", "_ended", "_events")
 
     def __init__(self) -> None:
-        self._events: deque[ConnectionEvent] = deque(maxlen=_KEPT)
+        self._events: deque[ConnectionEvent] = deque(maxlen=_MOST_QUEUED)
         self._awake = anyio.Event()
         self._ended = False
 

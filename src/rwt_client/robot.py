@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any, Final, TypedDict, Unpack
 import anyio
 import msgspec
 
-from rwt_client.endpoints.action_server import ActionServer, ActionServers
+from rwt_client.endpoints.action_server import ActionServer
 from rwt_client.endpoints.actionlib import send_over_topics
 from rwt_client.endpoints.goals import SentGoals
-from rwt_client.endpoints.publisher import AdvertiseOptions, RemotePublisher, wire_qos
+from rwt_client.endpoints.publisher import AdvertiseOptions, RemotePublisher
 from rwt_client.endpoints.raw_subscription import RawSubscription
+from rwt_client.endpoints.remote_handle import Offered
 from rwt_client.endpoints.remote_types import RemoteTypes
-from rwt_client.endpoints.services import Calls, ServiceServer, ServiceServers
+from rwt_client.endpoints.services import Calls, ServiceServer
 from rwt_client.endpoints.subscriptions import RemoteSubscription, SubscribeOptions, SubscriptionTable
 from rwt_client.endpoints.transforms import RemoteTransforms
 from rwt_client.errors import ConnectionClosed
@@ -100,14 +101,6 @@ class SubscribeKeywords(TypedDict, total=False):
     qos: QoS | Qos | None
 
 
-class AdvertiseKeywords(TypedDict, total=False):
-    """Keyword arguments of :meth:`Robot.advertise`; see `AdvertiseOptions`."""
-
-    latch: bool
-    queue_size: int | None
-    qos: QoS | Qos | None
-
-
 class Robot(RobotApi):
     """Connection to a robot; made by :func:`rwt_client.connect`.
 
@@ -151,18 +144,18 @@ class Robot(RobotApi):
         session.events.listen(self._tf.on_event)
         self._calls = Calls(session)
         self._goals = SentGoals(session, tasks, self.types.meant)
-        self._services = ServiceServers()
-        self._actions = ActionServers()
+        self._services: Offered[ServiceServer] = Offered()
+        self._actions: Offered[ActionServer] = Offered()
         self._publishers: dict[str, RemotePublisher] = {}
         self._clock = _ClientClock(tasks)
         session.dispatcher = self._dispatcher()
 
     @property
-    def tf(self) -> RemoteTransforms:  # noqa: D102 - inherited
+    def tf(self) -> RemoteTransforms:
         return self._tf
 
     @property
-    def clock(self) -> RobotClock:  # noqa: D102 - inherited
+    def clock(self) -> RobotClock:
         return self._clock
 
     # -- the connection --------------------------------------------------------------------------------------
@@ -209,7 +202,7 @@ class Robot(RobotApi):
 
     # -- listings --------------------------------------------------------------------------------------------
 
-    async def topics(self, *, hidden: bool = False) -> tuple[Listed, ...]:  # noqa: D102 - inherited
+    async def topics(self, *, hidden: bool = False) -> tuple[Listed, ...]:
         found = {each.name: each for each in await self.api.topics()}
         if hidden:
             names = [name for name in await self._hidden_names() if name not in found]
@@ -225,10 +218,10 @@ class Robot(RobotApi):
                 names += [f"{name}{ACTION_PARTS}{part}" for name in actions for part in _ACTION_TOPICS]
         return [name for name in names if not name.startswith(f"{_ROSAPI}/")]
 
-    async def services(self) -> tuple[Listed, ...]:  # noqa: D102 - inherited
+    async def services(self) -> tuple[Listed, ...]:
         return await self._typed(await self.api.services(), self.types.of_service)
 
-    async def actions(self) -> tuple[Listed, ...]:  # noqa: D102 - inherited
+    async def actions(self) -> tuple[Listed, ...]:
         return await self._typed(await self.api.action_servers(), self.types.of_action)
 
     async def _typed(
@@ -249,10 +242,10 @@ class Robot(RobotApi):
                 tasks.start_soon(ask, name)
         return tuple(Listed(name, type) for name, type in types.items())
 
-    async def type_of(self, topic: str) -> MessageType:  # noqa: D102 - inherited
+    async def type_of(self, topic: str) -> MessageType:
         return await self.types.message(await self.types.of_topic(topic))
 
-    async def interface(self, name: str) -> MessageType | ServiceType | ActionType:  # noqa: D102 - inherited
+    async def interface(self, name: str) -> MessageType | ServiceType | ActionType:
         types = self.types
         known = types.known_message(name) or types.known_service(name) or types.known_action(name)
         if known is not None:
@@ -269,7 +262,6 @@ class Robot(RobotApi):
     def topic(
         self, topic: str, type: str | None = None, **options: Unpack[SubscribeKeywords]
     ) -> RemoteSubscription:
-        """Return the messages of a topic from now on, as an asynchronous iterator; as :meth:`subscribe`."""
         subscription = RemoteSubscription(self._table, topic, self._options(options), None)
         return subscription.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
 
@@ -288,9 +280,7 @@ class Robot(RobotApi):
         subscription = RemoteSubscription(self._table, topic, self._options(options), callback)
         return subscription.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
 
-    def subscribe_raw(  # noqa: D102 - inherited
-        self, topic: str, callback: RawCallback, type: str | None = None
-    ) -> RawSubscription:
+    def subscribe_raw(self, topic: str, callback: RawCallback, type: str | None = None) -> RawSubscription:
         async def ask() -> MessageType:
             name = type or await self.types.of_topic(topic)
             if self.types.known_message(name) is None:
@@ -323,7 +313,7 @@ class Robot(RobotApi):
         except TimedOut as error:
             raise TimedOut(f"{error}{await self.types.meant('topic', topic)}") from None
 
-    def advertise(self, topic: str, type: str, **options: Unpack[AdvertiseKeywords]) -> RemotePublisher:
+    def advertise(self, topic: str, type: str, **options: Unpack[AdvertiseOptions]) -> RemotePublisher:
         """Become a publisher of a topic; see :meth:`RobotApi.advertise`.
 
         Args:
@@ -331,13 +321,11 @@ class Robot(RobotApi):
         """
         return self._advertise(topic, type, options)
 
-    def _advertise(self, topic: str, type: str | None, options: AdvertiseKeywords) -> RemotePublisher:
-        qos = wire_qos(options.get("qos"))
-        advertised = AdvertiseOptions(options.get("latch", False), options.get("queue_size"), qos)
-        publisher = RemotePublisher(self._session, self.types, topic, advertised, self._drained)
+    def _advertise(self, topic: str, type: str | None, options: AdvertiseOptions) -> RemotePublisher:
+        publisher = RemotePublisher(self._session, self.types, topic, options, self._drained)
         return publisher.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
 
-    def publish(  # noqa: D102 - inherited
+    def publish(
         self, topic: str, message: MessageLike, type: str | None = None, *, latch: bool = False
     ) -> RemotePublisher:
         publisher = self._publishers.get(topic)
@@ -385,16 +373,16 @@ class Robot(RobotApi):
             raise ProviderNotFound(f"{error}{await self.types.meant('service', service)}") from None
         return self.types.reader(service_type.response, self._arrays).read(answer)
 
-    def advertise_service(self, service: str, type: str, handler: ServiceHandler) -> ServiceServer:  # noqa: D102 - inherited
+    def advertise_service(self, service: str, type: str, handler: ServiceHandler) -> ServiceServer:
         check_handler(service, handler)
         server = ServiceServer(
-            self._session, service, self._interface_name, self._services.offered, handler, self._tasks
+            self._session, service, self._interface_name, self._services, handler, self._tasks
         )
         return server.open(self.types.known_service(type), partial(self.types.service, type), self._tasks)
 
     # -- actions ---------------------------------------------------------------------------------------------
 
-    async def send_goal(  # noqa: D102 - inherited
+    async def send_goal(
         self,
         action: str,
         goal: MessageLike | None = None,
@@ -413,28 +401,26 @@ class Robot(RobotApi):
         )
         return self._goals.send(sent, self._interface_name(action_type), RawJson(payload.json()), readers)
 
-    def cancel_goal(self, action: str, goal_id: str) -> None:  # noqa: D102 - inherited
+    def cancel_goal(self, action: str, goal_id: str) -> None:
         if self.types.registry.distro.action_transport == "topics":
             self.publish(f"{action}/cancel", {"id": goal_id}, "actionlib_msgs/GoalID")
         else:
             self._goals.cancel(action, goal_id)
 
-    def advertise_action(self, action: str, type: str, execute: Execute) -> ActionServer:  # noqa: D102 - inherited
+    def advertise_action(self, action: str, type: str, execute: Execute) -> ActionServer:
         server = ActionServer(
-            self._session, action, self._interface_name, self._actions.offered, execute, self._tasks
+            self._session, action, self._interface_name, self._actions, execute, self._tasks
         )
         return server.open(self.types.known_action(type), partial(self.types.action, type), self._tasks)
 
     # -- time ------------------------------------------------------------------------------------------------
 
-    def create_timer(  # noqa: D102 - inherited
-        self, period: float, callback: Callable[[], Awaitable[None] | None]
-    ) -> PeriodicTimer:
+    def create_timer(self, period: float, callback: Callable[[], Awaitable[None] | None]) -> PeriodicTimer:
         timer = PeriodicTimer(self._clock, self._clock, period, callback)
         timer.start()
         return timer
 
-    async def time_ns(self) -> int:  # noqa: D102 - inherited
+    async def time_ns(self) -> int:
         return await self.api.time_ns()
 
     def __repr__(self) -> str:
@@ -479,11 +465,11 @@ class Robot(RobotApi):
                 Publish: _nothing,
                 Status: _nothing,
                 ServiceResponse: self._calls.on_response,
-                CallService: self._services.on_call,
+                CallService: lambda _, op: self._services.find(op.service).on_call(op),
                 ActionFeedback: self._goals.on_feedback,
                 ActionResult: self._goals.on_result,
-                SendActionGoal: self._actions.on_goal,
-                CancelActionGoal: self._actions.on_cancel,
+                SendActionGoal: lambda _, op: self._actions.find(op.action).on_goal(op),
+                CancelActionGoal: lambda _, op: self._actions.find(op.action).on_cancel(op),
             },
             _log_failure,
             (ServiceFailed, InvalidMessage),
@@ -494,7 +480,6 @@ class Robot(RobotApi):
         return await self._question(question, args, self._timeout)
 
     async def _ask_briefly(self, question: str, args: Mapping[str, object]) -> Any:
-        """Ask rosapi with a short timeout: it may be missing."""
         patience = IDENTIFY_SECONDS if self._timeout is None else min(self._timeout, IDENTIFY_SECONDS)
         return await self._question(question, args, patience)
 
@@ -504,16 +489,8 @@ class Robot(RobotApi):
         return answer.plain()
 
     def _options(self, given: SubscribeKeywords) -> SubscribeOptions:
-        usual = SubscribeOptions()
-        return SubscribeOptions(
-            arrays=given.get("arrays", self._arrays),
-            compression=given.get("compression", usual.compression),
-            throttle=given.get("throttle", usual.throttle),
-            queue_size=given.get("queue_size", usual.queue_size),
-            queue_bytes=given.get("queue_bytes", usual.queue_bytes),
-            fragment_size=given.get("fragment_size"),
-            qos=wire_qos(given.get("qos")),
-        )
+        options: SubscribeKeywords = {"arrays": self._arrays, **given}
+        return SubscribeOptions(**options)
 
     def _patience(self, timeout: Timeout) -> float | None:
         return self._timeout if timeout is USUAL else timeout
@@ -542,7 +519,6 @@ class _ClientClock:
         return anyio.move_on_after(seconds)
 
     def call_later(self, delay: float, call: Callable[[], None]) -> Timer:
-        """Run `call` once, `delay` seconds from now, unless the connection is closed before."""
         return _TimerTask(self._tasks, delay, call)
 
     def soon(self, call: Callable[[], None]) -> None:
@@ -550,8 +526,6 @@ class _ClientClock:
         call()
 
     def spawn(self, function: Callable[[], Awaitable[None]], name: str) -> None:
-        """Run a coroutine function as a task; its exceptions are logged."""
-
         async def run() -> None:
             try:
                 await function()

@@ -500,6 +500,13 @@ class Graph(GraphListings):
         While the graph is not running, `call` runs at once. Its exceptions are logged.
         """
 
+    def soon(self, call: Callable[[], None]) -> None:
+        """Run `call` on the graph's thread: at once there, soon from elsewhere."""
+        if self.on_graph_thread():
+            call()
+        else:
+            self.run_on_graph(call)
+
     @abstractmethod
     def spawn(self, task: Callable[[], Awaitable[None]], name: str) -> None:
         """Run a coroutine function as a task of the graph; it starts when the graph runs.

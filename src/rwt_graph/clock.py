@@ -171,7 +171,6 @@ class Clock(ABC):
 
     @contextmanager
     def within(self, seconds: float | None) -> Iterator[None]:
-        """Leave the block after so many seconds of this clock; None sets no limit. In tasks only."""
         with anyio.CancelScope() as scope:
             timer = None if seconds is None else self.call_later(seconds, scope.cancel)
             try:
@@ -195,7 +194,6 @@ class SteadyClock(Clock):
         self._asleep_until = -math.inf
 
     def time_ns(self) -> int:
-        """Return ROS time, nanoseconds since the epoch."""
         return time.monotonic_ns() + self._offset_ns
 
     #: The function itself, for speed: each message calls it.
@@ -209,11 +207,9 @@ class SteadyClock(Clock):
         return timer
 
     async def sleep(self, seconds: float) -> None:
-        """Wait for `seconds`."""
         await anyio.sleep(_bounded(seconds))
 
     async def drive(self) -> None:
-        """Run due timers until cancelled, sleeping in between."""
         try:
             while True:
                 now = self.monotonic()
@@ -258,11 +254,9 @@ class SimulatedClock(Clock):
         self.listeners: list[Callable[[int], None]] = []
 
     def time_ns(self) -> int:
-        """Return ROS time, nanoseconds since the epoch."""
         return self._steady_ns + self._offset_ns
 
     def monotonic(self) -> float:
-        """Return elapsed simulated seconds."""
         return self._steady_ns / NANOSECONDS
 
     def call_later(self, delay: float, call: Callable[[], None]) -> Timer:

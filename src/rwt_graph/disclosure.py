@@ -18,7 +18,6 @@ class Lists:
     """Disclosure of names in the response.
 
     Attributes:
-        kind: kind of the names.
         fields: response fields aligned by index, the first of which holds the names; or one field that holds
             a single name.
         of_node: True if the names are parameters of the service's own node, without the node's name as
@@ -32,12 +31,7 @@ class Lists:
 
 @dataclass(frozen=True, slots=True)
 class AsksAbout:
-    """Request about one name; for a hidden one, the response is that for an unknown name.
-
-    Attributes:
-        kind: kind of the name.
-        field: field of the request.
-    """
+    """Request about one name; for a hidden one, the response is that for an unknown name."""
 
     kind: Kind
     field: str
@@ -45,12 +39,7 @@ class AsksAbout:
 
 @dataclass(frozen=True, slots=True)
 class ListsProviders:
-    """Disclosure of the nodes that offer a service; the request names the service or its type.
-
-    Attributes:
-        field: field of the request.
-        lists: field of the response.
-    """
+    """Disclosure of the nodes that offer a service; the request names the service or its type."""
 
     field: str
     lists: str
@@ -58,22 +47,14 @@ class ListsProviders:
 
 @dataclass(frozen=True, slots=True)
 class Reads:
-    """Request that reads parameters: one full name for rosapi, a list of names for a node's own service.
-
-    Attributes:
-        field: field of the request.
-    """
+    """Request that reads parameters: one full name for rosapi, a list of names for a node's own service."""
 
     field: str
 
 
 @dataclass(frozen=True, slots=True)
 class Writes:
-    """Request that writes or deletes parameters; as :class:`Reads`.
-
-    Attributes:
-        field: field of the request.
-    """
+    """Request that writes or deletes parameters; as :class:`Reads`."""
 
     field: str
 

@@ -1,14 +1,4 @@
-"""Errors of the graph, in addition to those of every robot program (:mod:`rwt_participant.errors`).
-
-* :exc:`GraphError`
-
-  * :exc:`InvalidGraphName`: ROS does not allow the name of a topic, service, action, node or parameter.
-  * :exc:`TypeConflict`: the name is established with another type.
-  * :exc:`InvalidTransition`: the operation is not allowed in the goal's state.
-  * :exc:`NotRunning`: the graph is not, or no longer, on an event loop.
-  * :exc:`ZenohError`: the Zenoh session cannot be opened with these options.
-  * :exc:`WireError`: another program sent a key, token or attachment that rmw_zenoh would not.
-"""
+"""Errors of the graph, in addition to those of every robot program (:mod:`rwt_participant.errors`)."""
 
 from __future__ import annotations
 

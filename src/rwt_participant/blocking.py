@@ -264,9 +264,6 @@ class BlockingVerbs(Blocking[Robot], Generic[Robot]):
 
     Verbs with further arguments of a node or a client are defined there: type checkers take a verb's
     arguments from its first definition.
-
-    Attributes:
-        params: parameters of all nodes.
     """
 
     def __init__(self, loop: LoopThread, inner: Robot) -> None:

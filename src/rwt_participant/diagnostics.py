@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 from rwt_participant.errors import CallFailed
 from rwt_participant.messages import MessageLike, is_coroutine_function
+from rwt_participant.timers import HasTimers
 
 logger = logging.getLogger(__name__)
 
@@ -42,26 +43,17 @@ class DiagnosticStatus:
 Check = Callable[[], DiagnosticStatus]
 
 
-class _Closes(Protocol):
+class _StatusPublisher(Protocol):
+    def publish(self, message: MessageLike, /) -> object: ...
+
     def close(self) -> None: ...
 
 
-class _Publishes(_Closes, Protocol):
-    def publish(self, message: MessageLike, /) -> object: ...
-
-
-class _Timer(Protocol):
-    def cancel(self) -> None: ...
-
-
-class Reports(Protocol):
+class Reports(HasTimers, Protocol):
     """Robot for the updater: :class:`~rwt_participant.api.RobotApi`, or its blocking form."""
 
-    def advertise(self, topic: str, type: str, /) -> _Publishes:
+    def advertise(self, topic: str, type: str, /) -> _StatusPublisher:
         """Become a publisher."""
-
-    def create_timer(self, period: float, callback: Callable[[], None], /) -> _Timer:
-        """Call `callback` every `period` seconds."""
 
 
 class DiagnosticUpdater:

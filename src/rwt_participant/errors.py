@@ -1,34 +1,6 @@
 """Errors of robot programs, in the graph and over a connection.
 
 `rwt_graph` and `rwt_client` raise these classes, and each has a few of its own.
-
-* :exc:`RobotError`
-
-  * :exc:`CallFailed`: a service call or goal that ended without an answer from its handler.
-
-    * :exc:`ServiceFailed`: the provider answered that it failed; raised *by* a service's handler, too.
-    * :exc:`CallTimeout`: there was no answer in time; also a :exc:`TimedOut`.
-    * :exc:`ProviderGone`: the provider left first.
-    * :exc:`ProviderNotFound`: the service or action does not exist; also a :exc:`NotFound`.
-    * :exc:`GoalRejected`: the action server did not accept the goal.
-
-  * :exc:`NotFound`: no such topic, service, action, node or parameter; also a :exc:`LookupError`.
-  * :exc:`InvalidQoS`: a policy with a number out of its range; also a :exc:`ValueError`.
-  * :exc:`ParameterRejected`: a parameter cannot have that value; also a :exc:`ValueError`.
-  * :exc:`TimedOut`: the timeout expired; also a :exc:`TimeoutError`.
-  * :exc:`WrongThread`: a blocking call on the event loop's own thread, which would wait for itself.
-  * :exc:`HandleClosed`: this program has closed the publisher or subscription that it uses.
-  * :exc:`TransformUnavailable`: a transform is not available; also a :exc:`LookupError`.
-  * :exc:`ImageFormat`: an image that cannot be converted; also a :exc:`ValueError`.
-  * :exc:`GoalEnded`: raised *by* an action's `execute`, to end its goal otherwise than by success.
-
-    * :exc:`GoalCanceled`: as canceled.
-    * :exc:`GoalAborted`: as aborted.
-
-  * :exc:`InterfaceError`: of types and messages; see :mod:`rwt_interfaces.errors`.
-
-    * :exc:`InvalidMessage`: a message that does not fit its type; also a :exc:`ValueError`.
-    * :exc:`UnknownType`: no such message, service or action type is known; also a :exc:`LookupError`.
 """
 
 from __future__ import annotations

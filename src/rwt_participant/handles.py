@@ -223,7 +223,6 @@ class Subscription(Handle):
             await queue.wait()
 
     async def _call_in_turn(self, queue: MessageQueue[Any], callback: MessageCallback) -> None:
-        """Call a coroutine function with one message after the other, until the subscription ends."""
         while True:
             try:
                 message = await self._next(queue)

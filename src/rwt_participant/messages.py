@@ -111,7 +111,6 @@ def call_handler(
     """Answer one call of a service, at once or from a task.
 
     Args:
-        response: type of the response.
         reply: takes the response; an exception that it raises is passed to `fail`.
         fail: takes the exception of the handler.
         spawn: starts a task, for a handler that must be awaited.

@@ -37,7 +37,7 @@ class RosapiParameters(Parameters):
     def __init__(self, ask: Ask) -> None:
         self._ask = ask
 
-    async def get(self, name: str, default: ParameterValue = None) -> ParameterValue:  # noqa: D102 - inherited
+    async def get(self, name: str, default: ParameterValue = None) -> ParameterValue:
         try:
             answer = await self._asked("get_param", NotFound, name=name)
         except NotFound as error:
@@ -51,16 +51,16 @@ class RosapiParameters(Parameters):
             raise await self._not_found(name, f"there is no parameter {name}")
         return default if value is None else value
 
-    async def set(self, name: str, value: ParameterValue) -> None:  # noqa: D102 - inherited
+    async def set(self, name: str, value: ParameterValue) -> None:
         try:
             await self._asked("set_param", ParameterRejected, name=name, value=json.dumps(value))
         except ParameterRejected as error:
             raise ParameterRejected(f"{error}{await self._meant(name)}") from None
 
-    async def has(self, name: str) -> bool:  # noqa: D102 - inherited
+    async def has(self, name: str) -> bool:
         return bool((await self._asked("has_param", name=name)).get("exists"))
 
-    async def delete(self, name: str) -> None:  # noqa: D102 - inherited
+    async def delete(self, name: str) -> None:
         try:
             await self._asked("delete_param", ParameterRejected, name=name)
         except ParameterRejected as error:
@@ -80,7 +80,7 @@ class RosapiParameters(Parameters):
                 pass  # The suggestion is optional.
         return ""
 
-    async def names(self) -> tuple[str, ...]:  # noqa: D102 - inherited
+    async def names(self) -> tuple[str, ...]:
         return tuple(map(str, (await self._asked("get_param_names")).get("names", ())))
 
     async def _asked(

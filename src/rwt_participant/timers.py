@@ -65,10 +65,7 @@ class PeriodicTimer(Timer):
     """Timer that calls back every `period` seconds of a clock, on a grid that does not drift.
 
     Args:
-        loop: loop that runs `callback`.
         period: seconds, from :data:`SHORTEST_PERIOD` to :data:`LONGEST_DELAY`.
-        callback: plain or coroutine function.
-        on_cancel: called when the timer is cancelled.
 
     Raises:
         ValueError: `period` is out of range.
@@ -204,6 +201,9 @@ class Watchdog:
             the end of the block on the thread that leaves it. It should be fast. If it raises, that is
             logged, and it is called again `timeout` seconds later.
 
+    Attributes:
+        running: True while commands arrive; False before the first, and from the stop to the next.
+
     Raises:
         TypeError: `stop` is not a function, or is a coroutine function, which might never finish.
         ValueError: `timeout` is shorter than a microsecond, or longer than some thirty years.
@@ -213,23 +213,18 @@ class Watchdog:
         if not callable(stop) or is_coroutine_function(stop):
             raise TypeError(f"a watchdog's stop is a plain function, got {stop!r}")
         self._stop = stop
-        self._running = False
+        self.running = False
         self._timer = robot.create_timer(timeout, self._expire)
-
-    @property
-    def running(self) -> bool:
-        """True while commands arrive; False before the first, and from the stop to the next."""
-        return self._running
 
     def feed(self) -> None:
         """Note a command. Call it at the beginning of the callback."""
         self._timer.reset()
-        self._running = True
+        self.running = True
 
     def close(self) -> None:
         """Stop the watchdog without calling `stop`. No-op if it is closed."""
         self._timer.cancel()
-        self._running = False
+        self.running = False
 
     def __enter__(self) -> Self:
         return self
@@ -241,6 +236,6 @@ class Watchdog:
             self._stop()
 
     def _expire(self) -> None:
-        if self._running:
+        if self.running:
             self._stop()
-            self._running = False
+            self.running = False

@@ -50,13 +50,8 @@ class Transforms:
 
     Args:
         subscribe: subscribes to `/tf` and `/tf_static`.
-        advertise: advertises them.
         time_ns: returns the default time of transforms.
         timeout: default timeout of lookups in seconds; None waits without limit.
-        within: clock of the timeout.
-
-    Attributes:
-        buffer: received transforms.
     """
 
     _topics: str = "/tf or /tf_static"

@@ -22,8 +22,6 @@ from rwt_tf2.errors import (
 )
 from rwt_tf2.feed import Feed
 from rwt_tf2.messages import (
-    TransformMessage,
-    TransformsMessage,
     euler_from_quaternion,
     quaternion_from_euler,
     quaternion_from_yaw,
@@ -41,8 +39,6 @@ __all__ = [
     "StampedTransform",
     "IDENTITY",
     "Feed",
-    "TransformMessage",
-    "TransformsMessage",
     "read_transform",
     "write_transform",
     "stamp_ns",

@@ -16,7 +16,7 @@ from rwt_tf2.errors import (
     StaleTransform,
     UnknownFrame,
 )
-from rwt_tf2.history import Edge, Fixed, History
+from rwt_tf2.history import Edge, MovingTrack, StaticTrack
 from rwt_tf2.times import NANOSECONDS, seconds
 from rwt_tf2.transform import IDENTITY, StampedTransform, Transform, bare, checked
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike
 
-Track = History | Fixed
+Track = MovingTrack | StaticTrack
 
 CACHE_NS: Final = 10 * NANOSECONDS
 """Default time for which a transform is retained, as in tf2; nanoseconds."""
@@ -92,14 +92,14 @@ class Buffer:
             self._check_loop(parent, child)
         edge = Edge(parent, transform)
         if static:
-            self._tracks[child] = Fixed(edge)
-        elif isinstance(track, History):
+            self._tracks[child] = StaticTrack(edge)
+        elif isinstance(track, MovingTrack):
             if not track.add(stamped.stamp_ns, edge):
                 raise StaleTransform(
                     _too_old(parent, child, stamped.stamp_ns, track.latest_ns, self.cache_ns)
                 )
         else:
-            track = self._tracks[child] = History(self.cache_ns)
+            track = self._tracks[child] = MovingTrack(self.cache_ns)
             track.add(stamped.stamp_ns, edge)
         self._names.add(parent)
         self._names.add(child)
@@ -274,7 +274,6 @@ class Buffer:
         return name
 
     def _latest_of(self, frame: str) -> int:
-        """Return the time of a frame's latest transform; 0 if there is none."""
         track = self._tracks.get(frame)
         return 0 if track is None else track.latest_ns
 
@@ -295,7 +294,6 @@ class Buffer:
         raise ConnectivityError(target, source, self._root(target), self._root(source))
 
     def _path(self, target: str, source: str, parent_of: Callable[[Track], str | None]) -> _Path | None:
-        """Return the path between two frames; None if they are not connected."""
         up = self._way_up(source, target, parent_of)
         down = self._way_up(target, "", parent_of) if target not in up else {target: 0}
         meeting = next((frame for frame in down if frame in up), None)

@@ -1,18 +1,4 @@
-"""Errors of `rwt_tf2`.
-
-* :exc:`TransformError`
-
-  * :exc:`LookupFailed`: a lookup failed.
-
-    * :exc:`UnknownFrame`: the frame is unknown.
-    * :exc:`ConnectivityError`: the frames are not connected.
-    * :exc:`ExtrapolationError`: the data does not cover that time.
-
-  * :exc:`InvalidTransform`: a transform is rejected; also a :exc:`ValueError`.
-
-    * :exc:`LoopRefused`: it would make a frame its own ancestor.
-    * :exc:`StaleTransform`: it is older than what the buffer retains.
-"""
+"""Errors of `rwt_tf2`."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from typing import Final
 
 from rwt_tf2.buffer import Buffer
 from rwt_tf2.errors import InvalidTransform, StaleTransform
-from rwt_tf2.messages import TransformMessage, TransformsMessage, read_transform
+from rwt_tf2.messages import Message, read_transform
 
 logger = logging.getLogger(__name__)
 
@@ -32,11 +32,11 @@ class Feed:
         self.buffer = buffer
         self.taken = 0
         self.refused = 0
-        self._complained: set[str] = set()
+        self._logged: set[str] = set()
         self._stale = 0
 
-    def take(self, message: TransformsMessage, *, static: bool = False) -> None:
-        """Add the transforms of a message of `/tf` or `/tf_static`."""
+    def take(self, message: Message, *, static: bool = False) -> None:
+        """Add the transforms of a `tf2_msgs/TFMessage` of `/tf` or `/tf_static`."""
         stale = [each for each in message.transforms if not self._put(each, static)]
         if not stale or len(stale) < len(message.transforms):
             self._stale = 0
@@ -49,19 +49,19 @@ class Feed:
             for each in stale:
                 self._put(each, static)
 
-    def _put(self, message: TransformMessage, static: bool) -> bool:
+    def _put(self, message: Message, static: bool) -> bool:
         """Add a transform. Returns False if it is only too old."""
         try:
             self.buffer.set_transform(read_transform(message), static=static)
         except InvalidTransform as error:
             self.refused += 1
-            self._complain(message.child_frame_id, error)
+            self._log_once(message.child_frame_id, error)
             return not isinstance(error, StaleTransform)
         self.taken += 1
         return True
 
-    def _complain(self, frame: str, error: InvalidTransform) -> None:
-        if frame in self._complained or len(self._complained) >= _MOST_REMEMBERED:
+    def _log_once(self, frame: str, error: InvalidTransform) -> None:
+        if frame in self._logged or len(self._logged) >= _MOST_REMEMBERED:
             return
-        self._complained.add(frame)
+        self._logged.add(frame)
         logger.warning("transform rejected: %s", error)

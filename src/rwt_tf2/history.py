@@ -20,7 +20,7 @@ class Edge:
     transform: Transform
 
 
-class History:
+class MovingTrack:
     """Transforms of a moving frame, sorted by time; those older than `keep_ns` are dropped."""
 
     is_static = False
@@ -111,7 +111,7 @@ class History:
         return (len(self) - 1) * 1e9 / span if span else 0.0
 
 
-class Fixed:
+class StaticTrack:
     """Static transform, valid at all times."""
 
     is_static = True

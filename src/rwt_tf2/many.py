@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rwt_tf2.history import Fixed, History
+from rwt_tf2.history import MovingTrack, StaticTrack
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -37,19 +37,19 @@ def _one_by_one(buffer: Buffer, target: str, source: str, times: np.ndarray) -> 
     return np.array([each.translation for each in found]), np.array([each.rotation for each in found])
 
 
-def _one_parent(track: History | Fixed, first: int, last: int) -> bool:
-    return isinstance(track, Fixed) or len({edge.parent for _, edge in track.between(first, last)}) == 1
+def _one_parent(track: MovingTrack | StaticTrack, first: int, last: int) -> bool:
+    return isinstance(track, StaticTrack) or len({edge.parent for _, edge in track.between(first, last)}) == 1
 
 
-def _way_up(tracks: tuple[History | Fixed, ...], times: np.ndarray) -> Poses:
+def _way_up(tracks: tuple[MovingTrack | StaticTrack, ...], times: np.ndarray) -> Poses:
     way = np.zeros((len(times), 3)), np.tile((0.0, 0.0, 0.0, 1.0), (len(times), 1))
     for track in tracks:
         way = _product(_at(track, times), way)
     return way
 
 
-def _at(track: History | Fixed, times: np.ndarray) -> Poses:
-    if isinstance(track, Fixed):
+def _at(track: MovingTrack | StaticTrack, times: np.ndarray) -> Poses:
+    if isinstance(track, StaticTrack):
         transform = track.latest.transform
         return (
             np.tile(transform.translation, (len(times), 1)),

@@ -6,80 +6,24 @@ Messages are any objects with these attributes, with times in either spelling.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 from rwt_tf2 import quaternion
 from rwt_tf2.times import NANOSECONDS
 from rwt_tf2.transform import StampedTransform, Transform
 
-
-class VectorMessage(Protocol):
-    """`geometry_msgs/Vector3`."""
-
-    x: float
-    y: float
-    z: float
+Message: TypeAlias = Any
+"""Message of ROS, of any class with the fields of its type."""
 
 
-class QuaternionMessage(Protocol):
-    """`geometry_msgs/Quaternion`."""
-
-    x: float
-    y: float
-    z: float
-    w: float
-
-
-class PoseMessage(Protocol):
-    """`geometry_msgs/Transform`."""
-
-    @property
-    def translation(self) -> VectorMessage:
-        """Translation in metres."""
-
-    @property
-    def rotation(self) -> QuaternionMessage:
-        """Unit quaternion."""
-
-
-class HeaderMessage(Protocol):
-    """`std_msgs/Header`; the fields of `stamp` differ between ROS 1 and 2."""
-
-    stamp: Any
-    frame_id: str
-
-
-class TransformMessage(Protocol):
-    """`geometry_msgs/TransformStamped`."""
-
-    child_frame_id: str
-
-    @property
-    def header(self) -> HeaderMessage:
-        """Time and parent frame."""
-
-    @property
-    def transform(self) -> PoseMessage:
-        """Transform from child to parent."""
-
-
-class TransformsMessage(Protocol):
-    """`tf2_msgs/TFMessage`."""
-
-    @property
-    def transforms(self) -> Sequence[TransformMessage]:
-        """Transforms of any frames and times."""
-
-
-def stamp_ns(stamp: Any) -> int:
+def stamp_ns(stamp: Message) -> int:
     """Return a message's time in nanoseconds, from `sec` and `nanosec` or `secs` and `nsecs`."""
     if hasattr(stamp, "sec"):
         return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
     return int(stamp.secs) * NANOSECONDS + int(stamp.nsecs)
 
 
-def read_transform(message: TransformMessage) -> StampedTransform:
+def read_transform(message: Message) -> StampedTransform:
     """Read a transform from a message, without validation."""
     moved, turned = message.transform.translation, message.transform.rotation
     return StampedTransform(
@@ -110,7 +54,7 @@ def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> dict[str, fl
     return {"x": x, "y": y, "z": z, "w": w}
 
 
-def euler_from_quaternion(message: QuaternionMessage) -> tuple[float, float, float]:
+def euler_from_quaternion(message: Message) -> tuple[float, float, float]:
     """Return roll, pitch and yaw of a `geometry_msgs/Quaternion` in radians; roll is 0 where pitch is ±π/2.
 
     A quaternion is normalised first; all zeros, as in an unset message, is no rotation.
@@ -126,6 +70,6 @@ def quaternion_from_yaw(yaw: float) -> dict[str, float]:
     return {"x": 0.0, "y": 0.0, "z": math.sin(yaw / 2), "w": math.cos(yaw / 2)}
 
 
-def yaw_from_quaternion(message: QuaternionMessage) -> float:
+def yaw_from_quaternion(message: Message) -> float:
     """Return the heading of a `geometry_msgs/Quaternion`, radians in [-π, π]."""
     return euler_from_quaternion(message)[2]

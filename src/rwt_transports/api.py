@@ -160,6 +160,10 @@ class Wire(Protocol):
         """Return the bytes of a ping; none if the protocol has no pings."""
 
 
+def drop_message(_data: bytes, _binary: bool) -> None:
+    """Drop a message; :attr:`Wire.message` without an endpoint, or while the connection closes."""
+
+
 @runtime_checkable
 class OversizeAware(Protocol):
     """Endpoint that answers messages which are too large to receive."""
@@ -221,6 +225,21 @@ class DriverCallbacks(Protocol):
 
     def lost(self) -> None:
         """Called once, last, when the link is gone for any reason."""
+
+
+class UnbufferedCallbacks:
+    """Base of :class:`DriverCallbacks` that receive into no buffer of their own, and ignore progress."""
+
+    __slots__ = ()
+
+    def get_buffer(self) -> None:
+        """Return None: receive anywhere."""
+
+    def buffer_updated(self, count: int) -> None:
+        """No-op: there is no buffer."""
+
+    def progress(self) -> None:
+        """No-op."""
 
 
 @runtime_checkable

@@ -9,12 +9,12 @@ import ssl
 from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Final, TypedDict
+from typing import Final
 
 import anyio
 from websockets.uri import WebSocketURI
 
-from rwt_transports.api import Connector, FindsPath, Link
+from rwt_transports.api import Connector, FindsPath, Link, UnbufferedCallbacks
 from rwt_transports.background import background_tasks
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.endpoint import Accept
@@ -31,8 +31,6 @@ class OutgoingConnection:
 
     Attributes:
         opened: set once messages can be sent, or once it has failed.
-        error: why it could not be opened.
-        connector: what opens it.
     """
 
     target: ConnectUrl
@@ -95,7 +93,7 @@ class OutgoingConnection:
             self._draining = None
 
 
-class _Handshaking:
+class _Handshaking(UnbufferedCallbacks):
     """Callbacks of a link until the server has accepted the handshake; then the connection takes over."""
 
     __slots__ = ("_address", "_handshake", "_link", "_outgoing", "_port", "_request")
@@ -124,18 +122,9 @@ class _Handshaking:
             if rest:
                 connection.receive(rest)
 
-    def get_buffer(self) -> None:
-        """Return None: the response needs no buffer of its own."""
-
-    def buffer_updated(self, count: int) -> None:
-        """No-op."""
-
     def take(self) -> bytes | None:
         request, self._request = self._request, None
         return request
-
-    def progress(self) -> None:
-        """No-op: the handshake has a timeout."""
 
     def eof(self) -> None:
         try:
@@ -147,16 +136,6 @@ class _Handshaking:
     def lost(self) -> None:
         address = self._outgoing.target.address
         self._outgoing.fail(ConnectError(f"{address} hung up before the connection was open"))
-
-
-class ConnectOptions(TypedDict, total=False):
-    """Keyword arguments of :func:`connect`."""
-
-    limits: Limits | None
-    tls: ssl.SSLContext | None
-    headers: Mapping[str, str] | None
-    timeout: float
-    ice_servers: Sequence[Mapping[str, str]] | None
 
 
 @asynccontextmanager
@@ -244,7 +223,6 @@ _TLS_REASONS: Final = {
 
 
 def _explained(target: ConnectUrl, error: OSError) -> ConnectError:
-    """Return an error with the reason in one line."""
     if isinstance(error, ssl.SSLError):
         reason = getattr(error, "verify_message", "") or _TLS_REASONS.get(error.reason or "", error.reason)
         text = f"cannot connect to {target.address} in TLS: {reason or 'the handshake failed'}"

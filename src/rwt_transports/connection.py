@@ -24,8 +24,9 @@ from rwt_transports.api import (
     StepTaking,
     Wire,
     WireEvents,
+    drop_message,
 )
-from rwt_transports.background import TaskStarter
+from rwt_transports.background import TaskStarter, background_tasks
 from rwt_transports.endpoint import Accept, Endpoint, PeerInfo
 from rwt_transports.errors import Refused, log_exception
 from rwt_transports.http.addresses import AddressCount
@@ -78,8 +79,6 @@ class ListenerState:
 
     Attributes:
         accept: factory of the endpoint of a new peer.
-        make_wire: factory of its wire.
-        limits: bounds of each connection.
         http: factory of the connection that serves a new peer until its upgrade; None for transports without
             HTTP.
         transport: URL scheme, for :class:`~rwt_transports.endpoint.PeerInfo`.
@@ -94,8 +93,6 @@ class ListenerState:
         tasks: starts HTTP handlers that wait or stream; None until the listener is open.
         requests: turns in which HTTP requests are read.
         ended: set when the only peer is gone, and when the listener has closed.
-        buffers: buffers for large messages.
-        connections: open connections.
         closing: True if no more connections are accepted.
     """
 
@@ -166,7 +163,7 @@ class ListenerState:
     @asynccontextmanager
     async def serving(self) -> AsyncIterator[None]:
         """Run handlers and check timeouts inside the block; then close every connection with 1001."""
-        async with anyio.create_task_group() as tasks:
+        async with background_tasks() as tasks:
             self.tasks = TaskStarter()
             self.requests = loop_turns(REQUESTS_SECONDS)
             tasks.start_soon(self.tasks.run, tasks)
@@ -175,7 +172,6 @@ class ListenerState:
                 yield
             finally:
                 await self.end(GOING_AWAY, "the server is going away")
-                tasks.cancel_scope.cancel()
 
     async def end(self, code: int, reason: str) -> None:
         """Close every connection, and cut those that are still open after ``limits.close_seconds``."""
@@ -288,7 +284,6 @@ class Connection:
 
     @property
     def _is_ending(self) -> bool:
-        """True if the connection is closing or lost."""
         return self._state in (_ConnectionState.CLOSING, _ConnectionState.LOST)
 
     def begin(self) -> None:
@@ -311,7 +306,6 @@ class Connection:
     # -- the driver's side ---------------------------------------------------------------------------------
 
     def receive(self, data: bytes) -> None:
-        """Pass received bytes to the wire."""
         self._is_alive = True
         self.outbox.received += len(data)
         try:
@@ -320,7 +314,6 @@ class Connection:
             self._broken_inside()
 
     def buffer_updated(self, count: int) -> None:
-        """Tell the wire that `count` bytes were received into the buffer from `get_buffer`."""
         self._is_alive = True
         self.outbox.received += count
         try:
@@ -329,7 +322,6 @@ class Connection:
             self._broken_inside()
 
     def progress(self) -> None:
-        """Note a sign of life: the network accepted bytes again."""
         self._is_alive = True
 
     def eof(self) -> None:
@@ -340,7 +332,6 @@ class Connection:
         self.outbox.when_empty(self._link.close)
 
     def lost(self) -> None:
-        """Release everything: the link is gone."""
         self._listener.detach(self)
         self._listener.buffers.release(self._wire)
         self._listener.buffers.is_read(self._wire)
@@ -365,13 +356,11 @@ class Connection:
             self.outbox.when_empty(self._link.close)
 
     def abort(self) -> None:
-        """Cut the connection."""
         self._link.abort()
 
     # -- the endpoint's flow control -----------------------------------------------------------------------
 
     def pause(self) -> None:
-        """Pause reading from the peer."""
         self._is_paused = True
         self._listener.buffers.keep_unread(self._wire)
         self._link.pause()
@@ -379,7 +368,6 @@ class Connection:
             self._inflating.hold()
 
     def resume(self) -> None:
-        """Resume reading from the peer."""
         self._is_paused = False
         self._listener.buffers.is_read(self._wire)
         self._link.resume()
@@ -390,7 +378,6 @@ class Connection:
                 self._broken_inside()
 
     def when_empty(self, callback: Callable[[], None]) -> None:
-        """Call `callback` once the network has accepted everything sent."""
         if not self._is_ending:
             self.outbox.when_empty(callback)
 
@@ -407,17 +394,14 @@ class Connection:
     # -- what the wire reports (WireEvents) ----------------------------------------------------------------
 
     def oversized(self, size: int) -> bool:
-        """Return True if a message larger than the limit is to be skipped."""
         return isinstance(self._endpoint, OversizeAware)
 
     def oversized_head(self, size: int, head: bytes) -> None:
-        """Report the beginning of a message that is skipped."""
         endpoint: object = self._endpoint
         if isinstance(endpoint, OversizeAware):
             endpoint.oversized(size, self._listener.limits.message_bytes, head)
 
     def answer(self, data: bytes) -> None:
-        """Send bytes of the protocol itself."""
         self.outbox.push(data)
 
     def pong(self, data: bytes) -> None:
@@ -442,7 +426,6 @@ class Connection:
         self._set_endpoint(endpoint)
 
     def _set_endpoint(self, endpoint: Endpoint) -> None:
-        """Pass messages to `endpoint` from the next one on."""
         self._endpoint = endpoint
         if isinstance(endpoint, FlowControlled):
             endpoint.set_flow_control(self)
@@ -457,18 +440,16 @@ class Connection:
         return self._closed_with or (ABNORMAL, "the connection was lost")
 
     def hand_over(self, endpoint: Endpoint) -> None:
-        """Replace the endpoint."""
         if self._endpoint is None:
             endpoint.closed(*self.ended_with)
         else:
             self._set_endpoint(endpoint)
 
     def _end_endpoint(self, code: int, reason: str) -> None:
-        """Call the endpoint's `closed`, once."""
         endpoint, self._endpoint = self._endpoint, None
         if endpoint is not None:
             self.outbox.stop_sending()
-            self._wire.message = _ignore
+            self._wire.message = drop_message
             if self._inflating is not None:
                 self._inflating.take_steps = None
             endpoint.closed(*(self._closed_with or (code, reason)))
@@ -526,17 +507,13 @@ class Connection:
         return f"<{self._listener.transport} connection {self.address}:{self._port}>"
 
 
-def _ignore(data: bytes, binary: bool) -> None:
-    """Drop a message: the endpoint is gone."""
-
-
 class _NoWire:
     """Wire of a lost connection: drops everything. Implements :class:`rwt_transports.api.Wire`."""
 
     framing = SERVER_FRAMING
 
     def __init__(self) -> None:
-        self.message: Callable[[bytes, bool], None] = _ignore
+        self.message: Callable[[bytes, bool], None] = drop_message
 
     def feed(self, data: bytes) -> None:
         """Drop `data`."""
@@ -578,14 +555,12 @@ class _ConnectionSink(Outbox):
             self._connection.close(code, reason)
 
     def hand_over(self, endpoint: Endpoint) -> None:
-        """Pass messages to `endpoint` from the next one on."""
         if self._connection is not None:
             self._connection.hand_over(endpoint)
         else:
             endpoint.closed(*self._ended_with)
 
     def discard(self) -> None:
-        """Release everything, and send nothing more: the peer is gone."""
         super().discard()
         if self._connection is not None:
             self._ended_with = self._connection.ended_with

@@ -29,10 +29,8 @@ class Queue:
 
     Attributes:
         topic: name for logs.
-        rules: rules while the reader is slow.
         on_drop: called for each message that is dropped; None: not reported.
         time_ns: clock of the expiry times.
-        waiting: queued messages.
         begun: remaining frames of the message whose first frame is sent.
         size: bytes of both.
         finish: finish tag of the last frame that was served.
@@ -71,8 +69,6 @@ class DataLane:
     queues; ``size`` and ``messages`` are checked against ``_limits``.
 
     Attributes:
-        schedule: heap of the nonempty queues, by tag.
-        size: queued bytes.
         messages: queued messages, without those that have begun.
         dropped: number of dropped messages, by reason.
     """
@@ -169,7 +165,6 @@ class DataLane:
         return first
 
     def _drop_expired(self, queue: Queue) -> None:
-        """Drop expired messages at the front."""
         waiting = queue.waiting
         while waiting and waiting[0][2] and waiting[0][2] < queue.time_ns():
             self._drop_oldest(queue, DropReason.LIFESPAN)
@@ -195,7 +190,6 @@ class DataLane:
             queue.on_drop(reason)
 
     def _drop_oldest(self, queue: Queue, reason: DropReason) -> int:
-        """Drop the oldest message and return its size."""
         first, further, _ = queue.waiting.popleft()
         size = first.size + sum(frame.size for frame in further)
         queue.size -= size

@@ -1,11 +1,4 @@
-"""Errors of the transports.
-
-- :exc:`TransportError`
-    - :exc:`BadUrl`: a URL names no transport, or names it wrongly
-    - :exc:`ListenError`: a listener could not be opened
-    - :exc:`ConnectError`: a connection could not be opened
-    - :exc:`Refused`: raised *by* an accept function, to turn a peer away
-"""
+"""Errors of the transports."""
 
 from __future__ import annotations
 

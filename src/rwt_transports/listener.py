@@ -126,7 +126,6 @@ async def listen(
 
 @asynccontextmanager
 async def _serving(driver: Driver, bound: BindAddress, state: ListenerState) -> AsyncIterator[int]:
-    """Accept peers at an address within the block, yield the port, and close the peers at the end."""
     failure: Exception | None = None
     async with driver.serve(bound, state.attach) as port, state.serving():
         try:

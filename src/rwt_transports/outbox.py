@@ -42,7 +42,6 @@ class OutboxFlow:
         self._queue = queue
 
     def send(self, frame: Frame) -> None:
-        """Queue one message of one frame."""
         outbox = self._outbox
         room = outbox.room
         if room > 0 and frame.size < outbox.small:
@@ -78,7 +77,6 @@ class OutboxFlow:
         return True
 
     def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
-        """Queue one message in one or more frames."""
         outbox = self._outbox
         if any(outbox.is_too_large(self._queue, frame) for frame in pieces):
             return
@@ -93,11 +91,9 @@ class OutboxFlow:
             outbox.send_rest_later(self._queue, pieces[sent:])
 
     def configure(self, rules: FlowRules) -> None:
-        """Apply `rules` from now on."""
         self._outbox.configure(self._queue, rules)
 
     def close(self) -> None:
-        """Stop reporting drops."""
         self._queue.on_drop = None
 
 
@@ -118,20 +114,18 @@ class Outbox:
       are not joined), ``_begun``.
     * Framing: ``_framing``, ``whole``, ``small``, ``burst_bytes``.
     * Wake-up: ``wake``, ``_on_empty`` (called once when everything is taken).
-    * Counters: ``messages``, ``received``, ``_taken`` (bytes accepted by the network).
+    * Counters: ``messages``, ``received``, ``taken``.
 
     Args:
-        framing: converts frames to bytes.
-        limits: bounds of the two lanes.
         wake: called when there is something to take and there was nothing before.
         overflow: called with a reason when the control lane is full.
 
     Attributes:
         ready: bytes to write next, and bursts, some of which may still grow.
-        bursts: True if some of them are bursts.
         room: bytes that may still be added to them.
         messages: number of frames made ready so far.
         received: bytes received by the connection, which counts them here.
+        taken: bytes accepted by the network so far.
         small: frames of fewer bytes are one piece that all connections share.
         burst_bytes: frames of fewer bytes may begin a burst.
         whole: builds that piece.
@@ -139,8 +133,8 @@ class Outbox:
 
     __slots__ = (
         "_begun", "_closed", "_control", "_control_bytes", "_data", "_framing", "_large", "_limits",
-        "_on_empty", "_overflow", "_taken", "burst_bytes", "bursts", "messages", "ready",
-        "received", "room", "small", "wake", "whole",
+        "_on_empty", "_overflow", "burst_bytes", "bursts", "messages", "ready",
+        "received", "room", "small", "taken", "wake", "whole",
     )  # fmt: skip
 
     def __init__(
@@ -168,14 +162,13 @@ class Outbox:
         self._data = DataLane(limits)
         self.messages = 0
         self.received = 0
-        self._taken = 0
+        self.taken = 0
         self._on_empty: Callable[[], None] | None = None
         self._closed = False
 
     # -- the endpoint's side -------------------------------------------------------------------------------
 
     def send(self, frame: Frame) -> None:
-        """Queue one frame in the control lane; see :meth:`rwt_transports.endpoint.Sink.send`."""
         if self.room > 0:
             self.send_at_once(frame)
         elif not self._closed:
@@ -189,7 +182,6 @@ class Outbox:
         on_drop: Callable[[DropReason], None] | None = None,
         time_ns: Callable[[], int] = time_ns,
     ) -> OutboxFlow:
-        """Return a flow of the data lane; see :meth:`rwt_transports.endpoint.Sink.flow`."""
         return OutboxFlow(self, Queue(topic, rules, on_drop, time_ns))
 
     def send_at_once(self, frame: Frame) -> None:
@@ -234,23 +226,16 @@ class Outbox:
 
     @property
     def backlog(self) -> int:
-        """Bytes queued and not yet accepted by the network."""
         begun = sum(map(len, self._begun))
         ready = sum(piece.size if isinstance(piece, Burst) else len(piece) for piece in self.ready)
         return begun + ready + self._control_bytes + self._data.size
 
     @property
     def traffic(self) -> Traffic:
-        """Counts since the connection began."""
         waiting = len(self._control) + self._data.messages
         return Traffic(
-            self.messages, self._taken, waiting, self.backlog, dict(self._data.dropped), self.received
+            self.messages, self.taken, waiting, self.backlog, dict(self._data.dropped), self.received
         )
-
-    @property
-    def taken(self) -> int:
-        """Bytes accepted by the network so far."""
-        return self._taken
 
     @property
     def is_waited_for(self) -> bool:
@@ -337,14 +322,12 @@ class Outbox:
         self._data.clear()
 
     def when_empty(self, callback: Callable[[], None]) -> None:
-        """Call `callback` once, when everything has been taken."""
         self._on_empty = callback
         self.wake()
 
     # -- the driver's side ---------------------------------------------------------------------------------
 
     def take(self) -> Buffer | None:
-        """Return the next bytes to write; None if there are none."""
         if self._begun:
             data: Buffer = self._slice(self._begun.popleft(), SLICE_BYTES)
         else:
@@ -355,7 +338,7 @@ class Outbox:
                     self._empty()
                     return None
             data = self._take_mixed(self._settle_bursts(), SLICE_BYTES) if self._large else self._take_small()
-        self._taken += len(data)
+        self.taken += len(data)
         return data
 
     def _take_small(self) -> Buffer:
@@ -399,7 +382,7 @@ class Outbox:
             pieces = self._gather()
         else:
             pieces = (self._take_small(),)
-            self._taken += len(pieces[0])
+            self.taken += len(pieces[0])
         # There is room as long as nothing waits.
         return pieces, self.room <= 0 or self._on_empty is not None
 
@@ -415,11 +398,11 @@ class Outbox:
             else:
                 break
             left -= len(pieces[-1])
-        self._taken += GATHER_BYTES - left
+        self.taken += GATHER_BYTES - left
         if self.ready and not self._large and not self._begun:
             # The end of the last large message, and the small ones behind it.
             pieces.append(self._take_small())
-            self._taken += len(pieces[-1])
+            self.taken += len(pieces[-1])
         return pieces
 
     def put_back(self, pieces: Sequence[Buffer]) -> None:
@@ -427,7 +410,7 @@ class Outbox:
         time."""
         for piece in filter(len, reversed(pieces)):
             self._begun.appendleft(memoryview(piece))
-            self._taken -= len(piece)
+            self.taken -= len(piece)
         self._make_room()
 
     def _take_mixed(self, ready: list[Buffer], most: int) -> Buffer:

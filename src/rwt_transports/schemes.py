@@ -5,7 +5,6 @@ Other distributions add schemes by entry points of the group `rwt.transports`.
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
 from ssl import SSLContext
@@ -14,6 +13,7 @@ from urllib.parse import urlsplit
 
 from rwt_protocol.extensions import ExtensionError, extension_names, load_extension
 from rwt_transports.api import BindAddress, Connector, Driver, RemoteAddress
+from rwt_transports.background import runs_asyncio
 from rwt_transports.connection import MakeWire
 from rwt_transports.drivers.anyio_stream import AnyioDriver
 from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
@@ -22,8 +22,7 @@ from rwt_transports.drivers.standard_streams import StandardStreamsDriver
 from rwt_transports.errors import BadUrl, ConnectError
 from rwt_transports.websocket.wire import websocket_client, websocket_server
 from rwt_transports.wires.bson_stream import bson_documents
-from rwt_transports.wires.json_datagrams import DATAGRAM_BYTES, json_datagrams
-from rwt_transports.wires.json_stream import json_lines, json_over_tcp
+from rwt_transports.wires.json_stream import DATAGRAM_BYTES, json_datagrams, json_lines, json_over_tcp
 from rwt_transports.wires.whole_messages import whole_messages
 
 DEFAULT_PORT = 9090
@@ -35,15 +34,10 @@ _GROUP: Final = "rwt.transports"
 
 def stream_driver() -> AnyioDriver | AsyncioDriver:
     """Return the fastest driver of TCP and Unix sockets on the running event loop."""
-    try:
-        asyncio.get_running_loop()
-    except RuntimeError:
-        return AnyioDriver()
-    return AsyncioDriver()
+    return AsyncioDriver() if runs_asyncio() else AnyioDriver()
 
 
 def _data_channel() -> Connector:
-    """Return the WebRTC connector. Raises ConnectError if it is not installed."""
     try:
         from rwt_transports.webrtc.connector import DataChannelConnector  # An extra that few need.
     except ImportError as missing:
@@ -161,13 +155,7 @@ def carries_binary(url: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class ListenUrl:
-    """Parsed URL to listen on.
-
-    Attributes:
-        name: the scheme.
-        scheme: its row.
-        address: where to listen.
-    """
+    """Parsed URL to listen on."""
 
     name: str
     scheme: Scheme
@@ -243,10 +231,6 @@ class ConnectUrl:
     """Parsed URL to connect to.
 
     Attributes:
-        name: the scheme.
-        scheme: its row.
-        client_wire: makes the wire.
-        address: where to connect.
         path: path and query of the request, for the schemes that have one.
     """
 

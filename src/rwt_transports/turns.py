@@ -83,13 +83,11 @@ class Turns:
         seconds: budget of one turn.
         call_soon: calls a function in the next turn.
         call_later: calls a function after some seconds.
-        monotonic: monotonic clock, in seconds.
         one_at_a_time: True if waiting work is done one piece per turn.
         is_held_back: returns True while waiting work must go on waiting for something else than a turn.
 
     Attributes:
         is_full: True if the budget of this turn is used up.
-        monotonic: monotonic clock, in seconds.
     """
 
     __slots__ = (
@@ -162,7 +160,6 @@ class Turns:
             self._call_soon(self._next)
 
     def _next(self) -> None:
-        """Begin a turn: reset what was counted, and do waiting work."""
         self._is_begun = self.is_full = False
         self._used = 0.0
         self._holder = None

@@ -26,14 +26,13 @@ FRAMING = Framing(_netstring, lambda frame: (_netstring(frame),))
 class NetstringWire(StreamWire):
     """Messages as ``5:hello,``."""
 
-    def feed(self, data: bytes) -> None:
-        self._buffer += data
-        while not self._over:
-            size, colon, rest = bytes(self._buffer).partition(b":")
-            if not colon or len(rest) <= int(size):
-                return
-            del self._buffer[: len(size) + 1 + int(size) + 1]
-            self.message(rest[: int(size)], False)
+    def _step(self) -> bool:
+        size, colon, rest = bytes(self._buffer).partition(b":")
+        if not colon or len(rest) <= int(size):
+            return False
+        del self._buffer[: len(size) + 1 + int(size) + 1]
+        self.message(rest[: int(size)], False)
+        return True
 
 
 def netstrings(events: WireEvents, limits: Limits, _buffers: ReceiveBufferPool) -> NetstringWire:

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Final, TypeVar, Union
 from rwt.access.disclosure import restrict, written_parameters
 from rwt.access.errors import GateRefused, NotAllowed, QuotaExceeded
 from rwt.access.graph_view import GraphView, canonical
-from rwt_graph.accounts import WORK_ACCOUNT
+from rwt_graph.accounts import ACCOUNT, WORK_ACCOUNT
 from rwt_graph.names import resolve
-from rwt_graph.parameters.accounts import ACCOUNT
 from rwt_participant.errors import CallFailed, NotFound, ParameterRejected, ProviderNotFound
 from rwt_participant.goals import GoalStatus
 

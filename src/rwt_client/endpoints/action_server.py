@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING
 
-from rwt_client.endpoints.remote_handle import RemoteServer
+from rwt_client.endpoints.remote_handle import Offered, RemoteServer
 from rwt_client.errors import ConnectionLost
 from rwt_client.wire.decoding import request_of
 from rwt_interfaces.structs import ActionType
@@ -41,7 +41,7 @@ class ActionServer(RemoteServer[ActionType]):
         session: ReconnectingSession,
         name: str,
         wire_name: Callable[[ActionType], str],
-        offered: dict[str, ActionServer],
+        offered: Offered[ActionServer],
         execute: Execute,
         tasks: TaskStarter,
     ) -> None:
@@ -51,16 +51,13 @@ class ActionServer(RemoteServer[ActionType]):
         self._tasks = tasks
 
     def release(self) -> None:
-        """Request that running goals end, and withdraw the action."""
         self._cancel_all()
         super().release()
 
     def advertise(self, wire_type: str) -> AdvertiseAction:
-        """Return the op that offers it."""
         return AdvertiseAction(type=wire_type, action=self.name, id=self.id)
 
     def withdrawal(self) -> UnadvertiseAction:
-        """Return the op that withdraws it."""
         return UnadvertiseAction(action=self.name, id=self.id)
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
@@ -90,7 +87,6 @@ class ActionServer(RemoteServer[ActionType]):
             goal.cancel_event.set()
 
     def _send_feedback(self, id: str | int | None, message: MessageLike) -> None:
-        """Send feedback of a goal; no-op if it has ended."""
         values = RawJson(to_payload(self.type.feedback, message).json())
         if id in self._goals:
             self._session.send_if_connected(ActionFeedback(action=self.name, values=values, id=id))
@@ -109,28 +105,3 @@ class ActionServer(RemoteServer[ActionType]):
         if self._goals.get(goal.id) is goal:
             del self._goals[goal.id]
             self._session.send_if_connected(op)
-
-
-class ActionServers:
-    """Dispatcher of goals to this program's actions.
-
-    Attributes:
-        offered: actions of this program, by name.
-    """
-
-    def __init__(self) -> None:
-        self.offered: dict[str, ActionServer] = {}
-
-    def on_goal(self, _: None, op: SendActionGoal) -> None:
-        """Pass a goal to its action."""
-        self._find(op.action).on_goal(op)
-
-    def on_cancel(self, _: None, op: CancelActionGoal) -> None:
-        """Pass a cancel request to its action."""
-        self._find(op.action).on_cancel(op)
-
-    def _find(self, name: str) -> ActionServer:
-        action = self.offered.get(name)
-        if action is None:
-            raise ServiceFailed(f"this client does not offer {name}")
-        return action

@@ -32,11 +32,9 @@ class WireGoal:
         self._result = result
 
     def send_cancel(self) -> None:
-        """Request that the goal be canceled (ACT-07)."""
         self._goals.session.send(CancelActionGoal(id=self.goal.id, action=self.goal.action))
 
     def forget(self) -> None:
-        """Receive nothing more of the goal."""
         self._goals.forget(self.goal.id)
 
     def restore(self) -> None:
@@ -47,7 +45,6 @@ class WireGoal:
         self.goal.end(type(error)(f"{error}, before the goal of {self.goal.action} ended"))
 
     def refused(self, text: str) -> None:
-        """End the goal with the server's error."""
         self.goal.end(call_error(text, self.goal.action, GoalRejected))
 
     def on_feedback(self, op: ActionFeedback) -> None:
@@ -96,9 +93,6 @@ class SentGoals:
         readers: tuple[MessageReader, MessageReader],
     ) -> Goal:
         """Send a goal (ACT-01).
-
-        Args:
-            readers: readers of the feedback and of the result.
 
         Raises:
             NotConnected: there is no connection now.

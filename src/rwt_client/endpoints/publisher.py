@@ -5,8 +5,7 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypedDict
 
 from rwt_client.endpoints.remote_handle import RemoteHandle
 from rwt_client.errors import ConnectionLost, ServerRefused
@@ -26,12 +25,11 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger("rwt_client")
 
-_EARLY_KEPT: Final = 100
+_MOST_PENDING: Final = 100
 """Maximum number of messages queued until the topic's type is known; beyond it, the oldest are dropped."""
 
 
-@dataclass(frozen=True, slots=True)
-class AdvertiseOptions:
+class AdvertiseOptions(TypedDict, total=False):
     """Options of an advertisement.
 
     Attributes:
@@ -40,9 +38,9 @@ class AdvertiseOptions:
         qos: quality of service, on ROS 2 servers.
     """
 
-    latch: bool = False
-    queue_size: int | None = None
-    qos: Qos | None = None
+    latch: bool
+    queue_size: int | None
+    qos: QoS | Qos | None
 
 
 def wire_qos(qos: QoS | Qos | None) -> Qos | None:
@@ -83,12 +81,12 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
         self.sent = 0
         self.dropped = 0
         self._types = types
-        self._options = options
+        self._options = AdvertiseOptions(**{**options, "qos": wire_qos(options.get("qos"))})
         self._drained = drained
         self._prefix = publish_prefix(name)
         self._flow: Flow | None = None
         self._error: RobotError | None = None
-        self._early: deque[MessageLike] = deque()
+        self._pending: deque[MessageLike] = deque()
         self._invalid: InvalidMessage | None = None
 
     def publish(self, message: MessageLike) -> None:
@@ -108,18 +106,18 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
         if self._error is not None:
             raise self._error
         if self._flow is None:
-            self._publish_early(message)
+            self._publish_later(message)
             return
         self._flow.send(publish_frame(self._prefix, to_payload(self._message_type, message).json()))
         self.sent += 1
 
-    def _publish_early(self, message: MessageLike) -> None:
+    def _publish_later(self, message: MessageLike) -> None:
         if self._type is not None:
             raise self._session.not_connected()
-        if len(self._early) == _EARLY_KEPT:
-            self._early.popleft()
+        if len(self._pending) == _MOST_PENDING:
+            self._pending.popleft()
             self.dropped += 1
-        self._early.append(message)
+        self._pending.append(message)
 
     async def ready(self) -> None:
         """Wait until the type is known and earlier messages were sent; see :class:`Handle`.
@@ -137,11 +135,9 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
         await self._drained()
 
     def release(self) -> None:
-        """Reject further messages."""
         self._error = HandleClosed(f"the publisher on {self.name} was closed")
 
     def withdrawal(self) -> Unadvertise:
-        """Return the op that withdraws the advertisement."""
         return Unadvertise(topic=self.name, id=self.id)
 
     def __repr__(self) -> str:
@@ -150,44 +146,32 @@ class RemotePublisher(RemoteHandle[MessageType], Publisher):
     # -- called by the session ------------------------------------------------------------------------------
 
     def take_type(self, type: MessageType) -> None:
-        """Set the type that messages are checked by."""
         self._message_type = type
         self._wire_type = self._types.wire_name(type.name)
 
     def opened(self) -> None:
-        """Send the messages that were published before the type was known."""
-        while self._early and self._flow is not None:
+        while self._pending and self._flow is not None:
             try:
-                self.publish(self._early.popleft())
+                self.publish(self._pending.popleft())
             except InvalidMessage as error:
                 self._invalid = self._invalid or error
                 logger.warning("a message for %s was not published: %s", self.name, error)
 
     def restore(self) -> None:
-        """Advertise on a new connection."""
-        options = self._options
-        given: dict[str, Any] = {}
-        if options.latch:
-            given["latch"] = True
-        if options.queue_size is not None:
-            given["queue_size"] = options.queue_size
-        if options.qos is not None:
-            given["qos"] = options.qos
+        # Left out of the op where they have their defaults, which other servers may not know.
+        given: dict[str, Any] = {name: value for name, value in self._options.items() if value}
         self._session.send(Advertise(topic=self.name, type=self._wire_type, id=self.id, **given))
         self._flow = self._session.flow(self.name, self._on_drop)
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
         """Reject messages: with `error` if it is final, otherwise until the next connection."""
         self._flow = None
-        if final:
-            self.fail(error)
+        super().lost(error, final)
 
     def refused(self, text: str) -> None:
-        """Reject messages with the server's text."""
         self.fail(ServerRefused(text))
 
     def fail(self, error: RobotError) -> None:
-        """Reject further messages with `error`."""
         self._error = error
 
     def _on_drop(self, reason: DropReason) -> None:

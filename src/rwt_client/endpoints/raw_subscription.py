@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal
 
 from rwt_client.endpoints.remote_handle import RemoteHandle
-from rwt_client.errors import ConnectionLost, ServerRefused
+from rwt_client.errors import ServerRefused
 from rwt_interfaces.structs import MessageType
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.errors import InvalidMessage, RobotError
@@ -53,24 +53,20 @@ class RawSubscription(RemoteHandle[MessageType]):
         self._compression: Literal["cbor-raw", "none"] = "cbor-raw" if table.cbor_offered else "none"
 
     def take_type(self, type: MessageType) -> None:
-        """Prepare to receive messages of that type."""
         self._reader = self._types.reader(type)
         self._serialise = type.serialise
         self._session.listen(self.name, self)
         self._session.raw_topics += 1
 
     def release(self) -> None:
-        """Receive nothing more."""
         if self._type is not None:
             self._session.raw_topics -= 1
             self._session.listen(self.name, None)
 
     def withdrawal(self) -> Unsubscribe:
-        """Return the op that unsubscribes."""
         return Unsubscribe(topic=self.name, id=self.id)
 
     def deliver(self, arrived: UnparsedMessage, size: int) -> None:
-        """Pass on a received message; satisfies :class:`rwt_client.wire.session.Destination`."""
         self.received += 1
         try:
             self._callback(self._raw(arrived))
@@ -91,7 +87,6 @@ class RawSubscription(RemoteHandle[MessageType]):
     # -- called by the session ------------------------------------------------------------------------------
 
     def restore(self) -> None:
-        """Subscribe on a new connection."""
         self._session.send(
             Subscribe(
                 topic=self.name,
@@ -101,11 +96,6 @@ class RawSubscription(RemoteHandle[MessageType]):
                 qos=_EVERYTHING,
             )
         )
-
-    def lost(self, error: ConnectionLost, final: bool) -> None:
-        """End the subscription if the loss is final."""
-        if final:
-            self.fail(error)
 
     def refused(self, text: str) -> None:
         """Subscribe in JSON if the server rejects `cbor-raw`; fail if it rejects that, too."""
@@ -117,5 +107,4 @@ class RawSubscription(RemoteHandle[MessageType]):
             logger.warning("the subscription to %s was refused: %s", self.name, text)
 
     def fail(self, error: RobotError) -> None:
-        """End the subscription with `error`."""
         self.error = error

@@ -7,7 +7,7 @@ from abc import abstractmethod
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Generic, Self, TypeVar
 
-from rwt_participant.errors import RobotError, UnknownType
+from rwt_participant.errors import RobotError, ServiceFailed, UnknownType
 from rwt_participant.future import Future
 from rwt_participant.handles import Handle
 
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 logger = logging.getLogger("rwt_client")
 
 T = TypeVar("T")
+S = TypeVar("S")
 
 
 class RemoteHandle(Handle, Generic[T]):
     """Handle of a client that is restored on each new connection.
 
     Attributes:
-        name: name of the topic, service or action.
-        id: id on the wire.
+        closed: True if this program has closed it.
     """
 
     def __init__(self, session: ReconnectingSession, kind: str, name: str) -> None:
@@ -35,7 +35,7 @@ class RemoteHandle(Handle, Generic[T]):
         self.id = session.next_id(kind, name)
         self._session = session
         self._type: T | None = None
-        self._closed = False
+        self.closed = False
         self._opened: Future[None] = Future()
 
     @property
@@ -58,7 +58,6 @@ class RemoteHandle(Handle, Generic[T]):
         return self
 
     async def ready(self) -> None:
-        """Wait until its type is known; see :meth:`Handle.ready`."""
         await self._opened.wait()
 
     async def _ask(self, ask: Callable[[], Awaitable[T]]) -> None:
@@ -82,16 +81,10 @@ class RemoteHandle(Handle, Generic[T]):
         self.opened()
         self._opened.set(None)
 
-    @property
-    def closed(self) -> bool:
-        """True if this program has closed it."""
-        return self._closed
-
     def close(self) -> None:
-        """Withdraw it. No-op if it is closed."""
-        if self._closed:
+        if self.closed:
             return
-        self._closed = True
+        self.closed = True
         self.release()
         self._session.remove(self.id)
         if self._type is not None:
@@ -115,9 +108,10 @@ class RemoteHandle(Handle, Generic[T]):
     def restore(self) -> None:
         """Request it on a new connection."""
 
-    @abstractmethod
     def lost(self, error: ConnectionLost, final: bool) -> None:
         """Called when the connection is lost; `final`: there will not be another."""
+        if final:
+            self.fail(error)
 
     @abstractmethod
     def refused(self, text: str) -> None:
@@ -126,6 +120,17 @@ class RemoteHandle(Handle, Generic[T]):
     @abstractmethod
     def fail(self, error: RobotError) -> None:
         """End it because of `error`."""
+
+
+class Offered(dict[str, S]):
+    """Services or actions that this program offers, by name."""
+
+    def find(self, name: str) -> S:
+        """Return the one of that name. Raises :exc:`ServiceFailed`."""
+        offered = self.get(name)
+        if offered is None:
+            raise ServiceFailed(f"this client does not offer {name}")
+        return offered
 
 
 class RemoteServer(RemoteHandle[T]):
@@ -142,7 +147,7 @@ class RemoteServer(RemoteHandle[T]):
         kind: str,
         name: str,
         wire_name: Callable[[T], str],
-        offered: dict[str, Self],
+        offered: Offered[Self],
     ) -> None:
         super().__init__(session, kind, name)
         self._wire_name = wire_name
@@ -153,7 +158,6 @@ class RemoteServer(RemoteHandle[T]):
         offered[name] = self
 
     def release(self) -> None:
-        """Withdraw the service or action."""
         if self._offered.get(self.name) is self:
             del self._offered[self.name]
 
@@ -161,18 +165,15 @@ class RemoteServer(RemoteHandle[T]):
         """No-op: nothing else depends on the type."""
 
     def restore(self) -> None:
-        """Advertise on a new connection."""
         self._session.send(self.advertise(self._wire_name(self.type)))
 
     def fail(self, error: RobotError) -> None:
-        """Withdraw it because of `error`."""
         self.close()
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
         """No-op: the server notifies all callers."""
 
     def refused(self, text: str) -> None:
-        """Log that the server rejects it."""
         logger.error("%s is not offered: %s", self.name, text)
 
     @abstractmethod

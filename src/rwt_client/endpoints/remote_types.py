@@ -55,8 +55,7 @@ class RemoteTypes:
         self._services: dict[str, str] = {}
         self._actions: dict[str, str] = {}
 
-    # -- for programs
-    # -----------------------------------------------------------------------------------------
+    # -- for programs ----------------------------------------------------------------------------------------
 
     def __getitem__(self, name: str) -> type[msgspec.Struct]:
         """Return the class of a message, or of a part of a service or action (``AddTwoInts_Request``).
@@ -98,8 +97,7 @@ class RemoteTypes:
         """ROS distribution of the robot; None while unknown."""
         return self._distro
 
-    # -- for the client
-    # ---------------------------------------------------------------------------------------
+    # -- for the client --------------------------------------------------------------------------------------
 
     def set_distro(self, distro: Distro | None) -> None:
         """Use the names and times of that distribution; None: of the default one."""
@@ -174,7 +172,7 @@ class RemoteTypes:
             if isinstance(name, str) and isinstance(text, str) and name:
                 self._add_full_text(name, text)
 
-    # -- fetching --------------------------------------------------------------------------------------------
+    # -- fetching ------------------------------------------------------------------------------------------
 
     async def _known(self, name: str, find: Callable[[str], T], fetch: Callable[[], Awaitable[None]]) -> T:
         try:
@@ -213,7 +211,6 @@ class RemoteTypes:
         return did_you_mean(name, await self._names(what))
 
     async def _names(self, what: str) -> list[str]:
-        """Return the listed names; empty if the robot does not answer."""
         question, key = _LISTS[what]
         answer: object = None
         with anyio.move_on_after(ADVICE_SECONDS):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from rwt_client.endpoints.remote_handle import RemoteServer
+from rwt_client.endpoints.remote_handle import Offered, RemoteServer
 from rwt_client.errors import ConnectionLost
 from rwt_client.wire.decoding import request_of
 from rwt_interfaces.structs import ServiceType
@@ -39,11 +39,7 @@ HANDLER_FAILED = "the service's handler failed; its program's log says why"
 
 
 class WireCall:
-    """Pending call.
-
-    Attributes:
-        outcome: response as JSON.
-    """
+    """Pending call."""
 
     def __init__(self, calls: Calls, service: str, args: RawJson, repeat: bool) -> None:
         self.id = calls.session.next_id("call_service", service)
@@ -59,12 +55,10 @@ class WireCall:
             self._calls.session.send(CallService(service=self._service, args=self._args, id=self.id))
 
     def lost(self, error: ConnectionLost, final: bool) -> None:
-        """Fail the call, unless it may be sent again."""
         if final or not self._repeat:
             self.outcome.set(type(error)(f"{error}, before {self._service} answered"))
 
     def refused(self, text: str) -> None:
-        """Fail the call with the server's text."""
         self.outcome.set(call_error(text, self._service))
 
 
@@ -145,7 +139,7 @@ class ServiceServer(RemoteServer[ServiceType]):
         session: ReconnectingSession,
         name: str,
         wire_name: Callable[[ServiceType], str],
-        offered: dict[str, ServiceServer],
+        offered: Offered[ServiceServer],
         handler: ServiceHandler,
         tasks: TaskStarter,
     ) -> None:
@@ -154,11 +148,9 @@ class ServiceServer(RemoteServer[ServiceType]):
         self._tasks = tasks
 
     def advertise(self, wire_type: str) -> AdvertiseService:
-        """Return the op that offers it."""
         return AdvertiseService(type=wire_type, service=self.name, id=self.id)
 
     def withdrawal(self) -> UnadvertiseService:
-        """Return the op that withdraws it."""
         return UnadvertiseService(service=self.name, id=self.id)
 
     # -- calls -----------------------------------------------------------------------------------------------
@@ -185,21 +177,3 @@ class ServiceServer(RemoteServer[ServiceType]):
         self._session.send_if_connected(
             ServiceResponse(service=op.service, values=reason, result=False, id=op.id)
         )
-
-
-class ServiceServers:
-    """Dispatcher of calls to this program's services.
-
-    Attributes:
-        offered: services of this program, by name.
-    """
-
-    def __init__(self) -> None:
-        self.offered: dict[str, ServiceServer] = {}
-
-    def on_call(self, _: None, op: CallService) -> None:
-        """Pass a call to its service (SVP-01)."""
-        service = self.offered.get(op.service)
-        if service is None:
-            raise ServiceFailed(f"this client does not offer {op.service}")
-        service.on_call(op)

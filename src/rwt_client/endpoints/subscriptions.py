@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import anyio
 
+from rwt_client.endpoints.publisher import wire_qos
 from rwt_client.endpoints.remote_handle import RemoteHandle
 from rwt_client.errors import ConnectionClosed, ConnectionLost, ServerRefused
 from rwt_client.wire.arrays import ArrayKind, check_kind, has_big_arrays, is_encoded_everywhere
@@ -16,6 +17,7 @@ from rwt_interfaces.structs import MessageType
 from rwt_participant.errors import HandleClosed, InvalidMessage, RobotError
 from rwt_participant.handles import QUEUE_BYTES, MessageQueue, Subscription
 from rwt_participant.messages import Message, MessageCallback, is_coroutine_function
+from rwt_participant.qos import QoS
 from rwt_protocol.codecs import SELECTABLE, load_encoding
 from rwt_protocol.extensions import ExtensionError, extension_names
 from rwt_protocol.ops import Qos, Subscribe, Unsubscribe
@@ -55,7 +57,7 @@ class SubscribeOptions:
     queue_size: int = 1000
     queue_bytes: int = QUEUE_BYTES
     fragment_size: int | None = None
-    qos: Qos | None = None
+    qos: QoS | Qos | None = None
 
     def __post_init__(self) -> None:
         check_kind(self.arrays)
@@ -78,7 +80,6 @@ class TopicSubscriptions:
         self.subscriptions: tuple[RemoteSubscription, ...] = ()
 
     def deliver(self, arrived: UnparsedMessage, size: int) -> None:
-        """Pass one message to every subscription."""
         for subscription in self.subscriptions:
             subscription.take(arrived, size)
 
@@ -161,7 +162,6 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
         self._callback = callback
 
     def take_type(self, type: MessageType) -> None:
-        """Prepare to read messages of that type."""
         self._compression = self._table.compression(self._options.compression, type)
         self._reader = self._table.types.reader(type, self._options.arrays)
         self._table.add(self)
@@ -169,13 +169,11 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
             self._table.tasks.start_soon(self._call_in_turn, self._queue, self._callback)
 
     def release(self) -> None:
-        """End an iteration, and drop the queued messages."""
         self._end(HandleClosed(f"the subscription to {self.name} was closed"))
         if self._type is not None:
             self._table.remove(self)
 
     def withdrawal(self) -> Unsubscribe:
-        """Return the op that unsubscribes."""
         return Unsubscribe(topic=self.name, id=self.id)
 
     def __repr__(self) -> str:
@@ -184,7 +182,6 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
     # -- messages --------------------------------------------------------------------------------------------
 
     def take(self, arrived: UnparsedMessage, size: int) -> None:
-        """Decode a message, and pass it on."""
         self.received += 1
         self.received_bytes += size
         if self._queue is not None:
@@ -212,7 +209,6 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
     # -- called by the session ------------------------------------------------------------------------------
 
     def restore(self) -> None:
-        """Subscribe on a new connection."""
         options = self._options
         given: dict[str, Any] = {}
         if options.throttle > 0:
@@ -222,14 +218,9 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
         if options.fragment_size:
             given["fragment_size"] = options.fragment_size
         if options.qos is not None:
-            given["qos"] = options.qos
+            given["qos"] = wire_qos(options.qos)
         wire_type = self._table.types.wire_name(self.type.name)
         self._session.send(Subscribe(topic=self.name, type=wire_type, id=self.id, **given))
-
-    def lost(self, error: ConnectionLost, final: bool) -> None:
-        """End the subscription if the loss is final."""
-        if final:
-            self.fail(error)
 
     def refused(self, text: str) -> None:
         """Subscribe in JSON if the server rejects CBOR; fail if it rejects that, too."""
@@ -241,7 +232,6 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
             self.fail(ServerRefused(text))
 
     def fail(self, error: RobotError) -> None:
-        """End the subscription with `error`."""
         if self._callback is not None and not isinstance(error, ConnectionLost):
             logger.warning("the subscription to %s was refused: %s", self.name, error)
         self._end(error)

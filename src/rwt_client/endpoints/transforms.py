@@ -89,7 +89,6 @@ class RemoteTransforms(Transforms):
             raise
 
     def close(self) -> None:
-        """Unsubscribe and discard all transforms; the next lookup starts again."""
         super().close()
         self._thresholds = None
         self._topics = Transforms._topics

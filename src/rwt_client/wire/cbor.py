@@ -104,7 +104,6 @@ class _Reader:
         self.position = 0
 
     def item(self, depth: int) -> object:
-        """Return the next item, at nesting depth `depth`."""
         first = self._frame[self.position]
         self.position += 1
         major, minor = first >> 5, first & 0x1F

@@ -33,8 +33,6 @@ class MessageReader:
     """Reader for messages of one type.
 
     Args:
-        message_type: type of the messages.
-        arrays: type of numeric arrays.
         trusted: True if times are certainly spelled as in the type's distribution. Otherwise both spellings
             are accepted, which is slower.
     """

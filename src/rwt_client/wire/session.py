@@ -11,7 +11,7 @@ import logging
 import re
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final, Literal, Protocol
+from typing import TYPE_CHECKING, Final, Literal, Protocol, Self
 
 import anyio
 import msgspec
@@ -34,10 +34,10 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger("rwt_client")
 
-SMALL: Final = 256
+SMALL_BYTES: Final = 256
 """JSON frames below this many bytes are parsed twice, which is faster than searching for the payload."""
 
-LARGE: Final = 32 * 1024
+LARGE_BYTES: Final = 32 * 1024
 """JSON frames above this many bytes are read by the session, without inspecting the payload."""
 
 _CLOSING_BRACE: Final = ord("}")
@@ -86,29 +86,11 @@ class ReconnectingSession:
 
     Args:
         level: minimum severity of status messages from the server; None does not request any.
-        limits: limits of one message.
 
     Attributes:
-        events: events of the connection.
         dispatcher: handlers of all ops but published messages.
         raw_topics: number of topics subscribed to in `cbor-raw`.
     """
-
-    __slots__ = (
-        "_closed",
-        "_connect_count",
-        "_count",
-        "_destinations",
-        "_ended",
-        "_level",
-        "_limits",
-        "_restorables",
-        "_session",
-        "_sink",
-        "dispatcher",
-        "events",
-        "raw_topics",
-    )  # fmt: skip
 
     def __init__(self, level: Level | None, limits: WireLimits) -> None:
         self._level = level
@@ -126,8 +108,7 @@ class ReconnectingSession:
         self.dispatcher: Dispatcher[None] | None = None
         self.raw_topics = 0
 
-    # -- for restorables
-    # ---------------------------------------------------------------------------------------
+    # -- for restorables -------------------------------------------------------------------------------------
 
     @property
     def connected(self) -> bool:
@@ -196,10 +177,9 @@ class ReconnectingSession:
         if self._sink is not None:
             self._sink.send(self._session.encode(op))
 
-    # -- for the connection
-    # ------------------------------------------------------------------------------------
+    # -- for the connection ----------------------------------------------------------------------------------
 
-    def accept(self, sink: Sink, peer: PeerInfo) -> _Endpoint:
+    def accept(self, sink: Sink, peer: PeerInfo) -> Self:
         """Use a new connection; restorables are requested before anything else is sent."""
         self._sink = sink
         self._session = Session(COMPAT, Direction.TO_CLIENT, self._limits)
@@ -210,49 +190,42 @@ class ReconnectingSession:
         for restorable in tuple(self._restorables.values()):
             restorable.restore()
         kind: Literal["connected", "restored"] = "connected" if self._connect_count == 1 else "restored"
-        self.events.tell(ConnectionEvent(kind))
-        return _Endpoint(self)
+        self.events.publish(ConnectionEvent(kind))
+        return self
 
     async def ended(self) -> None:
         """Wait until the connection is lost."""
         await self._ended.wait()
 
-    def hang_up(self, code: int, reason: str) -> None:
+    def closed(self, code: int, reason: str) -> None:
         """Note that the connection is lost, and notify restorables."""
         if self._sink is None:
             return
         self._sink = None
         text = reason or f"closed with code {code}"
-        self._tell_all(ConnectionLost(f"the connection to the server was lost: {text}"), False)
+        self._notify_all(ConnectionLost(f"the connection to the server was lost: {text}"), False)
         if self._closed is None:
-            self.events.tell(ConnectionEvent("lost", text))
+            self.events.publish(ConnectionEvent("lost", text))
         self._ended.set()
 
     def close(self, error: ConnectionLost) -> None:
         """Accept no more connections, because of `error`."""
         if self._closed is None:
             self._closed = error
-            self._tell_all(error, True)
+            self._notify_all(error, True)
             self._restorables.clear()
             text = "" if isinstance(error, ConnectionClosed) else str(error)
-            self.events.tell(ConnectionEvent("closed", text))
+            self.events.publish(ConnectionEvent("closed", text))
 
-    @property
-    def closed(self) -> bool:
-        """True if there will be no more connections."""
-        return self._closed is not None
-
-    def _tell_all(self, error: ConnectionLost, final: bool) -> None:
+    def _notify_all(self, error: ConnectionLost, final: bool) -> None:
         for restorable in tuple(self._restorables.values()):
             restorable.lost(error, final)
 
-    # -- receiving
-    # --------------------------------------------------------------------------------------------
+    # -- receiving -------------------------------------------------------------------------------------------
 
     def receive(self, data: bytes, binary: bool) -> None:
-        """Receive one message."""
         size = len(data)
-        if SMALL < size <= LARGE:
+        if SMALL_BYTES < size <= LARGE_BYTES:
             head = _match_head(data)
             if head is not None and data[-1] == _CLOSING_BRACE:
                 destination = self._destinations.get(head[1])
@@ -264,7 +237,7 @@ class ReconnectingSession:
                 return
             if self._receive_cbor(data):
                 return
-        if size <= LARGE and self._receive_small(data):
+        if size <= LARGE_BYTES and self._receive_small(data):
             return
         for op in self._session.decode(data, binary, time.monotonic()):
             self._take(op)
@@ -334,17 +307,4 @@ class ReconnectingSession:
             restorable.refused(op.msg)
             return
         logger.warning("the server says (%s): %s", op.level, op.msg)
-        self.events.tell(ConnectionEvent("status", op.msg, level=op.level))
-
-
-class _Endpoint:
-    """Endpoint of one connection; satisfies :class:`rwt_transports.endpoint.Endpoint`."""
-
-    __slots__ = ("_session", "receive")
-
-    def __init__(self, session: ReconnectingSession) -> None:
-        self._session = session
-        self.receive: Callable[[bytes, bool], None] = session.receive
-
-    def closed(self, code: int, reason: str) -> None:
-        self._session.hang_up(code, reason)
+        self.events.publish(ConnectionEvent("status", op.msg, level=op.level))

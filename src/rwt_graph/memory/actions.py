@@ -21,9 +21,9 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from enum import Enum, auto
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 from uuid import uuid4
 
 from rwt_graph.api import (
@@ -32,19 +32,17 @@ from rwt_graph.api import (
     CallObserver,
     ClientGoal,
     GoalEvents,
-    Registration,
     ServerGoal,
+    ServiceCall,
 )
 from rwt_graph.errors import InvalidGraphName, InvalidTransition
-from rwt_graph.memory.changes import Changes
-from rwt_graph.memory.node_resources import NodeResources
-from rwt_graph.memory.provider_table import ProviderTable
+from rwt_graph.memory.tables import NodeResources, Provider, ProviderTable, RemoteProviders
+from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed, GoalRejected, ProviderGone, ProviderNotFound
 from rwt_participant.goals import GoalStatus
 
 if TYPE_CHECKING:
-    from rwt_interfaces.payload import Payload
-    from rwt_interfaces.structs import ActionType
+    from rwt_interfaces.structs import ActionType, ServiceType
 
 logger = logging.getLogger(__name__)
 
@@ -98,53 +96,41 @@ class GoalWatcher(Protocol):
     @property
     def feedback_wanted(self) -> bool:
         """True if a client takes feedback now."""
-        ...
 
     def changed(self, goal_id: str) -> None:
         """Called when a goal's state has changed."""
-        ...
 
     def fed_back(self, goal_id: str, feedback: Payload) -> None:
         """Called when the server sent feedback on a goal."""
-        ...
 
     def ended(self, goal_id: str, status: GoalStatus, result: Payload | None, reason: str) -> None:
         """Called when a goal has ended; without a result if it was rejected or its server left."""
-        ...
 
 
-class RemoteActions(Protocol):
+class RemoteActions(RemoteProviders, Protocol):
     """Actions of other processes."""
 
     def info(self, name: str) -> ActionInfo | None:
         """Return an action of another process; None if it does not exist."""
-        ...
-
-    def names(self) -> set[str]:
-        """Return the names of all actions of other processes."""
-        ...
-
-    def by_node(self) -> Iterator[tuple[str, str]]:
-        """Yield each node of another process with each of its actions."""
-        ...
 
     def send(
         self, action: str, payload: Payload, events: GoalEvents, goal_id: str, client: NodeResources
     ) -> ClientGoal | None:
         """Send a goal to another process; None if no other process offers the action."""
-        ...
 
     def cancel(self, action: str, goal_id: str, client: NodeResources) -> None:
         """Request cancellation of a goal in another process by its id."""
-        ...
 
     def cancel_every(self, action: str, client: NodeResources) -> None:
         """Request cancellation of all goals of an action in another process."""
-        ...
 
 
-class MemoryGoal(ServerGoal):
-    """Goal as its server sees it, with its state."""
+class MemoryGoal(ServerGoal, ClientGoal):
+    """Goal as both sides see it, with its state."""
+
+    status = GoalStatus.UNKNOWN
+    cancel_requested = False
+    reason = ""
 
     def __init__(
         self,
@@ -157,20 +143,16 @@ class MemoryGoal(ServerGoal):
         self.id = goal_id
         self.action = server.name
         self._goal: Payload | None = goal
-        self.reason = ""
         self.on_cancel: Callable[[], None] | None = None
         self.on_end: Callable[[CallFailed], None] | None = None
         self._server = server
         self._client = client
         self._events: GoalEvents | None = events
-        self._status = GoalStatus.UNKNOWN
-        self._cancel_requested = False
         self._cancel_notified = False
-        self.listening = True
+        self._listening = True
 
     @property
     def goal(self) -> Payload:
-        """Message of the goal; raises :exc:`InvalidTransition` after the server's callback has returned."""
         if self._goal is None:
             raise InvalidTransition(f"goal {self.id} of {self.action} was taken: its message is not kept")
         return self._goal
@@ -180,30 +162,19 @@ class MemoryGoal(ServerGoal):
         self._goal = None
 
     @property
-    def status(self) -> GoalStatus:
-        """Current state."""
-        return self._status
-
-    @property
-    def cancel_requested(self) -> bool:
-        """True if a cancel was requested."""
-        return self._cancel_requested
-
-    @property
     def feedback_wanted(self) -> bool:
-        """True if the client, or one in another process, takes feedback now."""
-        if self.listening and self._events is not None and self._events.on_feedback is not None:
+        if self._listening and self._events is not None and self._events.on_feedback is not None:
             return True
         return self._server.watcher is not None and self._server.watcher.feedback_wanted
 
     def _step(self, event: GoalEvent) -> None:
-        after = TRANSITIONS.get((self._status, event))
+        after = TRANSITIONS.get((self.status, event))
         if after is None:
             raise InvalidTransition(
-                f"goal {self.id} of {self.action} is {self._status.name}: {event.name} is not possible"
+                f"goal {self.id} of {self.action} is {self.status.name}: {event.name} is not possible"
             )
-        changed = after is not self._status
-        self._status = after
+        changed = after is not self.status
+        self.status = after
         if changed and self._server.watcher is not None:
             self._server.watcher.changed(self.id)
 
@@ -213,30 +184,28 @@ class MemoryGoal(ServerGoal):
         self._step(GoalEvent.EXECUTE)
         if self._events is not None and self._events.on_accepted is not None:
             self._run_callback(self._events.on_accepted)
-        if self._cancel_requested:
-            self.request_cancel()
+        if self.cancel_requested:
+            self.cancel()
 
     def reject(self, reason: str) -> None:
-        """End an UNKNOWN goal; the client receives :exc:`GoalRejected`."""
-        if self._status is not GoalStatus.UNKNOWN or self._server.goals.pop(self.id, None) is None:
+        if self.status is not GoalStatus.UNKNOWN or self._server.goals.pop(self.id, None) is None:
             raise InvalidTransition(
-                f"goal {self.id} of {self.action} is {self._status.name}: too late to reject"
+                f"goal {self.id} of {self.action} is {self.status.name}: too late to reject"
             )
         self._end(GoalRejected(reason), reason)
 
     def feedback(self, feedback: Payload) -> None:
         """Send feedback. Ignored before the goal was accepted and once it has ended (ACT-06)."""
         events = self._events
-        running = self._status is not GoalStatus.UNKNOWN and not self._status.is_terminal
+        running = self.status is not GoalStatus.UNKNOWN and not self.status.is_terminal
         if not running:
             return
-        if self.listening and events is not None and (on_feedback := events.on_feedback) is not None:
+        if self._listening and events is not None and (on_feedback := events.on_feedback) is not None:
             self._run_callback(lambda: on_feedback(feedback))
         if self._server.watcher is not None:
             self._server.watcher.fed_back(self.id, feedback)
 
     def finish(self, status: GoalStatus, result: Payload, reason: str = "") -> None:
-        """End the goal as SUCCEEDED, CANCELED or ABORTED. Raises :exc:`InvalidTransition`."""
         event = ENDINGS.get(status)
         if event is None:
             raise InvalidTransition(f"a goal cannot be finished as {status.name}, which is not an end")
@@ -259,16 +228,16 @@ class MemoryGoal(ServerGoal):
         self._client.drop(self)
         if self._server.watcher is not None:
             result = None if isinstance(outcome, CallFailed) else outcome
-            self._server.watcher.ended(self.id, self._status, result, reason)
+            self._server.watcher.ended(self.id, self.status, result, reason)
         if events is not None:
-            self._run_callback(lambda: events.on_result(self._status, outcome))
+            self._run_callback(lambda: events.on_result(self.status, outcome))
 
-    def request_cancel(self) -> None:
+    def cancel(self) -> None:
         """Pass a cancel request to the server, once, after the goal was accepted (ACT-07)."""
-        if self._status.is_terminal or self.id not in self._server.goals:
+        if self.status.is_terminal or self.id not in self._server.goals:
             return
-        self._cancel_requested = True
-        if self._status is GoalStatus.UNKNOWN:
+        self.cancel_requested = True
+        if self.status is GoalStatus.UNKNOWN:
             return
         self._step(GoalEvent.CANCEL)
         if self.on_cancel is not None and not self._cancel_notified:
@@ -281,10 +250,12 @@ class MemoryGoal(ServerGoal):
         self.abandon()
         if events is not None:
             why = CallFailed(f"node {self._client.name} was closed")
-            self._run_callback(lambda: events.on_result(self._status, why))
+            self._run_callback(lambda: events.on_result(self.status, why))
+
+    def want_feedback(self, wanted: bool) -> None:
+        self._listening = wanted
 
     def abandon(self) -> None:
-        """Drop the client's callbacks; the goal continues."""
         self._events = None
         self._client.drop(self)
 
@@ -295,41 +266,24 @@ class MemoryGoal(ServerGoal):
             logger.exception("a callback of goal %s of %s failed", self.id, self.action)
 
 
-class MemoryClientGoal(ClientGoal):
-    """Goal as its client sees it; `goal` is None if there was no server."""
+class _RefusedGoal(ClientGoal):
+    """Goal that did not reach a server; its client receives the error."""
 
-    def __init__(self, goal_id: str, action: str, goal: MemoryGoal | None) -> None:
+    status = GoalStatus.UNKNOWN
+    reason = ""
+
+    def __init__(self, goal_id: str, action: str) -> None:
         self.id = goal_id
         self.action = action
-        self._goal = goal
-
-    @property
-    def status(self) -> GoalStatus:
-        """Current state; UNKNOWN if there was no server."""
-        return GoalStatus.UNKNOWN if self._goal is None else self._goal.status
-
-    @property
-    def reason(self) -> str:
-        """Reason that the server gave for the end."""
-        return "" if self._goal is None else self._goal.reason
 
     def cancel(self) -> None:
-        """Request cancellation."""
-        if self._goal is not None:
-            self._goal.request_cancel()
-
-    def want_feedback(self, wanted: bool) -> None:
-        """Set whether the client takes feedback now."""
-        if self._goal is not None:
-            self._goal.listening = wanted
+        """No-op."""
 
     def abandon(self) -> None:
-        """Drop the client's callbacks; the goal continues."""
-        if self._goal is not None:
-            self._goal.abandon()
+        """No-op."""
 
 
-class MemoryActionServer(Registration):
+class MemoryActionServer(Provider):
     """Action that a node offers.
 
     Attributes:
@@ -353,12 +307,11 @@ class MemoryActionServer(Registration):
         self._actions = actions
 
     def close(self) -> None:
-        """Withdraw the action; its goals end as ABORTED with :exc:`ProviderGone` (ACT-18, ACT-19)."""
         if self.closed:
             return
         self.closed = True
         self._owner.drop(self)
-        self._actions.withdrawn(self)
+        self._actions.remove(self)
         # Break the reference cycle, so that both are freed without the garbage collector.
         on_close, self.on_close = self.on_close, None
         if on_close is not None:
@@ -371,7 +324,7 @@ class MemoryActionServer(Registration):
             self.goals.popitem()[1].lose()
 
 
-class Actions:
+class Actions(ProviderTable[MemoryActionServer]):
     """Actions of one graph.
 
     Attributes:
@@ -382,27 +335,20 @@ class Actions:
         changes: counter of changes in this process; actions of other processes count as services.
     """
 
-    def __init__(self, changes: Changes) -> None:
-        self.remote: RemoteActions | None = None
-        self._table = ProviderTable[MemoryActionServer](changes)
-        self._servers = self._table.current
-        self.observer: CallObserver | None = None
+    remote: RemoteActions | None = None
+    observer: CallObserver | None = None
 
     def advertise(
         self, name: str, interface: ActionType, owner: NodeResources, on_goal: OnGoal
     ) -> MemoryActionServer:
         """Offer an action; a server of the same name is displaced (ACT-18) until this one closes."""
         server = MemoryActionServer(self, name, interface, owner, on_goal)
-        old = self._table.put(server)
+        old = self.put(server)
         owner.add(server, server.close)
         if old is not None:
             logger.warning("action %s of node %s replaces the one of node %s", name, owner.name, old.node)
             old.lose_goals()
         return server
-
-    def withdrawn(self, server: MemoryActionServer) -> None:
-        """Remove a closed server; the one that it displaced receives goals again."""
-        self._table.remove(server)
 
     def send(
         self, action: str, payload: Payload, events: GoalEvents, goal_id: str | None, client: NodeResources
@@ -412,7 +358,7 @@ class Actions:
             goal_id = uuid4().hex
         elif not _GOAL_ID.match(goal_id):
             raise InvalidGraphName(f"{goal_id[:80]!r} is not a goal id: it must be 32 lower-case hex digits")
-        server = self._servers.get(action)
+        server = self.current.get(action)
         if server is not None:
             return self.send_here(server, payload, events, goal_id, client)
         if self.remote is not None:
@@ -428,7 +374,7 @@ class Actions:
         events: GoalEvents,
         goal_id: str,
         client: NodeResources,
-    ) -> MemoryClientGoal:
+    ) -> ClientGoal:
         """Send a goal to a server of this process."""
         action = server.name
         if goal_id in server.goals:
@@ -447,7 +393,7 @@ class Actions:
             if goal.status is GoalStatus.UNKNOWN and goal_id in server.goals:
                 goal.reject("internal error")
         goal.taken()
-        return MemoryClientGoal(goal_id, action, goal)
+        return goal
 
     @staticmethod
     def _observed(
@@ -461,47 +407,63 @@ class Actions:
             return events
 
     def cancel(self, action: str, goal_id: str, client: NodeResources) -> None:
-        """Request cancellation of any client's goal by its id."""
-        server = self._servers.get(action)
+        server = self.current.get(action)
         goal = None if server is None else server.goals.get(goal_id)
         if goal is not None:
-            goal.request_cancel()
+            goal.cancel()
         elif server is None and self.remote is not None:
             self.remote.cancel(action, goal_id, client)
 
     def cancel_every(self, action: str, client: NodeResources) -> None:
-        """Request cancellation of all goals of an action."""
-        server = self._servers.get(action)
+        server = self.current.get(action)
         if server is not None:
             for goal in tuple(server.goals.values()):
-                goal.request_cancel()
+                goal.cancel()
         elif self.remote is not None:
             self.remote.cancel_every(action, client)
 
     def info(self, name: str) -> ActionInfo | None:
-        """Return a snapshot of one action."""
-        server = self._servers.get(name)
+        server = self.current.get(name)
         if server is not None:
             return ActionInfo(name, server.type, server.node)
         return None if self.remote is None else self.remote.info(name)
 
-    def names(self) -> list[str]:
-        """Return the names of all actions, sorted."""
-        if self.remote is None:
-            return sorted(self._servers)
-        return sorted(self._servers.keys() | self.remote.names())
 
-    def by_node(self) -> Iterator[tuple[str, str]]:
-        """Yield each node with each of its actions."""
-        for server in self._table:
-            yield server.node, server.name
-        if self.remote is not None:
-            yield from self.remote.by_node()
-
-
-def _refused(goal_id: str, action: str, events: GoalEvents, why: CallFailed) -> MemoryClientGoal:
+def _refused(goal_id: str, action: str, events: GoalEvents, why: CallFailed) -> ClientGoal:
     try:
         events.on_result(GoalStatus.UNKNOWN, why)
     except Exception:
         logger.exception("the client of action %s failed on its result", action)
-    return MemoryClientGoal(goal_id, action, None)
+    return _RefusedGoal(goal_id, action)
+
+
+#: Return codes of `action_msgs/CancelGoal`.
+ERROR_NONE, ERROR_REJECTED, ERROR_UNKNOWN_GOAL_ID = 0, 1, 2
+
+_EVERY_GOAL = bytes(16)
+
+
+def cancel_service(server: MemoryActionServer, type: ServiceType) -> Callable[[ServiceCall], None]:
+    """Return the handler of `<action>/_action/cancel_goal`, which cancels one goal or all of them on ROS 2.
+
+    Without a goal id, all goals are cancelled. Cancelling by the time of acceptance is rejected with
+    `ERROR_REJECTED`.
+    """
+
+    def on_call(call: ServiceCall) -> None:
+        request: Any = call.request.value()
+        info = request.goal_info
+        wanted = bytes(info.goal_id.uuid)
+        if info.stamp.sec or info.stamp.nanosec:
+            code, goals = ERROR_REJECTED, []
+        elif wanted == _EVERY_GOAL:
+            code, goals = ERROR_NONE, list(server.goals.values())
+        else:
+            goals = [goal for goal in server.goals.values() if goal.id == wanted.hex()]
+            code = ERROR_NONE if goals else ERROR_UNKNOWN_GOAL_ID
+        canceling = [{"goal_id": {"uuid": bytes.fromhex(goal.id)}} for goal in goals]
+        call.reply(Payload.from_value(type.response, {"return_code": code, "goals_canceling": canceling}))
+        for goal in goals:
+            goal.cancel()
+
+    return on_call

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import uuid
 from collections import Counter
-from collections.abc import Awaitable, Callable, Iterable
-from typing import TYPE_CHECKING, Self
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Self, TypeVar
 
 from rwt_graph.api import (
     ActionInfo,
@@ -28,12 +28,10 @@ from rwt_graph.api import (
 )
 from rwt_graph.clock import Clock, SimulatedClock, WallClock
 from rwt_graph.errors import NotRunning
-from rwt_graph.memory.actions import Actions, MemoryActionServer
-from rwt_graph.memory.cancel_service import cancel_service
-from rwt_graph.memory.changes import Changes, Kept
-from rwt_graph.memory.node_resources import NodeResources
+from rwt_graph.memory.actions import Actions, MemoryActionServer, cancel_service
 from rwt_graph.memory.runtime import Runtime
 from rwt_graph.memory.services import Services
+from rwt_graph.memory.tables import Changes, NodeResources, cached_listing
 from rwt_graph.memory.topics import Topics
 from rwt_graph.names import validate
 from rwt_graph.nodes.node import Node
@@ -44,6 +42,8 @@ from rwt_participant.qos import BEST_AVAILABLE, DEFAULT_QOS, QoS
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
+
+T = TypeVar("T")
 
 
 class MemoryParticipant(Participant):
@@ -65,7 +65,6 @@ class MemoryParticipant(Participant):
         type: MessageType,
         qos: QoS = DEFAULT_QOS,
     ) -> Publisher:
-        """Become a publisher of `topic`. Raises :exc:`TypeConflict`, :exc:`NotRunning` after `close`."""
         self._check_open()
         return self._graph.topic_table.advertise(validate(topic), type, qos, self.owner)
 
@@ -76,7 +75,6 @@ class MemoryParticipant(Participant):
         type: MessageType | None = None,
         qos: QoS = BEST_AVAILABLE,
     ) -> Subscription:
-        """Become a subscriber of `topic`. Raises :exc:`TypeConflict`, :exc:`NotRunning` after `close`."""
         self._check_open()
         return self._graph.topic_table.subscribe(validate(topic), on_sample, type, qos, self.owner)
 
@@ -86,14 +84,12 @@ class MemoryParticipant(Participant):
         type: ServiceType,
         on_call: Callable[[ServiceCall], None],
     ) -> Registration:
-        """Offer a service. Raises :exc:`NotRunning` after `close`."""
         self._check_open()
         return self._graph.service_table.advertise(validate(service), type, self.owner, on_call)
 
     def call_service(
         self, service: str, request: Payload, on_reply: OnReply, timeout: float | None = None
     ) -> PendingCall:
-        """Call a service. Raises :exc:`NotRunning` after `close`."""
         self._check_open()
         return self._graph.service_table.call(service, request, on_reply, timeout, self.owner)
 
@@ -103,7 +99,6 @@ class MemoryParticipant(Participant):
         type: ActionType,
         on_goal: Callable[[ServerGoal], None],
     ) -> Registration:
-        """Offer an action. Raises :exc:`NotRunning` after `close`."""
         self._check_open()
         graph = self._graph
         server = graph.action_table.advertise(validate(action), type, self.owner, on_goal)
@@ -118,20 +113,16 @@ class MemoryParticipant(Participant):
     def send_goal(
         self, action: str, goal: Payload, events: GoalEvents, goal_id: str | None = None
     ) -> ClientGoal:
-        """Send a goal. Raises :exc:`InvalidGraphName` for a bad id, :exc:`NotRunning` after `close`."""
         self._check_open()
         return self._graph.action_table.send(action, goal, events, goal_id, self.owner)
 
     def cancel_goal(self, action: str, goal_id: str) -> None:
-        """Request cancellation of any client's goal by its id."""
         self._graph.action_table.cancel(action, goal_id, self.owner)
 
     def cancel_every_goal(self, action: str) -> None:
-        """Request cancellation of all goals of an action."""
         self._graph.action_table.cancel_every(action, self.owner)
 
     def close(self) -> None:
-        """Close everything that this node created, and leave the graph."""
         if not self._closed:
             self._closed = True
             self.owner.release_all()
@@ -164,7 +155,7 @@ class SystemTopics:
         self._participant.close()
 
 
-class MemoryGraph(Graph):
+class MemoryGraph(Runtime, Graph):
     """Graph with all nodes in this process.
 
     Args:
@@ -175,31 +166,25 @@ class MemoryGraph(Graph):
     def __init__(self, registry: Registry | None = None, clock: Clock | None = None) -> None:
         self.registry = registry = registry or Registry()
         self.distro = registry.distro
-        self.clock = clock or WallClock()
+        super().__init__(clock or WallClock())
         self.parameters = ParameterTree()
         if self.distro.master_version is not None:
-            self._tell_of_master(self.distro.master_version)
+            self._set_master_parameters(self.distro.master_version)
         self.changes = changes = Changes()
         self.topic_table = Topics(registry, self.clock, changes)
         self.service_table = Services(self.clock, changes)
         self.action_table = Actions(changes)
-        self._topics = Kept(changes, self._list_topics)
-        self._services = Kept(changes, self._list_services)
-        self._actions = Kept(changes, self._list_actions)
-        self._node_infos = Kept(changes, self._list_nodes)
         self._nodes: Counter[str] = Counter()
-        self._runtime = Runtime(self.clock)
         self._participants: dict[MemoryParticipant, None] = {}
         self._system = SystemTopics(self)
 
-    def _tell_of_master(self, version: str) -> None:
+    def _set_master_parameters(self, version: str) -> None:
         """Set the parameters that ROS 1's core sets; line ends are those of its commands."""
         self.parameters.set("/rosdistro", f"{self.distro.name}\n")
         self.parameters.set("/rosversion", f"{version}\n")
         self.parameters.set("/run_id", str(uuid.uuid1()))
 
     def participant(self, name: str) -> MemoryParticipant:
-        """Join as a node with that absolute name."""
         participant = self.make_participant(validate(name))
         self._participants[participant] = None
         self.node_joined(name)
@@ -241,50 +226,31 @@ class MemoryGraph(Graph):
 
     @property
     def version(self) -> int:
-        """Number that grows with every change of the listings."""
         return self.changes.count
 
+    @cached_listing
     def topics(self) -> tuple[TopicInfo, ...]:
-        """Return all topics, sorted by name."""
-        return self._topics()
-
-    def _list_topics(self) -> tuple[TopicInfo, ...]:
-        table = self.topic_table
-        return tuple(info for name in table.names() if (info := table.info(name)))
+        return _infos(self.topic_table.names(), self.topic_table.info)
 
     def topic(self, name: str) -> TopicInfo | None:
-        """Return a topic; None if it does not exist."""
         return self.topic_table.info(name)
 
+    @cached_listing
     def services(self) -> tuple[ServiceInfo, ...]:
-        """Return all services, sorted by name."""
-        return self._services()
-
-    def _list_services(self) -> tuple[ServiceInfo, ...]:
-        table = self.service_table
-        return tuple(info for name in table.names() if (info := table.info(name)))
+        return _infos(self.service_table.names(), self.service_table.info)
 
     def service(self, name: str) -> ServiceInfo | None:
-        """Return a service; None if it does not exist."""
         return self.service_table.info(name)
 
+    @cached_listing
     def actions(self) -> tuple[ActionInfo, ...]:
-        """Return all actions, sorted by name."""
-        return self._actions()
-
-    def _list_actions(self) -> tuple[ActionInfo, ...]:
-        table = self.action_table
-        return tuple(info for name in table.names() if (info := table.info(name)))
+        return _infos(self.action_table.names(), self.action_table.info)
 
     def action(self, name: str) -> ActionInfo | None:
-        """Return an action; None if it does not exist."""
         return self.action_table.info(name)
 
+    @cached_listing
     def nodes(self) -> tuple[NodeInfo, ...]:
-        """Return all nodes, sorted by name; participants of one name are one node."""
-        return self._node_infos()
-
-    def _list_nodes(self) -> tuple[NodeInfo, ...]:
         topics = self.topic_table.all()
         kinds = [
             _by_node((end.node, topic.name) for topic in topics for end in topic.all_publishers),
@@ -298,39 +264,25 @@ class MemoryGraph(Graph):
         )
 
     def observe_calls(self, observer: CallObserver | None) -> bool:
-        """Let `observer` observe every call and goal from now on; None ends that. Returns True."""
         self.service_table.observer = observer
         self.action_table.observer = observer
         return True
 
-    @property
-    def running(self) -> bool:
-        """True if the graph is on an event loop now."""
-        return self._runtime.running
-
-    def on_graph_thread(self) -> bool:
-        """True if this is the graph's thread, or no loop runs the graph."""
-        return self._runtime.on_graph_thread()
-
-    def run_on_graph(self, call: Callable[[], None]) -> None:
-        """Run `call` on the graph's thread, soon and in order; safe from any thread."""
-        self._runtime.run_on_graph(call)
-
-    def spawn(self, task: Callable[[], Awaitable[None]], name: str) -> None:
-        """Run a coroutine function as a task of the graph. Raises :exc:`NotRunning` after its end."""
-        self._runtime.spawn(task, name)
-
     async def __aenter__(self) -> Self:
-        await self._runtime.start()
+        await self._start()
         return self
 
     async def __aexit__(self, *exc: object) -> None:
-        await self._runtime.stop(self._close_participants)
+        await self._stop(self._close_participants)
 
     def _close_participants(self) -> None:
         for participant in tuple(reversed(self._participants)):
             participant.close()
         self._system.close()
+
+
+def _infos(names: Iterable[str], find: Callable[[str], T | None]) -> tuple[T, ...]:
+    return tuple(info for name in names if (info := find(name)))
 
 
 def _by_node(pairs: Iterable[tuple[str, str]]) -> dict[str, list[str]]:

@@ -40,7 +40,7 @@ def call_soon_threadsafe() -> CallSoon:
 
 
 class Runtime:
-    """Runner of the tasks and calls of one graph."""
+    """Runner of the tasks and calls of one graph: the part of :class:`rwt_graph.api.Graph` about threads."""
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
@@ -55,15 +55,12 @@ class Runtime:
 
     @property
     def running(self) -> bool:
-        """True if the graph is on an event loop now."""
         return self._thread is not None
 
     def on_graph_thread(self) -> bool:
-        """True if this is the graph's own thread, or no loop runs it."""
         return self._thread is None or self._thread == threading.get_ident()
 
     def run_on_graph(self, call: Callable[[], None]) -> None:
-        """Run `call` on the graph's thread, soon and in order; at once if the graph is not running."""
         call_soon = self._call_soon
         if call_soon is None:
             self._run(call)
@@ -108,16 +105,9 @@ class Runtime:
             logger.exception("a call handed over to the graph's thread failed")
 
     def spawn(self, task: Task, name: str) -> None:
-        """Start `task` in the graph's task group, in a copy of the caller's context, once the graph runs.
-
-        Its exceptions are logged.
-
-        Raises:
-            NotRunning: the graph was left already.
-        """
         if self._over:
             raise NotRunning(f"{name} cannot start: the graph was closed")
-        self._waiting.append((task, name, copy_context()))
+        self._waiting.append((task, name, copy_context()))  # The task runs in a copy of the caller's context.
         if self._wake is not None:
             self._wake.set()
 
@@ -134,7 +124,7 @@ class Runtime:
             if not self._waiting:
                 await wake.wait()
 
-    async def start(self) -> None:
+    async def _start(self) -> None:
         """Start the clock and the waiting tasks on the running event loop.
 
         Raises:
@@ -150,7 +140,7 @@ class Runtime:
         group.start_soon(_guarded, self.clock.drive, "clock", name="clock")
         group.start_soon(self._start_tasks, group, name="task starter")
 
-    async def stop(self, close: Callable[[], None]) -> None:
+    async def _stop(self, close: Callable[[], None]) -> None:
         """Run `close`, cancel every task and wait for their end."""
         group = self._group
         if group is None:

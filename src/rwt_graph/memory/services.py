@@ -11,15 +11,13 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Protocol
 
-from rwt_graph.api import CallObserver, OnReply, PendingCall, Registration, ServiceCall, ServiceInfo
+from rwt_graph.api import CallObserver, OnReply, PendingCall, ServiceCall, ServiceInfo
 from rwt_graph.clock import Clock
-from rwt_graph.memory.changes import Changes
-from rwt_graph.memory.node_resources import NodeResources
-from rwt_graph.memory.provider_table import ProviderTable
+from rwt_graph.memory.tables import Changes, NodeResources, Provider, ProviderTable, RemoteProviders
 from rwt_participant.errors import CallFailed, CallTimeout, ProviderGone, ProviderNotFound, ServiceFailed
 from rwt_participant.timers import LONGEST_DELAY, Timer
 
@@ -35,42 +33,35 @@ OnCall = Callable[[ServiceCall], None]
 TICKS = 50
 
 
-class Answering(Protocol):
-    """Provider with its open calls, in this process or another."""
-
-    open: set[MemoryCall]
-
-
 class MemoryCall(ServiceCall, PendingCall):
     """Request as both sides see it."""
 
-    __slots__ = ("_caller", "_due", "_on_reply", "_provider", "request", "service")
+    __slots__ = ("_caller", "_due", "_on_reply", "_open", "request", "service")
 
     def __init__(self, service: str, request: Payload, on_reply: OnReply) -> None:
         self.service = service
         self.request = request
         self._on_reply: OnReply | None = on_reply
         self.on_end: Callable[[], None] | None = None
-        self._provider: Answering | None = None
+        self._open: set[MemoryCall] | None = None
         self._due: set[MemoryCall] | None = None
 
     @property
     def done(self) -> bool:
-        """True if the call was answered, timed out or was abandoned by its caller."""
         return self._on_reply is None
 
-    def wait(self, provider: Answering, caller: NodeResources, due: set[MemoryCall] | None) -> None:
+    def wait(self, pending: set[MemoryCall], caller: NodeResources, due: set[MemoryCall] | None) -> None:
         """Keep the call open: register it with its provider, its caller and its deadline, if any."""
-        self._provider = provider
+        self._open = pending
         self._caller = caller
         self._due = due
-        provider.open.add(self)
+        pending.add(self)
         caller.add(self, self.caller_closed)
 
     def _end(self) -> OnReply | None:
         on_reply, self._on_reply = self._on_reply, None
-        if on_reply is not None and self._provider is not None:
-            self._provider.open.discard(self)
+        if on_reply is not None and self._open is not None:
+            self._open.discard(self)
             self._caller.drop(self)
             if self._due is not None:
                 self._due.discard(self)
@@ -83,13 +74,11 @@ class MemoryCall(ServiceCall, PendingCall):
         return on_reply
 
     def reply(self, response: Payload) -> None:
-        """Answer with success."""
         on_reply = self._end()
         if on_reply is not None:
             self._call_back(on_reply, response)
 
     def fail(self, reason: str) -> None:
-        """Answer with failure."""
         self.end_with(ServiceFailed(reason))
 
     def end_with(self, failure: CallFailed) -> None:
@@ -107,7 +96,6 @@ class MemoryCall(ServiceCall, PendingCall):
         self.end_with(CallFailed(f"node {self._caller.name} was closed"))
 
     def cancel(self) -> None:
-        """Cancel the call: no reply callback is called after this."""
         self._end()
 
     def _call_back(self, on_reply: OnReply, answer: Payload | CallFailed) -> None:
@@ -157,37 +145,25 @@ class Deadlines:
             self._arm()
 
 
-class RemoteServices(Protocol):
+class RemoteServices(RemoteProviders, Protocol):
     """Services of other processes, which are notified of those of this process."""
 
     def offered(self, provider: MemoryProvider) -> None:
         """Called when a service is offered in this process."""
-        ...
 
     def withdrawn(self, provider: MemoryProvider) -> None:
         """Called when a service of this process is withdrawn, before its open calls end."""
-        ...
 
     def info(self, name: str) -> ServiceInfo | None:
         """Return a service of another process; None if it does not exist."""
-        ...
-
-    def names(self) -> set[str]:
-        """Return the names of all services of other processes."""
-        ...
-
-    def by_node(self) -> Iterator[tuple[str, str]]:
-        """Yield each node of another process with each of its services."""
-        ...
 
     def call(
         self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources
     ) -> PendingCall | None:
         """Call a service of another process; None if no other process offers it."""
-        ...
 
 
-class MemoryProvider(Registration):
+class MemoryProvider(Provider):
     """Service that a node offers; `open` are its pending calls."""
 
     def __init__(
@@ -205,7 +181,6 @@ class MemoryProvider(Registration):
         self._services = services
 
     def close(self) -> None:
-        """Withdraw the service; pending calls fail (SVP-09)."""
         if self.closed:
             return
         self.closed = True
@@ -223,29 +198,27 @@ class MemoryProvider(Registration):
         return ProviderGone(f"Service {self.name} was unadvertised")
 
 
-class Services:
+class Services(ProviderTable[MemoryProvider]):
     """Services of one graph.
 
     Attributes:
         remote: services of other processes; None in a graph of one process.
         observer: observer of every call of this process's services.
-        changes: counter of changes, including those of other processes.
     """
 
+    remote: RemoteServices | None = None
+    observer: CallObserver | None = None
+
     def __init__(self, clock: Clock, changes: Changes) -> None:
-        self.changes = changes
+        super().__init__(changes)
         self.deadlines = Deadlines(clock)
-        self.remote: RemoteServices | None = None
-        self._table = ProviderTable[MemoryProvider](changes)
-        self._providers = self._table.current
-        self.observer: CallObserver | None = None
 
     def advertise(
         self, name: str, interface: ServiceType, owner: NodeResources, on_call: OnCall
     ) -> MemoryProvider:
         """Offer a service; a provider of the same name is displaced (SVP-07) until this one closes."""
         provider = MemoryProvider(self, name, interface, owner, on_call)
-        old = self._table.put(provider)
+        old = self.put(provider)
         owner.add(provider, provider.close)
         if old is not None:
             logger.warning("service %s of node %s replaces the one of node %s", name, owner.name, old.node)
@@ -258,7 +231,7 @@ class Services:
 
     def withdrawn(self, provider: MemoryProvider) -> None:
         """Remove a closed provider; the one that it displaced answers again."""
-        restored = self._table.remove(provider)
+        restored = self.remove(provider)
         if self.remote is not None:
             self.remote.withdrawn(provider)
             if restored is not None:
@@ -268,7 +241,7 @@ class Services:
         self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources
     ) -> PendingCall:
         """Call a service; one of this process has priority over others."""
-        provider = self._providers.get(name)
+        provider = self.current.get(name)
         if provider is None:
             return self._call_remote(name, request, on_reply, timeout, caller)
         if self.observer is not None:
@@ -283,7 +256,9 @@ class Services:
             if provider.closed:
                 call.end_with(provider.gone())
             else:
-                call.wait(provider, caller, None if timeout is None else self.deadlines.add(call, timeout))
+                call.wait(
+                    provider.open, caller, None if timeout is None else self.deadlines.add(call, timeout)
+                )
         return call
 
     def _call_remote(
@@ -308,25 +283,7 @@ class Services:
             return on_reply
 
     def info(self, name: str) -> ServiceInfo | None:
-        """Return a snapshot of one service."""
-        provider = self._providers.get(name)
+        provider = self.current.get(name)
         if provider is not None:
             return provider.info
         return None if self.remote is None else self.remote.info(name)
-
-    def here(self) -> tuple[MemoryProvider, ...]:
-        """Return all services of this process."""
-        return tuple(self._table)
-
-    def names(self) -> list[str]:
-        """Return the names of all services, sorted."""
-        if self.remote is None:
-            return sorted(self._providers)
-        return sorted(self._providers.keys() | self.remote.names())
-
-    def by_node(self) -> Iterator[tuple[str, str]]:
-        """Yield each node with each of its services."""
-        for provider in self._table:
-            yield provider.node, provider.name
-        if self.remote is not None:
-            yield from self.remote.by_node()

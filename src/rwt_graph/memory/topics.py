@@ -24,8 +24,7 @@ from typing import TYPE_CHECKING, Protocol
 from rwt_graph.api import EndpointInfo, Publisher, Sample, Subscription, TopicInfo
 from rwt_graph.clock import Clock
 from rwt_graph.errors import TypeConflict
-from rwt_graph.memory.changes import Changes
-from rwt_graph.memory.node_resources import NodeResources
+from rwt_graph.memory.tables import Changes, NodeResources
 from rwt_interfaces.times import NANOSECONDS
 from rwt_participant.qos import Durability, History, QoS
 
@@ -121,7 +120,6 @@ class RemoteEndpoint:
     """Publisher or subscription in another process.
 
     Attributes:
-        node: absolute name of its node.
         type_name: name of its type, as the distribution writes it.
         type: message type; None if the registry does not know it.
         cache: samples of a transient-local publisher, while this process subscribes to it.
@@ -139,7 +137,6 @@ class RemoteTopics(Protocol):
 
     def changed(self, topic: Topic) -> None:
         """Called when an endpoint of this process joined or left, or the topic's type changed."""
-        ...
 
 
 class Topic:
@@ -156,7 +153,6 @@ class Topic:
         self._info_of: tuple[object, ...] = ()
 
     def info(self, registry: Registry) -> TopicInfo:
-        """Return a snapshot, cached until something changes: listings request all of them."""
         parts = (
             self.known_type,
             self.publishers,
@@ -251,7 +247,6 @@ class MemoryPublisher(Publisher):
         self.on_publish_remote: OnSample | None = None
 
     def publish(self, payload: Payload) -> None:
-        """Send a message to every subscriber, in the order of the calls."""
         state = self._state
         if state is None:
             return
@@ -272,12 +267,10 @@ class MemoryPublisher(Publisher):
 
     @property
     def subscriber_count(self) -> int:
-        """Number of known subscribers."""
         state = self._state
         return 0 if state is None else len(state.subscribers) + len(state.remote_subscribers)
 
     def close(self) -> None:
-        """Leave the topic, with the samples that are retained for late joiners."""
         state, self._state = self._state, None
         if state is not None:
             if self.cache is not None:
@@ -309,11 +302,9 @@ class MemorySubscription(Subscription):
 
     @property
     def type(self) -> MessageType | None:
-        """Type of the topic; None while there is none, and after `close`."""
         return None if self._state is None else self._state.type
 
     def history(self) -> tuple[Sample, ...]:
-        """Return the samples that a transient-local subscriber would receive now, in order of publishing."""
         if self._state is None:
             return ()
         cached = [p.cache.samples() for p in self._state.publishers if p.cache is not None]
@@ -341,7 +332,6 @@ class MemorySubscription(Subscription):
             logger.exception("a subscriber of %s failed", self.topic)
 
     def close(self) -> None:
-        """Leave the topic; no callback is called after this."""
         state, self._state = self._state, None
         if state is not None:
             self.on_sample = _ignore
@@ -444,10 +434,8 @@ class Topics:
             self._changed(topic)
 
     def info(self, name: str) -> TopicInfo | None:
-        """Return a snapshot of one topic."""
         topic = self._topics.get(name)
         return None if topic is None else topic.info(self.registry)
 
     def names(self) -> list[str]:
-        """Return the names of all topics, sorted."""
         return sorted(self._topics)

@@ -74,7 +74,6 @@ class Tracked:
     Attributes:
         id: id that the client gave.
         stamp_ns: the client's time of sending; time of arrival if it gave none.
-        ended: final status, once it has ended.
         forget_at: steady time at which it leaves the status messages.
         release: releases the charge of its client.
     """
@@ -99,8 +98,6 @@ class ActionlibServer:
     """Server of one action of a node over topics.
 
     Args:
-        participant: node that owns the topics.
-        create_timer: creates a timer of the node.
         idle_status: True to publish the status without goals, too; ROS 1 clients wait for it.
     """
 

@@ -43,15 +43,10 @@ class TopicPublisher(Publisher):
 
     @property
     def subscriber_count(self) -> int:
-        """Number of known subscribers."""
         return self._publisher.subscriber_count
 
     def close(self) -> None:
-        """Leave the topic, with the messages that are retained for late joiners."""
-        if self._graph.on_graph_thread():
-            self._publisher.close()
-        else:
-            self._graph.run_on_graph(self._publisher.close)
+        self._graph.soon(self._publisher.close)
 
 
 class TopicSubscription(Subscription):
@@ -93,20 +88,18 @@ class TopicSubscription(Subscription):
 
     @property
     def type(self) -> MessageType | None:
-        """Type of the topic; None while it has none."""
         return self._subscription.type
 
     def close(self) -> None:
         """Leave the topic. No callback is called after this, and iterators end."""
-        if not self._graph.on_graph_thread():
-            self._graph.run_on_graph(self.close)
-            return
+        self._graph.soon(self._close)
+
+    def _close(self) -> None:
         self._subscription.close()
         self._end(HandleClosed(f"the subscription to {self.name} was closed"))
 
 
 def _at_once(callback: MessageCallback | None) -> Callable[[Sample], None] | None:
-    """Return the sample callback of a plain function; None for a callback that needs a queue."""
     if callback is None or is_coroutine_function(callback):
         return None
 

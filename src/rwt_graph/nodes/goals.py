@@ -43,7 +43,6 @@ class ActionFunction:
         self._accept = accept
 
     def __call__(self, goal: ServerGoal) -> None:
-        """Accept or reject a goal."""
         if not self._graph.running:
             goal.reject(f"action {self._action} cannot run: the graph is not running")
             return
@@ -146,16 +145,13 @@ class GraphGoal(Goal):
 
     @property
     def status(self) -> GoalStatus:
-        """Last state that the server reported."""
         return GoalStatus.UNKNOWN if self._goal is None else self._goal.status
 
     @property
     def reason(self) -> str:
-        """Reason that the server gave for the end of the goal; empty while it runs or if there is none."""
         return "" if self._goal is None else self._goal.reason
 
     def cancel(self) -> None:
-        """Ask the server to cancel the goal; the outcome is its result. No-op for a goal that has ended."""
         if self._goal is not None and not self.done:
             self._goal.cancel()
 

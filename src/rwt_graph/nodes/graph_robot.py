@@ -60,11 +60,7 @@ class GraphServer(Handle):
         self._withdraw = withdraw
 
     def close(self) -> None:
-        """Withdraw it, from any thread; calls and goals in flight end with :exc:`ProviderGone`."""
-        if self._graph.on_graph_thread():
-            self._close()
-        else:
-            self._graph.run_on_graph(self._close)
+        self._graph.soon(self._close)
 
     def _close(self) -> None:
         for withdraw in self._withdraw:
@@ -77,12 +73,10 @@ class GraphVerbs(RobotApi):
     Args:
         graph: any backend; its clock, thread and tasks are used.
         listings: topics, services and actions that the program sees.
-        name: absolute name of the program's node; `~/x` is relative to it.
         timeout: default timeout of calls and queries, in seconds of the graph's clock; None waits without
             limit, as in ROS.
 
     Attributes:
-        name: absolute name.
         namespace: namespace that relative names are resolved in.
     """
 
@@ -100,7 +94,7 @@ class GraphVerbs(RobotApi):
 
     @abstractmethod
     def _advertise(self, topic: str, type: MessageType, qos: QoS) -> api.Publisher:
-        """Become a publisher; see :meth:`rwt_graph.api.Participant.advertise`."""
+        """As :meth:`rwt_graph.api.Participant.advertise`."""
 
     @abstractmethod
     def _listen(
@@ -128,7 +122,6 @@ class GraphVerbs(RobotApi):
 
     @property
     def clock(self) -> Clock:
-        """ROS time, steady time and timers."""
         return self.graph.clock
 
     @property
@@ -162,28 +155,28 @@ class GraphVerbs(RobotApi):
 
     # Listings
 
-    async def topics(self, *, hidden: bool = False) -> tuple[Listed, ...]:  # noqa: D102 - inherited
+    async def topics(self, *, hidden: bool = False) -> tuple[Listed, ...]:
         name_of = self.registry.type_name
         return tuple(
             Listed(each.name, name_of(each.type) if each.type else "", each.publishers, each.subscribers)
             for each in self._listings.topics()
         )
 
-    async def services(self) -> tuple[Listed, ...]:  # noqa: D102 - inherited
+    async def services(self) -> tuple[Listed, ...]:
         name_of = self.registry.type_name
         return tuple(Listed(each.name, name_of(each.type)) for each in self._listings.services())
 
-    async def actions(self) -> tuple[Listed, ...]:  # noqa: D102 - inherited
+    async def actions(self) -> tuple[Listed, ...]:
         name_of = self.registry.type_name
         return tuple(Listed(each.name, name_of(each.type)) for each in self._listings.actions())
 
-    async def type_of(self, topic: str) -> MessageType:  # noqa: D102 - inherited
+    async def type_of(self, topic: str) -> MessageType:
         info = self._listings.topic(self.resolve(topic))
         if info is None or info.type is None:
             raise NotFound(f"there is no topic {topic}{self._meant(topic, self._listings.topics())}")
         return info.type
 
-    async def interface(self, name: str) -> MessageType | ServiceType | ActionType:  # noqa: D102 - inherited
+    async def interface(self, name: str) -> MessageType | ServiceType | ActionType:
         for find in (self.registry.message, self.registry.service, self.registry.action):
             try:
                 return find(name)
@@ -196,14 +189,14 @@ class GraphVerbs(RobotApi):
 
     # Topics
 
-    def advertise(  # noqa: D102 - inherited
+    def advertise(
         self, topic: str, type: str, *, qos: QoS | None = None, latch: bool = False
     ) -> TopicPublisher:
         name, message = self.resolve(topic), self.registry.message(type)
         wanted = qos or (LATCHED if latch else DEFAULT_QOS)
         return self.run(lambda: TopicPublisher(self.graph, self._advertise(name, message, wanted)))
 
-    def publish(  # noqa: D102 - inherited
+    def publish(
         self, topic: str, message: MessageLike, type: str | None = None, *, latch: bool = False
     ) -> TopicPublisher:
         name = self.resolve(topic)
@@ -226,7 +219,7 @@ class GraphVerbs(RobotApi):
     def _meant_topic(self, topic: str) -> str:
         return self._meant(topic, tuple(each for each in self._listings.topics() if each.publishers))
 
-    def subscribe(  # noqa: D102 - inherited
+    def subscribe(
         self,
         topic: str,
         callback: MessageCallback,
@@ -249,16 +242,14 @@ class GraphVerbs(RobotApi):
         """Call `on_sample`, on the graph's thread, with each undecoded sample; see :meth:`subscribe`."""
         return self._subscribe(topic, type, qos, on_sample=on_sample)
 
-    def subscribe_raw(  # noqa: D102 - inherited
-        self, topic: str, callback: RawCallback, type: str | None = None
-    ) -> TopicSubscription:
+    def subscribe_raw(self, topic: str, callback: RawCallback, type: str | None = None) -> TopicSubscription:
         def take(sample: Sample) -> None:
             payload = sample.payload
             callback(RawMessage(payload.serialised(), sample.stamp_ns, payload.type))
 
         return self.subscribe_samples(topic, take, type)
 
-    def topic(  # noqa: D102 - inherited
+    def topic(
         self,
         topic: str,
         type: str | None = None,
@@ -269,7 +260,7 @@ class GraphVerbs(RobotApi):
     ) -> TopicSubscription:
         return self._subscribe(topic, type, qos, queue_size, queue_bytes)
 
-    async def once(self, topic: str, type: str | None = None, *, timeout: Timeout = USUAL) -> Message:  # noqa: D102 - inherited
+    async def once(self, topic: str, type: str | None = None, *, timeout: Timeout = USUAL) -> Message:
         try:
             with self.topic(topic, type) as messages:
                 return await messages.get(self._patience(timeout))
@@ -298,16 +289,14 @@ class GraphVerbs(RobotApi):
 
     # Services
 
-    def advertise_service(  # noqa: D102 - inherited
-        self, service: str, type: str, handler: ServiceHandler
-    ) -> GraphServer:
+    def advertise_service(self, service: str, type: str, handler: ServiceHandler) -> GraphServer:
         name, interface = self.resolve(service), self.registry.service(type)
         function = ServiceFunction(self.graph, name, interface.response, handler)
         return self.run(
             lambda: GraphServer(self.graph, name, *self._offer_service(name, interface, function))
         )
 
-    async def call(  # noqa: D102 - inherited
+    async def call(
         self,
         service: str,
         request: MessageLike | None = None,
@@ -343,19 +332,17 @@ class GraphVerbs(RobotApi):
     # Transforms and time
 
     @property
-    def tf(self) -> Transforms:  # noqa: D102 - inherited
+    def tf(self) -> Transforms:
         if self._tf is None:
             clock = self.clock
             self._tf = Transforms(self.subscribe, self.advertise, clock.time_ns, self._timeout, clock.within)
         return self._tf
 
-    async def time_ns(self) -> int:  # noqa: D102 - inherited
+    async def time_ns(self) -> int:
         return self.clock.time_ns()
 
-    def create_timer(  # noqa: D102 - inherited
-        self, period: float, callback: Callable[[], Awaitable[None] | None]
-    ) -> PeriodicTimer:
-        timer = PeriodicTimer(self.clock, _TimerLoop(self.graph), period, callback, self._timers.discard)
+    def create_timer(self, period: float, callback: Callable[[], Awaitable[None] | None]) -> PeriodicTimer:
+        timer = PeriodicTimer(self.clock, self.graph, period, callback, self._timers.discard)
         self._timers.add(timer)
         self.run(timer.start)
         return timer
@@ -454,24 +441,10 @@ class GraphRobot(GraphVerbs):
         await sent.accepted.wait()
         return sent
 
-    def cancel_goal(self, action: str, goal_id: str) -> None:  # noqa: D102 - inherited
+    def cancel_goal(self, action: str, goal_id: str) -> None:
         name = self.resolve(action)
         self.run(lambda: self._participant.cancel_goal(name, goal_id))
 
     def _close(self) -> None:
         super()._close()
         self._participant.close()
-
-
-class _TimerLoop:
-    """Loop of a graph, for timers; satisfies :class:`rwt_participant.timers.TimerLoop`."""
-
-    def __init__(self, graph: Graph) -> None:
-        self.spawn = graph.spawn
-        self._graph = graph
-
-    def soon(self, call: Callable[[], None]) -> None:
-        if self._graph.on_graph_thread():
-            call()
-        else:
-            self._graph.run_on_graph(call)

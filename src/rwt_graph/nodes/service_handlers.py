@@ -50,7 +50,6 @@ class ServiceFunction:
         self._is_coroutine = is_coroutine_function(handler)
 
     def __call__(self, call: ServiceCall) -> None:
-        """Answer one call, now or from a task."""
         # Read now: the request may be a view of a receive buffer that is reused after this returns.
         request = call.request.value()
         if self._is_coroutine and not self._graph.running:

@@ -51,7 +51,7 @@ class ParameterClient(Parameters):
         except ProviderNotFound:
             raise NotFound(f"node {node} is not there, or has no parameters") from None
 
-    async def get(self, name: str, default: ParameterValue = None) -> ParameterValue:  # noqa: D102 - inherited
+    async def get(self, name: str, default: ParameterValue = None) -> ParameterValue:
         try:
             return await self._get(name)
         except NotFound:
@@ -82,7 +82,7 @@ class ParameterClient(Parameters):
             raise NotFound(f"parameter {parameter} of node {node} is not set")
         return value
 
-    async def set(self, name: str, value: ParameterValue) -> None:  # noqa: D102 - inherited
+    async def set(self, name: str, value: ParameterValue) -> None:
         node, parameter = self._place(name)
         if not node:
             self._graph.parameters.set(parameter, value)
@@ -98,7 +98,7 @@ class ParameterClient(Parameters):
         if response.results and not response.results[0].successful:
             raise ParameterRejected(response.results[0].reason)
 
-    async def delete(self, name: str) -> None:  # noqa: D102 - inherited
+    async def delete(self, name: str) -> None:
         node, parameter = self._place(name)
         if not node:
             self._graph.parameters.delete(parameter)
@@ -107,7 +107,7 @@ class ParameterClient(Parameters):
         else:
             await self._set_remote(node, parameter, encode(None))
 
-    async def has(self, name: str) -> bool:  # noqa: D102 - inherited
+    async def has(self, name: str) -> bool:
         node, parameter = self._place(name)
         if not node:
             return self._graph.parameters.has(parameter)
@@ -117,7 +117,7 @@ class ParameterClient(Parameters):
             return False
         return True
 
-    async def names(self) -> tuple[str, ...]:  # noqa: D102 - inherited
+    async def names(self) -> tuple[str, ...]:
         found = list(self._graph.parameters.names())
         for service in self._graph.services():
             if service.name.endswith(_LIST) and service.type.name == "rcl_interfaces/ListParameters":

@@ -7,14 +7,13 @@ watches.
 from __future__ import annotations
 
 import logging
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias, TypeVar
+from typing import TypeAlias
 
+from rwt_graph.accounts import Charges
 from rwt_graph.errors import GraphError
 from rwt_graph.names import parameter_name
-from rwt_graph.parameters.accounts import Charges
 from rwt_graph.parameters.tree import ParameterTree, measured
 from rwt_graph.parameters.values import ParameterType, coerce, type_of
 from rwt_participant.errors import NotFound, ParameterRejected
@@ -22,13 +21,14 @@ from rwt_participant.messages import ParameterValue
 
 logger = logging.getLogger(__name__)
 
-T = TypeVar("T")
-
 #: Called with a new value before it is stored; raises `ParameterRejected` to reject it.
 OnChange: TypeAlias = Callable[[ParameterValue], None]
 
 #: Called after a change: name, old value (None for a new one), new value (None for a deleted one).
 OnStored: TypeAlias = Callable[[str, ParameterValue, ParameterValue], None]
+
+#: Runs a function on the graph's thread, and returns or raises its outcome.
+_RunAndWait: TypeAlias = Callable[[Callable[[], ParameterValue]], ParameterValue]
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,32 +66,8 @@ class Declaration:
         return value
 
 
-class Store(ABC):
-    """Storage of a node's parameters, by the node's own names."""
-
-    @abstractmethod
-    def declare(self, declaration: Declaration, default: ParameterValue) -> ParameterValue:
-        """Add a parameter; return its current value."""
-
-    @abstractmethod
-    def undeclare(self, name: str) -> None:
-        """Remove a parameter."""
-
-    @abstractmethod
-    def get(self, name: str) -> ParameterValue:
-        """Return the value of a parameter. Raises :exc:`NotFound`."""
-
-    @abstractmethod
-    def set(self, declaration: Declaration, value: ParameterValue) -> None:
-        """Set a parameter. Raises :exc:`ParameterRejected`."""
-
-    @abstractmethod
-    def close(self) -> None:
-        """Release the storage when the node leaves."""
-
-
-class NodeStore(Store):
-    """Storage in the node (ROS 2)."""
+class NodeStore:
+    """Storage of parameters in the node, by the node's own names (ROS 2)."""
 
     def __init__(self, on_stored: OnStored) -> None:
         self._values: dict[str, ParameterValue] = {}
@@ -99,7 +75,7 @@ class NodeStore(Store):
         self._on_stored = on_stored
 
     def declare(self, declaration: Declaration, default: ParameterValue) -> ParameterValue:
-        """Add a parameter with its default."""
+        """Add a parameter; return its current value."""
         value = default
         if declaration.type is not ParameterType.NOT_SET:
             value = coerce(default, declaration.type)
@@ -108,16 +84,13 @@ class NodeStore(Store):
         return value
 
     def undeclare(self, name: str) -> None:
-        """Remove a parameter."""
         self._charges.drop(name)
         self._on_stored(name, self._values.pop(name), None)
 
     def get(self, name: str) -> ParameterValue:
-        """Return the value of a parameter."""
         return self._values[name]
 
     def set(self, declaration: Declaration, value: ParameterValue) -> None:
-        """Set a parameter. Raises :exc:`ParameterRejected`."""
         value = declaration.admitted(value)
         self._charges.put(declaration.name, measured(value)[1])
         old, self._values[declaration.name] = self._values[declaration.name], value
@@ -129,9 +102,11 @@ class NodeStore(Store):
         self._charges.drop_below("")
 
 
-class TreeStore(Store):
-    """Storage in the tree, below the node's name (ROS 1). An earlier value takes precedence over the
-    default."""
+class TreeStore:
+    """Storage in the tree, below the node's name (ROS 1); otherwise as :class:`NodeStore`.
+
+    An earlier value takes precedence over the default.
+    """
 
     def __init__(self, tree: ParameterTree, node: str) -> None:
         self._tree = tree
@@ -142,7 +117,6 @@ class TreeStore(Store):
         return f"{self._node}/{name}"
 
     def declare(self, declaration: Declaration, default: ParameterValue) -> ParameterValue:
-        """Add a parameter, and watch it."""
         full = self._full(declaration.name)
         if self._tree.has(full):
             declaration.admitted(self._tree.get(full))
@@ -160,7 +134,6 @@ class TreeStore(Store):
         return self._tree.get(self._full(name))
 
     def set(self, declaration: Declaration, value: ParameterValue) -> None:
-        """Set a parameter. Raises :exc:`ParameterRejected`."""
         self._tree.set(self._full(declaration.name), value)
 
     def close(self) -> None:
@@ -174,24 +147,15 @@ def _watch(declaration: Declaration, value: ParameterValue) -> None:
     declaration.admitted(value)
 
 
-class RunOnGraph(Protocol):
-    """Runs a function on the graph's thread, and returns or raises its outcome."""
-
-    def __call__(self, function: Callable[[], T], /) -> T:
-        """Run it."""
-        ...
-
-
 class NodeParameters:
     """Declared parameters of a node; methods may be called from any thread once the graph runs.
 
     Args:
         node: absolute name, for error texts.
         dynamic: True to allow values without a type in ROS 2 (dictionaries, mixed lists), as on ROS 1.
-        run: runs a function on the graph's thread and waits for it.
     """
 
-    def __init__(self, node: str, store: Store, dynamic: bool, run: RunOnGraph) -> None:
+    def __init__(self, node: str, store: NodeStore | TreeStore, dynamic: bool, run: _RunAndWait) -> None:
         self._run = run
         self._node = node
         self._store = store

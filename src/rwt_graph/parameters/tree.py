@@ -16,7 +16,7 @@ from uuid import UUID
 
 import msgspec
 
-from rwt_graph.parameters.accounts import Charges
+from rwt_graph.accounts import Charges
 from rwt_graph.parameters.values import INT64_MAX, INT64_MIN
 from rwt_participant.errors import NotFound, ParameterRejected
 from rwt_participant.messages import ParameterValue
@@ -49,7 +49,6 @@ def measured(value: ParameterValue, most_depth: float = inf) -> tuple[int, int]:
     The value is traversed level by level: a call for each of many small tables would be far slower.
 
     Args:
-        value: value of dictionaries, lists and scalars.
         most_depth: maximum levels of tables and lists.
 
     Raises:
@@ -262,7 +261,6 @@ class ParameterTree:
         return count, size
 
     def _affected(self, name: str, value: ParameterValue) -> list[tuple[str, ParameterValue]]:
-        """Return the watched names that `set` affects, with their new values."""
         prefix = "/" + "/".join(_parts(name))
         affected = []
         for watched in self._watches:

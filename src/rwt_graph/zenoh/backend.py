@@ -17,7 +17,7 @@ from rwt_graph.nodes.node import Node
 from rwt_graph.zenoh.actions.remote_goals import ZenohActions
 from rwt_graph.zenoh.actions.server import Ros2ActionServer
 from rwt_graph.zenoh.discovery import Discovery
-from rwt_graph.zenoh.link import Link, NodeNumbers, Presence
+from rwt_graph.zenoh.link import Presence, ZenohLink
 from rwt_graph.zenoh.services import ZenohServices
 from rwt_graph.zenoh.session import Mode, ZenohOptions, ZenohSession
 from rwt_graph.zenoh.topics import ZenohTopics
@@ -25,7 +25,7 @@ from rwt_graph.zenoh.topics import ZenohTopics
 if TYPE_CHECKING:
     from rwt_graph.clock import Clock
     from rwt_graph.memory.actions import MemoryActionServer
-    from rwt_graph.memory.node_resources import NodeResources
+    from rwt_graph.memory.tables import NodeResources
     from rwt_interfaces.registry import Registry
 
 
@@ -79,8 +79,7 @@ class ZenohGraph(MemoryGraph):
                 "use the graph in memory, or a ROS 2 distribution"
             )
         self._session = ZenohSession()
-        self._link: Link | None = None
-        self._numbers = NodeNumbers()
+        self._link: ZenohLink | None = None
         self._present: dict[NodeResources, Presence] = {}
         self._zenoh_topics = ZenohTopics(self.topic_table)
         self._zenoh_services = ZenohServices(self.service_table, self.registry, self.clock.time_ns)
@@ -96,24 +95,22 @@ class ZenohGraph(MemoryGraph):
         return Node(self, name, self.namespace if namespace is None else namespace)
 
     def participant(self, name: str) -> MemoryParticipant:
-        """Join as a node with that absolute name."""
         participant = super().participant(name)
         if self._link is not None:
             self._present[participant.owner] = self._link.declare_node(participant.owner)
         return participant
 
     def left(self, participant: MemoryParticipant) -> None:
-        """Remove a closed participant."""
         super().left(participant)
         presence = self._present.pop(participant.owner, None)
-        if presence is not None and self._link is not None:
-            presence.end()
-        self._numbers.forget(participant.owner)
+        if self._link is not None:
+            if presence is not None:
+                presence.end()
+            self._link.forget_node(participant.owner)
 
     def offer_action_services(
         self, participant: MemoryParticipant, server: MemoryActionServer
     ) -> Callable[[], None]:
-        """Offer the services and topics of an action on ROS 2; returns a function that withdraws them."""
         return Ros2ActionServer(participant, server, self.action_table, self.clock).close
 
     async def __aenter__(self) -> Self:
@@ -133,7 +130,7 @@ class ZenohGraph(MemoryGraph):
 
     async def _join(self) -> None:
         session = await anyio.to_thread.run_sync(self._session.open, self.options)
-        link = Link(session, self.options.domain, self._numbers, self.run_on_graph)
+        link = ZenohLink(session, self.options.domain, self.run_on_graph)
         alive = await anyio.to_thread.run_sync(self._discovery.query_tokens, link)
         self._log_neighbours(link)
         self._discovery.open(link, alive)
@@ -143,7 +140,7 @@ class ZenohGraph(MemoryGraph):
         self._zenoh_topics.open(link)
         self._zenoh_services.open(link)
 
-    def _log_neighbours(self, link: Link) -> None:
+    def _log_neighbours(self, link: ZenohLink) -> None:
         met, asked = link.count_others(), ", ".join(self.options.connect)
         if asked and not met:
             logger.warning("no process answers at %s yet; connecting is tried until one does", asked)
@@ -151,7 +148,6 @@ class ZenohGraph(MemoryGraph):
             logger.info("joined domain %d over Zenoh; connected to %d others", link.domain, met)
 
     async def __aexit__(self, *exc: object) -> None:
-        """Stop handlers and timers, close every participant, and close the Zenoh session."""
         try:
             self._close_participants()
         finally:

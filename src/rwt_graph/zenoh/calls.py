@@ -18,8 +18,8 @@ from rwt_participant.errors import ProviderGone
 
 if TYPE_CHECKING:
     from rwt_graph.api import OnReply
-    from rwt_graph.zenoh.link import Link, Presence
-    from rwt_graph.zenoh.rmw.tokens import Endpoint
+    from rwt_graph.zenoh.link import Presence, ZenohLink
+    from rwt_graph.zenoh.rmw.tokens import TokenEndpoint
     from rwt_interfaces.structs import MessageType
 
 #: Schema of an error reply's encoding: the provider failed, or it left.
@@ -95,7 +95,9 @@ class Client:
     at once, it would get no answer.
     """
 
-    def __init__(self, link: Link, end: Endpoint, presence: Presence, time_ns: Callable[[], int]) -> None:
+    def __init__(
+        self, link: ZenohLink, end: TokenEndpoint, presence: Presence, time_ns: Callable[[], int]
+    ) -> None:
         self._link = link
         self._presence = presence
         self._time_ns = time_ns

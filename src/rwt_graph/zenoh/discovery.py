@@ -14,13 +14,13 @@ from rwt_graph.errors import InvalidGraphName, WireError
 from rwt_graph.memory.topics import RemoteEndpoint
 from rwt_graph.names import validate
 from rwt_graph.zenoh.rmw.keys import type_name
-from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind, Token, all_tokens, gid_of, parse
+from rwt_graph.zenoh.rmw.tokens import EntityKind, Token, TokenEndpoint, all_tokens, gid_of, parse
 from rwt_interfaces.errors import InterfaceError
 from rwt_participant.qos import Durability
 
 if TYPE_CHECKING:
     from rwt_graph.memory.graph import MemoryGraph
-    from rwt_graph.zenoh.link import Link
+    from rwt_graph.zenoh.link import ZenohLink
     from rwt_graph.zenoh.services import ZenohServices
     from rwt_graph.zenoh.topics import ZenohTopics
     from rwt_interfaces.structs import MessageType
@@ -42,14 +42,14 @@ class Discovery:
         self._topics = graph.topic_table
         self._zenoh_topics = topics
         self._services = services
-        self._link: Link | None = None
+        self._link: ZenohLink | None = None
         # Function to call when a token ends, by its key.
         self._alive: dict[str, Callable[[], None]] = {}
         self._warned: set[tuple[str, str]] = set()
         # GIDs of departed publishers, which may be behind a broken link; the oldest are removed.
         self._gone: dict[bytes, None] = {}
 
-    def query_tokens(self, link: Link) -> list[str]:
+    def query_tokens(self, link: ZenohLink) -> list[str]:
         """Return the keys of all live tokens; blocks for at most two seconds."""
         alive: list[str] = []
         done = threading.Event()
@@ -64,7 +64,7 @@ class Discovery:
         done.wait(_QUERY_TIMEOUT)
         return alive.copy()
 
-    def open(self, link: Link, alive: list[str]) -> None:
+    def open(self, link: ZenohLink, alive: list[str]) -> None:
         """Add the result of :meth:`query_tokens`, and follow later changes."""
         self._link = link
         for key in alive:
@@ -79,7 +79,7 @@ class Discovery:
         """Ignore tokens from now on."""
         self._link = None
 
-    def _heard(self, link: Link, sample: zenoh.Sample) -> None:
+    def _heard(self, link: ZenohLink, sample: zenoh.Sample) -> None:
         act = self._born if sample.kind == zenoh.SampleKind.PUT else self._died
         link.run_on_graph(partial(act, str(sample.key_expr)))
 
@@ -104,19 +104,18 @@ class Discovery:
             forget()
 
     def _add(self, token: Token, key: str) -> Callable[[], None]:
-        """Add the node or endpoint of a token to its table; returns a function that removes it."""
         end = token.endpoint
         if end is None:
             self._graph.node_joined(token.node)
             return partial(self._graph.node_left, token.node)
-        if token.kind is Kind.SERVICE:
+        if token.kind is EntityKind.SERVICE:
             return self._services.found(token, end, key)
-        if token.kind is Kind.CLIENT:
+        if token.kind is EntityKind.CLIENT:
             return partial(self._services.client_left, gid_of(key))
         return self._add_endpoint(token, end, key)
 
-    def _add_endpoint(self, token: Token, end: Endpoint, key: str) -> Callable[[], None]:
-        publishes = token.kind is Kind.PUBLISHER
+    def _add_endpoint(self, token: Token, end: TokenEndpoint, key: str) -> Callable[[], None]:
+        publishes = token.kind is EntityKind.PUBLISHER
         name, known = self._type_of(end, token)
         endpoint = RemoteEndpoint(token.node, name, known, end.qos)
         gid = gid_of(key)
@@ -140,7 +139,7 @@ class Discovery:
         if len(self._gone) > _MOST_GONE:
             del self._gone[next(iter(self._gone))]
 
-    def _type_of(self, end: Endpoint, token: Token) -> tuple[str, MessageType | None]:
+    def _type_of(self, end: TokenEndpoint, token: Token) -> tuple[str, MessageType | None]:
         """Return the type's name, and the type if the registry has the same definition."""
         registry = self._topics.registry
         try:
@@ -156,7 +155,7 @@ class Discovery:
             return name, None
         return name, known
 
-    def _warn_once(self, end: Endpoint, why: str, token: Token) -> None:
+    def _warn_once(self, end: TokenEndpoint, why: str, token: Token) -> None:
         what = (end.dds_type, end.type_hash)
         if what not in self._warned:
             self._warned.add(what)

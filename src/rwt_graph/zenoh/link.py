@@ -6,36 +6,13 @@ from dataclasses import dataclass
 from itertools import count
 from typing import TYPE_CHECKING
 
-from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind, Token, gid_of
+from rwt_graph.zenoh.rmw.tokens import EntityKind, Token, TokenEndpoint, gid_of
 
 if TYPE_CHECKING:
     import zenoh
 
-    from rwt_graph.memory.node_resources import NodeResources
+    from rwt_graph.memory.tables import NodeResources
     from rwt_graph.zenoh.session import RunOnGraph
-
-
-class NodeNumbers:
-    """Numbers of the nodes and entities of a session."""
-
-    def __init__(self) -> None:
-        self._next = count()
-        self._nodes: dict[NodeResources, int] = {}
-
-    def entity(self) -> int:
-        """Return a new number for an entity."""
-        return next(self._next)
-
-    def node(self, owner: NodeResources) -> int:
-        """Return the number of a node, assigned on the first call."""
-        number = self._nodes.get(owner)
-        if number is None:
-            number = self._nodes[owner] = self.entity()
-        return number
-
-    def forget(self, owner: NodeResources) -> None:
-        """Release the number of a node that left."""
-        self._nodes.pop(owner, None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +29,7 @@ class Presence:
         self._token.undeclare()
 
 
-class Link:
+class ZenohLink:
     """Open session.
 
     Attributes:
@@ -60,15 +37,14 @@ class Link:
         own_gids: GIDs of all entities declared here, to ignore the process's own samples from its caches.
     """
 
-    def __init__(
-        self, session: zenoh.Session, domain: int, numbers: NodeNumbers, run_on_graph: RunOnGraph
-    ) -> None:
+    def __init__(self, session: zenoh.Session, domain: int, run_on_graph: RunOnGraph) -> None:
         self.session = session
         self.domain = domain
         self.id = str(session.zid())
         self.run_on_graph = run_on_graph
         self.own_gids: set[bytes] = set()
-        self._numbers = numbers
+        self._next = count()
+        self._nodes: dict[NodeResources, int] = {}
         self._liveliness = session.liveliness()
 
     def count_others(self) -> int:
@@ -78,12 +54,22 @@ class Link:
 
     def declare_node(self, owner: NodeResources) -> Presence:
         """Declare the token of a node."""
-        number = self._numbers.node(owner)
-        return self._declare(Token(self.domain, self.id, number, number, Kind.NODE, owner.name))
+        number = self._node(owner)
+        return self._declare(Token(self.domain, self.id, number, number, EntityKind.NODE, owner.name))
 
-    def declare(self, kind: Kind, owner: NodeResources, endpoint: Endpoint) -> Presence:
+    def forget_node(self, owner: NodeResources) -> None:
+        """Release the number of a node that left."""
+        self._nodes.pop(owner, None)
+
+    def _node(self, owner: NodeResources) -> int:
+        number = self._nodes.get(owner)
+        if number is None:
+            number = self._nodes[owner] = next(self._next)
+        return number
+
+    def declare(self, kind: EntityKind, owner: NodeResources, endpoint: TokenEndpoint) -> Presence:
         """Declare the token of an endpoint of a node."""
-        node, entity = self._numbers.node(owner), self._numbers.entity()
+        node, entity = self._node(owner), next(self._next)
         return self._declare(Token(self.domain, self.id, node, entity, kind, owner.name, endpoint))
 
     def _declare(self, token: Token) -> Presence:

@@ -17,7 +17,7 @@ import zenoh
 from zenoh.ext import HistoryConfig, declare_advanced_subscriber
 
 if TYPE_CHECKING:
-    from rwt_graph.zenoh.link import Link
+    from rwt_graph.zenoh.link import ZenohLink
 
 logger = logging.getLogger(__name__)
 
@@ -38,12 +38,11 @@ class ReceiveQueue:
         history: True to receive retained samples of transient-local publishers, too.
         prompt: True to deliver from Zenoh's receiving thread itself: slower, but in the order in which
             samples, replies and tokens arrived.
-
-    Attributes:
-        dropped: number of samples dropped because the queue was full.
     """
 
-    def __init__(self, link: Link, key: str, on_sample: OnSample, *, history: bool, prompt: bool) -> None:
+    def __init__(
+        self, link: ZenohLink, key: str, on_sample: OnSample, *, history: bool, prompt: bool
+    ) -> None:
         self._on_sample = on_sample
         self._run_on_graph = link.run_on_graph
         self._key = key

@@ -31,12 +31,7 @@ _MOST_REMEMBERED = 1000
 
 
 class RemoteHistory(TransientLocalCache):
-    """Samples of a remote transient-local publisher, kept for subscriptions that join later.
-
-    Attributes:
-        gid: GID of the publisher.
-        last: number of its last sample.
-    """
+    """Samples of a remote transient-local publisher, kept for subscriptions that join later."""
 
     def __init__(self, qos: QoS, clock: Clock, gid: bytes) -> None:
         super().__init__(qos, clock)

@@ -12,13 +12,13 @@ import zenoh
 
 from rwt_graph.api import ServiceInfo
 from rwt_graph.errors import WireError
-from rwt_graph.memory.node_resources import NodeResources
 from rwt_graph.memory.services import MemoryCall
+from rwt_graph.memory.tables import NodeResources
 from rwt_graph.zenoh.calls import FAILED, GONE, Client, RemoteCall, abandoned_key, read_abandoned
 from rwt_graph.zenoh.rmw import attachment
 from rwt_graph.zenoh.rmw.attachment import Attachment
 from rwt_graph.zenoh.rmw.keys import data_key, dds_type, type_name
-from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind, Token
+from rwt_graph.zenoh.rmw.tokens import EntityKind, Token, TokenEndpoint
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed, ProviderGone
@@ -26,7 +26,7 @@ from rwt_participant.errors import CallFailed, ProviderGone
 if TYPE_CHECKING:
     from rwt_graph.api import OnReply, PendingCall
     from rwt_graph.memory.services import MemoryProvider, Services
-    from rwt_graph.zenoh.link import Link, Presence
+    from rwt_graph.zenoh.link import Presence, ZenohLink
     from rwt_interfaces.registry import Registry
     from rwt_interfaces.structs import ServiceType
 
@@ -34,7 +34,7 @@ logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
-class Offer:
+class DeclaredService:
     """Token and queryable of a service of this process."""
 
     presence: Presence
@@ -56,10 +56,10 @@ class RemoteService:
     """
 
     open: set[MemoryCall] = field(default_factory=set)
-    offers: dict[str, tuple[Token, Endpoint, ServiceInfo]] = field(default_factory=dict)
+    offers: dict[str, tuple[Token, TokenEndpoint, ServiceInfo]] = field(default_factory=dict)
 
     @property
-    def first(self) -> tuple[Token, Endpoint, ServiceInfo]:
+    def first(self) -> tuple[Token, TokenEndpoint, ServiceInfo]:
         """Return the oldest provider, which determines type and node of the service."""
         return next(iter(self.offers.values()))
 
@@ -71,15 +71,15 @@ class ZenohServices:
         self._services = services
         self._registry = registry
         self._time_ns = time_ns
-        self._link: Link | None = None
-        self._offers: dict[MemoryProvider, Offer] = {}
+        self._link: ZenohLink | None = None
+        self._offers: dict[MemoryProvider, DeclaredService] = {}
         self._remote: dict[str, RemoteService] = {}
         # Unanswered requests of other processes, by client and number.
         self._asked: dict[bytes, dict[int, MemoryCall]] = {}
         self._clients: dict[tuple[NodeResources, str, str], Client] = {}
         self._callers = NodeResources("/_remote", private=True)
 
-    def open(self, link: Link) -> None:
+    def open(self, link: ZenohLink) -> None:
         """Declare every service of this process."""
         self._link = link
         handler = zenoh.handlers.Callback(partial(self._on_abandoned, link), indirect=False)
@@ -87,7 +87,7 @@ class ZenohServices:
         self._abandonments = link.session.declare_subscriber(
             key, handler, allowed_origin=zenoh.Locality.REMOTE
         )
-        for provider in self._services.here():
+        for provider in self._services:
             self.offered(provider)
 
     def close(self) -> None:
@@ -99,7 +99,6 @@ class ZenohServices:
     # Services of this process
 
     def offered(self, provider: MemoryProvider) -> None:
-        """Declare a service of this process."""
         link = self._link
         if link is None or provider.owner.private:
             return
@@ -109,18 +108,17 @@ class ZenohServices:
         queryable = link.session.declare_queryable(
             key, handler, complete=True, allowed_origin=zenoh.Locality.REMOTE
         )
-        presence = link.declare(Kind.SERVICE, provider.owner, Endpoint(provider.name, *names))
-        self._offers[provider] = Offer(presence, queryable)
+        presence = link.declare(EntityKind.SERVICE, provider.owner, TokenEndpoint(provider.name, *names))
+        self._offers[provider] = DeclaredService(presence, queryable)
 
     def withdrawn(self, provider: MemoryProvider) -> None:
-        """Withdraw the service's queryable and token."""
         offer = self._offers.pop(provider, None)
         link = self._link
         if offer is not None and link is not None:
             # Deferred until its open calls have ended, which the caller does next.
             link.run_on_graph(offer.end)
 
-    def _on_query(self, link: Link, provider: MemoryProvider, key: str, query: zenoh.Query) -> None:
+    def _on_query(self, link: ZenohLink, provider: MemoryProvider, key: str, query: zenoh.Query) -> None:
         """Called on a thread of Zenoh's."""
         link.run_on_graph(partial(self._serve, provider, key, query))
 
@@ -159,7 +157,7 @@ class ZenohServices:
             if not calls:
                 del self._asked[sent.gid]
 
-    def _on_abandoned(self, link: Link, sample: zenoh.Sample) -> None:
+    def _on_abandoned(self, link: ZenohLink, sample: zenoh.Sample) -> None:
         """Called on a thread of Zenoh's."""
         link.run_on_graph(partial(self._abandon, sample.payload.to_bytes()))
 
@@ -176,7 +174,7 @@ class ZenohServices:
 
     # Services of other processes
 
-    def found(self, token: Token, end: Endpoint, key: str) -> Callable[[], None]:
+    def found(self, token: Token, end: TokenEndpoint, key: str) -> Callable[[], None]:
         """Add a provider of another process; return a function that removes it."""
         try:
             type = self._registry.service(type_name(end.dds_type))
@@ -205,16 +203,13 @@ class ZenohServices:
             service.open.pop().end_with(ProviderGone(why))
 
     def info(self, name: str) -> ServiceInfo | None:
-        """Return a service of another process; None if it does not exist."""
         service = self._remote.get(name)
         return None if service is None else service.first[2]
 
     def names(self) -> set[str]:
-        """Return the names of all services of other processes."""
         return set(self._remote)
 
     def by_node(self) -> Iterator[tuple[str, str]]:
-        """Yield each node of another process with each of its services."""
         for name, service in self._remote.items():
             for _, _, info in service.offers.values():
                 yield info.node, name
@@ -222,7 +217,6 @@ class ZenohServices:
     def call(
         self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources
     ) -> PendingCall | None:
-        """Call a service of another process; None if no other process offers it."""
         service, link = self._remote.get(name), self._link
         if service is None or link is None:
             return None
@@ -236,14 +230,16 @@ class ZenohServices:
         sessions = {token.session for token, _, _ in service.offers.values()}
         call = client.ask(name, request, on_reply, info.type.response, sessions)
         deadlines = self._services.deadlines
-        call.wait(service, caller, None if timeout is None else deadlines.add(call, timeout))
+        call.wait(service.open, caller, None if timeout is None else deadlines.add(call, timeout))
         return call
 
-    def _client(self, link: Link, caller: NodeResources, end: Endpoint) -> Client:
+    def _client(self, link: ZenohLink, caller: NodeResources, end: TokenEndpoint) -> Client:
         identity = (caller, end.name, end.dds_type)
         client = self._clients.get(identity)
         if client is None:
-            presence = link.declare(Kind.CLIENT, caller, Endpoint(end.name, end.dds_type, end.type_hash))
+            presence = link.declare(
+                EntityKind.CLIENT, caller, TokenEndpoint(end.name, end.dds_type, end.type_hash)
+            )
             client = self._clients[identity] = Client(link, end, presence, self._time_ns)
 
             def close() -> None:

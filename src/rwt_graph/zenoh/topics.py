@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING
 
 from rwt_graph.zenoh.actions.names import belongs_to_action
 from rwt_graph.zenoh.receive_queue import ReceiveQueue
-from rwt_graph.zenoh.remote_publisher import RemotePublisher
+from rwt_graph.zenoh.remote_publisher import ZenohPublisher
 from rwt_graph.zenoh.rmw.keys import data_key, dds_type
-from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind
+from rwt_graph.zenoh.rmw.tokens import EntityKind, TokenEndpoint
 from rwt_graph.zenoh.sample_router import ReplayFilter, SampleRouter
 from rwt_participant.qos import QoS
 
 if TYPE_CHECKING:
-    from rwt_graph.memory.node_resources import NodeResources
+    from rwt_graph.memory.tables import NodeResources
     from rwt_graph.memory.topics import MemoryPublisher, MemorySubscription, RemoteEndpoint, Topic, Topics
-    from rwt_graph.zenoh.link import Link, Presence
+    from rwt_graph.zenoh.link import Presence, ZenohLink
     from rwt_interfaces.structs import MessageType
 
 
@@ -36,7 +36,7 @@ class Channel:
 
     def __init__(self) -> None:
         self.type: MessageType | None = None
-        self.publishers: dict[MemoryPublisher, RemotePublisher] = {}
+        self.publishers: dict[MemoryPublisher, ZenohPublisher] = {}
         self.queues: dict[bool, ReceiveQueue] = {}
         self.subscribers: dict[MemorySubscription, Presence] = {}
         self.filters: dict[MemorySubscription, ReplayFilter] = {}
@@ -57,10 +57,10 @@ class ZenohTopics:
     def __init__(self, topics: Topics) -> None:
         self.publishers: dict[bytes, RemoteEndpoint] = {}
         self._topics = topics
-        self._link: Link | None = None
+        self._link: ZenohLink | None = None
         self._channels: dict[str, Channel] = {}
 
-    def open(self, link: Link) -> None:
+    def open(self, link: ZenohLink) -> None:
         """Declare every topic of this process."""
         self._link = link
         for topic in self._topics.all():
@@ -78,7 +78,6 @@ class ZenohTopics:
             queue.query_history()
 
     def changed(self, topic: Topic) -> None:
-        """Declare new endpoints of a topic, and undeclare those that left."""
         link = self._link
         if link is None:
             return
@@ -88,18 +87,18 @@ class ZenohTopics:
         if channel.empty:
             del self._channels[topic.name]
 
-    def _follow_publishers(self, link: Link, topic: Topic, channel: Channel) -> None:
+    def _follow_publishers(self, link: ZenohLink, topic: Topic, channel: Channel) -> None:
         wanted = {publisher for publisher in topic.publishers if not publisher.owner.private}
         for publisher in channel.publishers.keys() - wanted:
             channel.publishers.pop(publisher).close()
         for publisher in topic.publishers:
             if publisher in wanted and publisher not in channel.publishers:
                 key, presence = self._declare(
-                    link, Kind.PUBLISHER, publisher.owner, topic, publisher.type, publisher.qos
+                    link, EntityKind.PUBLISHER, publisher.owner, topic, publisher.type, publisher.qos
                 )
-                channel.publishers[publisher] = RemotePublisher(link, key, publisher, presence)
+                channel.publishers[publisher] = ZenohPublisher(link, key, publisher, presence)
 
-    def _follow_subscribers(self, link: Link, topic: Topic, channel: Channel) -> None:
+    def _follow_subscribers(self, link: ZenohLink, topic: Topic, channel: Channel) -> None:
         type = topic.type
         wanted = [] if type is None else [s for s in topic.subscribers if not s.owner.private]
         kinds = {subscription.wants_history for subscription in wanted}
@@ -122,17 +121,23 @@ class ZenohTopics:
         for subscription in wanted:
             if subscription not in channel.subscribers:
                 _, presence = self._declare(
-                    link, Kind.SUBSCRIPTION, subscription.owner, topic, type, subscription.qos
+                    link, EntityKind.SUBSCRIPTION, subscription.owner, topic, type, subscription.qos
                 )
                 channel.subscribers[subscription] = presence
                 # A subscription that is older than a break of the link keeps its filter.
                 channel.filters.setdefault(subscription, ReplayFilter(topic.remote_publishers))
 
     def _declare(
-        self, link: Link, kind: Kind, owner: NodeResources, topic: Topic, type: MessageType, qos: QoS
+        self,
+        link: ZenohLink,
+        kind: EntityKind,
+        owner: NodeResources,
+        topic: Topic,
+        type: MessageType,
+        qos: QoS,
     ) -> tuple[str, Presence]:
         names = _type_of(type)
-        presence = link.declare(kind, owner, Endpoint(topic.name, *names, qos))
+        presence = link.declare(kind, owner, TokenEndpoint(topic.name, *names, qos))
         return data_key(link.domain, topic.name, *names), presence
 
 

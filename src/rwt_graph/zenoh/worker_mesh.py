@@ -26,10 +26,8 @@ def mesh_options(options: ZenohOptions, folder: Path, number: int, count: int) -
     its clients. In mode `client` all workers connect to the same router.
 
     Args:
-        options: options of the server.
         folder: folder of the sockets; only the server may have access.
         number: number of the worker, from 1, in the order of starting.
-        count: number of workers.
 
     Raises:
         ZenohError: the configuration file cannot be used.

@@ -5,20 +5,12 @@ from __future__ import annotations
 import logging
 from collections.abc import AsyncIterator, Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractAsyncContextManager, asynccontextmanager, contextmanager
+from dataclasses import replace
 from urllib.parse import quote
 
 import anyio
 
-from rwt_transports.asgi.messages import (
-    BINARY,
-    CLOSE,
-    HEADER,
-    TEXT,
-    KindCutter,
-    asgi_messages,
-    close_bytes,
-    close_of,
-)
+from rwt_transports.asgi.messages import asgi_messages, close_bytes, close_of
 from rwt_transports.asgi.types import Receive, Scope, Send
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.drivers.task_link import TaskLink
@@ -40,6 +32,7 @@ from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import NO_STATUS, POLICY, may_travel
 from rwt_transports.websocket.handshake import choose_subprotocol
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
+from rwt_transports.wires.whole_messages import BINARY, CLOSE, HEADER, TEXT, MessageCutter
 
 access = logging.getLogger("rwt_transports.access")
 
@@ -54,10 +47,6 @@ class AsgiLink(TaskLink):
 
     The writing task awaits the ASGI server's backpressure. Meanwhile, the connection's outbox queues frames
     within its limits.
-
-    Args:
-        receive: function of the scope.
-        send: function of the scope.
     """
 
     __slots__ = ("_receive", "_send")
@@ -68,7 +57,6 @@ class AsgiLink(TaskLink):
         self._send = send
 
     def finish(self) -> None:
-        """Close: a WebSocket cannot half-close."""
         self.close()
 
     async def _read(self) -> None:
@@ -91,11 +79,11 @@ class AsgiLink(TaskLink):
                 return
 
     async def _write(self) -> None:
-        cutter = KindCutter(self._callbacks.take)
+        cutter = MessageCutter(self._callbacks.take)
         while not self._closing:
             await self._woken()
-            while (message := cutter.next_of_kind()) is not None:
-                kind, data = message
+            while (message := cutter.next()) is not None:
+                data, kind = message
                 if kind == CLOSE:
                     await self._send_close(*close_of(data))
                     return
@@ -161,7 +149,6 @@ class AsgiListener:
         return HttpRequest(method, path, query, headers, b"", address, prefix + mounted)
 
     def _refused(self, request: HttpRequest) -> HttpResponse | None:
-        """Return the rejection of a request, before it is read; None if it is acceptable."""
         host = request.headers.get("host", "")
         try:
             if not self._state.hosts.include(host):
@@ -184,17 +171,8 @@ class AsgiListener:
             return body
         if isinstance(found, HttpResponse):
             return found
-        whole = HttpRequest(
-            request.method,
-            request.path,
-            request.query,
-            request.headers,
-            body,
-            request.address,
-            request.prefix,
-        )
         try:
-            answer = found(whole)
+            answer = found(replace(request, body=body))
             return answer if isinstance(answer, HttpResponse) else await answer
         except Exception:
             log_exception("the handler of %s %s failed", request.method, request.path)
@@ -259,7 +237,6 @@ class AsgiListener:
 
 
 def _split_path(scope: Scope) -> tuple[str, str]:
-    """Return the percent-encoded path below the mount point, and the mount point without a trailing slash."""
     raw = scope.get("raw_path") or b""
     path = raw.decode("latin-1").partition("?")[0] or quote(scope["path"])
     remaining = scope.get("path_remaining")  # Django Channels' URLRouter, which leaves the rest alone.
@@ -307,7 +284,6 @@ async def _respond(request: HttpRequest, response: HttpResponse, receive: Receiv
 
 
 async def _stream(chunks: AsyncIterator[bytes], receive: Receive, send: Send) -> None:
-    """Send chunks until they end or the client disconnects."""
     async with anyio.create_task_group() as tasks:
 
         async def watch() -> None:
@@ -379,14 +355,8 @@ async def asgi_listener(
         subprotocols=frozenset(subprotocols),
         hosts=Hosts(hosts, loopback=loopback),
     )
-    failure: Exception | None = None
     async with state.serving():
-        try:
-            yield AsgiListener(state, routes)
-        except Exception as error:
-            failure = error  # Raised below, and not in a group.
-    if failure is not None:
-        raise failure
+        yield AsgiListener(state, routes)
 
 
 Lifespan = Callable[[], AbstractAsyncContextManager[object]]
@@ -421,7 +391,6 @@ class AsgiApplication:
             self._listeners = {}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve one scope."""
         kind = scope["type"]
         if kind == "lifespan":
             await _live(self._lifespan, receive, send)
@@ -439,7 +408,6 @@ class AsgiApplication:
 
 
 async def _live(lifespan: Lifespan, receive: Receive, send: Send) -> None:
-    """Run the lifespan protocol around a block."""
     if (await receive())["type"] != "lifespan.startup":
         return
     began = False

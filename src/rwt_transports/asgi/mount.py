@@ -15,7 +15,7 @@ from anyio.streams.memory import MemoryObjectReceiveStream, MemoryObjectSendStre
 from rwt_protocol.frames import Frame
 from rwt_transports.api import FlowControl
 from rwt_transports.asgi.types import App, Event, Scope
-from rwt_transports.background import TaskStarter
+from rwt_transports.background import TaskStarter, background_tasks
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.http.routes import HttpRequest, HttpResponse
 from rwt_transports.websocket.close_codes import INTERNAL_ERROR, NORMAL
@@ -42,7 +42,6 @@ class AsgiMount:
 
     Args:
         path: where it is, such as ``/shop``.
-        app: the app (ASGI 3).
     """
 
     def __init__(self, path: str, app: App) -> None:
@@ -63,22 +62,16 @@ class AsgiMount:
         Raises:
             RuntimeError: the app said that it could not start.
         """
-        failure: Exception | None = None
-        async with anyio.create_task_group() as tasks:
+        async with background_tasks() as tasks:
             lifespan = _Lifespan(self._app, self._state)
             tasks.start_soon(self._tasks.run, tasks)
             tasks.start_soon(lifespan.run)
             try:
                 await lifespan.began(self.path)
                 yield self
-            except Exception as error:
-                failure = error  # Raised below, and not in a group.
             finally:
                 with anyio.CancelScope(shield=True):
                     await lifespan.end()
-                tasks.cancel_scope.cancel()
-        if failure is not None:
-            raise failure
 
     # -- HTTP ----------------------------------------------------------------------------------------------
 
@@ -217,8 +210,6 @@ class _Exchange:
             # What an app lets through that was told of its client's leave is no failure.
             if not (self.gone.is_set() and _is_leave(error)):
                 logger.exception("a mounted app failed at %s", self._scope["path"])
-            if not self.started.is_set():
-                self._status, self._headers, self._whole = 500, [], b"internal error\n"
         finally:
             if self._chunks is not None:
                 self._chunks.close()
@@ -306,7 +297,6 @@ class _Socket:
     # -- the connection's side -----------------------------------------------------------------------------
 
     def set_flow_control(self, flow_control: FlowControl) -> None:
-        """Pause the client by `flow_control` while the app does not read."""
         self._flow_control = flow_control
 
     def receive(self, data: bytes, binary: bool) -> None:
@@ -363,7 +353,6 @@ class _Socket:
             await self._room()
 
     async def _room(self) -> None:
-        """Wait for room in the send queue, unless the client has disconnected."""
         while self._sink.backlog > _UNSENT_BYTES and not self._over and self._flow_control is not None:
             self._drained = anyio.Event()
             self._flow_control.when_empty(self._drained.set)

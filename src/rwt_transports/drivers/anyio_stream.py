@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import socket
 from collections.abc import AsyncIterator, Callable
-from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from functools import partial
 from ssl import SSLContext
 from typing import Final
@@ -50,7 +50,7 @@ def _turns_of(is_held_back: Callable[[], bool]) -> Turns:
     return _turns.setdefault(key, loop_turns(READ_SECONDS, is_held_back=is_held_back))
 
 
-class _Link(TaskLink):
+class _StreamLink(TaskLink):
     """Stream of one peer.
 
     Attributes by purpose, beside those of `TaskLink`:
@@ -75,12 +75,10 @@ class _Link(TaskLink):
         return HangUp.NO if file < 0 else hang_up_of(file)
 
     def finish(self) -> None:
-        """Half-close once what was taken is written."""
         self._finishing = True
         self._awake.set()
 
     async def run(self) -> None:
-        """Move bytes both ways until the connection ends, and close the stream."""
         try:
             await super().run()
         finally:
@@ -148,16 +146,11 @@ class AnyioDriver:
     :class:`rwt_transports.api.Connector`."""
 
     async def connect(self, address: RemoteAddress, attach: Attach, tasks: TaskGroup) -> None:
-        """Reach the other side and serve its stream in a task."""
         turns = _turns_of(address.is_held_back)
         tasks.start_soon(serve_stream, attach, await _connected(address), turns)
 
-    def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
-        """Accept peers within the block; gives the port in use, 0 for a Unix socket."""
-        return self._serve(address, attach)
-
     @asynccontextmanager
-    async def _serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
+    async def serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
         sockets = (
             [bind_unix(address.path)]
             if address.path
@@ -184,13 +177,11 @@ async def serve_stream(attach: Attach, stream: ByteStream, turns: Turns | None =
     """Serve the one peer at the other end of `stream`, until its connection ends.
 
     Args:
-        attach: called with the link of the peer.
-        stream: bytes of the peer.
         turns: turns in which large messages are received; None if the peer is the only one.
     """
     address = stream.extra(SocketAttribute.remote_address, "")
     host, port = (str(address[0]), int(address[1])) if isinstance(address, tuple) else ("", 0)
-    link = _Link(stream, turns or loop_turns(READ_SECONDS))
+    link = _StreamLink(stream, turns or loop_turns(READ_SECONDS))
     try:
         attach(link, host, port)
         await link.run()
@@ -207,7 +198,6 @@ async def _serve_in_tls(
     handshakes: Handshakes,
     stream: ByteStream,
 ) -> None:
-    """Shake hands, and serve the peer."""
     peer = stream.extra(SocketAttribute.remote_address, "")
     host = str(peer[0]) if isinstance(peer, tuple) else ""
     address.addresses.enter(host)

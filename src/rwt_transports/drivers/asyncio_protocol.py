@@ -9,7 +9,7 @@ import os
 import socket
 import traceback
 from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import AbstractAsyncContextManager, ExitStack, asynccontextmanager, nullcontext
+from contextlib import ExitStack, asynccontextmanager, nullcontext
 from enum import Enum
 from functools import partial
 from time import monotonic
@@ -69,7 +69,6 @@ class _LoopShare:
         is_held_back: returns True while large messages must wait.
 
     Attributes:
-        loop: event loop of the links.
         buffer: receive buffer for small messages.
         reading: turns in which large messages are received.
         writing: turns in which links are flushed.
@@ -91,7 +90,6 @@ _shares: Final[WeakValueDictionary[tuple[asyncio.AbstractEventLoop, Callable[[],
 
 
 def _share_of(is_held_back: Callable[[], bool]) -> _LoopShare:
-    """Return the share of the running event loop and this hold-back function."""
     return _shares.setdefault((asyncio.get_running_loop(), is_held_back), _LoopShare(is_held_back))
 
 
@@ -112,7 +110,7 @@ _TRANSITIONS: Final = {
 }
 
 
-class _Link(asyncio.BufferedProtocol):
+class _SocketLink(asyncio.BufferedProtocol):
     """Socket of one peer; implements :class:`rwt_transports.api.Link`.
 
     Life cycle::
@@ -174,7 +172,6 @@ class _Link(asyncio.BufferedProtocol):
     # -- asyncio's callbacks -------------------------------------------------------------------------------
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Set up the link and attach it."""
         # cast(): uvloop's transports do not subclass asyncio's.
         transport = cast("asyncio.Transport", transport)
         # Pause writing as soon as one byte is left over. With high=0, TLS would pause for good.
@@ -197,7 +194,6 @@ class _Link(asyncio.BufferedProtocol):
         self._attach(self, address, port)
 
     def get_buffer(self, sizehint: int) -> memoryview:
-        """Return the buffer for the next read: of the current large message, or the shared one."""
         space = self._callbacks.get_buffer()
         if space is None:
             self._direct = False
@@ -287,11 +283,9 @@ class _Link(asyncio.BufferedProtocol):
         callbacks.lost()
 
     def pause_writing(self) -> None:
-        """Stop flushing: the socket accepts no more bytes."""
         self._writable = False
 
     def resume_writing(self) -> None:
-        """Resume flushing: the socket accepted everything."""
         self._writable = True
         self._resuming = True
         try:
@@ -306,7 +300,6 @@ class _Link(asyncio.BufferedProtocol):
     # -- Link ----------------------------------------------------------------------------------------------
 
     def set_callbacks(self, callbacks: DriverCallbacks) -> None:
-        """Deliver events to `callbacks` from now on."""
         self._callbacks = callbacks
         self._gathering = callbacks if self._file >= 0 and isinstance(callbacks, Gathering) else None
 
@@ -415,11 +408,9 @@ class _Link(asyncio.BufferedProtocol):
             self.close()
 
     def close(self) -> None:
-        """Close after sending what was written."""
         self._close(self._transport.close)
 
     def abort(self) -> None:
-        """Close immediately."""
         self._close(self._transport.abort)
 
     def _close(self, how: Callable[[], None]) -> None:
@@ -430,12 +421,10 @@ class _Link(asyncio.BufferedProtocol):
             how()
 
     def pause(self) -> None:
-        """Pause reading."""
         self._is_paused = True
         self._transport.pause_reading()
 
     def resume(self) -> None:
-        """Resume reading."""
         self._is_paused = False
         if self._state in (_LinkState.ENDING, _LinkState.CUT):
             self._share.loop.call_soon(self._end)  # Not immediately: the caller delivers buffered data first.
@@ -480,18 +469,14 @@ class AsyncioDriver:
     async def connect(self, address: RemoteAddress, attach: Attach, tasks: TaskGroup) -> None:
         """Connect to `address` and attach the link. Starts no task: bytes arrive by callback."""
         loop = asyncio.get_running_loop()
-        make_link = partial(_Link, attach, _share_of(address.is_held_back))
+        make_link = partial(_SocketLink, attach, _share_of(address.is_held_back))
         if address.path:
             await loop.create_unix_connection(make_link, address.path, ssl=address.tls)
         else:
             await loop.create_connection(make_link, address.host, address.port, ssl=address.tls)
 
-    def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
-        """Accept connections inside the block. Yields the port, 0 for a Unix socket."""
-        return self._serve(address, attach)
-
     @asynccontextmanager
-    async def _serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
+    async def serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
         loop = asyncio.get_running_loop()
         sockets = (
             [bind_unix(address.path)]
@@ -517,7 +502,7 @@ class AsyncioDriver:
                     counted.close()  # The attached connection does its own counting.
                     attach(link, host, port)
 
-                make_link = partial(_Link, attach_counted, share)
+                make_link = partial(_SocketLink, attach_counted, share)
                 try:
                     with handshakes.one() if address.tls is not None else nullcontext():
                         await loop.connect_accepted_socket(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 from collections import deque
 from collections.abc import AsyncIterator
-from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from contextlib import asynccontextmanager
 from socket import gaierror
 
 import anyio
@@ -18,7 +18,7 @@ from anyio.abc import SocketAttribute, UDPSocket
 from rwt_transports.api import Attach, BindAddress, DriverCallbacks
 from rwt_transports.drivers.sockets import unknown_host, why_not
 from rwt_transports.errors import ListenError, log_exception
-from rwt_transports.wires.json_datagrams import END
+from rwt_transports.wires.json_stream import END
 
 logger = logging.getLogger("rwt_transports")
 
@@ -31,24 +31,22 @@ class _Sessions:
     def __init__(self, socket: UDPSocket, attach: Attach) -> None:
         self._socket = socket
         self._attach = attach
-        self._links: dict[Address, _Link] = {}
-        self._waiting: deque[_Link] = deque()
+        self._links: dict[Address, _DatagramLink] = {}
+        self._waiting: deque[_DatagramLink] = deque()
         self._awake = anyio.Event()
 
     async def read(self) -> None:
-        """Deliver each datagram to the session of its sender."""
         async for data, (host, port) in self._socket:
             link = self._links.get((host, port)) or self._begin(host, port)
             if not link.over:
                 link.callbacks.receive(data)
 
-    def _begin(self, host: str, port: int) -> _Link:
-        link = self._links[host, port] = _Link(self, (host, port))
+    def _begin(self, host: str, port: int) -> _DatagramLink:
+        link = self._links[host, port] = _DatagramLink(self, (host, port))
         self._attach(link, host, port)
         return link
 
     async def write(self) -> None:
-        """Send the data of woken links, each message as one datagram."""
         while True:
             await self._awake.wait()
             self._awake = anyio.Event()
@@ -61,22 +59,21 @@ class _Sessions:
                     log_exception("writing to %s:%d failed; forgetting it", *link.address)
                     link.abort()
 
-    def wake(self, link: _Link) -> None:
+    def wake(self, link: _DatagramLink) -> None:
         self._waiting.append(link)
         self._awake.set()
 
-    def forget(self, link: _Link) -> None:
+    def forget(self, link: _DatagramLink) -> None:
         """Remove an ended session; the next datagram of its address begins another."""
         if self._links.get(link.address) is link:
             del self._links[link.address]
 
     def close(self) -> None:
-        """End all sessions."""
         for link in tuple(self._links.values()):
             link.abort()
 
 
-class _Link:
+class _DatagramLink:
     """Link to one peer. Implements :class:`rwt_transports.api.Link`."""
 
     __slots__ = ("_sessions", "address", "callbacks", "closing", "over")
@@ -98,7 +95,6 @@ class _Link:
         self.close()
 
     def close(self) -> None:
-        """End the session after sending queued data."""
         self.closing = True
         self._sessions.wake(self)
 
@@ -133,12 +129,8 @@ class _Link:
 class DatagramDriver:
     """Serves UDP; satisfies :class:`rwt_transports.api.Driver`."""
 
-    def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
-        """Accept peers within the block; gives the port in use."""
-        return self._serve(address, attach)
-
     @asynccontextmanager
-    async def _serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
+    async def serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
         try:
             socket = await anyio.create_udp_socket(local_host=address.host, local_port=address.port)
         except gaierror:

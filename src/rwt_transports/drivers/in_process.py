@@ -27,10 +27,10 @@ from rwt_transports.endpoint import (
 class _End:
     """Sink of one of the two endpoints. Implements :class:`rwt_transports.endpoint.Sink`."""
 
-    __slots__ = ("_awake", "_closing", "_frames", "_size", "opposite", "other", "received")
+    __slots__ = ("_closing", "_frames", "_size", "awake", "opposite", "other", "received")
 
     def __init__(self, awake: anyio.Event) -> None:
-        self._awake = awake
+        self.awake = awake
         self._frames: deque[Frame] = deque()
         self._size = 0
         self.received = 0
@@ -42,12 +42,12 @@ class _End:
         if self._closing is None:
             self._frames.append(frame)
             self._size += frame.size
-            self._awake.set()
+            self.awake.set()
 
     def close(self, code: int = 1000, reason: str = "") -> None:
         if self._closing is None:
             self._closing = (code, reason)
-            self._awake.set()
+            self.awake.set()
 
     def hand_over(self, endpoint: Endpoint) -> None:
         if self.opposite.other is None:
@@ -72,10 +72,6 @@ class _End:
     @property
     def traffic(self) -> Traffic:
         return Traffic(queued_messages=len(self._frames), queued_bytes=self._size)
-
-    def watch(self, awake: anyio.Event) -> None:
-        """Set `awake` when there is something to deliver."""
-        self._awake = awake
 
     def deliver(self) -> tuple[int, str] | None:
         """Deliver what was sent; return code and reason once this side is closed."""
@@ -143,8 +139,7 @@ async def connect_in_process(near: Accept, far: Accept) -> AsyncIterator[None]:
 async def _pump(ours: _End, theirs: _End) -> None:
     while True:
         awake = anyio.Event()
-        ours.watch(awake)
-        theirs.watch(awake)
+        ours.awake = theirs.awake = awake
         for end in (ours, theirs):
             closing = end.deliver()
             if closing is not None:
@@ -157,7 +152,6 @@ async def _pump(ours: _End, theirs: _End) -> None:
 
 
 def _end(ours: _End, theirs: _End, closing: tuple[int, str]) -> None:
-    """Call `closed` of both endpoints, once."""
     for end in (ours, theirs):
         end.close(*closing)
         endpoint, end.other = end.other, None

@@ -11,7 +11,7 @@ import shlex
 import stat
 import sys
 from collections.abc import AsyncIterator, Iterator
-from contextlib import AbstractAsyncContextManager, asynccontextmanager, contextmanager
+from contextlib import asynccontextmanager, contextmanager
 
 import anyio
 import anyio.lowlevel
@@ -52,7 +52,6 @@ class DescriptorStream(ByteStream):
         return data
 
     async def send(self, item: bytes) -> None:
-        """Write all of it."""
         rest = memoryview(item)
         while rest:
             if self._waits_to_write:
@@ -84,17 +83,13 @@ class StandardStreamsDriver:
     def __init__(self, descriptors: tuple[int, int] | None = None) -> None:
         self._descriptors = descriptors
 
-    def serve(self, address: BindAddress, attach: Attach) -> AbstractAsyncContextManager[int]:
-        """Serve the peer within the block; gives port 0."""
-        return self._serve(attach)
-
     async def connect(self, address: RemoteAddress, attach: Attach, tasks: TaskGroup) -> None:
         """Run a command for the life of the connection; its standard error is this program's."""
         process = await anyio.open_process(shlex.split(address.path), stderr=None)
         tasks.start_soon(_serve_process, attach, process)
 
     @asynccontextmanager
-    async def _serve(self, attach: Attach) -> AsyncIterator[int]:
+    async def serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:
         given = self._descriptors
         with _claimed() if given is None else _as_they_are(*given) as (read_from, write_to):
             async with anyio.create_task_group() as tasks:
@@ -111,7 +106,6 @@ async def _serve_process(attach: Attach, process: Process) -> None:
 
 @contextmanager
 def _claimed() -> Iterator[tuple[int, int]]:
-    """Reserve standard input and output for this listener. Raises ListenError."""
     if os.name != "posix":
         raise ListenError("stdio: needs a POSIX system; use tcp://127.0.0.1:9091 on this one")
     if _Claim.held:

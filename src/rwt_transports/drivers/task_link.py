@@ -7,30 +7,19 @@ from typing import Final
 
 import anyio
 
-from rwt_transports.api import DriverCallbacks
+from rwt_transports.api import DriverCallbacks, UnbufferedCallbacks
 
 
-class NoCallbacks:
+class NoCallbacks(UnbufferedCallbacks):
     """Callbacks of a link without a connection; they drop everything, so that the link does not keep the
     connection.
-
-    Implements :class:`rwt_transports.api.DriverCallbacks`.
     """
 
     def receive(self, data: bytes) -> None:
         """Drop `data`."""
 
-    def get_buffer(self) -> None:
-        """Return None: there is no buffer."""
-
-    def buffer_updated(self, count: int) -> None:
-        """No-op: there is no buffer."""
-
     def take(self) -> None:
         """Return None: there is nothing to send."""
-
-    def progress(self) -> None:
-        """No-op."""
 
     def eof(self) -> None:
         """No-op."""
@@ -68,11 +57,9 @@ class TaskLink(ABC):
     # -- Link --------------------------------------------------------------------------------------------
 
     def set_callbacks(self, callbacks: DriverCallbacks) -> None:
-        """Deliver events to `callbacks` from now on."""
         self._callbacks = callbacks
 
     def wake(self) -> None:
-        """Wake the writing task."""
         self._awake.set()
 
     @abstractmethod
@@ -80,21 +67,17 @@ class TaskLink(ABC):
         """Half-close, once everything taken has been sent."""
 
     def close(self) -> None:
-        """Close once everything taken has been sent."""
         self._closing = True
         self._awake.set()
 
     def abort(self) -> None:
-        """Close immediately."""
         self._scope.cancel()
 
     def pause(self) -> None:
-        """Pause reading, from the next read on."""
         if self._reading.is_set():
             self._reading = anyio.Event()
 
     def resume(self) -> None:
-        """Resume reading."""
         self._reading.set()
 
     # -- tasks -------------------------------------------------------------------------------------------

@@ -13,7 +13,7 @@ import anyio
 import h11
 
 from rwt_protocol.frames import Buffer
-from rwt_transports.api import Link
+from rwt_transports.api import Link, UnbufferedCallbacks
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused, log_exception
@@ -42,7 +42,7 @@ _TRANSITIONS: Final = {
 }
 
 
-class HttpConnection:
+class HttpConnection(UnbufferedCallbacks):
     """HTTP of one connection, request after request (RFC 9112), until it closes or becomes a WebSocket.
 
     A :class:`~rwt_transports.connection.Connection` then takes over its link.
@@ -71,13 +71,6 @@ class HttpConnection:
       (True if the peer sends nothing more).
     * Timeouts, monotonic: ``_deadline`` (for the next request, or to close), ``_stalled`` (for the network to
       accept some bytes), ``_taken`` (bytes that it had accepted at the last :meth:`tick`).
-
-    Args:
-        routes: routes to serve.
-        state: state that the connections of the listener share.
-        link: link to the peer.
-        address: address of the peer.
-        port: port of the peer.
     """
 
     def __init__(self, routes: Routes, state: ListenerState, link: Link, address: str, port: int) -> None:
@@ -103,7 +96,6 @@ class HttpConnection:
         self._taken = 0
 
     def _become(self, state: _HttpState) -> None:
-        """Change the state, unless the connection has ended."""
         if not self._is_over:
             assert state is _HttpState.ENDED or state in _TRANSITIONS[self._state], (
                 f"{self._state} -> {state}"
@@ -138,15 +130,6 @@ class HttpConnection:
             log_exception("a route or the handshake failed; cutting %s", self)
             self.abort()
 
-    def get_buffer(self) -> None:
-        """Return None: requests need no buffer of their own."""
-
-    def buffer_updated(self, count: int) -> None:
-        """No-op: there is no buffer."""
-
-    def progress(self) -> None:
-        """No-op: :meth:`tick` looks at what the network accepted."""
-
     def eof(self) -> None:
         """Note that the peer sends nothing more.
 
@@ -158,7 +141,6 @@ class HttpConnection:
             self._end()
 
     def lost(self) -> None:
-        """Release everything: the link is gone."""
         self._become(_HttpState.ENDED)
         self._listener.detach(self)
         self.outbox.discard()
@@ -184,7 +166,6 @@ class HttpConnection:
             self._end()
 
     def abort(self) -> None:
-        """Cut the connection."""
         self._become(_HttpState.ENDED)
         self._link.abort()
 
@@ -421,7 +402,6 @@ class HttpConnection:
         self._listener.requests.wait(self._take_waiting)
 
     async def _respond_in_scope(self, response: HttpResponse | Awaitable[HttpResponse]) -> None:
-        """Respond, in a task that ends with the connection."""
         with anyio.CancelScope() as self._scope:
             if self._is_over:
                 self._scope.cancel()
@@ -469,7 +449,6 @@ class HttpConnection:
             await close_iterator(chunks)
 
     async def _drained(self) -> None:
-        """Wait until the network has accepted everything sent so far."""
         empty = anyio.Event()
         if not self._is_over:
             self.outbox.when_empty(empty.set)

@@ -153,7 +153,6 @@ class MetricFamily(NamedTuple):
 
     Attributes:
         name: as Prometheus writes it; that of a counter ends in ``_total``.
-        kind: its type.
         help: one sentence.
         samples: labels and value of each.
     """
@@ -293,7 +292,6 @@ class Proxies:
         """Return the address and the prefix of the client behind a request, and reduce `headers` to its own.
 
         Args:
-            address: address of the peer.
             headers: names in lower case; changed in place.
         """
         given = {name: headers.pop(name, "") for name in ("forwarded", *_X_FORWARDED)}

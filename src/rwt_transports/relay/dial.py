@@ -95,7 +95,6 @@ async def dial(
         accept: makes the endpoint of each client; may raise :exc:`~rwt_transports.errors.Refused`, and the
             client is closed with 1008 and the reason, since it is connected to the hub already.
         token: what the hub wants to see.
-        limits: bounds of each connection.
         addresses: counts the clients of each address that the hub names; one of its own by default.
         buffers: what large messages of all clients are received in; of its own by default.
         routes: the pages that the hub may ask for.
@@ -135,8 +134,6 @@ async def dial(
 
 
 def _bounded(status: RelayStatus, accept: Accept, most: int) -> Accept:
-    """Return an accept function for at most `most` clients."""
-
     def accept_some(sink: Sink, info: PeerInfo) -> Endpoint:
         if status.clients > most:
             raise Refused(503, f"all {most} connections of this robot are taken (limits.connections)")
@@ -194,12 +191,10 @@ class _Robot:
         self._shaky = 0  # failures before the connections that have not lasted yet
 
     async def run(self, tasks: TaskGroup) -> None:
-        """Open connections as long as too few are idle."""
         with self._running:
             await self._keep(tasks)
 
     async def leave(self) -> None:
-        """Close all connections, and wait for their end."""
         self._running.cancel()
         connections = tuple(self._open)
         for connection in connections:
@@ -295,12 +290,10 @@ class _IdleConnection:
         self.ending = ""
 
     def open(self, sink: Sink, info: PeerInfo) -> Endpoint:
-        """Note that the connection is open; its accept function."""
         self._sink = sink
         return self
 
     def receive(self, data: bytes, binary: bool) -> None:
-        """Read the assignment of a client from the first message."""
         sink = self._sink
         try:
             info = decode_assignment(data)

@@ -49,13 +49,7 @@ def end_to_end(headers: Mapping[str, str]) -> dict[str, str]:
 
 
 class PageServer:
-    """Robot's end of a connection that a request was assigned to.
-
-    Args:
-        sink: the connection.
-        routes: what the robot serves.
-        request: what is asked for.
-    """
+    """Robot's end of a connection that a request was assigned to."""
 
     def __init__(self, sink: Sink, routes: Routes, request: HttpRequest) -> None:
         self._sink = sink
@@ -67,11 +61,9 @@ class PageServer:
         self._closed = False
 
     def set_flow_control(self, flow_control: FlowControl) -> None:
-        """Keep what tells when the hub has taken what was sent."""
         self._flow_control = flow_control
 
     def receive(self, data: bytes, binary: bool) -> None:
-        """Ignore a message: a request is assigned as a whole."""
         self._sink.close(POLICY, "nothing follows a request")
 
     def closed(self, code: int, reason: str) -> None:
@@ -135,7 +127,6 @@ class PageInbox:
         self._ended: tuple[int, str] | None = None
 
     def send(self, frame: Frame) -> None:
-        """Take one message of the robot."""
         self._frames.append(frame)
         self._changed.set()
 
@@ -200,7 +191,6 @@ class PageInbox:
 
     @property
     def ended(self) -> tuple[int, str]:
-        """Close code and reason."""
         return self._ended or (GOING_AWAY, "")
 
 
@@ -221,5 +211,4 @@ class _Body(AsyncIterator[bytes]):
         raise StopAsyncIteration
 
     async def aclose(self) -> None:
-        """Stop the response."""
         self._left(NORMAL, "")

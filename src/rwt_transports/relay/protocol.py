@@ -71,14 +71,14 @@ class _Assignment(msgspec.Struct, omit_defaults=True):
     request: _Request | None = None
 
 
-class _Head(msgspec.Struct):
+class _PageHead(msgspec.Struct):
     status: Annotated[int, msgspec.Meta(ge=200, le=599)]
     content_type: str
     headers: dict[str, str] = {}
 
 
 _decoder = msgspec.json.Decoder(_Assignment)
-_head_decoder = msgspec.json.Decoder(_Head)
+_head_decoder = msgspec.json.Decoder(_PageHead)
 
 
 def encode_assignment(client: PeerInfo, path: str) -> bytes:
@@ -117,7 +117,7 @@ def decode_assignment(data: bytes) -> PeerInfo | HttpRequest:
 
 def encode_head(status: int, content_type: str, headers: dict[str, str]) -> bytes:
     """Return the head of a page; its body follows."""
-    return msgspec.json.encode(_Head(status, content_type, headers))
+    return msgspec.json.encode(_PageHead(status, content_type, headers))
 
 
 def decode_head(data: bytes) -> tuple[int, str, dict[str, str]]:

@@ -6,7 +6,7 @@ import asyncio
 from typing import TYPE_CHECKING
 
 from rwt_transports.webrtc.reassembly import Truncated
-from rwt_transports.wires.whole_messages import HEADER, MessageCutter
+from rwt_transports.wires.whole_messages import BINARY, HEADER, MessageCutter
 
 if TYPE_CHECKING:
     from collections import deque
@@ -67,7 +67,9 @@ class ChannelLink:
 
     def next_message(self) -> tuple[bytes, bool] | None:
         """Return the next message to send, and True if it is binary."""
-        return None if self._cutter is None or self._over else self._cutter.next()
+        if self._cutter is None or self._over or (message := self._cutter.next()) is None:
+            return None
+        return message[0], message[1] == BINARY
 
     def sent_all(self) -> None:
         """Note that everything has been sent."""

@@ -22,7 +22,6 @@ class ClientHandshake:
     """Opening handshake of a client.
 
     Args:
-        target: where to connect.
         headers: request headers beside those of the handshake.
 
     Attributes:
@@ -86,7 +85,6 @@ class ClientHandshake:
         raise ConnectError(f"{self._where} hung up during the WebSocket handshake")
 
     def _refused(self) -> None:
-        """Raise if the refusal is complete."""
         for event in self._protocol.events_received():
             if isinstance(event, Response):
                 said = (event.body or b"").decode("utf-8", "replace").strip()[:200]

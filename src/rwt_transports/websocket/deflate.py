@@ -180,19 +180,12 @@ def _end_of(parts: list[bytes]) -> bytes:
 class DeflateWire(WebSocketWire):
     """WebSocket wire of a server with permessage-deflate.
 
-    Args:
-        events: what the wire reports to, messages excepted.
-        terms: what was agreed.
-        max_size: largest message in bytes, compressed and inflated.
-        strict_utf8: end the connection with 1007 when a text message is not UTF-8.
-        buffers: where large messages are received.
-
     Attributes:
         take_steps: takes the steps in which a large message is inflated; None where nobody does, and it is
             inflated at once.
     """
 
-    __slots__ = ("_compressed", "_deflate_framing", "_inflater", "take_steps")
+    __slots__ = ("_compressed", "_inflater", "take_steps")
 
     def __init__(
         self,
@@ -207,16 +200,11 @@ class DeflateWire(WebSocketWire):
         self.take_steps: TakeSteps | None = None
         self._compressed = False  # the message under way is
         self._inflater = _Inflater(terms.peer_keeps_context, max_size)
-        self._deflate_framing = (
+        self.framing = (
             _framing_with_context(terms.window_bits)
             if terms.keeps_context
             else shared_framing(terms.window_bits)
         )
-
-    @property
-    def framing(self) -> Framing:
-        """Conversion of outgoing frames to bytes."""
-        return self._deflate_framing
 
     def hold(self) -> None:
         """Inflate nothing more until :meth:`go_on`: what came in one read may be a thousand times as much."""

@@ -57,8 +57,6 @@ def answer_handshake(
     """Check an upgrade request and return the response (RFC 6455 section 4.2).
 
     Args:
-        path: what is asked for.
-        headers: headers of the request.
         deflate: what may be compressed.
         subprotocols: what is spoken besides rosbridge.
     """

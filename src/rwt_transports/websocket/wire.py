@@ -23,7 +23,7 @@ except ImportError:  # no compiled extension for this interpreter
     from websockets.utils import apply_mask
 
 from rwt_protocol.frames import Buffer, Frame
-from rwt_transports.api import HEAD_BYTES, Framing, WireEvents
+from rwt_transports.api import HEAD_BYTES, Framing, WireEvents, drop_message
 from rwt_transports.limits import Limits
 from rwt_transports.websocket.close_codes import (
     INVALID_DATA,
@@ -182,7 +182,7 @@ class _Staged:
         self.buffer = larger
 
 
-class _Head:
+class _SkippedHead:
     """First bytes of a message that is skipped.
 
     Attributes:
@@ -200,7 +200,6 @@ class _Head:
         self._missing = 0
 
     def begin_frame(self, key: bytes, size: int) -> None:
-        """Continue with the payload of another frame."""
         self._key = key
         self._missing = min(HEAD_BYTES - len(self.start), size)
 
@@ -226,7 +225,7 @@ _TRANSITIONS: Final = {
 }
 
 
-class _Message(Enum):
+class _Progress(Enum):
     """Message that is in progress between two frames."""
 
     NONE = "none"
@@ -267,16 +266,14 @@ class WebSocketWire:
       :class:`~rwt_transports.websocket.deflate.DeflateWire`.
 
     Args:
-        events: receives what the wire reports, messages excepted.
-        max_size: largest message in bytes.
         server: True for the server's side: incoming frames must be masked, outgoing ones are not.
         strict_utf8: end the connection with 1007 when a text message is not UTF-8.
-        buffers: buffers for large messages.
     """
 
     __slots__ = (
         "_buffers", "_events", "_head", "_is_held", "_is_usual", "_max_size", "_parts", "_parts_binary",
-        "_progress", "_server", "_skip", "_skip_last", "_staged", "_state", "_strict", "_tail", "message",
+        "_progress", "_server", "_skip", "_skip_last", "_staged", "_state", "_strict", "_tail",
+        "framing", "message",
     )  # fmt: skip
 
     def __init__(
@@ -291,15 +288,16 @@ class WebSocketWire:
         self._events = events
         self._max_size = max_size
         self._server = server
+        self.framing = SERVER_FRAMING if server else CLIENT_FRAMING
         self._strict = strict_utf8
         self._buffers = ReceiveBufferPool() if buffers is None else buffers
-        self.message: Callable[[bytes, bool], None] = _ignore
+        self.message: Callable[[bytes, bool], None] = drop_message
         self._state = _WireState.OPEN
-        self._progress = _Message.NONE
+        self._progress = _Progress.NONE
         self._is_usual = server
         self._parts = bytearray()
         self._parts_binary = False
-        self._head: _Head | None = None
+        self._head: _SkippedHead | None = None
         self._tail = b""
         self._staged: _Staged | None = None
         self._skip = 0
@@ -310,11 +308,6 @@ class WebSocketWire:
         assert state in _TRANSITIONS[self._state], f"{self._state} -> {state}"
         self._state = state
 
-    @property
-    def framing(self) -> Framing:
-        """Conversion of outgoing frames to bytes."""
-        return SERVER_FRAMING if self._server else CLIENT_FRAMING
-
     # -- outgoing ------------------------------------------------------------------------------------------
 
     def close(self, code: int, reason: str) -> bytes:
@@ -322,7 +315,7 @@ class WebSocketWire:
         if self._state is not _WireState.OPEN:
             return b""
         self._become(_WireState.CLOSING)
-        self.message = _ignore
+        self.message = drop_message
         return pack(CLOSE, close_payload(code, reason), masked=not self._server)
 
     def ping(self) -> bytes:
@@ -332,7 +325,6 @@ class WebSocketWire:
     # -- incoming ------------------------------------------------------------------------------------------
 
     def feed(self, data: bytes) -> None:
-        """Read frames; each whole message goes to :attr:`message` within the call."""
         position = 0
         try:
             if self._staged is not None:
@@ -440,7 +432,7 @@ class WebSocketWire:
             size = _long_size(data[position + 2 : start])
         if second > 127:
             start += 4
-        elif not self._server and self._progress is _Message.NONE and (first == 0x81 or first == 0x82):
+        elif not self._server and self._progress is _Progress.NONE and (first == 0x81 or first == 0x82):
             # Nearly every frame from a server: the same, and not masked.
             stop = start + size
             if stop <= end and size <= self._max_size:
@@ -466,9 +458,9 @@ class WebSocketWire:
                 raise ProtocolViolation(PROTOCOL_ERROR, "a control frame holds at most 125 bytes")
             if first < 0x80:
                 raise ProtocolViolation(PROTOCOL_ERROR, "a control frame cannot be fragmented")
-        elif opcode == CONTINUATION and self._progress is _Message.NONE:
+        elif opcode == CONTINUATION and self._progress is _Progress.NONE:
             raise ProtocolViolation(PROTOCOL_ERROR, "a continuation frame without a message to continue")
-        elif opcode != CONTINUATION and self._progress is not _Message.NONE:
+        elif opcode != CONTINUATION and self._progress is not _Progress.NONE:
             raise ProtocolViolation(
                 PROTOCOL_ERROR, "a new message before the last fragment of the one before"
             )
@@ -498,7 +490,7 @@ class WebSocketWire:
     def _admit(self, first: int, size: int) -> bool:
         """Return True if a data frame is within the limit of its message. The first that is not is reported,
         and may be skipped."""
-        if self._progress is _Message.SKIPPED:
+        if self._progress is _Progress.SKIPPED:
             return False
         total = len(self._parts) + size
         if total <= self._max_size:
@@ -508,8 +500,8 @@ class WebSocketWire:
                 TOO_BIG,
                 f"a message of {total} bytes; the limit is {self._max_size} (max_message_size)",
             )
-        self._head = _Head(total, bytes(self._parts[:HEAD_BYTES]))
-        self._begin(first, _Message.SKIPPED)
+        self._head = _SkippedHead(total, bytes(self._parts[:HEAD_BYTES]))
+        self._begin(first, _Progress.SKIPPED)
         self._parts = bytearray()
         return False
 
@@ -573,10 +565,10 @@ class WebSocketWire:
 
     def _data_frame(self, first: int, payload: bytes) -> None:
         last = first > 127
-        if last and self._progress is _Message.NONE:
+        if last and self._progress is _Progress.NONE:
             self._deliver(payload, first & 0x0F == BINARY)
             return
-        self._begin(first, _Message.FRAGMENTED)
+        self._begin(first, _Progress.FRAGMENTED)
         self._parts += payload
         if len(self._parts) >= DIRECT_BYTES:
             self._buffers.hold(self, len(self._parts))
@@ -585,9 +577,8 @@ class WebSocketWire:
             self._end_message()
             self._deliver(whole, self._parts_binary)
 
-    def _begin(self, first: int, progress: _Message) -> None:
-        """Note a data frame that is not a whole message."""
-        if self._progress is _Message.NONE:
+    def _begin(self, first: int, progress: _Progress) -> None:
+        if self._progress is _Progress.NONE:
             self._parts_binary = first & 0x0F == BINARY
         self._progress = progress
         self._is_usual = False
@@ -595,7 +586,7 @@ class WebSocketWire:
     def _end_message(self) -> None:
         self._buffers.release(self)
         self._parts = bytearray()
-        self._progress = _Message.NONE
+        self._progress = _Progress.NONE
         self._is_usual = self._server
 
     def _deliver(self, payload: bytes, binary: bool) -> None:
@@ -617,10 +608,6 @@ class WebSocketWire:
         if answer:
             self._events.answer(answer)
         self._events.ended(code, reason, agreed=True)
-
-
-def _ignore(_data: bytes, _binary: bool) -> None:
-    """Drop a message: there is no endpoint yet, or the connection is closing."""
 
 
 def _long_size(field: bytes) -> int:

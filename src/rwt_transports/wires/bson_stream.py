@@ -26,13 +26,7 @@ SMALLEST: Final = 5
 
 
 class BsonStreamWire(StreamWire):
-    """Documents of one connection.
-
-    Args:
-        events: what the wire reports to, messages excepted.
-        max_size: largest document in bytes; a larger one is skipped as it comes in, and kept nowhere.
-        buffers: where is counted what has come of large messages.
-    """
+    """Documents of one connection."""
 
     __slots__ = ("_to_skip",)
 
@@ -42,17 +36,7 @@ class BsonStreamWire(StreamWire):
         super().__init__(events, max_size, DOCUMENTS, buffers)
         self._to_skip = 0
 
-    def feed(self, data: bytes) -> None:
-        """Read documents; each whole one goes to :attr:`message` within the call."""
-        self._buffer += data
-        while not self._over and self._step():
-            pass
-        if self._over:
-            self._buffer.clear()
-        self._count_held()
-
     def _step(self) -> bool:
-        """Take or skip one document; return False if more bytes are needed."""
         buffer = self._buffer
         if self._to_skip:
             skipped = min(self._to_skip, len(buffer))
@@ -85,10 +69,6 @@ class BsonStreamWire(StreamWire):
             f"a message of {length} bytes; the limit is {self._max_size} (max_message_size)",
         )
         return False
-
-    def _end(self, code: int, reason: str) -> None:
-        self._over = True
-        self._events.ended(code, reason, agreed=False)
 
 
 def _pieces(frame: Frame) -> tuple[Buffer, ...]:

@@ -6,6 +6,9 @@ twice, so that a cut anywhere, inside a character, an escape or a string, change
 between objects and is not blank is handed over as a message of its own, so that the endpoint can refuse it.
 
 There is no binary on this wire (TCP-05): a binary frame is logged and left out.
+
+A datagram (UDP-01) has one or more objects, and none continues in the next. Each outgoing frame is one
+datagram; what does not fit is logged and left out: to divide it is for the sender (`fragment_size`).
 """
 
 from __future__ import annotations
@@ -22,6 +25,12 @@ from rwt_transports.wires.stream import StreamWire
 
 logger = logging.getLogger("rwt_transports.json_stream")
 
+DATAGRAM_BYTES = 65_507
+"""The largest UDP payload over IPv4 (65,535 bytes less the headers of RFC 791 and RFC 768)."""
+
+END = b"\0"
+"""End of a frame for the driver of datagrams. No JSON text holds this byte (RFC 8259 section 7)."""
+
 STRAY_BYTES = 1024
 """Maximum bytes between objects that are delivered at once."""
 
@@ -34,14 +43,7 @@ _BACKSLASH, _QUOTE, _OPEN = b'\\"{'
 
 
 class JsonStreamWire(StreamWire):
-    """Objects of one connection.
-
-    Args:
-        events: what the wire reports to, messages excepted.
-        max_size: largest object in bytes.
-        framing: :data:`PLAIN` or :data:`LINES`.
-        buffers: where is counted what has come of large messages.
-    """
+    """Objects of one connection."""
 
     __slots__ = ("_depth", "_fresh", "_in_string", "_scanned", "_skipping")
 
@@ -61,7 +63,6 @@ class JsonStreamWire(StreamWire):
         self._fresh = True  # nothing was handed over yet
 
     def feed(self, data: bytes) -> None:
-        """Read objects; each whole one goes to :attr:`message` within the call."""
         self._buffer += data
         while not self._over and self._step():
             pass
@@ -71,16 +72,7 @@ class JsonStreamWire(StreamWire):
             self._too_large()
         self._count_held()
 
-    def end_of_datagram(self) -> None:
-        """Hand over what is left of an object that is not whole, and expect a new one."""
-        if self._buffer and not self._over:
-            self._hand_over(len(self._buffer))
-        self._buffer.clear()
-        self._scanned = self._depth = 0
-        self._in_string = self._skipping = False
-
     def _step(self) -> bool:
-        """Continue to the next brace or quote; return False if more bytes are needed."""
         if self._depth == 0:
             return self._between()
         match = (_IN_STRING if self._in_string else _STRUCTURE).search(self._buffer, self._scanned)
@@ -130,8 +122,7 @@ class JsonStreamWire(StreamWire):
         elif len(message) > self._max_size:
             self._report(len(message), message)
         elif self._fresh and _HTTP_REQUEST.match(message):
-            self._over = True
-            self._events.ended(POLICY, "this port speaks JSON, not HTTP: web pages use ws://", agreed=False)
+            self._end(POLICY, "this port speaks JSON, not HTTP: web pages use ws://")
         elif message.strip():
             self._hand_on(message, False)
         self._fresh = False
@@ -148,9 +139,23 @@ class JsonStreamWire(StreamWire):
         if self._events.oversized(size):
             self._events.oversized_head(size, message[:HEAD_BYTES])
         else:
-            self._over = True
             reason = f"a message of {size} bytes or more; the limit is {self._max_size} (max_message_size)"
-            self._events.ended(TOO_BIG, reason, agreed=False)
+            self._end(TOO_BIG, reason)
+
+
+class JsonDatagramWire(JsonStreamWire):
+    """Objects of one peer in datagrams; arguments as for the stream."""
+
+    __slots__ = ()
+
+    def feed(self, data: bytes) -> None:
+        """Read one datagram; an object that is not whole is delivered, so that the endpoint can reject it."""
+        super().feed(data)
+        if self._buffer and not self._over:
+            self._hand_over(len(self._buffer))
+        self._buffer.clear()
+        self._scanned = self._depth = 0
+        self._in_string = self._skipping = False
 
 
 def _framing(end: bytes) -> Framing:
@@ -177,3 +182,27 @@ def json_over_tcp(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool
 def json_lines(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> JsonStreamWire:
     """Return the wire of a peer over a Unix socket or standard input and output."""
     return JsonStreamWire(events, max_size=limits.message_bytes, framing=LINES, buffers=buffers)
+
+
+def _datagram(frame: Frame) -> tuple[Buffer, ...]:
+    if frame.binary:
+        logger.warning("a binary message of %d bytes has no place in a JSON datagram; left out", frame.size)
+    elif frame.size > DATAGRAM_BYTES:
+        logger.warning(
+            "a message of %d bytes does not fit a datagram and was left out: the limit is %d; ask for "
+            "`fragment_size`, or connect by tcp://",
+            frame.size,
+            DATAGRAM_BYTES,
+        )
+    else:
+        return (*frame.parts, END)
+    return ()
+
+
+DATAGRAMS = Framing(lambda frame: b"".join(_datagram(frame)), _datagram)
+"""One frame, and where it ends."""
+
+
+def json_datagrams(events: WireEvents, limits: Limits, _buffers: ReceiveBufferPool) -> JsonDatagramWire:
+    """Return the wire of a peer over UDP."""
+    return JsonDatagramWire(events, max_size=limits.message_bytes, framing=DATAGRAMS)

@@ -37,17 +37,6 @@ class ReceiveBufferPool:
             complete and unread, no more of large messages is received or inflated.
     """
 
-    __slots__ = (
-        "_arriving",
-        "_held",
-        "_incomplete",
-        "_inflating",
-        "_kept",
-        "_most",
-        "_unread",
-        "_unread_bytes",
-    )
-
     def __init__(self, most: int = 96 * 1024 * 1024) -> None:
         self._kept: bytearray | None = None
         self._most = most

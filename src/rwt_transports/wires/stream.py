@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 
-from rwt_transports.api import Framing, WireEvents
+from rwt_transports.api import Framing, WireEvents, drop_message
 from rwt_transports.websocket.close_codes import POLICY
 from rwt_transports.wires.receive_buffer import STAGING_BYTES, ReceiveBufferPool
 
@@ -23,7 +23,7 @@ class StreamWire(ABC):
         buffers: where is counted what has come of large messages.
     """
 
-    __slots__ = ("_buffer", "_buffers", "_events", "_framing", "_max_size", "_over", "_part", "message")
+    __slots__ = ("_buffer", "_buffers", "_events", "_max_size", "_over", "_part", "framing", "message")
 
     def __init__(
         self, events: WireEvents, max_size: int, framing: Framing, buffers: ReceiveBufferPool | None = None
@@ -32,30 +32,27 @@ class StreamWire(ABC):
         self._part: bytearray | None = None  # where the next bytes of a large message are received
         self._events = events
         self._max_size = max_size
-        self._framing = framing
-        self.message: Callable[[bytes, bool], None] = _ignore
+        self.framing = framing
+        self.message: Callable[[bytes, bool], None] = drop_message
         self._buffer = bytearray()
         self._over = False
-
-    @property
-    def framing(self) -> Framing:
-        """Conversion of outgoing frames to bytes."""
-        return self._framing
 
     def close(self, code: int, reason: str) -> bytes:
         """End the connection. Returns nothing to send: the protocol has no close."""
         self._over = True
-        self.message = _ignore
+        self.message = drop_message
         return b""
 
     def give_up(self, reason: str) -> None:
         """Drop what has come of a message, and end the connection."""
-        self._over = True
         self._buffer.clear()
-        self._events.ended(POLICY, reason, agreed=False)
+        self._end(POLICY, reason)
+
+    def _end(self, code: int, reason: str) -> None:
+        self._over = True
+        self._events.ended(code, reason, agreed=False)
 
     def _count_held(self) -> None:
-        """Count the bytes of an incomplete message."""
         size = len(self._buffer)
         if size >= STAGING_BYTES:
             self._part = self._part or bytearray(PART_BYTES)
@@ -69,24 +66,26 @@ class StreamWire(ABC):
         return b""
 
     def get_buffer(self) -> memoryview | None:
-        """Return the buffer for the next bytes of a large message, if time and memory allow."""
         return None if self._part is None else memoryview(self._part)
 
     def buffer_updated(self, count: int) -> None:
-        """`count` bytes were received into :meth:`get_buffer`."""
         if self._part is not None:
             self.feed(bytes(memoryview(self._part)[:count]))
 
-    @abstractmethod
     def feed(self, data: bytes) -> None:
-        """Take what arrived."""
+        self._buffer += data
+        while not self._over and self._step():
+            pass
+        if self._over:
+            self._buffer.clear()
+        self._count_held()
+
+    @abstractmethod
+    def _step(self) -> bool:
+        """Take one message or a part of it from the buffer; return False if more bytes are needed."""
 
     def _hand_on(self, message: bytes, binary: bool) -> None:
         if len(message) < STAGING_BYTES:
             self.message(message, binary)
         else:
             self._buffers.hand_on(self.message, message, binary)
-
-
-def _ignore(_data: bytes, _binary: bool) -> None:
-    """Drop a message: the endpoint is missing or closing."""

@@ -1,7 +1,7 @@
-"""Messages of a transport that keeps their boundaries itself, text and binary apart (a WebRTC data channel).
+"""Messages of a transport that keeps their boundaries itself: WebRTC data channels, WebSockets behind ASGI.
 
-Between the wire and the driver each message follows a header that never leaves the process: whether it is
-binary, and its size. So a driver may be given many messages in one piece, or one in many, as every other.
+Between the wire and the driver, a header that never leaves the process precedes each message: its kind and
+size. Thus the outbox can join and split messages as for other drivers.
 
 A message that is larger than the limit is announced by its header, and what follows is no more than its first
 :data:`~rwt_transports.api.HEAD_BYTES`: the driver has kept no more.
@@ -21,12 +21,15 @@ from rwt_transports.websocket.close_codes import TOO_BIG
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from rwt_transports.wires.stream import StreamWire
 
-HEADER: Final = Struct(">?I")
-"""Header of a message: binary flag and size in bytes."""
+HEADER: Final = Struct(">BI")
+"""Header of a message: its kind, and its size in bytes."""
+
+TEXT, BINARY, CLOSE = 0, 1, 2
+"""Kinds of messages; only ASGI's drivers exchange :data:`CLOSE`, whose bytes are a code and a reason."""
 
 
 def _pieces(frame: Frame) -> tuple[Buffer, ...]:
-    return (HEADER.pack(frame.binary, frame.size), *frame.parts)
+    return (HEADER.pack(BINARY if frame.binary else TEXT, frame.size), *frame.parts)
 
 
 WHOLE_MESSAGES = Framing(lambda frame: b"".join(_pieces(frame)), _pieces)
@@ -36,7 +39,7 @@ WHOLE_MESSAGES = Framing(lambda frame: b"".join(_pieces(frame)), _pieces)
 class MessageWire(StreamWire):
     """Messages of one peer; arguments as for a stream."""
 
-    __slots__ = ("_binary", "_size", "_wanted")
+    __slots__ = ("_kind", "_size", "_wanted")
 
     def __init__(
         self, events: WireEvents, max_size: int, framing: Framing, buffers: ReceiveBufferPool | None = None
@@ -44,22 +47,15 @@ class MessageWire(StreamWire):
         super().__init__(events, max_size, framing, buffers)
         self._wanted = -1  # bytes that follow the header; -1 before it
         self._size = 0
-        self._binary = False
+        self._kind = TEXT
 
     def feed(self, data: bytes) -> None:
-        """Read messages; each whole one goes to :attr:`message` within the call."""
         if not self._over and self._wanted == len(data) and not self._buffer:
             self._finish(data)  # The whole message as the driver has it: not copied.
             return
-        self._buffer += data
-        while not self._over and self._step():
-            pass
-        if self._over:
-            self._buffer.clear()
-        self._count_held()
+        super().feed(data)
 
     def _step(self) -> bool:
-        """Take a header or a message; return False if more bytes are needed."""
         wanted = HEADER.size if self._wanted < 0 else self._wanted
         if len(self._buffer) < wanted:
             return False
@@ -68,14 +64,13 @@ class MessageWire(StreamWire):
         if self._wanted >= 0:
             self._finish(data)
             return True
-        self._binary, self._size = HEADER.unpack(data)
+        self._kind, self._size = HEADER.unpack(data)
         self._wanted = self._size
         if self._size > self._max_size:
             self._wanted = min(self._size, HEAD_BYTES)
             if not self._events.oversized(self._size):
-                self._over = True
                 reason = f"a message of {self._size} bytes; the limit is {self._max_size} (max_message_size)"
-                self._events.ended(TOO_BIG, reason, agreed=False)
+                self._end(TOO_BIG, reason)
         return True
 
     def _finish(self, data: bytes) -> None:
@@ -83,7 +78,7 @@ class MessageWire(StreamWire):
         if self._size > self._max_size:
             self._events.oversized_head(self._size, data)
         else:
-            self._hand_on(data, self._binary)
+            self._hand_on(data, self._kind == BINARY)
 
 
 def whole_messages(events: WireEvents, limits: Limits, buffers: ReceiveBufferPool) -> MessageWire:
@@ -98,32 +93,32 @@ class MessageCutter:
         take: gives the next bytes of the connection, None when there are none for now.
     """
 
-    __slots__ = ("_binary", "_buffer", "_size", "_take", "_wanted")
+    __slots__ = ("_buffer", "_kind", "_size", "_take", "_wanted")
 
     def __init__(self, take: Callable[[], Buffer | None]) -> None:
         self._take = take
         self._buffer: deque[memoryview] = deque()
         self._size = 0
         self._wanted = -1
-        self._binary = False
+        self._kind = TEXT
 
     @property
     def held(self) -> int:
         """Bytes that the connection has handed over, and that are in no message yet."""
         return self._size
 
-    def next(self) -> tuple[bytes, bool] | None:
-        """Return the next message, and True if it is binary; None if there is no complete one."""
+    def next(self) -> tuple[bytes, int] | None:
+        """Return the next message and its kind; None if there is no complete one."""
         if self._wanted < 0:
             header = self._read(HEADER.size)
             if header is None:
                 return None
-            self._binary, self._wanted = HEADER.unpack(header)
+            self._kind, self._wanted = HEADER.unpack(header)
         message = self._read(self._wanted)
         if message is None:
             return None
         self._wanted = -1
-        return message, self._binary
+        return message, self._kind
 
     def _read(self, count: int) -> bytes | None:
         while self._size < count:

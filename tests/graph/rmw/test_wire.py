@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from rwt_graph.errors import WireError
 from rwt_graph.zenoh.rmw import attachment, keys, qos_text
 from rwt_graph.zenoh.rmw.attachment import Attachment
-from rwt_graph.zenoh.rmw.tokens import Endpoint, Kind, Token, all_tokens, gid_of, parse
+from rwt_graph.zenoh.rmw.tokens import EntityKind, Token, TokenEndpoint, all_tokens, gid_of, parse
 from rwt_participant.qos import DEFAULT_QOS, LATCHED, SENSOR_DATA, Durability, History, QoS, Reliability
 
 STRING = "std_msgs::msg::dds_::String_"
@@ -26,34 +26,34 @@ LISTENER = "@ros2_lv/0/aac3178e146ba6f1fc6e6a4085e77f21"
 #: As the design document prints them.
 TOKENS = {
     f"{LISTENER}/0/0/NN/%/%/listener": Token(
-        0, "aac3178e146ba6f1fc6e6a4085e77f21", 0, 0, Kind.NODE, "/listener"
+        0, "aac3178e146ba6f1fc6e6a4085e77f21", 0, 0, EntityKind.NODE, "/listener"
     ),
     f"{TALKER}/0/10/MP/%/%/talker/%chatter/{STRING}/{STRING_HASH}/::,7:,:,:,,": Token(
         0,
         "8b20917502ee955ac4476e0266340d5c",
         0,
         10,
-        Kind.PUBLISHER,
+        EntityKind.PUBLISHER,
         "/talker",
-        Endpoint("/chatter", STRING, STRING_HASH, QoS(depth=7)),
+        TokenEndpoint("/chatter", STRING, STRING_HASH, QoS(depth=7)),
     ),
     f"{LISTENER}/0/10/MS/%/%/listener/%chatter/{STRING}/{STRING_HASH}/::,10:,:,:,,": Token(
         0,
         "aac3178e146ba6f1fc6e6a4085e77f21",
         0,
         10,
-        Kind.SUBSCRIPTION,
+        EntityKind.SUBSCRIPTION,
         "/listener",
-        Endpoint("/chatter", STRING, STRING_HASH, DEFAULT_QOS),
+        TokenEndpoint("/chatter", STRING, STRING_HASH, DEFAULT_QOS),
     ),
     f"@ros2_lv/2/a/3/14/SS/%secure/%robot1%arm/adder/%robot1%add/{ADD}/{ADD_HASH}/2:1:2,5:1,2:3,4:,,": Token(
         2,
         "a",
         3,
         14,
-        Kind.SERVICE,
+        EntityKind.SERVICE,
         "/robot1/arm/adder",
-        Endpoint(
+        TokenEndpoint(
             "/robot1/add",
             ADD,
             ADD_HASH,
@@ -81,7 +81,7 @@ def test_tokens_of_the_design_document(key: str) -> None:
 
 
 def test_the_gid_is_the_hash_of_the_token() -> None:
-    publisher = next(key for key, token in TOKENS.items() if token.kind is Kind.PUBLISHER)
+    publisher = next(key for key, token in TOKENS.items() if token.kind is EntityKind.PUBLISHER)
     assert gid_of(publisher) == GID
 
 
@@ -239,15 +239,17 @@ def test_every_qos_comes_back(qos: QoS) -> None:
         assert found == (None if given_ is None else pytest.approx(given_, abs=1e-9))
 
 
-ENDPOINTS = st.builds(Endpoint, NAME, WORD.map(lambda w: f"p::msg::dds_::{w}_"), WORD, st.just(DEFAULT_QOS))
+ENDPOINTS = st.builds(
+    TokenEndpoint, NAME, WORD.map(lambda w: f"p::msg::dds_::{w}_"), WORD, st.just(DEFAULT_QOS)
+)
 
 
 @given(st.integers(0, 10**6), WORD, st.integers(0, 10**6), st.integers(0, 10**6), NAME, ENDPOINTS, NAME)
 def test_every_token_comes_back(
-    domain: int, session: str, node_id: int, entity: int, node: str, end: Endpoint, enclave: str
+    domain: int, session: str, node_id: int, entity: int, node: str, end: TokenEndpoint, enclave: str
 ) -> None:
-    for kind in Kind:
-        endpoint = None if kind is Kind.NODE else end
+    for kind in EntityKind:
+        endpoint = None if kind is EntityKind.NODE else end
         token = Token(domain, session, node_id, entity, kind, node, endpoint, enclave)
         assert parse(token.key()) == token
 

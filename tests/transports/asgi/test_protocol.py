@@ -12,15 +12,8 @@ import pytest
 from rwt import Server, SettingsError
 from rwt_protocol.frames import Frame
 from rwt_transports.asgi.application import AsgiApplication
-from rwt_transports.asgi.messages import (
-    BINARY,
-    CLOSE,
-    FRAMING,
-    TEXT,
-    KindCutter,
-    close_bytes,
-    close_of,
-)
+from rwt_transports.asgi.messages import close_bytes, close_of
+from rwt_transports.wires.whole_messages import BINARY, CLOSE, TEXT, WHOLE_MESSAGES, MessageCutter
 from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
@@ -244,12 +237,12 @@ async def test_who_may_not_come_in_is_told_why(extended: bool) -> None:
 
 def test_messages_keep_their_boundaries_however_they_are_cut() -> None:
     frames = [Frame(b"a"), Frame(b"", binary=True), Frame(b"b" * 1000, b"c", binary=True)]
-    data = b"".join(FRAMING.whole(frame) for frame in frames)
-    assert data == b"".join(part for frame in frames for part in map(bytes, FRAMING.pieces(frame)))
+    data = b"".join(WHOLE_MESSAGES.whole(frame) for frame in frames)
+    assert data == b"".join(part for frame in frames for part in map(bytes, WHOLE_MESSAGES.pieces(frame)))
     for size in (1, 3, 7, 2000):
         pieces = [data[at : at + size] for at in range(0, len(data), size)]
-        cutter = KindCutter(lambda: pieces.pop(0) if pieces else None)  # noqa: B023 - used in this turn
-        expected = [(TEXT, b"a"), (BINARY, b""), (BINARY, b"b" * 1000 + b"c")]
-        assert [cutter.next_of_kind() for _ in range(4)] == [*expected, None]
+        cutter = MessageCutter(lambda: pieces.pop(0) if pieces else None)  # noqa: B023 - used in this turn
+        expected = [(b"a", TEXT), (b"", BINARY), (b"b" * 1000 + b"c", BINARY)]
+        assert [cutter.next() for _ in range(4)] == [*expected, None]
     assert close_of(close_bytes(1001, "é" * 100))[1] == "é" * 61
     assert CLOSE not in (TEXT, BINARY)

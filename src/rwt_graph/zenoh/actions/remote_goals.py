@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 from rwt_graph.api import ActionInfo, ClientGoal, Sample, Subscription
-from rwt_graph.zenoh.actions.names import SEND_GOAL, ActionNames, part_type, struct_payload, uuid_struct
+from rwt_graph.zenoh.actions.names import SEND_GOAL, ActionNames, struct_payload, uuid_struct
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed, GoalRejected, ProviderGone, ServiceFailed
@@ -16,8 +16,8 @@ from rwt_participant.qos import DEFAULT_QOS
 
 if TYPE_CHECKING:
     from rwt_graph.api import GoalEvents, PendingCall
-    from rwt_graph.memory.node_resources import NodeResources
     from rwt_graph.memory.services import RemoteServices, Services
+    from rwt_graph.memory.tables import NodeResources
     from rwt_graph.memory.topics import Topics
     from rwt_interfaces.registry import Registry
 
@@ -41,7 +41,6 @@ class ZenohActions:
         self._remote = remote
 
     def info(self, name: str) -> ActionInfo | None:
-        """Return an action; None if it or its type is unknown."""
         service = self._remote.info(f"{name}{SEND_GOAL}")
         if service is None:
             return None
@@ -52,11 +51,9 @@ class ZenohActions:
         return ActionInfo(name, type, service.node)
 
     def names(self) -> set[str]:
-        """Return the names of all actions of other processes."""
         return {name.removesuffix(SEND_GOAL) for name in self._remote.names() if name.endswith(SEND_GOAL)}
 
     def by_node(self) -> Iterator[tuple[str, str]]:
-        """Yield each node of another process with each of its actions."""
         for node, name in self._remote.by_node():
             if name.endswith(SEND_GOAL):
                 yield node, name.removesuffix(SEND_GOAL)
@@ -64,7 +61,6 @@ class ZenohActions:
     def send(
         self, action: str, payload: Payload, events: GoalEvents, goal_id: str, client: NodeResources
     ) -> ClientGoal | None:
-        """Send a goal; None when no other process offers the action."""
         info = self.info(action)
         if info is None:
             return None
@@ -73,13 +69,11 @@ class ZenohActions:
         return goal
 
     def cancel(self, action: str, goal_id: str, client: NodeResources) -> None:
-        """Request cancellation of a goal by its id, without waiting for the answer."""
         if goal_id == _EVERY_GOAL:
             return  # The id of no goal: it would cancel every goal.
         self.ask_to_cancel(action, goal_id, client, lambda _: None)
 
     def cancel_every(self, action: str, client: NodeResources) -> None:
-        """Request cancellation of all goals of an action, without waiting for the answer."""
         self.ask_to_cancel(action, _EVERY_GOAL, client, lambda _: None)
 
     def ask_to_cancel(
@@ -97,7 +91,10 @@ class ZenohActions:
 
 
 class RemoteGoal(ClientGoal):
-    """Goal as its client sees it."""
+    """Goal as its client sees it; only servers of this project send reasons."""
+
+    status = GoalStatus.UNKNOWN
+    reason = ""
 
     def __init__(
         self, actions: ZenohActions, info: ActionInfo, events: GoalEvents, goal_id: str, client: NodeResources
@@ -109,28 +106,16 @@ class RemoteGoal(ClientGoal):
         self._actions = actions
         self._events: GoalEvents | None = events
         self._client = client
-        self._status = GoalStatus.UNKNOWN
-        self._reason = ""
         self._feedback: Subscription | None = None
         self._reasons: Subscription | None = None
         self._pending: PendingCall | None = None
-
-    @property
-    def status(self) -> GoalStatus:
-        """Last state that the server reported."""
-        return self._status
-
-    @property
-    def reason(self) -> str:
-        """Reason that the server gave for the end; only servers of this project send reasons."""
-        return self._reason
 
     def send(self, payload: Payload) -> None:
         """Subscribe to the goal's feedback and reason, then send it."""
         self._client.add(self, self.client_closed)
         self.want_feedback(True)
         self._reasons = self._listen(self._names.reasons, "std_msgs/String", self._on_reason)
-        request = self._actions.registry.service(part_type(self._type, "_SendGoal")).request
+        request = self._actions.registry.service(f"{self._type.name}_SendGoal").request
         goal = struct_payload(request, goal_id=uuid_struct(request, self.id), goal=payload.value())
         self._call(self._names.send_goal, goal, self._on_answer)
 
@@ -143,7 +128,7 @@ class RemoteGoal(ClientGoal):
         elif (
             wanted and feedback is None and self._events is not None and self._events.on_feedback is not None
         ):
-            type = part_type(self._type, "_FeedbackMessage")
+            type = f"{self._type.name}_FeedbackMessage"
             self._feedback = self._listen(self._names.feedback, type, self._on_feedback)
 
     def _listen(self, topic: str, type: str, on_sample: Callable[[Sample], None]) -> Subscription:
@@ -163,18 +148,18 @@ class RemoteGoal(ClientGoal):
             return
         response: Any = answer.value()
         if not response.accepted:
-            text = self._reason or f"action {self.action} rejected the goal"
+            text = self.reason or f"action {self.action} rejected the goal"
             self._end(GoalStatus.UNKNOWN, GoalRejected(text))
             return
         # A cancel may have been granted before this answer came.
-        self._status = max(self._status, GoalStatus.EXECUTING)
+        self.status = max(self.status, GoalStatus.EXECUTING)
         if self._events is not None:
             if self._events.on_accepted is not None:
                 self._run_callback(self._events.on_accepted)
             self._ask_result()
 
     def _ask_result(self) -> None:
-        request = self._actions.registry.service(part_type(self._type, "_GetResult")).request
+        request = self._actions.registry.service(f"{self._type.name}_GetResult").request
         self._call(
             self._names.get_result,
             struct_payload(request, goal_id=uuid_struct(request, self.id)),
@@ -196,7 +181,7 @@ class RemoteGoal(ClientGoal):
         if isinstance(failure, ProviderGone):
             self._end(GoalStatus.ABORTED, ProviderGone(f"Action {self.action} was unadvertised"))
         else:
-            self._end(self._status, failure)
+            self._end(self.status, failure)
 
     def _on_feedback(self, sample: Sample) -> None:
         message: Any = sample.payload.value()
@@ -211,12 +196,12 @@ class RemoteGoal(ClientGoal):
         message: Any = sample.payload.value()
         goal_id, _, reason = message.data.partition(" ")
         if goal_id == self.id:
-            self._reason = reason
+            self.reason = reason
 
     def _end(self, status: GoalStatus, outcome: Payload | CallFailed) -> None:
-        self._status = status
+        self.status = status
         if isinstance(outcome, ProviderGone):
-            self._reason = str(outcome)
+            self.reason = str(outcome)
         events = self._events
         self._let_go()
         if events is not None:
@@ -225,28 +210,26 @@ class RemoteGoal(ClientGoal):
     # Requests of the client
 
     def cancel(self) -> None:
-        """Request cancellation."""
-        if self._events is not None and not self._status.is_terminal:
+        if self._events is not None and not self.status.is_terminal:
             self._actions.ask_to_cancel(self.action, self.id, self._client, self._on_cancel_answer)
 
     def _on_cancel_answer(self, answer: Payload | CallFailed) -> None:
-        if isinstance(answer, CallFailed) or self._status.is_terminal:
+        if isinstance(answer, CallFailed) or self.status.is_terminal:
             return
         response: Any = answer.value()
         if any(bytes(info.goal_id.uuid).hex() == self.id for info in response.goals_canceling):
-            self._status = GoalStatus.CANCELING
+            self.status = GoalStatus.CANCELING
 
     def abandon(self) -> None:
-        """Drop the goal's callbacks; the goal continues."""
         pending = self._pending
         self._let_go()
-        if pending is not None and self._status is not GoalStatus.UNKNOWN:
+        if pending is not None and self.status is not GoalStatus.UNKNOWN:
             # Let the call be answered: cancelling it might cancel the goal.
             pending.cancel()
 
     def client_closed(self) -> None:
         """Drop the callbacks of a client whose node leaves; the goal continues (ACT-19)."""
-        self._end(self._status, CallFailed(f"node {self._client.name} was closed"))
+        self._end(self.status, CallFailed(f"node {self._client.name} was closed"))
 
     def _let_go(self) -> None:
         self._events = None

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 from rwt_graph.accounts import hold_for_asker
 from rwt_graph.api import GoalEvents
 from rwt_graph.clock import Clock
-from rwt_graph.memory.cancel_service import cancel_service
-from rwt_graph.memory.node_resources import NodeResources
-from rwt_graph.zenoh.actions.names import ActionNames, part_type, struct_payload, uuid_struct
+from rwt_graph.memory.actions import cancel_service
+from rwt_graph.memory.tables import NodeResources
+from rwt_graph.zenoh.actions.names import ActionNames, struct_payload, uuid_struct
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed, GoalRejected
 from rwt_participant.goals import GoalStatus
@@ -48,19 +48,19 @@ class Ros2ActionServer:
         names, registry = ActionNames(self._server.name), self._server.type.goal.registry
         message, service = registry.message, registry.service
         self._feedback = participant.advertise(
-            names.feedback, message(part_type(self._server.type, "_FeedbackMessage"))
+            names.feedback, message(f"{self._server.type.name}_FeedbackMessage")
         )
         self._status = participant.advertise(names.status, message("action_msgs/GoalStatusArray"), LATCHED)
         self._reasons = participant.advertise(names.reasons, message("std_msgs/String"))
         cancel = service("action_msgs/CancelGoal")
-        self._result_type = service(part_type(self._server.type, "_GetResult")).response
-        send = service(part_type(self._server.type, "_SendGoal"))
+        self._result_type = service(f"{self._server.type.name}_GetResult").response
+        send = service(f"{self._server.type.name}_SendGoal")
         self._answer_type = send.response
         # The goal service is last: clients that see it rely on the others.
         self._services = (
             participant.advertise_service(names.cancel_goal, cancel, cancel_service(self._server, cancel)),
             participant.advertise_service(
-                names.get_result, service(part_type(self._server.type, "_GetResult")), self._on_get_result
+                names.get_result, service(f"{self._server.type.name}_GetResult"), self._on_get_result
             ),
             participant.advertise_service(names.send_goal, send, self._on_send_goal),
         )
@@ -134,11 +134,9 @@ class Ros2ActionServer:
 
     @property
     def feedback_wanted(self) -> bool:
-        """True if the feedback has subscribers, in any process."""
         return bool(self._feedback.subscriber_count)
 
     def fed_back(self, goal_id: str, feedback: Payload) -> None:
-        """Publish feedback to its subscribers."""
         if self.feedback_wanted:
             type = self._feedback.type
             uuid = uuid_struct(type, goal_id)

@@ -14,7 +14,6 @@ def data_key(domain: int, name: str, dds_type: str, type_hash: str) -> str:
     """Return the key of a topic's samples or a service's requests.
 
     Args:
-        domain: ROS_DOMAIN_ID.
         name: absolute name, `/chatter`.
         dds_type: type in the form of :func:`dds_type`.
         type_hash: `RIHS01_` and 64 hexadecimal digits.

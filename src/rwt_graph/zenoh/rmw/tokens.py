@@ -23,8 +23,8 @@ _NODE_PARTS, _ENDPOINT_PARTS = 9, 13
 MAX_LENGTH = 4096
 
 
-class Kind(Enum):
-    """Kind of entity of a token."""
+class EntityKind(Enum):
+    """EntityKind of entity of a token."""
 
     NODE = "NN"
     PUBLISHER = "MP"
@@ -34,7 +34,7 @@ class Kind(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Endpoint:
+class TokenEndpoint:
     """Endpoint of a node: topic or service, type and QoS.
 
     Attributes:
@@ -54,7 +54,6 @@ class Token:
     """Liveliness token.
 
     Attributes:
-        domain: ROS_DOMAIN_ID.
         session: the Zenoh session's id, as text.
         node_id, entity_id: numbers within the session; the same for a node.
         node: absolute name of the node.
@@ -65,9 +64,9 @@ class Token:
     session: str
     node_id: int
     entity_id: int
-    kind: Kind
+    kind: EntityKind
     node: str
-    endpoint: Endpoint | None = None
+    endpoint: TokenEndpoint | None = None
     enclave: str = "/"
 
     def key(self) -> str:
@@ -105,17 +104,17 @@ def parse(key: str) -> Token:
     parts = key.split("/")
     if len(parts) < _NODE_PARTS or parts[0] != _PREFIX:
         raise WireError(f"{key[:120]!r} is not a liveliness token of ROS 2")
-    kind = next((kind for kind in Kind if kind.value == parts[5]), None)
+    kind = next((kind for kind in EntityKind if kind.value == parts[5]), None)
     if kind is None:
         raise WireError(f"{key[:120]!r} is a token of an unknown kind, {parts[5][:8]!r}")
-    wanted = _NODE_PARTS if kind is Kind.NODE else _ENDPOINT_PARTS
+    wanted = _NODE_PARTS if kind is EntityKind.NODE else _ENDPOINT_PARTS
     if len(parts) != wanted:
         raise WireError(f"{key[:120]!r} has {len(parts)} parts; a token of kind {kind.value} has {wanted}")
     domain, node_id, entity_id = (_number(parts[index], key) for index in (1, 3, 4))
     endpoint = None
-    if kind is not Kind.NODE:
+    if kind is not EntityKind.NODE:
         name = _name(parts[9], key)
-        endpoint = Endpoint(name, parts[10], parts[11], qos_text.decode(parts[12]))
+        endpoint = TokenEndpoint(name, parts[10], parts[11], qos_text.decode(parts[12]))
     node = f"{_name(parts[7], key).rstrip('/')}/{parts[8]}"
     return Token(domain, parts[2], node_id, entity_id, kind, node, endpoint, demangle(parts[6]))
 

@@ -1,0 +1,153 @@
+"""Common parts of the tables: changes and cached listings, resources of nodes, and providers by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import wraps
+from typing import Generic, Protocol, TypeVar
+
+from rwt_graph.api import Registration
+
+T = TypeVar("T")
+
+
+class Changes:
+    """Counter of changes to the listings of a graph."""
+
+    __slots__ = ("count",)
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def note(self) -> None:
+        """Count a change."""
+        self.count += 1
+
+
+class _HasChanges(Protocol):
+    changes: Changes
+
+
+G = TypeVar("G", bound=_HasChanges)
+
+
+def cached_listing(make: Callable[[G], T]) -> Callable[[G], T]:
+    """Return a method that calls `make` on the first request after a change, and keeps what it returned."""
+    attribute = f"_cached_{make.__name__}"
+
+    @wraps(make)
+    def listing(graph: G) -> T:
+        count = graph.changes.count
+        cached: tuple[int, T] | None = getattr(graph, attribute, None)
+        if cached is None or cached[0] != count:
+            cached = (count, make(graph))
+            setattr(graph, attribute, cached)
+        return cached[1]
+
+    return listing
+
+
+class NodeResources:
+    """Resources of one node, each with the function that releases it.
+
+    Attributes:
+        private: True if the node and its endpoints are hidden from other processes.
+    """
+
+    def __init__(self, name: str, *, private: bool = False) -> None:
+        self.name = name
+        self.private = private
+        self._release: dict[object, Callable[[], None]] = {}
+
+    def __len__(self) -> int:
+        return len(self._release)
+
+    def add(self, resource: object, release: Callable[[], None]) -> None:
+        """Add a resource; `release` must end in a :meth:`drop`."""
+        self._release[resource] = release
+
+    def drop(self, resource: object) -> None:
+        """Remove a released resource."""
+        self._release.pop(resource, None)
+
+    def release_all(self) -> None:
+        """Release every resource, the newest first."""
+        while self._release:
+            _, release = self._release.popitem()
+            release()
+
+
+class Provider(Registration):
+    """Service or action that a node of this process offers."""
+
+    node: str
+
+
+P = TypeVar("P", bound=Provider)
+
+
+class RemoteProviders(Protocol):
+    """Services or actions of other processes."""
+
+    def names(self) -> set[str]:
+        """Return the names of all of them."""
+
+    def by_node(self) -> Iterator[tuple[str, str]]:
+        """Yield each node of another process with each of its services or actions."""
+
+
+class ProviderTable(Generic[P]):
+    """Current provider of each name: the newest, and after it closes, the one that it has displaced.
+
+    Attributes:
+        current: provider that answers, by name.
+        changes: counter of changes of `current`.
+        remote: providers of other processes; None in a graph of one process.
+    """
+
+    remote: RemoteProviders | None = None
+
+    def __init__(self, changes: Changes) -> None:
+        self.changes = changes
+        self.current: dict[str, P] = {}
+        self._displaced: dict[str, list[P]] = {}
+
+    def __iter__(self) -> Iterator[P]:
+        return iter(tuple(self.current.values()))
+
+    def names(self) -> list[str]:
+        """Return all names, sorted."""
+        return sorted(self.current.keys() | (self.remote.names() if self.remote is not None else set()))
+
+    def by_node(self) -> Iterator[tuple[str, str]]:
+        """Yield each node with each of its services or actions."""
+        for provider in self:
+            yield provider.node, provider.name
+        if self.remote is not None:
+            yield from self.remote.by_node()
+
+    def put(self, provider: P) -> P | None:
+        """Make a provider the current one; return the one that it displaces."""
+        old = self.current.get(provider.name)
+        self.current[provider.name] = provider
+        self.changes.note()
+        if old is not None:
+            self._displaced.setdefault(provider.name, []).append(old)
+        return old
+
+    def remove(self, provider: P) -> P | None:
+        """Remove a provider; return the one that becomes current again."""
+        name = provider.name
+        self.changes.note()
+        displaced = self._displaced.get(name, [])
+        restored = None
+        if self.current.get(name) is not provider:
+            if provider in displaced:
+                displaced.remove(provider)
+        elif displaced:
+            restored = self.current[name] = displaced.pop()
+        else:
+            del self.current[name]
+        if not displaced:
+            self._displaced.pop(name, None)
+        return restored
