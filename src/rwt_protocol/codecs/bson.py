@@ -21,7 +21,7 @@ try:
     import bson
     from bson.errors import BSONError, InvalidDocument
 
-    from rwt_protocol.codecs.bson_decoder import LargeDocument, TooMuchStructure
+    from rwt_protocol.codecs.bson_decoder import TooMuchStructure, check_structure
 except ImportError as missing:
     raise EncodingUnavailable(
         "BSON needs the package pymongo, which is not installed: pip install pymongo"
@@ -57,19 +57,19 @@ class BsonCodec(ObjectCodec):
         return finished(self.split_in_steps(data, limits))
 
     def split_in_steps(self, data: bytes, limits: WireLimits) -> Steps[Sequence[Members | DecodeFailure]]:
-        """Same as :meth:`split`, in steps of about a millisecond at most."""
+        """Same as :meth:`split`; the check of a large document is split, its decoding is not."""
         size = len(data)
         try:
             if size <= FEW_BYTES:
                 return (members_within(bson.decode(data), size, limits.max_depth, _SMALLEST_LEVEL),)
-            document = LargeDocument(data, limits)
-            found = yield from document.value()
+            is_too_deep = yield from check_structure(data, limits)
+            found = bson.decode(data)
         except TooMuchStructure:
             most = limits.structure_bytes
             return (DecodeFailure(f"more than {most} bytes beside text and octets (limits.structure_bytes)"),)
         except (BSONError, ValueError, OverflowError, RecursionError, struct.error, IndexError):
             return (DecodeFailure("not BSON: expected one document, neither malformed nor cut short"),)
-        if document.is_too_deep:
+        if is_too_deep:
             return (too_deep(members_of(found, size), limits.max_depth),)
         return (members_of(found, size),)
 
