@@ -170,7 +170,7 @@ class LargeJson:
         """
         short = self._message.decode_leniently((yield from self._parsed()), now)
         for path, _, _ in self._arrays:
-            short = put(short, _attributes(path), TOKEN)
+            short = put(short, field_types.attributes(path), TOKEN)
         data = memoryview(self._data)
         return _spliced(self._message, short, [(data[span.begin : span.end],) for _, _, span in self._arrays])
 
@@ -180,10 +180,11 @@ class LargeJson:
         No more than a chunk is held at a time, because to free a large tree of objects takes too long.
         """
         yield
-        message = self._message.json.decode(self._without_arrays())
-        return message, {
-            ".".join(_attributes(path)): items.chunks(self._data, span) for path, items, span in self._arrays
+        lists = {
+            ".".join(field_types.attributes(path)): items.chunks(self._data, span)
+            for path, items, span in self._arrays
         }
+        return self._message.json.decode(self._without_arrays()), lists
 
     def complete(self, completion: Completion) -> Steps[msgspec.Struct]:
         """Complete the message in steps, as the lenient decoder does.
@@ -392,10 +393,6 @@ class _Items:
 _items_of: Final = lru_cache(maxsize=256)(_Items)
 
 
-def _attributes(path: _Path) -> tuple[str, ...]:
-    return tuple(slot.attribute for slot in path)
-
-
 def _no_clock() -> int:
     return 0
 
@@ -447,7 +444,7 @@ def _complete(
     if short is None or errors:
         raise min(errors, key=lambda error: _place(message, error.path)) from None
     for path, items in completed:
-        short = put(short, _attributes(path), items)
+        short = put(short, field_types.attributes(path), items)
     return short
 
 
@@ -498,13 +495,16 @@ def encode(message: MessageType, value: msgspec.Struct) -> Steps[Parts | None]:
     """Encode a message as JSON in steps; return None if it has no long lists."""
     short = value
     lists: list[Parts] = []
-    for path, items in _lists(message, ()):
+    for path, field_type in field_types.leaves(message):
+        if not isinstance(field_type, field_types.Array) or field_type.length is not None:
+            continue
+        items = _items_of(field_type)
         found: Any = value
         for slot in path:
             found = getattr(found, slot.attribute)
         if len(found) <= CHUNK_ITEMS:
             continue
-        short = put(short, _attributes(path), TOKEN)
+        short = put(short, field_types.attributes(path), TOKEN)
         parts = JoinedParts()
         before = b"["
         for chunk in chunks_of(found, items.are_numbers):
@@ -544,16 +544,6 @@ def has_many_values(data: RawText, most: int = MAX_VALUES) -> Steps[bool]:
 def _is_unusual(chunk: bytes) -> Steps[bool]:
     """Return True if a chunk, which is one item then, may not be decoded at once."""
     return len(chunk) > _WINDOW_BYTES and (yield from has_many_values(chunk))
-
-
-def _lists(message: MessageType, path: _Path) -> Iterator[tuple[_Path, _Items]]:
-    """Yield the fields that may hold long lists."""
-    for slot in message.slots:
-        here = (*path, slot)
-        if isinstance(slot.type, field_types.Message):
-            yield from _lists(slot.type.type, here)
-        elif isinstance(slot.type, field_types.Array) and slot.type.length is None:
-            yield here, _items_of(slot.type)
 
 
 def _long_arrays(message: MessageType, data: bytes, span: _Span, path: _Path) -> Iterator[_Array]:
