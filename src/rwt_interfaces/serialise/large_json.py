@@ -31,7 +31,6 @@ from rwt_interfaces.steps import Steps
 from rwt_interfaces.struct_fields import annotation
 from rwt_interfaces.validation.lenient_decoder import Completion, compile_field
 from rwt_interfaces.validation.mismatch import check_length, under
-from rwt_interfaces.validation.numbers import number_list
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
@@ -211,10 +210,7 @@ class LargeJson:
         if (yield from has_many_values(text, MAX_LENIENT_VALUES)):
             raise Unsplittable
         yield
-        try:
-            return parse(text)
-        except InvalidMessage:
-            raise Unsplittable from None
+        return _parsed(text)
 
     def _without_arrays(self) -> bytes:
         parts: list[bytes] = []
@@ -242,8 +238,8 @@ class _Items:
         self._bound = None if isinstance(array, field_types.Octets) else array.bound
         self._message = element.type if isinstance(element, field_types.Message) else None
         self.are_numbers = isinstance(element, field_types.Int | field_types.Float)
-        self._decode_leniently = compile_field(element)
-        self._read = array_reader(field_types.Array(element, None, None))
+        self._decode_list = compile_field(field_types.Array(element))
+        self._read = array_reader(field_types.Array(element))
         self._decode_sendable: Callable[[bytes], list[Any]] = msgspec.json.Decoder(
             _LIST[strict_annotation(element, has_nulls=False)]
         ).decode
@@ -287,7 +283,7 @@ class _Items:
                 yield self._decode_sendable(text)
             except msgspec.ValidationError:
                 # It holds a null, which is NaN.
-                yield [self._decode_leniently(value, _no_clock) for value in _parsed(text)]
+                yield self._decode_list(_parsed(text), _no_clock)
 
     def complete(self, data: bytes, span: _Span, completion: Completion) -> Steps[Any]:
         """Complete the items of an array in steps.
@@ -316,7 +312,7 @@ class _Items:
                 if growth_left < 0:
                     items = None
             if items is None:
-                items = self.of_values(_parsed(text), len(taken), completion)
+                items = self._of_values(_parsed(text), len(taken), completion)
             if not items:
                 raise Unsplittable
             taken.extend(items)
@@ -331,32 +327,16 @@ class _Items:
         taken: list[Any] = []
         for chunk in chunks_of(values, self.are_numbers):
             yield
-            taken += self._converted(chunk) or self.of_values(chunk, len(taken), completion)
+            taken += self._converted(chunk) or self._of_values(chunk, len(taken), completion)
         return self._held(taken)
 
-    def of_values(self, values: list[object], offset: int, completion: Completion) -> list[Any]:
-        """Return the items that plain values stand for.
-
-        Args:
-            values: some of the values of a list.
-            offset: number of the first.
-            completion: counts what is missing.
-
-        Raises:
-            InvalidMessage: an item does not fit.
-        """
-        if isinstance(self._element, field_types.Int | field_types.Float):
-            try:
-                return number_list(values, self._element)
-            except InvalidMessage as error:
-                number, _, rest = error.path.removeprefix("[").partition("]")
-                raise InvalidMessage(f"[{offset + int(number)}]{rest}", error.reason) from None
-        items = []
-        for index, value in enumerate(values, offset):
-            try:
-                items.append(self._decode_leniently(value, completion))
-            except InvalidMessage as error:
-                raise under(f"[{index}]", error) from None
+    def _of_values(self, values: list[object], offset: int, completion: Completion) -> list[Any]:
+        """Complete values of a list, the first of which has the number `offset`; raises InvalidMessage."""
+        try:
+            items: list[Any] = self._decode_list(values, completion)
+        except InvalidMessage as error:
+            number, _, rest = error.path.removeprefix("[").partition("]")
+            raise InvalidMessage(f"[{offset + int(number)}]{rest}", error.reason) from None
         return items
 
     def _completed_quickly(self, text: bytes, completion: Completion) -> list[Any] | None:
@@ -397,12 +377,11 @@ def _no_clock() -> int:
     return 0
 
 
-def _parsed(text: bytes) -> list[object]:
+def _parsed(text: bytes) -> Any:
     try:
-        values: Any = parse(text)
+        return parse(text)
     except InvalidMessage:
         raise Unsplittable from None
-    return values  # type: ignore[no-any-return]  # a list in brackets
 
 
 def _text(data: bytes, start: int, stop: int) -> bytes:
