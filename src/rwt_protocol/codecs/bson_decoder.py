@@ -25,6 +25,8 @@ _FIXED: Final = {
 _ELEMENT_BYTES: Final = 4
 """Bytes that each run of numbers and each other element counts beside its own."""
 _STEP_ELEMENTS: Final = 256
+_LONG_RUN_BYTES: Final = 1024
+"""Bytes of a run of numbers that is a step of its own."""
 
 
 class TooMuchStructure(Exception):
@@ -54,6 +56,8 @@ def check_structure(data: bytes, limits: WireLimits) -> Steps[bool]:
         end, shift = nested[-1]
         run = _NUMBERS.match(data, place)
         begin = place if run is None else run.end()
+        if begin - place > _LONG_RUN_BYTES or walked % _STEP_ELEMENTS == 0:
+            yield
         left -= _ELEMENT_BYTES + ((begin - place) >> shift)
         kind = data[begin]
         place = begin + 1 if kind == 0 else data.index(0, begin + 1) + 1
@@ -81,6 +85,4 @@ def check_structure(data: bytes, limits: WireLimits) -> Steps[bool]:
                 break
         if left < 0:
             raise TooMuchStructure
-        if walked % _STEP_ELEMENTS == 0:
-            yield
     return is_too_deep
