@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -126,6 +127,20 @@ class Slot:
     attribute: str
     type: FieldType
     default: object | None
+
+
+def leaves(message: MessageType, path: tuple[Slot, ...] = ()) -> Iterator[tuple[tuple[Slot, ...], FieldType]]:
+    """Yield the fields of a message that are no messages, those of nested ones included, with their paths."""
+    for slot in message.slots:
+        if isinstance(slot.type, Message):
+            yield from leaves(slot.type.type, (*path, slot))
+        else:
+            yield (*path, slot), slot.type
+
+
+def attributes(path: tuple[Slot, ...]) -> tuple[str, ...]:
+    """Return the attributes that lead to a field."""
+    return tuple(slot.attribute for slot in path)
 
 
 def _int(name: str, code: str, bits: int, signed: bool) -> Int:

@@ -24,6 +24,7 @@ from rwt_interfaces.serialise.splice import (
     put,
 )
 from rwt_interfaces.steps import Steps, finished
+from rwt_interfaces.validation.lenient_decoder import Completion
 
 if TYPE_CHECKING:
     from rwt_interfaces.structs import BinaryForm, MessageType
@@ -211,10 +212,10 @@ class Payload(msgspec.Struct, eq=False):
         cls, message_type: MessageType, value: dict[str, object], now: Now | None = None
     ) -> Steps[Payload]:
         """Same as :meth:`from_value` for a mapping, long lists in steps; raises InvalidMessage."""
-        if large_json.holds_long_list(message_type, value):
-            message = yield from large_json.complete_values(message_type, value, now or time.time_ns)
-            return cls(message_type, None, message, is_long=True)
-        return cls.from_value(message_type, value, now)
+        message = yield from large_json.complete_values(message_type, value, now or time.time_ns)
+        if message is None:
+            return cls.from_value(message_type, value, now)
+        return cls(message_type, None, message, is_long=True)
 
     @classmethod
     def deserialised(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:
@@ -476,15 +477,14 @@ def _split(
     if len(raw) > WHOLE_BYTES:
         is_exact_around = yield from large.is_exact_around()
         if (is_exact_around or not is_dense) and (yield from large.has_exact_arrays()):
-            # In the first part, a publisher can replace `header.seq` without a copy of the rest.
-            parts = large.sequence_first() if is_exact_around else (yield from large.around_arrays(now))
-            if parts is not None:
-                return Payload(message_type, None, None, None, None, parts, is_long=True)
-            if is_exact_around:
+            if is_exact_around and large.has_sequence_first:
                 return Payload(message_type, raw, is_long=True)
+            # In the first part, a publisher can replace `header.seq` without a copy of the rest.
+            parts = yield from large.around_arrays(now)
+            return Payload(message_type, None, None, None, None, parts, is_long=True)
     if is_dense:
         raise NotExact
-    message = yield from large.complete(now)
+    message = yield from large.complete(Completion(now))
     return Payload(message_type, None, message, is_long=True)
 
 

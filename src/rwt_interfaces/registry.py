@@ -50,8 +50,9 @@ _OTHER_LANGUAGES: Final = {
     "bytes": "uint8[]",
 }
 
-_Found = TypeVar("_Found")
 _Definition = MessageDefinition | ServiceDefinition | ActionDefinition
+_Found = TypeVar("_Found", bound=_Definition)
+_Type = TypeVar("_Type", MessageType, ServiceType, ActionType)
 
 
 class Registry:
@@ -102,53 +103,49 @@ class Registry:
             DefinitionError: it contains itself.
         """
         found = self._messages.get(name)
-        if found is not None:
-            return found
-        with self._lock:
-            definition = self.definition(name)
-            compiled = self._messages.get(definition.name)
-            if compiled is None:
-                self._check_nested(definition)
-                compiled = self._messages.setdefault(definition.name, MessageType(definition, self))
-            self._messages[_cache_key(name)] = compiled
-            return compiled
+        return found or self._compiled(
+            self._messages, "msg", name, self._message_definition, self._new_message
+        )
 
     def service(self, name: str) -> ServiceType:
         """Return a service by name; raises UnknownType."""
         found = self._services.get(name)
-        if found is not None:
-            return found
-        with self._lock:
-            definition = self._wanted("srv", name, self._service_definition)
-            compiled = self._services.get(definition.name)
-            if compiled is None:
-                request, response = (
-                    self.message(part.name) for part in (definition.request, definition.response)
-                )
-                compiled = self._services.setdefault(
-                    definition.name, ServiceType(definition.name, request, response)
-                )
-            self._services[_cache_key(name)] = compiled
-            return compiled
+        return found or self._compiled(
+            self._services, "srv", name, self._service_definition, self._new_service
+        )
 
     def action(self, name: str) -> ActionType:
         """Return an action by name, in ROS 1 also ``FibonacciAction``; raises UnknownType."""
         found = self._actions.get(name)
-        if found is not None:
-            return found
+        return found or self._compiled(
+            self._actions, "action", name, self._action_or_its_message, self._new_action
+        )
+
+    def _compiled(
+        self,
+        known: dict[str, _Type],
+        kind: Kind,
+        name: str,
+        find: Callable[[str, str], _Found | None],
+        make: Callable[[_Found], _Type],
+    ) -> _Type:
         with self._lock:
-            definition = self._wanted("action", name, self._action_or_its_message)
-            compiled = self._actions.get(definition.name)
+            definition = self._wanted(kind, name, find)
+            compiled = known.get(definition.name)
             if compiled is None:
-                goal, result, feedback = (
-                    self.message(part.name)
-                    for part in (definition.goal, definition.result, definition.feedback)
-                )
-                compiled = self._actions.setdefault(
-                    definition.name, ActionType(definition.name, goal, result, feedback)
-                )
-            self._actions[_cache_key(name)] = compiled
+                compiled = known.setdefault(definition.name, make(definition))
+            known[_cache_key(name)] = compiled
             return compiled
+
+    def _new_message(self, definition: MessageDefinition) -> MessageType:
+        self._check_nested(definition)
+        return MessageType(definition, self)
+
+    def _new_service(self, definition: ServiceDefinition) -> ServiceType:
+        return ServiceType(definition.name, *(self.message(part.name) for part in _parts(definition)))
+
+    def _new_action(self, definition: ActionDefinition) -> ActionType:
+        return ActionType(definition.name, *(self.message(part.name) for part in _parts(definition)))
 
     # The user's own
 
@@ -281,18 +278,14 @@ class Registry:
         )
 
     def _service_part(self, package: str, name: str) -> MessageDefinition | None:
-        split = actionlib.split_part(name, actionlib.SERVICE_PARTS)
-        service = self._service_definition(package, split[0]) if split else None
-        if split is None or service is None:
-            return None
-        return {"Request": service.request, "Response": service.response}[split[1]]
+        short, part = actionlib.split_part(name, actionlib.SERVICE_PARTS)
+        service = self._service_definition(package, short) if short else None
+        return None if service is None else _parts(service)[actionlib.SERVICE_PARTS.index(part)]
 
     def _action_part(self, package: str, name: str) -> MessageDefinition | None:
-        split = actionlib.split_part(name, actionlib.ACTION_PARTS)
-        action = self._action_definition(package, split[0]) if split else None
-        if split is None or action is None:
-            return None
-        return {"Goal": action.goal, "Result": action.result, "Feedback": action.feedback}[split[1]]
+        short, part = actionlib.split_part(name, actionlib.ACTION_PARTS)
+        action = self._action_definition(package, short) if short else None
+        return None if action is None else _parts(action)[actionlib.ACTION_PARTS.index(part)]
 
     def _wrapper(self, package: str, name: str) -> MessageDefinition | None:
         for which in actionlib.WRAPPERS:
@@ -395,8 +388,8 @@ class Registry:
         """Return the folder of the definition of a message."""
         if self._read("msg", package, short) is not None:
             return "msg"
-        service = actionlib.split_part(short.removesuffix(actionlib.EVENT), actionlib.SERVICE_PARTS)
-        asked = service[0] if service else short.removesuffix(actionlib.EVENT)
+        service = short.removesuffix(actionlib.EVENT)
+        asked = actionlib.split_part(service, actionlib.SERVICE_PARTS)[0] or service
         if self._action_service(package, asked) is not None:
             return "action"
         if self._service_definition(package, asked) is not None:

@@ -7,7 +7,6 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from rwt_interfaces.definitions import hashes
-from rwt_interfaces.definitions.parser import parse_service
 from rwt_interfaces.distro import JAZZY, NOETIC, Distro
 from rwt_interfaces.registry import Registry
 
@@ -80,19 +79,6 @@ def test_every_message_has_the_fingerprints_of_its_distribution(registries: dict
 def test_known_md5_sums(registries: dict[str, Registry], name: str, md5: str) -> None:
     registry = registries["noetic"]
     assert hashes.md5(registry.definition(name), registry) == md5
-
-
-@pytest.mark.parametrize(
-    ("text", "md5"),
-    [
-        ("---\n", "d41d8cd98f00b204e9800998ecf8427e"),
-        ("int64 a\nint64 b\n---\nint64 sum\n", "6a2e34150c00229791cc89ff309fff21"),
-        ("bool data\n---\nbool success\nstring message\n", "09fb03525b03e7ea1fd3992bafd87e16"),
-        ("---\nbool success\nstring message\n", "937c9679a518e3a18d831e57125ea522"),
-    ],
-)
-def test_known_md5_sums_of_services(registries: dict[str, Registry], text: str, md5: str) -> None:
-    assert hashes.service_md5(parse_service(text, "p/S", distro=NOETIC), registries["noetic"]) == md5
 
 
 @pytest.mark.parametrize(

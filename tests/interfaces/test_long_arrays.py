@@ -153,6 +153,20 @@ def test_a_text_of_very_many_commas_is_one_value() -> None:
     assert Payload.from_json(Registry().message("std_msgs/String"), raw).json() == raw
 
 
+def test_values_in_long_lists_are_completed_in_steps_beside_fixed_arrays() -> None:
+    registry = Registry()
+    registry.add_text("float64[100] fixed\nnav_msgs/Path path\nint8 n", "t_msgs/Fixed")
+    type = registry.message("t_msgs/Fixed")
+    value = {"fixed": [0.5] * 100, "path": {"poses": [{}, POSE] * 100}, "n": 1}
+    payload = finished(Payload.from_value_in_steps(type, value, _now))
+    assert payload.plain() == Payload.from_value(type, value, _now).plain()
+    for item, n, path in ((0, 1, "path.poses[0]"), ({}, 1000, "n"), (0, 1000, "path.poses[0]")):
+        wrong = {**value, "path": {"poses": [item] * 100}, "n": n}
+        with pytest.raises(InvalidMessage) as caught:
+            finished(Payload.from_value_in_steps(type, wrong, _now))
+        assert caught.value.path == path
+
+
 @pytest.mark.parametrize("name", MESSAGES)
 def test_a_program_s_message_becomes_the_same_in_steps_from_whatever_it_is_made(name: str) -> None:
     type_name, message = MESSAGES[name]

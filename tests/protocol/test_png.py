@@ -192,7 +192,7 @@ def test_in_steps_it_is_the_same_picture(kind: str, size: int) -> None:
     chance = random.Random(size)
     text = {"map": "0,1," * size, "é": "é" * size, "random": chance.randbytes(size).hex()}[kind][:size]
     frame = Frame(json.dumps({"op": "publish", "x": text}, ensure_ascii=False).encode())
-    steps, count = png.encode_in_steps(frame), 0
+    steps, count = png.encode_in_steps(frame.data), 0
     while True:
         try:
             next(steps)

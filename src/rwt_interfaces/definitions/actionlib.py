@@ -26,14 +26,10 @@ FEEDBACK_MESSAGE = "_FeedbackMessage"
 _UUID = WrittenType("unique_identifier_msgs/UUID")
 
 
-def split_part(name: str, parts: tuple[str, ...]) -> tuple[str, str] | None:
-    """Split ``SetBool_Request`` or ``SetBoolRequest`` into ``SetBool`` and ``Request``; else None."""
-    for part in parts:
-        base = name.removesuffix(part)
-        if base != name:
-            base = base.removesuffix("_")
-            return (base, part) if base else None
-    return None
+def split_part(name: str, parts: tuple[str, ...]) -> tuple[str, str]:
+    """Split ``SetBool_Request`` or ``SetBoolRequest`` into ``SetBool`` and ``Request``; else empty texts."""
+    part = next((part for part in parts if name.endswith(part)), "")
+    return (name.removesuffix(part).removesuffix("_"), part) if part else ("", "")
 
 
 def wrapper(action: ActionDefinition, which: str) -> MessageDefinition:

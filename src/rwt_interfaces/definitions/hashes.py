@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from rwt_interfaces.definitions.actionlib import EVENT
 from rwt_interfaces.definitions.model import Field, MessageDefinition, ServiceDefinition, WrittenType
 from rwt_interfaces.definitions.parser import format_type
 from rwt_interfaces.names import three_part
+
+if TYPE_CHECKING:
+    from rwt_interfaces.registry import Registry
 
 _TIMES = {"time": "builtin_interfaces/Time", "duration": "builtin_interfaces/Duration"}
 _PRIMITIVE_TIMES = {name: primitive for primitive, name in _TIMES.items()}
@@ -31,20 +34,7 @@ _ARRAY, _BOUNDED_SEQUENCE, _SEQUENCE = 48, 96, 144
 _FILLER = Field("structure_needs_at_least_one_member", WrittenType("uint8"))
 
 
-class Lookup(Protocol):
-    """Source of nested definitions: a :class:`~rwt_interfaces.registry.Registry`."""
-
-    def definition(self, name: str) -> MessageDefinition:
-        """Return the definition of a message by name."""
-        ...
-
-    def full_name(self, name: str) -> str:
-        """Return the three-part name of a message, ``std_msgs/msg/String`` or
-        ``std_srvs/srv/SetBool_Request``."""
-        ...
-
-
-def md5(definition: MessageDefinition, lookup: Lookup) -> str:
+def md5(definition: MessageDefinition, lookup: Registry) -> str:
     """Return ROS 1's MD5 sum of a message, 32 hexadecimal digits.
 
     Raises:
@@ -53,17 +43,11 @@ def md5(definition: MessageDefinition, lookup: Lookup) -> str:
     return _md5(_md5_text(definition, lookup, {}))
 
 
-def service_md5(definition: ServiceDefinition, lookup: Lookup) -> str:
-    """Return ROS 1's MD5 sum of a service: over its request and response, joined without a separator."""
-    known: dict[str, str] = {}
-    return _md5("".join(_md5_text(part, lookup, known) for part in (definition.request, definition.response)))
-
-
 def _md5(text: str) -> str:
     return hashlib.md5(text.encode(), usedforsecurity=False).hexdigest()
 
 
-def _md5_text(definition: MessageDefinition, lookup: Lookup, known: dict[str, str]) -> str:
+def _md5_text(definition: MessageDefinition, lookup: Registry, known: dict[str, str]) -> str:
     lines = [f"{item.type.name} {item.name}={item.text}" for item in definition.constants]
     for item in definition.fields:
         name = item.type.name
@@ -78,7 +62,7 @@ def _md5_text(definition: MessageDefinition, lookup: Lookup, known: dict[str, st
     return "\n".join(lines)
 
 
-def rihs01(definition: MessageDefinition, lookup: Lookup) -> str:
+def rihs01(definition: MessageDefinition, lookup: Registry) -> str:
     """Return ROS 2's type hash of a message: ``RIHS01_`` and 64 hexadecimal digits.
 
     Raises:
@@ -89,7 +73,7 @@ def rihs01(definition: MessageDefinition, lookup: Lookup) -> str:
     return _hashed(described, nested)
 
 
-def service_rihs01(definition: ServiceDefinition, full_name: str, lookup: Lookup) -> str:
+def service_rihs01(definition: ServiceDefinition, full_name: str, lookup: Registry) -> str:
     """Return ROS 2's type hash of a service, which consists of request, response and event.
 
     Args:
@@ -119,7 +103,7 @@ def _hashed(described: dict[str, object], nested: dict[str, dict[str, object]]) 
 
 
 def _described(
-    name: str, fields: tuple[Field, ...], lookup: Lookup, nested: dict[str, dict[str, object]]
+    name: str, fields: tuple[Field, ...], lookup: Registry, nested: dict[str, dict[str, object]]
 ) -> dict[str, object]:
     return {
         "type_name": name,
@@ -131,7 +115,7 @@ def _described(
 
 
 def _field_type(
-    field_type: WrittenType, lookup: Lookup, nested: dict[str, dict[str, object]]
+    field_type: WrittenType, lookup: Registry, nested: dict[str, dict[str, object]]
 ) -> dict[str, object]:
     if field_type.is_primitive and field_type.name not in _TIMES:
         number, nested_name = _NUMBERS[field_type.name], ""
@@ -150,7 +134,7 @@ def _field_type(
     }
 
 
-def _nested(name: str, lookup: Lookup, nested: dict[str, dict[str, object]]) -> str:
+def _nested(name: str, lookup: Registry, nested: dict[str, dict[str, object]]) -> str:
     """Describe a nested message once, and return its three-part name."""
     # ROS 1's time is a primitive; RIHS01 only knows the message that replaced it.
     full = three_part(_TIMES[name], "msg") if name in _TIMES else lookup.full_name(name)

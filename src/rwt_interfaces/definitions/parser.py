@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from typing import Final
+from typing import Any, Final
 
 from rwt_interfaces.definitions.literals import Literals, Value
 from rwt_interfaces.definitions.model import (
@@ -27,7 +27,7 @@ from rwt_interfaces.definitions.model import (
 )
 from rwt_interfaces.distro import JAZZY, Distro
 from rwt_interfaces.errors import DefinitionError, InvalidName
-from rwt_interfaces.names import is_word, parse_type_name
+from rwt_interfaces.names import Kind, is_word, parse_type_name
 
 #: Maximum characters of a definition.
 LONGEST_TEXT: Final = 1024 * 1024
@@ -77,28 +77,26 @@ def parse_message(text: str, name: str, *, source: str = "", distro: Distro = JA
 
 def parse_service(text: str, name: str, *, source: str = "", distro: Distro = JAZZY) -> ServiceDefinition:
     """Parse a service: request, a line ``---``, response. See :func:`parse_message`."""
-    package, _, short = parse_type_name(name)
-    source = source or f"{package}/{short}.srv"
-    reader = _Message(package, source, distro)
-    parts = _sections(text, source, ("request", "response"))
-    request, response = (
-        reader.read(f"{short}{distro.part_separator}{part}", lines)
-        for part, lines in zip(("Request", "Response"), parts, strict=True)
-    )
-    return ServiceDefinition(f"{package}/{short}", request, response)
+    return ServiceDefinition(*_parse_parts(text, name, ("Request", "Response"), source, "srv", distro))
 
 
 def parse_action(text: str, name: str, *, source: str = "", distro: Distro = JAZZY) -> ActionDefinition:
     """Parse an action: goal, result and feedback between lines ``---``. See :func:`parse_message`."""
-    package, _, short = parse_type_name(name)
-    source = source or f"{package}/{short}.action"
-    reader = _Message(package, source, distro)
-    parts = _sections(text, source, ("goal", "result", "feedback"))
-    goal, result, feedback = (
-        reader.read(f"{short}{distro.part_separator}{part}", lines)
-        for part, lines in zip(("Goal", "Result", "Feedback"), parts, strict=True)
+    return ActionDefinition(
+        *_parse_parts(text, name, ("Goal", "Result", "Feedback"), source, "action", distro)
     )
-    return ActionDefinition(f"{package}/{short}", goal, result, feedback)
+
+
+def _parse_parts(
+    text: str, name: str, parts: tuple[str, ...], source: str, kind: Kind, distro: Distro
+) -> Iterator[Any]:
+    """Yield the two-part name of a service or action, and the definitions of its parts."""
+    package, _, short = parse_type_name(name)
+    source = source or f"{package}/{short}.{kind}"
+    reader = _Message(package, source, distro)
+    yield f"{package}/{short}"
+    for part, lines in zip(parts, _sections(text, source, tuple(map(str.lower, parts))), strict=True):
+        yield reader.read(f"{short}{distro.part_separator}{part}", lines)
 
 
 def format_type(field_type: WrittenType) -> str:

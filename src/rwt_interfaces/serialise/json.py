@@ -78,7 +78,7 @@ class JsonCodec:
         # Where a length is checked a short string cannot stand for a long one.
         sized = self._kinds & {"fixed octets", "bounded string"}
         self._message = message
-        self.has_arrays = _has_arrays(message)
+        self.has_arrays = any(isinstance(leaf, field_types.Array) for _, leaf in field_types.leaves(message))
         self.has_lists = self.has_arrays or bool(self._kinds & {"octets", "fixed octets"})
         self._octets = not sized and "octets" in self._kinds
         self._texts = not sized and "string" in self._kinds
@@ -201,8 +201,8 @@ def _parse_leniently(raw: RawText) -> object:
 
 def _kinds(message: MessageType) -> Iterable[str]:
     """Yield the kinds of strings and octets anywhere in a message."""
-    for slot in message.slots:
-        field_type = slot.type.element if isinstance(slot.type, field_types.Array) else slot.type
+    for _, leaf in field_types.leaves(message):
+        field_type = leaf.element if isinstance(leaf, field_types.Array) else leaf
         match field_type:
             case field_types.Message():
                 yield from field_type.type.json._kinds
@@ -210,14 +210,6 @@ def _kinds(message: MessageType) -> Iterable[str]:
                 yield "octets" if field_type.length is None else "fixed octets"
             case field_types.String():
                 yield "string" if field_type.bound is None else "bounded string"
-
-
-def _has_arrays(message: MessageType) -> bool:
-    return any(
-        isinstance(slot.type, field_types.Array)
-        or (isinstance(slot.type, field_types.Message) and _has_arrays(slot.type.type))
-        for slot in message.slots
-    )
 
 
 def _plain(value: object) -> object:

@@ -11,15 +11,17 @@ list by itself, so the comma behind it separates two items.
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Callable, Iterator, Mapping
-from functools import lru_cache
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import lru_cache, reduce
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import msgspec
 
 from rwt_interfaces import field_types
 from rwt_interfaces.errors import InvalidMessage
+from rwt_interfaces.field_types import Slot
 from rwt_interfaces.serialise.json import REJECTIONS, items_encoder, parse
 from rwt_interfaces.serialise.long_lists import CHUNK_ITEMS, Chunks, chunks_of
 from rwt_interfaces.serialise.long_strings import TOKEN, JoinedParts, Parts, RawText
@@ -27,17 +29,10 @@ from rwt_interfaces.serialise.splice import put
 from rwt_interfaces.serialise.strict import array_reader, strict_annotation
 from rwt_interfaces.steps import Steps
 from rwt_interfaces.struct_fields import annotation
-from rwt_interfaces.validation.lenient_decoder import (
-    Completion,
-    LenientDecoder,
-    MessageDecoder,
-    compile_field,
-)
+from rwt_interfaces.validation.lenient_decoder import Completion, compile_field
 from rwt_interfaces.validation.mismatch import check_length, under
-from rwt_interfaces.validation.numbers import number_list
 
 if TYPE_CHECKING:
-    from rwt_interfaces.field_types import FieldType
     from rwt_interfaces.structs import MessageType
 
 CHUNK_BYTES: Final = 1 << 16
@@ -75,7 +70,7 @@ _TRAILING: Final = re.compile(r"trailing characters \(byte (\d+)\)")
 #: Subscripted at run time, which a checker cannot follow.
 _LIST: Any = list
 _skip: Final = msgspec.json.Decoder(msgspec.Raw).decode
-_Path = tuple[str, ...]
+_Path = tuple[Slot, ...]
 
 
 class Unsplittable(Exception):
@@ -88,17 +83,15 @@ class _Span(NamedTuple):
     Attributes:
         begin, end: offsets of its first byte, and behind its last.
         members: members by name, of an object.
-        name_begin: offset of the name before it, of a member.
     """
 
     begin: int
     end: int
     members: dict[str, _Span] | None = None
-    name_begin: int = 0
 
 
 class _Array(NamedTuple):
-    """One long array of a text: attributes that lead to its field, its items, and its place."""
+    """One long array of a text: slots that lead to its field, its items, and its place."""
 
     path: _Path
     items: _Items
@@ -108,10 +101,9 @@ class _Array(NamedTuple):
 class LargeJson:
     """JSON text of one message, split into its long arrays and the rest. Make it with :meth:`split`."""
 
-    def __init__(self, message: MessageType, data: bytes, root: _Span, arrays: list[_Array]) -> None:
+    def __init__(self, message: MessageType, data: bytes, arrays: list[_Array]) -> None:
         self._message = message
         self._data = data
-        self._root = root
         self._arrays = arrays
 
     @classmethod
@@ -128,7 +120,7 @@ class LargeJson:
             return None
         arrays = list(_long_arrays(message, data, root, ()))
         after = _AFTER_VALUE.match(data, root.end)
-        return cls(message, data, root, arrays) if arrays and after and not after[1] else None
+        return cls(message, data, arrays) if arrays and after and not after[1] else None
 
     def is_exact(self) -> Steps[bool]:
         """Check, in steps, that the text may be passed on untouched.
@@ -144,8 +136,6 @@ class LargeJson:
         Raises:
             Unsplittable: the rest of the text is large itself.
         """
-        if any(items.are_octets for _, items, _ in self._arrays):
-            return False
         short = self._without_arrays()
         if (yield from has_many_values(short)):
             raise Unsplittable
@@ -163,32 +153,25 @@ class LargeJson:
                 return False
         return True
 
-    def around_arrays(self, now: Callable[[], int]) -> Steps[Parts | None]:
+    @property
+    def has_sequence_first(self) -> bool:
+        """False if publishers number such messages, and not where :data:`SEQUENCE` finds it."""
+        return not self._message.has_sequence or SEQUENCE.match(self._data) is not None
+
+    def around_arrays(self, now: Callable[[], int]) -> Steps[Parts]:
         """Complete the message around exact arrays, whose text stays where it is.
 
         A list of the items would take many times the memory of their text, for each message in progress.
 
-        Returns:
-            The text in parts; None if the rest of the message cannot be completed by itself.
+        Raises:
+            InvalidMessage: the message does not fit.
+            Unsplittable: the rest of the text is large itself, or not JSON.
         """
-        text = self._without_arrays()
-        if (yield from has_many_values(text, MAX_LENIENT_VALUES)):
-            return None
-        yield
-        try:
-            short = self._message.decode_leniently(parse(text), now)
-        except InvalidMessage:
-            return None
+        short = self._message.decode_leniently((yield from self._parsed()), now)
         for path, _, _ in self._arrays:
-            short = put(short, path, TOKEN)
-        first, *others = self._message.json.encode(short).split(_QUOTED_TOKEN)
-        if len(others) != len(self._arrays):
-            return None
+            short = put(short, field_types.attributes(path), TOKEN)
         data = memoryview(self._data)
-        parts: list[RawText] = [first]
-        for (_, _, span), other in zip(self._arrays, others, strict=True):
-            parts += (data[span.begin : span.end], other)
-        return tuple(parts)
+        return _spliced(self._message, short, [(data[span.begin : span.end],) for _, _, span in self._arrays])
 
     def apart(self) -> Steps[tuple[msgspec.Struct, Chunks]]:
         """Return the message of an exact text with empty long arrays, and their items in chunks.
@@ -196,50 +179,38 @@ class LargeJson:
         No more than a chunk is held at a time, because to free a large tree of objects takes too long.
         """
         yield
-        message = self._message.json.decode(self._without_arrays())
-        return message, {".".join(path): items.chunks(self._data, span) for path, items, span in self._arrays}
+        lists = {
+            ".".join(field_types.attributes(path)): items.chunks(self._data, span)
+            for path, items, span in self._arrays
+        }
+        return self._message.json.decode(self._without_arrays()), lists
 
-    def complete(self, now: Callable[[], int]) -> Steps[msgspec.Struct]:
+    def complete(self, completion: Completion) -> Steps[msgspec.Struct]:
         """Complete the message in steps, as the lenient decoder does.
 
         Raises:
             InvalidMessage: the message does not fit.
-            Unsplittable: the text is not JSON.
+            Unsplittable: the text is not JSON, or large itself outside the arrays.
         """
+        value = yield from self._parsed()
+        lists = [(path, items.complete(self._data, span, completion)) for path, items, span in self._arrays]
         try:
-            return (yield from _complete(self._message, self._data, self._root, Completion(now)))
+            return (yield from _complete(self._message, value, lists, completion))
         except InvalidMessage:
             yield
-            if not self._is_json():
+            # A text that is not JSON is rejected for that, and not for the first field that does not fit.
+            try:
+                str(self._data, "utf-8")
+            except UnicodeDecodeError:
                 raise Unsplittable from None
             raise
 
-    def _is_json(self) -> bool:
-        """True unless a fault is found outside the arrays, or in the encoding. A text that is not JSON is
-        rejected for that, and not for the first field that does not fit."""
-        try:
-            if not self._data.isascii():
-                str(self._data, "utf-8")
-            parse(self._without_arrays())
-        except (InvalidMessage, UnicodeDecodeError):
-            return False
-        return True
-
-    def sequence_first(self) -> Parts | None:
-        """Return the text with `header.seq` where :data:`SEQUENCE` finds it; None if it is there already."""
-        data, members = self._data, self._root.members
-        if not self._message.has_sequence or SEQUENCE.match(data) or members is None:
-            return None
-        header = members["header"]
-        type = next(slot.type for slot in self._message.slots if slot.name == "header")
-        assert isinstance(type, field_types.Message)
-        codec = type.type.json
-        first = b'{"header":' + codec.encode(codec.decode(data[header.begin : header.end]))
-        others = memoryview(data)
-        if header.name_begin == min(member.name_begin for member in members.values()):
-            return first, others[header.end :]
-        before = data.rindex(b",", 0, header.name_begin)
-        return first + b",", others[self._root.begin + 1 : before], others[header.end :]
+    def _parsed(self) -> Steps[object]:
+        text = self._without_arrays()
+        if (yield from has_many_values(text, MAX_LENIENT_VALUES)):
+            raise Unsplittable
+        yield
+        return _parsed(text)
 
     def _without_arrays(self) -> bytes:
         parts: list[bytes] = []
@@ -267,8 +238,8 @@ class _Items:
         self._bound = None if isinstance(array, field_types.Octets) else array.bound
         self._message = element.type if isinstance(element, field_types.Message) else None
         self.are_numbers = isinstance(element, field_types.Int | field_types.Float)
-        self._decode_leniently = compile_field(element)
-        self._read = array_reader(field_types.Array(element, None, None))
+        self._decode_list = compile_field(field_types.Array(element))
+        self._read = array_reader(field_types.Array(element))
         self._decode_sendable: Callable[[bytes], list[Any]] = msgspec.json.Decoder(
             _LIST[strict_annotation(element, has_nulls=False)]
         ).decode
@@ -312,7 +283,7 @@ class _Items:
                 yield self._decode_sendable(text)
             except msgspec.ValidationError:
                 # It holds a null, which is NaN.
-                yield [self._decode_leniently(value, _no_clock) for value in _parsed(text)]
+                yield self._decode_list(_parsed(text), _no_clock)
 
     def complete(self, data: bytes, span: _Span, completion: Completion) -> Steps[Any]:
         """Complete the items of an array in steps.
@@ -328,7 +299,7 @@ class _Items:
             item = yield from self._long_item(data, start, stop)
             if item is not None and self._message is not None:
                 try:
-                    taken.append((yield from _complete(self._message, item._data, item._root, completion)))
+                    taken.append((yield from item.complete(completion)))
                 except InvalidMessage as error:
                     raise under(f"[{len(taken)}]", error) from None
                 continue
@@ -341,7 +312,7 @@ class _Items:
                 if growth_left < 0:
                     items = None
             if items is None:
-                items = self.of_values(_parsed(text), len(taken), completion)
+                items = self._of_values(_parsed(text), len(taken), completion)
             if not items:
                 raise Unsplittable
             taken.extend(items)
@@ -356,32 +327,16 @@ class _Items:
         taken: list[Any] = []
         for chunk in chunks_of(values, self.are_numbers):
             yield
-            taken += self._converted(chunk) or self.of_values(chunk, len(taken), completion)
+            taken += self._converted(chunk) or self._of_values(chunk, len(taken), completion)
         return self._held(taken)
 
-    def of_values(self, values: list[object], offset: int, completion: Completion) -> list[Any]:
-        """Return the items that plain values stand for.
-
-        Args:
-            values: some of the values of a list.
-            offset: number of the first.
-            completion: counts what is missing.
-
-        Raises:
-            InvalidMessage: an item does not fit.
-        """
-        if isinstance(self._element, field_types.Int | field_types.Float):
-            try:
-                return number_list(values, self._element)
-            except InvalidMessage as error:
-                number, _, rest = error.path.removeprefix("[").partition("]")
-                raise InvalidMessage(f"[{offset + int(number)}]{rest}", error.reason) from None
-        items = []
-        for index, value in enumerate(values, offset):
-            try:
-                items.append(self._decode_leniently(value, completion))
-            except InvalidMessage as error:
-                raise under(f"[{index}]", error) from None
+    def _of_values(self, values: list[object], offset: int, completion: Completion) -> list[Any]:
+        """Complete values of a list, the first of which has the number `offset`; raises InvalidMessage."""
+        try:
+            items: list[Any] = self._decode_list(values, completion)
+        except InvalidMessage as error:
+            number, _, rest = error.path.removeprefix("[").partition("]")
+            raise InvalidMessage(f"[{offset + int(number)}]{rest}", error.reason) from None
         return items
 
     def _completed_quickly(self, text: bytes, completion: Completion) -> list[Any] | None:
@@ -422,12 +377,11 @@ def _no_clock() -> int:
     return 0
 
 
-def _parsed(text: bytes) -> list[object]:
+def _parsed(text: bytes) -> Any:
     try:
-        values: Any = parse(text)
+        return parse(text)
     except InvalidMessage:
         raise Unsplittable from None
-    return values  # type: ignore[no-any-return]  # a list in brackets
 
 
 def _text(data: bytes, start: int, stop: int) -> bytes:
@@ -447,81 +401,89 @@ def _whole(text: LargeJson) -> Steps[msgspec.Struct]:
 
 
 def _complete(
-    message: MessageType, data: bytes, span: _Span, completion: Completion
+    message: MessageType, value: object, lists: Iterable[tuple[_Path, Steps[Any]]], completion: Completion
 ) -> Steps[msgspec.Struct]:
-    decoder = message.decode_leniently
-    if span.members is None or not isinstance(decoder, MessageDecoder):
-        raise Unsplittable
+    """Complete a message of plain values, and the long lists that are missing in it.
 
-    def field(type: FieldType, take: LenientDecoder, value: Any) -> Steps[Any]:
-        if value.end - value.begin > SLOW_CHUNK_BYTES:
-            yield
-            if isinstance(type, field_types.Message) and value.members and type.type.time is None:
-                return (yield from _complete(type.type, data, value, completion))
-            if isinstance(type, field_types.Array | field_types.Octets) and data[value.begin] == ord("["):
-                return (yield from _items_of(type).complete(data, value, completion))
-        text = data[value.begin : value.end]
-        if len(text) > _WINDOW_BYTES and (yield from has_many_values(text, MAX_LENIENT_VALUES)):
-            raise Unsplittable
+    Raises:
+        InvalidMessage: the message does not fit; of several errors the one of the first field.
+    """
+    errors: list[InvalidMessage] = []
+    short: msgspec.Struct | None = None
+    try:
+        short = message.decode_leniently(value, completion)
+    except InvalidMessage as error:
+        errors.append(error)
+    completed: list[tuple[_Path, Any]] = []
+    for path, steps in lists:
         try:
-            plain = parse(text)
-        except InvalidMessage:
-            raise Unsplittable from None
-        return take(plain, completion)
+            completed.append((path, (yield from steps)))
+        except InvalidMessage as error:
+            errors.append(reduce(lambda inner, slot: under(slot.name, inner), reversed(path), error))
+    if short is None or errors:
+        raise min(errors, key=lambda error: _place(message, error.path)) from None
+    for path, items in completed:
+        short = put(short, field_types.attributes(path), items)
+    return short
 
-    return (yield from decoder.in_steps(span.members, completion, field))
+
+def _place(message: MessageType, path: str) -> list[float]:
+    """Return a sort key of errors, the order in which fields are decoded; unknown fields are found last."""
+    name, _, rest = path.partition(".")
+    for index, slot in enumerate(message.slots):
+        if slot.name == name.partition("[")[0]:
+            nested = slot.type.type if isinstance(slot.type, field_types.Message) else None
+            return [index, *(_place(nested, rest) if nested else ())]
+    return [math.inf]
 
 
 def complete_values(
-    message: MessageType, value: dict[str, Any], now: Callable[[], int]
-) -> Steps[msgspec.Struct]:
-    """Complete a message of plain values, its long lists in steps.
+    message: MessageType, value: Mapping[str, object], now: Callable[[], int]
+) -> Steps[msgspec.Struct | None]:
+    """Complete a message of plain values, its long lists in steps; None if it has none.
 
     Raises:
         InvalidMessage: the message does not fit.
     """
-    return (yield from _complete_values(message, value, Completion(now)))
+    completion = Completion(now)
+    lists: list[tuple[_Path, Steps[Any]]] = []
+    short = _without_lists(message, value, (), lists, completion)
+    return (yield from _complete(message, short, lists, completion)) if lists else None
 
 
-def _complete_values(
-    message: MessageType, value: Mapping[str, object], completion: Completion
-) -> Steps[msgspec.Struct]:
-    decoder = message.decode_leniently
-
-    def field(type: FieldType, take: LenientDecoder, value: object) -> Steps[Any]:
-        if _holds_long_list(type, value):
-            if isinstance(type, field_types.Message) and isinstance(value, dict):
-                return (yield from _complete_values(type.type, value, completion))
-            if isinstance(type, field_types.Array) and isinstance(value, list):
-                return (yield from _items_of(type).complete_values(value, completion))
-        return take(value, completion)
-
-    assert isinstance(decoder, MessageDecoder)  # Times hold no lists.
-    return (yield from decoder.in_steps(value, completion, field))
-
-
-def _holds_long_list(type: FieldType, value: object) -> bool:
-    if isinstance(type, field_types.Message):
-        return isinstance(value, dict) and holds_long_list(type.type, value)
-    return isinstance(type, field_types.Array) and isinstance(value, list) and len(value) > CHUNK_ITEMS
-
-
-def holds_long_list(message: MessageType, value: Mapping[str, object]) -> bool:
-    """True if a field of a message of plain values is a long list."""
-    return any(_holds_long_list(slot.type, value.get(slot.name)) for slot in message.slots)
+def _without_lists(
+    message: MessageType,
+    value: Mapping[str, object],
+    path: _Path,
+    lists: list[tuple[_Path, Steps[Any]]],
+    completion: Completion,
+) -> dict[str, object]:
+    short = dict(value)
+    for slot in message.slots:
+        here, held = (*path, slot), value.get(slot.name)
+        match slot.type:
+            case field_types.Message() if isinstance(held, dict):
+                short[slot.name] = _without_lists(slot.type.type, held, here, lists, completion)
+            case field_types.Array(length=None) if isinstance(held, list) and len(held) > CHUNK_ITEMS:
+                lists.append((here, _items_of(slot.type).complete_values(held, completion)))
+                short[slot.name] = []
+    return short
 
 
 def encode(message: MessageType, value: msgspec.Struct) -> Steps[Parts | None]:
     """Encode a message as JSON in steps; return None if it has no long lists."""
     short = value
     lists: list[Parts] = []
-    for path, items in _lists(message, ()):
+    for path, field_type in field_types.leaves(message):
+        if not isinstance(field_type, field_types.Array) or field_type.length is not None:
+            continue
+        items = _items_of(field_type)
         found: Any = value
-        for attribute in path:
-            found = getattr(found, attribute)
+        for slot in path:
+            found = getattr(found, slot.attribute)
         if len(found) <= CHUNK_ITEMS:
             continue
-        short = put(short, path, TOKEN)
+        short = put(short, field_types.attributes(path), TOKEN)
         parts = JoinedParts()
         before = b"["
         for chunk in chunks_of(found, items.are_numbers):
@@ -530,12 +492,15 @@ def encode(message: MessageType, value: msgspec.Struct) -> Steps[Parts | None]:
             yield
         parts.append(b"]")
         lists.append(parts.all())
-    if not lists:
-        return None
+    return _spliced(message, short, lists) if lists else None
+
+
+def _spliced(message: MessageType, short: msgspec.Struct, lists: list[Parts]) -> Parts:
+    """Encode a message as JSON, with the texts of its lists in place of tokens."""
     first, *others = message.json.encode(short).split(_QUOTED_TOKEN)
     joined: list[RawText] = [first]
-    for parts_of_list, other in zip(lists, others, strict=True):
-        joined += (*parts_of_list, other)
+    for parts, other in zip(lists, others, strict=True):
+        joined += (*parts, other)
     return tuple(joined)
 
 
@@ -560,27 +525,17 @@ def _is_unusual(chunk: bytes) -> Steps[bool]:
     return len(chunk) > _WINDOW_BYTES and (yield from has_many_values(chunk))
 
 
-def _lists(message: MessageType, path: _Path) -> Iterator[tuple[_Path, _Items]]:
-    """Yield the fields that may hold long lists."""
-    for slot in message.slots:
-        here = (*path, slot.attribute)
-        if isinstance(slot.type, field_types.Message):
-            yield from _lists(slot.type.type, here)
-        elif isinstance(slot.type, field_types.Array) and slot.type.length is None:
-            yield here, _items_of(slot.type)
-
-
 def _long_arrays(message: MessageType, data: bytes, span: _Span, path: _Path) -> Iterator[_Array]:
     for slot in message.slots:
         value = (span.members or {}).get(slot.name)
-        if value is None or value.end - value.begin <= CHUNK_BYTES:
+        if value is None or value.end - value.begin <= SLOW_CHUNK_BYTES:
             continue
-        here = (*path, slot.attribute)
+        here = (*path, slot)
         if isinstance(slot.type, field_types.Message):
             yield from _long_arrays(slot.type.type, data, value, here)
         elif data[value.begin] == ord("["):
             match slot.type:
-                case field_types.Array(length=None) | field_types.Octets():
+                case field_types.Array(length=None) | field_types.Octets(length=None):
                     yield _Array(here, _items_of(slot.type), value)
 
 
@@ -612,7 +567,7 @@ def _walk(data: bytes, begin: int, depth: int) -> Steps[_Span]:
         key = str(name[1], "utf-8")
         if key in members:
             raise Unsplittable
-        members[key] = value._replace(name_begin=name.start(1) - 1)
+        members[key] = value
         after = _AFTER_VALUE.match(data, value.end)
         if after is None or after[1] not in (b",", b"}"):
             raise Unsplittable

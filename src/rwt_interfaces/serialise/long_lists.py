@@ -32,7 +32,11 @@ def chunks_of(items: Any, is_numbers: bool) -> Iterator[Any]:
 
 def compile_test(message: MessageType) -> _IsLong | None:
     """Return a test for messages of a type that hold a long list; None if none can."""
-    lists = [(attrgetter(path), long_items(array.element)) for path, array in _lists(message, "")]
+    lists = [
+        (attrgetter(".".join(field_types.attributes(path))), long_items(array.element))
+        for path, array in field_types.leaves(message)
+        if isinstance(array, field_types.Array) and array.length is None
+    ]
     if not lists:
         return None
 
@@ -55,15 +59,6 @@ def holds_long_lists(array: field_types.Array, items: Iterable[Any]) -> bool:
     """Return True if an item of that list holds a long list."""
     is_long = long_items(array.element)
     return is_long is not None and any(map(is_long, items))
-
-
-def _lists(message: MessageType, prefix: str) -> Iterator[tuple[str, field_types.Array]]:
-    """Yield the fields whose lists may be long, by the path of attributes to them."""
-    for slot in message.slots:
-        if isinstance(slot.type, field_types.Message):
-            yield from _lists(slot.type.type, f"{prefix}{slot.attribute}.")
-        elif isinstance(slot.type, field_types.Array) and slot.type.length is None:
-            yield prefix + slot.attribute, slot.type
 
 
 def plain(value: object) -> Any:

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import re
 import secrets
-from collections.abc import Callable
-from functools import cache
 from typing import NamedTuple
 
 import msgspec
@@ -23,8 +21,6 @@ Parts = tuple[RawText, ...]
 
 #: Minimum bytes of a separate part; shorter ones are joined.
 _LONG_PART_BYTES = 1 << 18
-#: Minimum bytes of a large text.
-LARGE = 4096
 #: Maximum distance in bytes of the long string from either end of the text, and at most a quarter of it.
 MARGIN_BYTES = 8192
 #: Bytes of base64 that are checked at a time: large allocations cost more than the check.
@@ -36,9 +32,6 @@ _TOKEN = pybase64.b64encode(secrets.token_bytes(48))
 _SHORTEST_TOKEN = 32
 #: Token for other content.
 TOKEN = _TOKEN.decode()
-#: Bytes of a frame that is proven to be JSON at once: 0.1 ms where it is ASCII, at most 3 ms where it only
-#: begins so.
-_AT_ONCE_BYTES = 1 << 20
 _PADDING = ord("=")
 _QUOTE = ord('"')
 _BACKSLASH = ord("\\")
@@ -147,7 +140,7 @@ def cut_long_string(raw: RawText, octets: bool, texts: bool) -> Steps[LongString
     is_base64 = octets and _is_base64(content)
     unescaped: tuple[str, ...] | None = () if is_base64 else None
     if texts and not is_base64:
-        unescaped = () if _is_plain(raw, begin, end) else (yield from _unescaped(content))
+        unescaped = yield from _unescaped(content)
     if unescaped is None:
         return None
     if is_base64:
@@ -187,43 +180,6 @@ def _is_base64(content: memoryview) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _is_plain(raw: RawText, begin: int, end: int) -> bool:
-    """Return True if quoted text is valid and without escapes according to its frame.
-
-    If the frame is JSON, a range without quotes and backslashes is wholly inside or outside a string, and the
-    quote before it tells which. Takes half the time of checking pieces, and copies nothing.
-    """
-    frame = raw if isinstance(raw, bytes) else raw.obj
-    if not isinstance(frame, bytes) or len(frame) > _AT_ONCE_BYTES:
-        return False
-    offset = 0
-    if len(frame) > len(raw):
-        # A view does not tell its offset; two possible offsets are as good as none.
-        start, beyond = bytes(raw[:_SHORTEST_TOKEN]), len(frame) - len(raw) + _SHORTEST_TOKEN
-        offset = frame.find(start, 0, beyond)
-        if offset < 0 or frame.rfind(start, 0, beyond) != offset:
-            return False
-    begin, end = begin + offset, end + offset
-    if frame.find(b"\\", begin, end) >= 0 or frame.find(b'"', begin, end) >= 0:
-        return False
-    if not frame[begin : begin + LARGE].isascii():
-        return False
-    try:
-        _json_validator()(frame)
-    except ValueError:
-        return False
-    return True
-
-
-@cache
-def _json_validator() -> Callable[[bytes], object]:
-    """Return a validator of JSON objects."""
-    # Imported here because only large texts need it.
-    from pydantic_core import SchemaValidator, core_schema
-
-    return SchemaValidator(core_schema.typed_dict_schema({}, extra_behavior="ignore")).validate_json
 
 
 def _unescaped(content: memoryview) -> Steps[tuple[str, ...] | None]:

@@ -70,20 +70,10 @@ def put(
 
 def long_fields(message: MessageType) -> Iterator[LongField]:
     """Yield the long fields of a message, in their order."""
-    for attributes, is_text in _long_fields(message, ()):
-        yield LongField(attributes, is_text)
-
-
-def _long_fields(message: MessageType, prefix: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], bool]]:
-    for slot in message.slots:
-        path = (*prefix, slot.attribute)
-        match slot.type:
-            case field_types.Message():
-                yield from _long_fields(slot.type.type, path)
-            case field_types.Octets(length=None):
-                yield path, False
-            case field_types.String(bound=None, wide=False):
-                yield path, True
+    for path, field_type in field_types.leaves(message):
+        match field_type:
+            case field_types.Octets(length=None) | field_types.String(bound=None, wide=False):
+                yield LongField(field_types.attributes(path), isinstance(field_type, field_types.String))
 
 
 def long_text(type: MessageType, message: msgspec.Struct) -> LongField | None:

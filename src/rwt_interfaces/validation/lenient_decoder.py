@@ -18,7 +18,6 @@ import pybase64
 from rwt_interfaces import field_types
 from rwt_interfaces.errors import InvalidMessage
 from rwt_interfaces.field_types import FieldType, Slot
-from rwt_interfaces.steps import Steps
 from rwt_interfaces.struct_fields import slot_default, time_struct
 from rwt_interfaces.times import NANOSECONDS
 from rwt_interfaces.validation.mismatch import (
@@ -53,9 +52,6 @@ class LenientDecoder(Protocol):
     def __call__(self, value: object, now: Now, /) -> Any:
         """Complete one value; `now` is called only for missing times."""
 
-
-FieldSteps = Callable[[FieldType, LenientDecoder, Any], Steps[Any]]
-"""Completes one field in steps."""
 
 MOST_LEFT_OUT: Final = 30_000
 """Maximum number of fields that a message may leave to their defaults: three bytes can omit forty."""
@@ -124,33 +120,6 @@ class MessageDecoder:
                 raise under(name, error) from None
         if found != len(given):
             self._check_names(given)
-        return self._struct(*values)
-
-    def in_steps(
-        self, given: Mapping[str, object], completion: Completion, field: FieldSteps
-    ) -> Steps[msgspec.Struct]:
-        """Complete a message in steps.
-
-        Args:
-            given: fields by name, in a form that `field` knows.
-            completion: clock of the message.
-            field: completes one field in steps, given its type, its lenient decoder and what `given` holds.
-
-        Raises:
-            InvalidMessage: the message does not fit.
-        """
-        if len(given) < len(self._fields):
-            completion.leave_out(len(self._fields) - len(given))
-        values: list[object] = []
-        for name, take, absent, type in self._fields:
-            if name not in given:
-                values.append(absent(completion))
-                continue
-            try:
-                values.append((yield from field(type, take, given[name])))
-            except InvalidMessage as error:
-                raise under(name, error) from None
-        self._check_names(given)
         return self._struct(*values)
 
     def _check_names(self, given: Mapping[str, object]) -> None:

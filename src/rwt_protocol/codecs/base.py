@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import Protocol, TypeVar
 
 from rwt_protocol.frames import Frame
 from rwt_protocol.limits import WireLimits
@@ -61,14 +62,6 @@ class Codec(Protocol):
         """Return an encoder for the samples of `topic`; constant parts are computed here, once."""
 
 
-@runtime_checkable
-class SplitsInSteps(Protocol):
-    """Codec that decodes large frames in steps."""
-
-    def split_in_steps(self, data: bytes, limits: WireLimits) -> Steps[Sequence[Members | DecodeFailure]]:
-        """Same as :meth:`Codec.split`, in steps of about a millisecond at most."""
-
-
 def finished(steps: Steps[T]) -> T:
     """Run all steps and return the result."""
     while True:
@@ -77,3 +70,23 @@ def finished(steps: Steps[T]) -> T:
         except StopIteration as end:
             result: T = end.value
             return result
+
+
+class SteppedEncoder(ABC):
+    """Encoder of a topic's samples that can work in steps; see :data:`PublishEncoder`."""
+
+    def __init__(self) -> None:
+        self._ready: tuple[Sample, Frame] | None = None
+
+    @abstractmethod
+    def encode(self, sample: Sample) -> Steps[Frame]:
+        """Encode a sample in steps."""
+
+    def __call__(self, sample: Sample) -> Frame:
+        """Return the frame of a sample, which subscribers share."""
+        ready, self._ready = self._ready, None
+        return ready[1] if ready is not None and ready[0] is sample else finished(self.encode(sample))
+
+    def steps(self, sample: Sample) -> Iterator[None]:
+        """Encode a sample in steps and keep the frame for the next call with that sample."""
+        self._ready = (sample, (yield from self.encode(sample)))

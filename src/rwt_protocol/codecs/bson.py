@@ -6,11 +6,11 @@ Requires the package `pymongo`, which is imported when the first BSON session st
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import repeat
 from typing import Final
 
-from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, Steps, finished
+from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, SteppedEncoder, Steps
 from rwt_protocol.codecs.object_codec import ObjectCodec, members_of, members_within, too_deep
 from rwt_protocol.errors import EncodingUnavailable, MalformedPayload
 from rwt_protocol.frames import Frame
@@ -21,7 +21,7 @@ try:
     import bson
     from bson.errors import BSONError, InvalidDocument
 
-    from rwt_protocol.codecs.bson_decoder import LargeDocument, TooMuchStructure
+    from rwt_protocol.codecs.bson_decoder import TooMuchStructure, check_structure
 except ImportError as missing:
     raise EncodingUnavailable(
         "BSON needs the package pymongo, which is not installed: pip install pymongo"
@@ -52,24 +52,20 @@ _INT64: Final = range(-(2**63), 2**63)
 class BsonCodec(ObjectCodec):
     """BSON encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
 
-    def split(self, data: bytes, limits: WireLimits) -> Sequence[Members | DecodeFailure]:
-        """Return the message of a frame. Never raises."""
-        return finished(self.split_in_steps(data, limits))
-
     def split_in_steps(self, data: bytes, limits: WireLimits) -> Steps[Sequence[Members | DecodeFailure]]:
-        """Same as :meth:`split`, in steps of about a millisecond at most."""
+        """Return the message of a frame; only the check of a large document is split. Never raises."""
         size = len(data)
         try:
             if size <= FEW_BYTES:
                 return (members_within(bson.decode(data), size, limits.max_depth, _SMALLEST_LEVEL),)
-            document = LargeDocument(data, limits)
-            found = yield from document.value()
+            is_too_deep = yield from check_structure(data, limits)
+            found = bson.decode(data)
         except TooMuchStructure:
             most = limits.structure_bytes
             return (DecodeFailure(f"more than {most} bytes beside text and octets (limits.structure_bytes)"),)
         except (BSONError, ValueError, OverflowError, RecursionError, struct.error, IndexError):
             return (DecodeFailure("not BSON: expected one document, neither malformed nor cut short"),)
-        if document.is_too_deep:
+        if is_too_deep:
             return (too_deep(members_of(found, size), limits.max_depth),)
         return (members_of(found, size),)
 
@@ -88,26 +84,14 @@ class BsonCodec(ObjectCodec):
         return _SampleEncoder(topic)
 
 
-class _SampleEncoder:
-    __slots__ = ("_ready", "_topic")
-
+class _SampleEncoder(SteppedEncoder):
     def __init__(self, topic: str) -> None:
+        super().__init__()
         self._topic = topic
-        self._ready: tuple[Sample, Frame] | None = None
 
-    def __call__(self, sample: Sample) -> Frame:
-        ready, self._ready = self._ready, None
-        if ready is not None and ready[0] is sample:
-            return ready[1]
-        return Frame(_encoded(self._message(sample.payload.plain())), binary=True)
-
-    def steps(self, sample: Sample) -> Iterator[None]:
-        """Encode a sample in steps and keep the frame for the next call with that sample."""
-        message = self._message((yield from sample.payload.plain_in_steps()))
-        self._ready = (sample, Frame(*(yield from encode_in_steps(message)), binary=True))
-
-    def _message(self, payload: object) -> dict[str, object]:
-        return {"op": "publish", "topic": self._topic, "msg": payload}
+    def encode(self, sample: Sample) -> Steps[Frame]:
+        message = {"op": "publish", "topic": self._topic, "msg": (yield from sample.payload.plain_in_steps())}
+        return Frame(*(yield from encode_in_steps(message)), binary=True)
 
 
 def encode_in_steps(message: Mapping[str, object]) -> Steps[list[bytes]]:

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from io import BytesIO
 from typing import Final
 
-from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, Steps, finished
+from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, Steps
 from rwt_protocol.codecs.cbor_decoder import (
     BYTES_OF_A_HEAD,
     LargeFrame,
@@ -45,12 +45,8 @@ _NOT_CBOR: Final = (
 class CborCodec(ObjectCodec):
     """CBOR encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
 
-    def split(self, data: bytes, limits: WireLimits) -> Sequence[Members | DecodeFailure]:
-        """Return the message of a binary frame. Never raises."""
-        return finished(self.split_in_steps(data, limits))
-
     def split_in_steps(self, data: bytes, limits: WireLimits) -> Steps[Sequence[Members | DecodeFailure]]:
-        """Same as :meth:`split`, in steps of about a millisecond at most."""
+        """Return the message of a binary frame, in steps of about a millisecond at most. Never raises."""
         import cbor2  # optional import: slow to load
 
         frame = LargeFrame(data, limits) if len(data) > FEW_BYTES else None

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from pydantic import BaseModel
 
-from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder
+from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, Steps, finished
 from rwt_protocol.codecs.envelope import PAYLOADS, RELIED_ON, UNDECODED
 from rwt_protocol.frames import Frame
+from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import CallService, Op, ServiceResponse
 from rwt_protocol.payloads import Decoded, Encodable, Sample
 
@@ -61,7 +62,15 @@ def _deeper_than(found: object, limit: int) -> bool:
 
 
 class ObjectCodec(ABC):
-    """Encoder of such an encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
+    """Codec of such an encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
+
+    @abstractmethod
+    def split_in_steps(self, data: bytes, limits: WireLimits) -> Steps[Sequence[Members | DecodeFailure]]:
+        """Same as :meth:`split`, in steps."""
+
+    def split(self, data: bytes, limits: WireLimits) -> Sequence[Members | DecodeFailure]:
+        """Return the message of a frame. Never raises."""
+        return finished(self.split_in_steps(data, limits))
 
     @abstractmethod
     def frame(self, message: Mapping[str, object]) -> Frame:

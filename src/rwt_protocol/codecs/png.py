@@ -16,8 +16,8 @@ from functools import cache
 from io import BytesIO
 from typing import Final, Protocol
 
-from rwt_protocol.codecs.base import Steps, finished
-from rwt_protocol.codecs.json import publish_frame, publish_prefix
+from rwt_protocol.codecs.base import SteppedEncoder, Steps, finished
+from rwt_protocol.codecs.json import publish_prefix
 from rwt_protocol.errors import Refused
 from rwt_protocol.frames import Buffer, Frame
 from rwt_protocol.payloads import Sample
@@ -62,12 +62,7 @@ def encode(frame: Frame) -> Frame:
     The compression level depends on the size and on how well a sample compresses. Compressible text takes
     about 5 ms per MB, other text up to 14 ms, or 9 ms with the extra `fast`.
     """
-    return finished(encode_in_steps(frame))
-
-
-def encode_in_steps(frame: Frame) -> Steps[Frame]:
-    """Same as :func:`encode`, in steps of a millisecond at most."""
-    return (yield from _encode(frame.data))
+    return finished(encode_in_steps(frame.data))
 
 
 def _joined(parts: Sequence[Buffer]) -> Steps[bytearray]:
@@ -79,7 +74,8 @@ def _joined(parts: Sequence[Buffer]) -> Steps[bytearray]:
     return text
 
 
-def _encode(data: bytes | bytearray) -> Steps[Frame]:
+def encode_in_steps(data: bytes | bytearray) -> Steps[Frame]:
+    """Encode a JSON text as a `png` message, in steps of a millisecond at most."""
     text = yield from _ascii(data)
     width = max(1, int(math.sqrt(len(text) / 3)))
     height = math.ceil(len(text) / 3 / width)
@@ -87,26 +83,17 @@ def _encode(data: bytes | bytearray) -> Steps[Frame]:
     return Frame(_HEAD, *picture, _END)
 
 
-class PngEncoder:
+class PngEncoder(SteppedEncoder):
     """Encoder for the samples of one topic: the JSON message as the pixels of an image (PNG-01)."""
 
-    __slots__ = ("_prefix", "_ready")
-
     def __init__(self, prefix: bytes) -> None:
+        super().__init__()
         self._prefix = prefix
-        self._ready: tuple[Sample, Frame] | None = None
 
-    def __call__(self, sample: Sample) -> Frame:
-        """Return the frame of a sample, which subscribers share."""
-        ready, self._ready = self._ready, None
-        if ready is not None and ready[0] is sample:
-            return ready[1]
-        return encode(publish_frame(self._prefix, sample.payload.json()))
-
-    def steps(self, sample: Sample) -> Iterator[None]:
-        """Encode a sample in steps and keep the frame for the next call with that sample."""
+    def encode(self, sample: Sample) -> Steps[Frame]:
+        """Encode a sample in steps of a millisecond at most."""
         text = yield from _joined((self._prefix, *sample.payload.json_parts(), b"}"))
-        self._ready = (sample, (yield from _encode(text)))
+        return (yield from encode_in_steps(text))
 
 
 def publish_encoder(topic: str) -> PngEncoder:
