@@ -336,7 +336,7 @@ export async function startSensor(
       },
       publish: (message) => {
         if (signal.aborted) return;
-        publisher.publish(message);
+        publisher.publishFresh(message);
         on.message();
       },
       describe: (message) => describer?.publish(message),
