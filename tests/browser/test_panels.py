@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -280,20 +281,100 @@ async def test_the_device_is_a_sensor_when_it_is_asked_to_be(browser: Browser, d
         tilt = (
             "dispatchEvent(new DeviceMotionEvent('devicemotion', {"
             " accelerationIncludingGravity: {x: 1, y: 2, z: 9},"
-            " rotationRate: {alpha: 90, beta: 0, gamma: 0} }))"
+            " rotationRate: {alpha: 90, beta: 45, gamma: -9} }))"
         )
         await page.wait("document.querySelector('[name=motion]:not(:disabled)')")
         await page.evaluate(tilt)
         assert imu == []
         await page.click("[name=motion]")
-        await page.wait(f"{tilt} && {text('.sensor')}.includes('sent')")
+        await page.wait(f"{tilt} && /[1-9]/.test({text('.sensor:has([name=motion])')})")
         await until(lambda: bool(imu))
         assert (imu[0].linear_acceleration.x, imu[0].linear_acceleration.z) == (1, 9)
-        assert imu[0].angular_velocity.z == pytest.approx(1.5708, abs=1e-3)
+        rates = imu[0].angular_velocity
+        # The axes that browsers use: alpha about x, beta about y, gamma about z.
+        assert (rates.x, rates.y, rates.z) == pytest.approx((1.5708, 0.7854, -0.1571), abs=1e-3)
         await page.click("[name=camera]")
         await until(lambda: bool(pictures))
         with Image.open(io.BytesIO(bytes(pictures[0].data))) as picture:
             assert (picture.format, picture.width) == ("JPEG", 640)
+
+
+@DISTROS
+async def test_unknown_sensor_values_are_nan(browser: Browser, distro: str) -> None:
+    async with panel(browser, distro, "device", robot=False) as (served, page):
+        fixes: list[Any] = []
+        batteries: list[Any] = []
+        imu: list[Any] = []
+        served.node.subscribe("/device/fix", fixes.append, "sensor_msgs/NavSatFix")
+        served.node.subscribe("/device/battery", batteries.append, "sensor_msgs/BatteryState")
+        served.node.subscribe("/device/imu", imu.append, "sensor_msgs/Imu")
+        await page.evaluate(
+            "(() => {"
+            " const coords = {latitude: 50, longitude: 7, accuracy: 3, altitude: null};"
+            " navigator.geolocation.watchPosition = (done) => {"
+            "  done({coords, timestamp: Date.now()});"
+            "  return 1;"
+            " };"
+            " navigator.getBattery = async () => ({level: 0.5, charging: true});"
+            "})()"
+        )
+        # A switch is enabled if the browser has the sensor when the panel is drawn.
+        await page.wait("document.querySelector('[name=position]:not(:disabled)')")
+        await page.click("[name=position]")
+        await until(lambda: bool(fixes))
+        assert (fixes[0].latitude, fixes[0].longitude) == (50, 7)
+        assert math.isnan(fixes[0].altitude)
+        await page.click("[name=battery]")
+        await until(lambda: bool(batteries))
+        state = batteries[0]
+        assert state.percentage == 0.5
+        unknown = (state.voltage, state.temperature, state.current, state.charge, state.capacity)
+        assert all(map(math.isnan, (*unknown, state.design_capacity)))
+        await page.click("[name=motion]")
+        await page.wait(
+            "dispatchEvent(new DeviceMotionEvent('devicemotion', {"
+            " accelerationIncludingGravity: {x: 1, y: 2, z: 9} }))"
+            f" && /[1-9]/.test({text('.sensor:has([name=motion])')})"
+        )
+        await until(lambda: bool(imu))
+        assert imu[0].angular_velocity_covariance[0] == -1
+
+
+@pytest.mark.parametrize("sensor", ["camera", "microphone"])
+async def test_a_sensor_switched_off_before_it_is_permitted_is_stopped(browser: Browser, sensor: str) -> None:
+    async with panel(browser, "jazzy", "device", robot=False) as (served, page):
+        await page.wait(f"document.querySelector('[name={sensor}]:not(:disabled)')")
+        # The prompt is open until the test answers it.
+        await page.evaluate(
+            """(() => {
+              const devices = navigator.mediaDevices;
+              const ask = devices.getUserMedia.bind(devices);
+              globalThis.prompts = [];
+              globalThis.tracks = [];
+              devices.getUserMedia = async (wanted) => {
+                await new Promise((answer) => prompts.push(answer));
+                const stream = await ask(wanted);
+                tracks.push(...stream.getTracks());
+                return stream;
+              };
+            })()"""
+        )
+        await page.click(f"[name={sensor}]")
+        await page.wait("prompts.length === 1")
+        await page.click(f"[name={sensor}]")
+        await page.click(f"[name={sensor}]")
+        await page.wait("prompts.length === 2")
+        await page.click(f"[name={sensor}]")
+        await page.evaluate("prompts.forEach((answer) => answer())")
+        await page.wait("tracks.length === 2 && tracks.every(({readyState}) => readyState === 'ended')")
+        await until(
+            lambda: (
+                not any(
+                    topic.publishers for topic in served.graph.topics() if topic.name.startswith("/device/")
+                )
+            )
+        )
+        assert not await page.evaluate("document.querySelector('.sensor .problem')")
 
 
 @pytest.mark.skipif(IS_MUTE, reason=MUTE)

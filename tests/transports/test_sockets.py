@@ -3,18 +3,29 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import select
 import socket
+import stat
 import struct
 import sys
+from collections.abc import Iterator
 
+import anyio
 import pytest
 
 from bench.traffic.wire import masked
 from rwt_protocol.frames import Frame
 from rwt_transports import listen
 from rwt_transports.api import HangUp
-from rwt_transports.drivers.sockets import UNSENT_BYTES, bind_tcp, hang_up_of
+from rwt_transports.connect import connect
+from rwt_transports.drivers.sockets import (
+    KEEPALIVE_SECONDS,
+    UNACKNOWLEDGED_SECONDS,
+    UNSENT_BYTES,
+    bind_tcp,
+    hang_up_of,
+)
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 
 pytestmark = pytest.mark.anyio
@@ -105,6 +116,52 @@ async def test_what_has_come_of_a_large_message_is_received_in_one_turn() -> Non
             await asyncio.sleep(0)
     assert client.came == [message]
     assert turns == 2  # one that has read, and one that has seen it
+
+
+LIVENESS = (
+    (socket.SOL_SOCKET, socket.SO_KEEPALIVE),
+    *((socket.IPPROTO_TCP, getattr(socket, name, 0)) for name in ("TCP_KEEPIDLE", "TCP_USER_TIMEOUT")),
+)
+
+
+class Idle:
+    """Endpoint that sends nothing."""
+
+    def __init__(self, sink: Sink, peer: PeerInfo) -> None:
+        pass
+
+    def receive(self, data: bytes, binary: bool) -> None:
+        pass
+
+    def closed(self, code: int, reason: str) -> None:
+        pass
+
+
+def established(port: int) -> Iterator[socket.socket]:
+    """Yield copies of this process's connected sockets with a port, on either side."""
+    for file in map(int, os.listdir("/dev/fd")):
+        try:
+            if not stat.S_ISSOCK(os.fstat(file).st_mode):
+                continue
+            with socket.socket(fileno=os.dup(file)) as each:
+                if each.family == socket.AF_INET and port in (each.getsockname()[1], each.getpeername()[1]):
+                    yield each
+        except OSError:
+            continue  # It was closed meanwhile, or is not connected.
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems inherit other options")
+@pytest.mark.parametrize("anyio_backend", ["asyncio", "trio"])
+@pytest.mark.parametrize("scheme", ["ws", "tcp"])
+async def test_the_system_ends_connections_to_unreachable_peers(scheme: str) -> None:
+    async with listen(f"{scheme}://127.0.0.1:0", Idle) as listener, connect(listener.url, Idle):
+        port = int(listener.url.rpartition(":")[2])
+        found: list[tuple[int, ...]] = []
+        with anyio.fail_after(SECONDS):
+            while len(found) < 2:  # A connection may be there before it is accepted.
+                await anyio.sleep(0.01)
+                found = [tuple(each.getsockopt(*option) for option in LIVENESS) for each in established(port)]
+        assert found == [(1, KEEPALIVE_SECONDS, UNACKNOWLEDGED_SECONDS * 1000)] * 2
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="how much a kernel holds is its own affair")

@@ -1,6 +1,6 @@
 // @vitest-environment happy-dom
 import { describe, expect, test } from "vitest";
-import { quaternionOf } from "../src/device/sensors";
+import { pacer, quaternionOf } from "../src/device/sensors";
 import { wishOfKeys } from "../src/elements/teleop/controls";
 import { wishOfGamepad } from "../src/panels/drive/teleop";
 import { talks } from "../src/panels/graph/nodes";
@@ -26,6 +26,28 @@ describe("driving", () => {
     });
     expect(wishOfGamepad(pad(false, [0, -1, 1, 0]))).toBeNull();
     expect(wishOfGamepad(pad(true, [0.05, -1, 0.5, 0]))).toEqual({ forward: 1, left: 0, turn: -0.5 });
+  });
+});
+
+describe("rates of sensors", () => {
+  test.each([16.7, 10, 20, 33.3])("events %d ms apart become 20 messages a second", (interval) => {
+    const isDue = pacer(50);
+    let count = 0;
+    for (let now = 1000; now < 11_000; now += interval) if (isDue(now)) count++;
+    expect(count / 10).toBeCloseTo(20, 0);
+  });
+
+  test("slower events all pass, and a pause is not made up for", () => {
+    const isDue = pacer(50);
+    expect([0, 80, 160, 1000, 1001, 1049, 1050].map(isDue)).toEqual([
+      true,
+      true,
+      true,
+      true,
+      false,
+      false,
+      true,
+    ]);
   });
 });
 

@@ -15,6 +15,7 @@ class FakeRobot implements WorkerPort {
   ended = 0;
   decodings: ToWorker[] = [];
   sent: Op[] = [];
+  sends: Extract<ToWorker, { kind: "send" }>[] = [];
   socket = 0;
   opens: ToWorker[] = [];
   topics: [string, string][] = [["/cmd_vel", "geometry_msgs/msg/Twist"]];
@@ -30,6 +31,7 @@ class FakeRobot implements WorkerPort {
     } else if (message.kind === "decodings") {
       this.decodings.push(message);
     } else if (message.kind === "send") {
+      this.sends.push(message);
       const op = JSON.parse(message.text) as Op;
       this.sent.push(op);
       if (op.op === "call_service") this.answer(op);
@@ -50,6 +52,10 @@ class FakeRobot implements WorkerPort {
 
   open(): void {
     this.say({ kind: "open", socket: this.socket });
+  }
+
+  answering(silence: number, clockOffset = 0): void {
+    this.say({ kind: "answering", socket: this.socket, silence, clockOffset });
   }
 
   lose(): void {
@@ -386,6 +392,39 @@ describe("a session", () => {
     test("wishes beyond full deflection, and those that are no number, are bounded", () => {
       drive.hold("pad", { forward: 7, left: 0, turn: Number.NaN });
       expect(robot.published("/cmd_vel")).toEqual([twist(0.5, 0)]);
+    });
+
+    test("a robot that does not answer is told to stand still, and then nothing", async () => {
+      drive.hold("stick", { forward: 1, left: 0, turn: 0 });
+      await vi.advanceTimersByTimeAsync(100);
+      robot.sent = [];
+      robot.answering(600);
+      expect(drive.holds("stick")).toBe(false);
+      drive.hold("stick", { forward: 1, left: 0, turn: 0 });
+      await vi.advanceTimersByTimeAsync(5000);
+      expect(robot.published("/cmd_vel")).toEqual([twist(0, 0), twist(0, 0), twist(0, 0)]);
+      robot.answering(0);
+      robot.sent = [];
+      await vi.advanceTimersByTimeAsync(1000);
+      expect(robot.published("/cmd_vel")).toEqual([]);
+      drive.hold("stick", { forward: 1, left: 0, turn: 0 });
+      expect(robot.published("/cmd_vel")).toEqual([twist(0.5, 0)]);
+    });
+
+    test("a page that was suspended lets all go", async () => {
+      drive.hold("stick", { forward: 1, left: 0, turn: 0 });
+      await vi.advanceTimersByTimeAsync(100);
+      robot.sent = [];
+      vi.setSystemTime(Date.now() + 3000);
+      await vi.advanceTimersByTimeAsync(1000);
+      expect(robot.published("/cmd_vel")).toEqual([twist(0, 0), twist(0, 0), twist(0, 0)]);
+    });
+
+    test("commands may be dropped on their way, standing still may not", () => {
+      drive.hold("stick", { forward: 1, left: 0, turn: 0 });
+      drive.releaseAll();
+      const isCommand = robot.sends.filter(({ text }) => text.includes('"publish"'));
+      expect(isCommand.map(({ command }) => typeof command)).toEqual(["number", "undefined"]);
     });
 
     test("a lost connection lets all go: nothing moves when it is back", async () => {

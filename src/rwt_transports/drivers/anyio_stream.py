@@ -23,6 +23,7 @@ from rwt_transports.drivers.sockets import (
     accept_peers,
     bind_tcp,
     bind_unix,
+    detect_lost_peers,
     hang_up_of,
     remove_unix,
 )
@@ -240,8 +241,12 @@ async def _connected(address: RemoteAddress) -> ByteStream:
     host, port, tls = address.host, address.port, address.tls
     if address.path:
         return await anyio.connect_unix(address.path)
+    stream: ByteStream
     if tls is None:
-        return await anyio.connect_tcp(host, port)
-    return await anyio.connect_tcp(
-        host, port, ssl_context=tls, tls_standard_compatible=False, tls_hostname=host
-    )
+        stream = await anyio.connect_tcp(host, port)
+    else:
+        stream = await anyio.connect_tcp(
+            host, port, ssl_context=tls, tls_standard_compatible=False, tls_hostname=host
+        )
+    detect_lost_peers(stream.extra(SocketAttribute.raw_socket))
+    return stream

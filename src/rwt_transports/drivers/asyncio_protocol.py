@@ -35,6 +35,7 @@ from rwt_transports.drivers.sockets import (
     accept_peers,
     bind_tcp,
     bind_unix,
+    detect_lost_peers,
     hang_up_of,
     remove_unix,
 )
@@ -473,7 +474,10 @@ class AsyncioDriver:
         if address.path:
             await loop.create_unix_connection(make_link, address.path, ssl=address.tls)
         else:
-            await loop.create_connection(make_link, address.host, address.port, ssl=address.tls)
+            transport, _ = await loop.create_connection(
+                make_link, address.host, address.port, ssl=address.tls
+            )
+            detect_lost_peers(transport.get_extra_info("socket"))
 
     @asynccontextmanager
     async def serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:

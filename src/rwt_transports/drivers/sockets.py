@@ -26,8 +26,11 @@ Accepted = TypeVar("Accepted")
 UNSENT_BYTES = 512 * 1024
 """Unsent bytes of one connection in the kernel, not counting those in flight. The default is megabytes, all
 of which delay the newest sample to a slow peer."""
-KEEPALIVE_SECONDS = 60
-"""Silence after which the system probes the peer's machine."""
+KEEPALIVE_SECONDS = 20
+"""Silence after which the system probes the peer's machine, and interval of the probes."""
+UNACKNOWLEDGED_SECONDS = 60
+"""Time after which the system ends a connection whose peer acknowledges neither bytes nor probes, or takes no
+bytes. As long as a WebSocket peer may leave a ping unanswered; TCP peers have no ping."""
 
 ACCEPT_PAUSE_SECONDS = 0.5
 """Pause after a connection could not be accepted, for example because no descriptors are left."""
@@ -52,6 +55,23 @@ def hang_up_of(file: int) -> HangUp:
             return HangUp.GONE
         return HangUp.SENDS_NO_MORE
     return HangUp.NO
+
+
+def detect_lost_peers(connected: socket.socket) -> None:
+    """Have the system end a TCP connection whose peer is unreachable.
+
+    Connections inherit the options of the socket that accepted them. Systems without an option keep their
+    own times.
+    """
+    with contextlib.suppress(OSError):  # The connection may have ended.
+        connected.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for name, value in (
+            ("TCP_KEEPIDLE", KEEPALIVE_SECONDS),
+            ("TCP_KEEPINTVL", KEEPALIVE_SECONDS),
+            ("TCP_USER_TIMEOUT", UNACKNOWLEDGED_SECONDS * 1000),
+        ):
+            if hasattr(socket, name):
+                connected.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
 
 
 class Handshakes:
@@ -161,6 +181,7 @@ def _bind(family: int, address: tuple[str, int], *, shared: bool) -> socket.sock
         if hasattr(socket, "TCP_NOTSENT_LOWAT"):
             # Every accepted connection inherits it.
             bound.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)
+        detect_lost_peers(bound)
         if family == socket.AF_INET6:
             bound.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
         bound.bind(address)

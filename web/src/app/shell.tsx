@@ -162,8 +162,19 @@ function StopButton({ app }: { app: App }) {
 }
 
 function State({ app }: { app: App }) {
-  const { state, reason, permissions, distro, version } = app.session;
+  const { state, reason, permissions, distro, version, silence } = app.session;
   const role = permissions.value.role;
+  if (silence.value > 0) {
+    const seconds = (silence.value / 1000).toFixed(1);
+    return (
+      <p class="state state-silent" role="status">
+        <span class="dot" aria-hidden="true" />
+        <span class="hidden">{t("state.silent")}</span>
+        {/* A screen reader would say every tenth of a second. */}
+        <span aria-hidden="true">{t("state.silent.for", { seconds })}</span>
+      </p>
+    );
+  }
   return (
     <p class={`state state-${state.value}`} role="status" title={reason.value}>
       <span class="dot" aria-hidden="true" />

@@ -1,5 +1,7 @@
 /** What the page and its decoding worker say to each other. */
 
+import type { Answering } from "./liveness";
+
 /** What the worker makes of a topic's messages beside what stands in them. */
 export type Decoding = "cloud" | "image";
 
@@ -22,7 +24,8 @@ export interface Pixels {
 
 export type ToWorker =
   | { kind: "open"; socket: number; url: string; protocols: string[] }
-  | { kind: "send"; socket: number; text: string }
+  /** `command`: when the command or sample was made, in milliseconds since 1970; it is dropped if it would be late. */
+  | { kind: "send"; socket: number; text: string; command?: number }
   | { kind: "close"; socket: number }
   /** Which topics are decoded further. */
   | { kind: "decodings"; decodings: Map<string, Decoding> }
@@ -39,5 +42,7 @@ export type FromWorker =
   | { kind: "open"; socket: number }
   | { kind: "close"; socket: number; code: number; reason: string }
   | { kind: "error"; socket: number; text: string }
+  /** How the robot answers, whenever that changes, and ten times a second while it does not. */
+  | ({ kind: "answering"; socket: number } & Answering)
   | { kind: "message"; socket: number; message: { op: string; topic?: string }; mustTake: boolean }
   | { kind: "traffic"; seconds: number; topics: Map<string, Traffic> };

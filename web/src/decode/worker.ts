@@ -6,6 +6,7 @@
 import { decodeCbor } from "./cbor";
 import { decodeCloud, type PointCloud2 } from "./cloud";
 import { decodeImage, type RawImage } from "./image";
+import { type Answering, GIVE_UP, Liveness, SILENT } from "./liveness";
 import type { Decoding, FromWorker, ToWorker, Traffic } from "./protocol";
 
 interface Envelope {
@@ -14,7 +15,19 @@ interface Envelope {
   msg?: Record<string, unknown>;
 }
 
-const sockets = new Map<number, WebSocket>();
+interface Connection {
+  socket: WebSocket;
+  /** Null until the connection is open. */
+  liveness: Liveness | null;
+  answering: Answering;
+}
+
+/** Milliseconds between two looks at whether the robot answers. */
+const LOOK = 100;
+/** Bytes that wait in the browser above which commands and samples are dropped: they would arrive late. */
+const MOST_WAITING = 64 * 1024;
+
+const sockets = new Map<number, Connection>();
 let decodings = new Map<string, Decoding>();
 let traffic = new Map<string, Traffic>();
 let since = performance.now();
@@ -33,10 +46,10 @@ self.onmessage = ({ data }: MessageEvent<ToWorker>) => {
       open(data.socket, data.url, data.protocols);
       break;
     case "send":
-      sockets.get(data.socket)?.send(data.text);
+      send(data.socket, data.text, data.command);
       break;
     case "close":
-      sockets.get(data.socket)?.close();
+      sockets.get(data.socket)?.socket.close();
       break;
     case "decodings":
       decodings = data.decodings;
@@ -59,8 +72,12 @@ function open(number: number, url: string, protocols: string[]): void {
     return;
   }
   socket.binaryType = "arraybuffer";
-  sockets.set(number, socket);
-  socket.onopen = () => say({ kind: "open", socket: number });
+  const connection: Connection = { socket, liveness: null, answering: { silence: 0, clockOffset: 0 } };
+  sockets.set(number, connection);
+  socket.onopen = () => {
+    connection.liveness = new Liveness(performance.now());
+    say({ kind: "open", socket: number });
+  };
   socket.onclose = ({ code, reason }) => {
     sockets.delete(number);
     waiting.clear();
@@ -72,12 +89,56 @@ function open(number: number, url: string, protocols: string[]): void {
         typeof data === "string" ? JSON.parse(data) : decodeCbor(new Uint8Array(data))
       ) as Envelope;
       if (typeof message?.op !== "string") throw new Error("a message without `op`");
+      if (connection.liveness?.hear(message as { op: string }, performance.now(), Date.now())) {
+        look(number, connection);
+        return;
+      }
       receive(number, message, typeof data === "string" ? data.length : data.byteLength);
     } catch (error) {
       say({ kind: "error", socket: number, text: `a message cannot be read: ${(error as Error).message}` });
     }
   };
 }
+
+function send(number: number, text: string, command?: number): void {
+  const connection = sockets.get(number);
+  if (!connection) return;
+  if (command !== undefined) {
+    const { socket, liveness } = connection;
+    const isLate =
+      Date.now() - command > SILENT ||
+      socket.bufferedAmount > MOST_WAITING ||
+      (liveness?.answering(performance.now()).silence ?? 0) > 0;
+    if (isLate) return;
+  }
+  connection.socket.send(text);
+}
+
+/** Send a beat if one is due, and tell the page how the robot answers. */
+function look(number: number, connection: Connection): void {
+  const { socket, liveness, answering: before } = connection;
+  if (!liveness || socket.readyState !== WebSocket.OPEN) return;
+  const now = performance.now();
+  const beat = liveness.beat(now);
+  if (beat) socket.send(beat);
+  const answering = liveness.answering(now);
+  connection.answering = answering;
+  // The clock is told to the millisecond: the page has no use for more.
+  const isNews =
+    answering.silence !== before.silence || Math.abs(answering.clockOffset - before.clockOffset) >= 1;
+  if (isNews) say({ kind: "answering", socket: number, ...answering });
+  if (!liveness.isDead(now)) return;
+  // A lost network: the system would retry ever less often, and take as long again to notice that it is back.
+  socket.onclose = socket.onmessage = null;
+  socket.close();
+  sockets.delete(number);
+  waiting.clear();
+  say({ kind: "close", socket: number, code: 1006, reason: `no answer for ${GIVE_UP / 1000} s` });
+}
+
+setInterval(() => {
+  for (const [number, connection] of sockets) look(number, connection);
+}, LOOK);
 
 function receive(socket: number, message: Envelope, bytes: number): void {
   if (message.op === "publish" && message.topic !== undefined) {

@@ -8,6 +8,8 @@ import type { Message } from "../robot/subscriptions";
 export interface SensorHost {
   version: 1 | 2;
   frame: string;
+  /** What a number that the device does not know is sent as: NaN, or 0 to servers that may reject it. */
+  unknown: number;
   publish: (message: Message) => void;
   /** What tells how the messages are to be read, where the sensor has a topic for that. */
   describe: (message: Message) => void;
@@ -29,8 +31,9 @@ export interface Sensor {
 }
 
 const GRAVITY = 9.80665;
-/** Milliseconds between two messages of what the browser tells more often, or only when it changes. */
+/** Milliseconds between two messages of what the browser reports more often. */
 const PERIOD = 50;
+/** Milliseconds between two messages of what the browser reports only on changes. */
 const SLOW = 1000;
 const CAMERA_PERIOD = 100;
 const CAMERA_WIDTH = 640;
@@ -59,6 +62,19 @@ export function quaternionOf(alpha: number, beta: number, gamma: number) {
   };
 }
 
+/**
+ * Limit events to one per period on average. A fixed pause after each message would lose a part of the rate: of
+ * events 16.7 ms apart, every fourth would pass.
+ */
+export function pacer(period: number): (now: number) => boolean {
+  let due = Number.NEGATIVE_INFINITY;
+  return (now) => {
+    if (now < due) return false;
+    due = now - due < period ? due + period : now + period;
+    return true;
+  };
+}
+
 const motion: Sensor = {
   name: "motion",
   type: "sensor_msgs/Imu",
@@ -69,23 +85,24 @@ const motion: Sensor = {
       .requestPermission;
     if (ask && (await ask()) !== "granted") throw new Error("the browser refuses it");
     let turn: ReturnType<typeof quaternionOf> | null = null;
-    let last = 0;
+    const isDue = pacer(PERIOD);
     const turned = ({ alpha, beta, gamma }: DeviceOrientationEvent) => {
       if (alpha !== null && beta !== null && gamma !== null) turn = quaternionOf(alpha, beta, gamma);
     };
     const moved = ({ accelerationIncludingGravity: a, rotationRate: r }: DeviceMotionEvent) => {
-      const now = performance.now();
-      // A device without these sensors says so by an event without values.
-      if ((a?.x ?? r?.alpha ?? null) === null || now - last < PERIOD) return;
-      last = now;
-      const rate = (value: number | null | undefined) => (value ?? 0) * RADIANS;
+      // Devices without these sensors send an event without values.
+      if ((a?.x ?? r?.alpha ?? null) === null || !isDue(performance.now())) return;
+      const rates = [r?.alpha, r?.beta, r?.gamma];
+      const knowsRates = rates.every((rate) => typeof rate === "number");
+      // The names are those of the angles, but the axes are not: browsers report alpha about x, beta about y and
+      // gamma about z (w3c/deviceorientation#43, #44).
+      const [x, y, z] = rates.map((rate) => (rate ?? 0) * RADIANS) as [number, number, number];
       publish({
         header: header(version, frame),
         orientation: turn ?? { x: 0, y: 0, z: 0, w: 1 },
         orientation_covariance: turn ? new Array(9).fill(0) : UNKNOWN,
-        // beta turns about x, gamma about y, alpha about z.
-        angular_velocity: { x: rate(r?.beta), y: rate(r?.gamma), z: rate(r?.alpha) },
-        angular_velocity_covariance: r ? new Array(9).fill(0) : UNKNOWN,
+        angular_velocity: { x, y, z },
+        angular_velocity_covariance: knowsRates ? new Array(9).fill(0) : UNKNOWN,
         linear_acceleration: { x: a?.x ?? 0, y: a?.y ?? 0, z: a?.z ?? GRAVITY },
         linear_acceleration_covariance: a ? new Array(9).fill(0) : UNKNOWN,
       });
@@ -104,7 +121,7 @@ const position: Sensor = {
   type: "sensor_msgs/NavSatFix",
   topic: "fix",
   available: () => "geolocation" in navigator,
-  start: async ({ version, frame, publish, fail }) => {
+  start: async ({ version, frame, unknown, publish, fail }) => {
     const watch = navigator.geolocation.watchPosition(
       ({ coords, timestamp }) => {
         const variance = coords.accuracy ** 2;
@@ -114,7 +131,7 @@ const position: Sensor = {
           status: { status: 0, service: 1 },
           latitude: coords.latitude,
           longitude: coords.longitude,
-          altitude: coords.altitude ?? 0,
+          altitude: coords.altitude ?? unknown,
           position_covariance: [variance, 0, 0, 0, variance, 0, 0, 0, up],
           position_covariance_type: 1,
         });
@@ -136,13 +153,19 @@ const battery: Sensor = {
   type: "sensor_msgs/BatteryState",
   topic: "battery",
   available: () => "getBattery" in navigator,
-  start: async ({ version, frame, publish }) => {
+  start: async ({ version, frame, unknown, publish }) => {
     const manager = await (
       navigator as unknown as { getBattery: () => Promise<BatteryManager> }
     ).getBattery();
     const tell = () =>
       publish({
         header: header(version, frame),
+        voltage: unknown,
+        temperature: unknown,
+        current: unknown,
+        charge: unknown,
+        capacity: unknown,
+        design_capacity: unknown,
         percentage: manager.level,
         power_supply_status: manager.charging ? 1 : 2,
         present: true,
@@ -166,7 +189,15 @@ const camera: Sensor = {
     video.srcObject = stream;
     video.muted = true;
     video.playsInline = true;
-    await video.play();
+    const stop = () => {
+      for (const track of stream.getTracks()) track.stop();
+    };
+    try {
+      await video.play();
+    } catch (error) {
+      stop();
+      throw error;
+    }
     const canvas = document.createElement("canvas");
     let busy = false;
     const shoot = async () => {
@@ -187,7 +218,7 @@ const camera: Sensor = {
     const timer = setInterval(() => shoot().catch((error: Error) => fail(error.message)), CAMERA_PERIOD);
     return () => {
       clearInterval(timer);
-      for (const track of stream.getTracks()) track.stop();
+      stop();
     };
   },
 };
@@ -267,13 +298,21 @@ const joystick: Sensor = {
 
 export const SENSORS: readonly Sensor[] = [motion, position, battery, camera, microphone, joystick];
 
-/** Start a sensor of this device on a robot. */
+/**
+ * Start a sensor of this device on a robot; it ends with `signal`.
+ *
+ * The user may be asked for permission meanwhile. A camera or microphone that is permitted after `signal` is stopped
+ * at once.
+ *
+ * @throws Error it cannot be started; never after `signal`
+ */
 export async function startSensor(
   session: RobotSession,
   sensor: Sensor,
   namespace: string,
   on: { message: () => void; fail: (text: string) => void },
-): Promise<() => void> {
+  signal: AbortSignal,
+): Promise<void> {
   const version = session.version.peek();
   const topic = `${namespace}/${sensor.topic}`;
   const typeName = (type: string) => (version === 2 ? type.replace("/", "/msg/") : type);
@@ -285,23 +324,27 @@ export async function startSensor(
     publisher.dispose();
     describer?.dispose();
   };
+  signal.addEventListener("abort", dispose, { once: true });
   try {
     const end = await sensor.start({
       version,
       frame: "device",
-      fail: on.fail,
+      // Other servers have no /role, and rosbridge_suite rejects null for a number.
+      unknown: session.permissions.peek().role ? Number.NaN : 0,
+      fail: (text) => {
+        if (!signal.aborted) on.fail(text);
+      },
       publish: (message) => {
-        publisher.publish(message);
+        if (signal.aborted) return;
+        publisher.publishFresh(message);
         on.message();
       },
       describe: (message) => describer?.publish(message),
     });
-    return () => {
-      end();
-      dispose();
-    };
+    if (signal.aborted) end();
+    else signal.addEventListener("abort", end, { once: true });
   } catch (error) {
     dispose();
-    throw error;
+    if (!signal.aborted) throw error;
   }
 }

@@ -15,6 +15,8 @@ export const de: Record<TextKey, string> = {
   "state.connecting": "Verbindet",
   "state.open": "Verbunden",
   "app.unreachable": "Der Server des Roboters antwortet nicht ({reason}). Neuer Versuch…",
+  "state.silent": "Keine Antwort vom Roboter",
+  "state.silent.for": "Seit {seconds} s keine Antwort vom Roboter",
   "state.lost": "Verbindung verloren, neuer Versuch",
   "state.refused": "Nicht zugelassen",
   "state.reason": "Der Server sagte: {reason}",
@@ -96,6 +98,8 @@ export const de: Record<TextKey, string> = {
   "form.range": "Hier gehört eine Zahl von {least} bis {most} hin.",
   "form.empty": "Nichts auszufüllen.",
   "teleop.title": "Fahren",
+  "teleop.silent":
+    "Fahren ist aus: Der Roboter antwortet nicht. Die Steuerung loslassen und neu greifen, sobald er antwortet.",
   "teleop.hint":
     "Halten bewegt, Loslassen hält an. Hier die Pfeiltasten oder W A S D, oder ein Gamepad mit gehaltener Schultertaste. Sendet auf {topic}.",
   "teleop.held": "{name} ({role}) fährt",

@@ -12,6 +12,8 @@ export const en = {
   "state.connecting": "Connecting",
   "state.open": "Connected",
   "app.unreachable": "The robot's server does not answer ({reason}). Retrying…",
+  "state.silent": "No answer from the robot",
+  "state.silent.for": "No answer from the robot for {seconds} s",
   "state.lost": "Connection lost, retrying",
   "state.refused": "Access denied",
   "state.reason": "The server said: {reason}",
@@ -93,6 +95,8 @@ export const en = {
   "form.range": "Expected a number from {least} to {most}.",
   "form.empty": "Nothing to fill in.",
   "teleop.title": "Drive",
+  "teleop.silent":
+    "Driving is off: the robot does not answer. Release the control, and hold it again once it does.",
   "teleop.hint":
     "Hold to move, release to stop. Arrow keys or W A S D here, or a gamepad with a shoulder button held. Publishes on {topic}.",
   "teleop.held": "Driven by {name} ({role})",

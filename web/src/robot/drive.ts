@@ -1,6 +1,7 @@
 /** Driving a robot by hand: hold to run. Nothing is sent unless somebody holds a control. */
 
-import { type ReadonlySignal, type Signal, signal } from "@preact/signals-core";
+import { effect, type ReadonlySignal, type Signal, signal } from "@preact/signals-core";
+import { SILENT } from "../decode/liveness";
 import { header, shortType } from "./names";
 import type { RobotSession } from "./session";
 
@@ -33,8 +34,9 @@ export function driveTopics(session: RobotSession): string[] {
 
 /**
  * Sends the velocity that the controls ask for. Several controls may be held; the one that was taken last counts.
- * When none is held any more, when the page is hidden or loses the keyboard, and when the connection was lost, the
- * robot is told to stand still; after that nothing is sent.
+ * When none is held any more, when the page is hidden or loses the keyboard, and when the connection was lost or the
+ * robot does not answer, the robot is told to stand still; after that nothing is sent. The same when this page itself
+ * was suspended. A control that was held before counts only once it is taken anew.
  */
 export class Drive {
   /** The command that was sent last, in m/s and rad/s. */
@@ -51,6 +53,8 @@ export class Drive {
   private readonly stamped: boolean;
   private timer: ReturnType<typeof setInterval> | undefined;
   private standstills = 0;
+  private sentAt = 0;
+  private readonly endWatching: () => void;
 
   /**
    * @param session the robot
@@ -66,16 +70,20 @@ export class Drive {
   ) {
     this.stamped = shortType(type) === "geometry_msgs/TwistStamped";
     this.publisher = session.publisher(topic, type);
+    this.endWatching = effect(() => {
+      if (!session.isAnswering) this.lose();
+    });
   }
 
   /** A control is held, and asks for this. */
   hold(control: string, wish: Wish): void {
     this.held.delete(control);
-    if (this.stopped.peek() || this.session.state.peek() !== "open") return;
+    if (this.stopped.peek() || !this.session.isAnswering) return;
     this.held.set(control, wish);
     this.standstills = 0;
     this.moving.value = true;
     if (this.timer === undefined) {
+      this.sentAt = Date.now();
       this.timer = setInterval(() => this.send(), PERIOD);
       this.send();
     }
@@ -102,17 +110,23 @@ export class Drive {
 
   /** End; the robot is told to stand still if it moved. */
   dispose(): void {
+    this.endWatching();
     this.releaseAll();
     clearInterval(this.timer);
     this.timer = undefined;
     this.publisher.dispose();
   }
 
+  private lose(): void {
+    this.held.clear();
+    this.moving.value = false;
+  }
+
   private send(): void {
-    if (this.stopped.peek() || this.session.state.peek() !== "open") {
-      this.held.clear();
-      this.moving.value = false;
-    }
+    const now = Date.now();
+    // After a pause of the page, be it a busy thread or a closed lid, nobody knows whether the control is still held.
+    if (this.stopped.peek() || Math.abs(now - this.sentAt) > SILENT) this.lose();
+    this.sentAt = now;
     const wish = [...this.held.values()].at(-1);
     this.publish(wish ?? NO_WISH);
     if (wish) return;
@@ -128,9 +142,11 @@ export class Drive {
     const angular = clamp(turn) * this.limits.angular;
     this.sent.value = { linear, lateral, angular };
     const twist = { linear: { x: linear, y: lateral, z: 0 }, angular: { x: 0, y: 0, z: angular } };
-    this.publisher.publish(
-      this.stamped ? { header: header(this.session.version.peek(), "base_link"), twist } : twist,
-    );
+    const { version, robotTime } = this.session;
+    const message = this.stamped ? { header: header(version.peek(), "base_link", robotTime), twist } : twist;
+    if (linear || lateral || angular) this.publisher.publishFresh(message);
+    // To stand still is never late.
+    else this.publisher.publish(message);
   }
 }
 

@@ -41,6 +41,14 @@ export interface SessionOptions {
   discovery?: number;
 }
 
+/** A topic that this page publishes on. */
+export interface RobotPublisher {
+  publish(message: Message): void;
+  /** Publish a command or a sample, which is dropped if the robot does not answer or much waits to be sent. */
+  publishFresh(message: Message): void;
+  dispose(): void;
+}
+
 const EMPTY: Graph = { topics: new Map(), services: [], actions: [], nodes: [], problem: "" };
 const MOST_NOTICES = 50;
 /** Milliseconds to wait before the first, second … attempt to connect again. */
@@ -73,6 +81,8 @@ export class RobotSession {
   readonly notices: Signal<Notice[]> = signal([]);
   /** What each topic that is subscribed to costs, of the last second. */
   readonly traffic: Signal<Map<string, Traffic & { seconds: number }>> = signal(new Map());
+  /** Milliseconds for which the robot has not answered; 0 while it answers, and without a connection. */
+  readonly silence = signal(0);
   /** Milliseconds since 1970 by this page's clock when the connection was made; 0 without one. */
   readonly connectedAt = signal(0);
   /** How often a connection was made. */
@@ -82,6 +92,9 @@ export class RobotSession {
   readonly distro = signal("");
 
   private readonly saidVersion = signal(0);
+  /** Milliseconds by which the robot's clock is ahead of this page's. */
+  private clockOffset = 0;
+  private samples = 0;
   private readonly ros: Ros;
   private readonly decode: DecodeWorker;
   private readonly subscriptions: Subscriptions;
@@ -118,6 +131,10 @@ export class RobotSession {
     const decode = new DecodeWorker(worker, {
       onTraffic: (seconds, topics) => {
         this.traffic.value = new Map([...topics].map(([name, each]) => [name, { ...each, seconds }]));
+      },
+      onAnswering: ({ silence, clockOffset }) => {
+        this.silence.value = silence;
+        this.clockOffset = clockOffset;
       },
       onStatus: (level, text, id) => this.noteStatus(level, text, id),
     });
@@ -169,6 +186,8 @@ export class RobotSession {
   private lost({ code, reason }: Closed): void {
     const wasOpen = this.state.peek() === "open";
     this.connectedAt.value = 0;
+    this.silence.value = 0;
+    this.clockOffset = 0;
     clearTimeout(this.discovery);
     for (const abandon of [...this.abandoned]) abandon(new RobotError("the connection was lost"));
     if (this.closed) return;
@@ -220,6 +239,16 @@ export class RobotSession {
   /** Headers that prove over HTTP who this client is. */
   get httpHeaders(): Record<string, string> {
     return this.token ? { Authorization: `Bearer ${this.token}` } : {};
+  }
+
+  /** Whether there is a connection, and the robot answers in time: only then may it be driven. */
+  get isAnswering(): boolean {
+    return this.state.value === "open" && this.silence.value === 0;
+  }
+
+  /** Milliseconds since 1970, or since the start of a simulation, by the robot's clock. */
+  get robotTime(): number {
+    return Date.now() + this.clockOffset;
   }
 
   /** End the connection for good. */
@@ -319,7 +348,7 @@ export class RobotSession {
   }
 
   /** A publisher, advertised while anybody holds it. */
-  publisher(name: string, type: string): { publish(message: Message): void; dispose(): void } {
+  publisher(name: string, type: string): RobotPublisher {
     const key = `${name} ${type}`;
     let known = this.publishers.get(key);
     if (!known) {
@@ -334,6 +363,11 @@ export class RobotSession {
       publish: (message) => {
         // Without a connection a message is dropped: roslib would keep it and send it much later.
         if (held && this.state.peek() === "open") mine.topic.publish(message);
+      },
+      publishFresh: (msg) => {
+        if (!held || this.state.peek() !== "open") return;
+        const id = `publish:${name}:${++this.samples}`;
+        this.decode.sendFresh({ op: "publish", id, topic: name, msg });
       },
       dispose: () => {
         if (!held) return;

@@ -72,7 +72,7 @@ export class Stop {
     const send = () =>
       publisher.publish(
         shortType(type) === "geometry_msgs/TwistStamped"
-          ? { header: header(session.version.peek(), "base_link"), twist }
+          ? { header: header(session.version.peek(), "base_link", session.robotTime), twist }
           : twist,
       );
     send();

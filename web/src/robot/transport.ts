@@ -1,6 +1,7 @@
 /** roslib's transport over a WebSocket that lives in the decoding worker. */
 
 import type { ITransport, ITransportFactory } from "roslib";
+import type { Answering } from "../decode/liveness";
 import type { Decoding, FromWorker, ToWorker, Traffic } from "../decode/protocol";
 
 type Listener = (event: never) => void;
@@ -48,6 +49,18 @@ class WorkerTransport implements ITransport {
     }
   }
 
+  /** Send a message that is dropped if it would arrive late. */
+  sendFresh(message: object): void {
+    if (this.state === "open") {
+      this.post({
+        kind: "send",
+        socket: this.socket,
+        text: JSON.stringify(message),
+        command: Date.now(),
+      });
+    }
+  }
+
   close(): void {
     if (this.state === "closed") return;
     this.state = "closing";
@@ -63,6 +76,7 @@ class WorkerTransport implements ITransport {
 /** What a session is told beside what roslib tells it. */
 export interface Watcher {
   onTraffic(seconds: number, topics: Map<string, Traffic>): void;
+  onAnswering(answering: Answering): void;
   onStatus(level: string, text: string, id: string | undefined): void;
 }
 
@@ -115,6 +129,11 @@ export class DecodeWorker {
     this.worker?.postMessage({ kind: "decodings", decodings });
   }
 
+  /** Send a message that is dropped, without a trace, if the robot does not answer or much waits to be sent. */
+  sendFresh(message: object): void {
+    this.current?.[1].sendFresh(message);
+  }
+
   /** Whether there is a connection, or an attempt to make one. */
   get isBusy(): boolean {
     return this.current !== null;
@@ -164,7 +183,9 @@ export class DecodeWorker {
     }
     if (this.current?.[0] !== data.socket) return;
     const transport = this.current[1];
-    if (data.kind === "message") {
+    if (data.kind === "answering") {
+      this.watcher.onAnswering(data);
+    } else if (data.kind === "message") {
       const message = data.message as RosbridgeMessage & { level?: string; msg?: string; id?: string };
       if (message.op === "status") {
         this.watcher.onStatus(String(message.level), String(message.msg), message.id);

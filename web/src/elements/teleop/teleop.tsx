@@ -76,7 +76,7 @@ function Controls(props: ViewProps<TeleopElement> & { topic: string; type: strin
   const refusal = session.notices.value.findLast(({ level, about }) => level === "error" && about === topic);
   const stopped = stop.stopped.value;
   // Before the robot has said of which type the topic is, a grip would be lost when it does.
-  const idle = stopped || session.state.value !== "open" || !session.hasAsked;
+  const idle = stopped || !session.isAnswering || !session.hasAsked;
   // Without a button in it, the keyboard needs a place to be.
   const place = controls === "stick" && keys === "focus" ? { tabIndex: 0 } : {};
   return (
@@ -90,6 +90,7 @@ function Controls(props: ViewProps<TeleopElement> & { topic: string; type: strin
       </output>
       <Driver gate={stop.gate} topic={topic} />
       {refusal && <Problem text={refusal.text} />}
+      {session.silence.value > 0 && <Problem text={t("teleop.silent")} />}
       {stopped && <Problem text={stopText(stop, t)} />}
     </fieldset>
   );

@@ -56,27 +56,27 @@ function OneSensor(props: { context: PanelContext; sensor: Sensor; namespace: st
   const on = useSignal(false);
   const count = useSignal(0);
   const problem = useSignal("");
-  const end = useRef<() => void>(() => undefined);
-  useEffect(() => () => end.current(), []);
+  const control = useRef<AbortController | null>(null);
+  useEffect(() => () => control.current?.abort(), []);
   const topics = [topic, ...(sensor.description ? [`${namespace}/${sensor.description.topic}`] : [])];
   const closed = topics.find((each) => !session.may("publish", each));
   if (closed) return <Refusal context={context} act="publish" name={closed} />;
   const change = async (wanted: boolean) => {
-    end.current();
-    end.current = () => undefined;
+    control.current?.abort();
+    control.current = null;
     on.value = wanted;
     problem.value = "";
     if (!wanted) return;
+    const current = new AbortController();
+    control.current = current;
+    const fail = (text: string) => {
+      problem.value = text;
+    };
     try {
-      end.current = await startSensor(session, sensor, namespace, {
-        message: () => count.value++,
-        fail: (text) => {
-          problem.value = text;
-        },
-      });
+      await startSensor(session, sensor, namespace, { message: () => count.value++, fail }, current.signal);
     } catch (error) {
       on.value = false;
-      problem.value = (error as Error).message;
+      fail((error as Error).message);
     }
   };
   const available = isSecureContext && sensor.available();

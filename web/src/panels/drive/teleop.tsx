@@ -4,6 +4,7 @@ import { useId, useLayoutEffect, useMemo, useRef } from "preact/hooks";
 import { followKeys, HoldButtons, releaseWithPage, Stick } from "../../elements/teleop/controls";
 import { Driver } from "../../forms/gate";
 import { Check } from "../../forms/inputs";
+import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { Drive, driveTopics, type Wish } from "../../robot/drive";
 import { componentPanel, Refusal, TopicChoice } from "../component";
@@ -75,7 +76,8 @@ function Controls({ context, topic }: { context: PanelContext; topic: string }) 
   }, [drive, visible.value]);
   useLayoutEffect(() => followKeys(pad.current as HTMLElement, drive), [drive]);
   const { linear, lateral, angular } = drive.sent.value;
-  const idle = stop.stopped.value || session.state.value !== "open";
+  // Before the robot has said of which type the topic is, a grip would be lost when it does.
+  const idle = stop.stopped.value || !session.isAnswering || !session.hasAsked;
   return (
     <fieldset class="drive" ref={pad} aria-describedby="teleop-hint">
       <legend class="hidden">{topic}</legend>
@@ -100,6 +102,7 @@ function Controls({ context, topic }: { context: PanelContext; topic: string }) 
         {linear.toFixed(2)} m/s{lateral ? ` · ${lateral.toFixed(2)} m/s ${t("teleop.sideways")}` : ""} ·{" "}
         {angular.toFixed(2)} rad/s
       </output>
+      {session.silence.value > 0 && <Problem text={t("teleop.silent")} />}
       <Driver gate={stop.gate} topic={topic} />
       <p class="faint" id="teleop-hint">
         {t("teleop.hint", { topic })}

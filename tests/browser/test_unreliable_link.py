@@ -1,0 +1,163 @@
+"""Driving over a link that stalls: what the dashboard shows and sends, and what reaches the robot."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import anyio
+import pytest
+
+from rwt import Server
+from tests.browser.driver import Browser, Page, until
+from tests.browser.stalling_proxy import stalling_proxy
+from tests.browser.test_panels import open_panels, text
+
+pytestmark = pytest.mark.anyio
+
+#: Dead-man timeout of the robot, in seconds.
+LEASE = 0.5
+GATE = {"rules": {"drive": {"topics": ["/cmd_vel"], "lease": {"seconds": LEASE}, "stop": {}}}}
+TWIST = "geometry_msgs/Twist"
+
+GAMEPAD = """(() => {
+  globalThis.pad = {axes: [0, 0, 0, 0], buttons: Array.from({length: 8}, () => ({pressed: false}))};
+  navigator.getGamepads = () => [globalThis.pad];
+})()"""
+
+
+class Robot:
+    """Commands that reach the robot, with their times."""
+
+    def __init__(self, server: Server) -> None:
+        self.heard: list[tuple[float, float]] = []
+        server.node("wheels").subscribe("/cmd_vel", self._hear, TWIST)
+
+    def _hear(self, twist: Any) -> None:
+        self.heard.append((time.monotonic(), twist.linear.x))
+
+    @property
+    def moves(self) -> bool:
+        """True if the last command moves the robot."""
+        return bool(self.heard) and self.heard[-1][1] != 0
+
+    def moved_since(self, moment: float) -> list[float]:
+        """Return the speeds other than zero that were commanded after a time."""
+        return [speed for at, speed in self.heard if at >= moment and speed != 0]
+
+
+class Grip:
+    """A control of the Drive panel, held by a person who does not let go."""
+
+    def __init__(self, page: Page, control: str) -> None:
+        self._page = page
+        self._control = control
+
+    async def hold(self) -> None:
+        """Take the control, and drive forward."""
+        if self._control == "key":
+            await self._page.evaluate("document.querySelector('.drive-left').focus()")
+            await self._page.keyboard("down", "ArrowUp")
+        elif self._control == "stick":
+            box = "document.querySelector('.stick').getBoundingClientRect()"
+            x, y, width = await self._page.evaluate(f"(b => [b.left, b.top, b.width])({box})")
+            await self._page.mouse("move", x + width / 2, y + width / 2)
+            await self._page.mouse("down")
+            await self._page.mouse("move", x + width / 2, y + 2)
+        else:
+            await self._page.evaluate("(pad.axes[1] = -1, pad.buttons[4].pressed = true)")
+
+    async def keep(self) -> None:
+        """Do what a held control does by itself: a key repeats, a hand trembles."""
+        if self._control == "key":
+            await self._page.keyboard("down", "ArrowUp")
+        elif self._control == "stick":
+            box = "document.querySelector('.stick').getBoundingClientRect()"
+            x, y, width = await self._page.evaluate(f"(b => [b.left, b.top, b.width])({box})")
+            await self._page.mouse("move", x + width / 2 + 1, y + 3)
+            await self._page.mouse("move", x + width / 2, y + 2)
+
+    async def release(self) -> None:
+        """Let go."""
+        if self._control == "key":
+            await self._page.keyboard("up", "ArrowUp")
+        elif self._control == "stick":
+            await self._page.mouse("up")
+        else:
+            await self._page.evaluate("(pad.axes[1] = 0, pad.buttons[4].pressed = false)")
+
+
+async def _drive(page: Page, url: str, grip: Grip, robot: Robot) -> None:
+    await open_panels(page, url, [("teleop", {"topic": "/cmd_vel"})])
+    await page.evaluate(GAMEPAD)
+    await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
+    await grip.hold()
+    await until(lambda: robot.moves)
+    await anyio.sleep(0.5)
+
+
+@pytest.mark.parametrize("seconds", [1.0, 3.0, 10.0])
+@pytest.mark.parametrize("control", ["key", "stick", "gamepad"])
+async def test_after_a_stall_the_robot_moves_only_with_a_new_grip(
+    browser: Browser, control: str, seconds: float
+) -> None:
+    async with (
+        Server("ws://127.0.0.1:0", demo=True, gate=GATE) as server,
+        stalling_proxy(int(server.urls[0].rsplit(":", 1)[1].strip("/"))) as link,
+    ):
+        robot = Robot(server)
+        url = f"http://127.0.0.1:{link.port}/"
+        async with browser.page(f"{url}healthz", 700, 600) as page:
+            page.forgive("WebSocket", "Failed to load", "ERR_")
+            grip = Grip(page, control)
+            await _drive(page, url, grip, robot)
+            stalled = time.monotonic()
+            link.stall()
+            await page.wait(
+                f"/^No answer from the robot for [0-9.]+ s/.test({text('.state > [aria-hidden]:last-child')})"
+            )
+            await page.wait("document.querySelector('.drive-forward').disabled")
+            await page.wait(f"{text('.drive')}.includes('Driving is off')")
+            await until(lambda: not robot.moves)
+            while time.monotonic() < stalled + seconds:
+                await grip.keep()
+                await anyio.sleep(0.1)
+            link.resume()
+            await page.wait(f"{text('.state')}.startsWith('Connected')")
+            await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
+            after = time.monotonic()
+            for _ in range(10):
+                await grip.keep()
+                await anyio.sleep(0.1)
+            assert robot.moved_since(after) == []
+            await grip.release()
+            await anyio.sleep(0.1)
+            await grip.hold()
+            await until(lambda: robot.moves)
+            await grip.release()
+
+
+async def test_without_a_gate_old_commands_end_in_a_standstill(browser: Browser) -> None:
+    async with (
+        Server("ws://127.0.0.1:0", demo=True) as server,
+        stalling_proxy(int(server.urls[0].rsplit(":", 1)[1].strip("/"))) as link,
+    ):
+        robot = Robot(server)
+        url = f"http://127.0.0.1:{link.port}/"
+        async with browser.page(f"{url}healthz", 700, 600) as page:
+            page.forgive("WebSocket", "Failed to load", "ERR_")
+            grip = Grip(page, "key")
+            await _drive(page, url, grip, robot)
+            link.stall()
+            await anyio.sleep(3)
+            before = len(robot.heard)
+            link.resume()
+            await page.wait(f"{text('.state')}.startsWith('Connected')")
+            await until(lambda: len(robot.heard) > before and not robot.moves)
+            # Half a second of commands, at 20 a second, and what a busy machine adds.
+            assert len(robot.heard) - before < 30
+            after = time.monotonic()
+            for _ in range(10):
+                await grip.keep()
+                await anyio.sleep(0.1)
+            assert robot.moved_since(after) == []
