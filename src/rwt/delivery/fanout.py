@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Collection, Iterable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 from rwt.delivery.deferred_sends import DeferredSends
 from rwt_graph.errors import TypeConflict
@@ -18,29 +18,9 @@ if TYPE_CHECKING:
     from rwt_graph.clock import Clock
     from rwt_interfaces.payload import Form
     from rwt_interfaces.structs import MessageType
-    from rwt_protocol.payloads import Sample as ProtocolSample
+    from rwt_protocol.codecs import Encoding
+    from rwt_protocol.codecs.base import PublishEncoder
     from rwt_transports.turns import Turns
-
-
-Encode = Callable[["ProtocolSample"], Frame]
-"""Encoder for the samples of one topic. A slow encoder also has a generator `steps(sample)`; once it is
-exhausted, the call is fast."""
-
-
-class SampleEncoding(Protocol):
-    """Encoding of samples for the clients of a gateway."""
-
-    @property
-    def name(self) -> str:
-        """Name of the encoding."""
-
-    @property
-    def form(self) -> Form:
-        """Payload representation that frames are built from."""
-
-    @property
-    def publish_encoder(self) -> Callable[[str], Encode]:
-        """Factory of encoders: takes the topic name as the client spells it."""
 
 
 logger = logging.getLogger(__name__)
@@ -103,13 +83,14 @@ class EncodedStream:
     Attributes:
         counts: totals of this topic and encoding, shared with the topic's other streams of the encoding. Up
             to date after :meth:`settle`.
-        steps: generator that does the slow part of encoding a sample; None if encoding is fast.
+        steps: does the slow part of encoding a sample; None if encoding is fast, and the encoder has no
+            generator `steps(sample)`.
         late: queue of samples whose encoding is deferred, shared by all streams of the topic.
     """
 
     def __init__(
         self,
-        encode: Encode,
+        encode: PublishEncoder,
         counts: EncodingCounts,
         monotonic: Callable[[], float],
         late: DeferredSends,
@@ -336,7 +317,7 @@ class Fanout:
         self.subscription = self._participant.subscribe(self.topic, self._deliver, self.type)
         old.close()
 
-    def join(self, gate: Throttle, name: str, encoding: SampleEncoding) -> EncodedStream:
+    def join(self, gate: Throttle, name: str, encoding: Encoding) -> EncodedStream:
         """Add a gate to the stream of this spelling and encoding, which is created if needed."""
         if self._late_samples:
             self._joined[gate] = self._number  # Samples from before it joined reach it by replay() only.
@@ -354,7 +335,7 @@ class Fanout:
         stream.add(gate)
         return stream
 
-    def leave(self, gate: Throttle, name: str, encoding: SampleEncoding) -> None:
+    def leave(self, gate: Throttle, name: str, encoding: Encoding) -> None:
         """Remove a gate from its stream; drop the stream if it is empty."""
         key = (name, encoding.name)
         stream = self._streams[key]

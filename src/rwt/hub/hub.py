@@ -75,7 +75,7 @@ MAX_WAITING = 256
 
 
 @dataclass(slots=True)
-class Robot:
+class DialedRobot:
     """Robot that has dialled in.
 
     Attributes:
@@ -125,7 +125,7 @@ class Hub:
         self._grace = grace
         self.waiting = WaitingBytes(waiting_bytes)
         self.addresses = addresses or AddressCount()
-        self._robots: dict[str, Robot] = {}
+        self._robots: dict[str, DialedRobot] = {}
         self.counts = HubCounts()
         self.take_tokens(tokens)
 
@@ -138,7 +138,7 @@ class Hub:
         self._names = {name for name, _ in self._tokens if name}
 
     @property
-    def robots(self) -> tuple[Robot, ...]:
+    def robots(self) -> tuple[DialedRobot, ...]:
         """Robots that have a connection or had one a moment ago, by name."""
         return tuple(self._robots[name] for name in sorted(self._robots))
 
@@ -186,7 +186,7 @@ class Hub:
             self._replace(robot, info)
             robot = None
         if robot is None:
-            robot = self._robots[name] = Robot(name, instance, info.address)
+            robot = self._robots[name] = DialedRobot(name, instance, info.address)
             logger.info("robot %s dialled in from %s", name, info.address or "?")
         if len(robot.idle) >= MAX_IDLE:
             raise Refused(429, f"{MAX_IDLE} connections of {name} wait already")
@@ -216,7 +216,7 @@ class Hub:
         right = [hmac.compare_digest(shown, known) and its == wanted for its, known in self._tokens]
         return scheme.lower() == "bearer" and any(right)
 
-    def _replace(self, robot: Robot, info: PeerInfo) -> None:
+    def _replace(self, robot: DialedRobot, info: PeerInfo) -> None:
         """Replace a robot by a newer program of the same name: after a crash, old connections may linger."""
         reason = f"another program dialled in as {robot.name}, from {info.address or '?'}"
         logger.warning("%s; closing the one from %s", reason, robot.address or "?")
@@ -235,13 +235,13 @@ class Hub:
         if for_good and robot.is_alone:
             self._forget(robot)
 
-    def _forget(self, robot: Robot) -> None:
+    def _forget(self, robot: DialedRobot) -> None:
         if self._robots.get(robot.name) is robot:
             del self._robots[robot.name]
             logger.info("robot %s is gone", robot.name)
             self._turn_away(robot, f"the robot {robot.name} is gone")
 
-    def _turn_away(self, robot: Robot, reason: str) -> None:
+    def _turn_away(self, robot: DialedRobot, reason: str) -> None:
         while robot.waiting:
             robot.waiting.popleft().hang_up(SERVICE_RESTART, reason)
 
@@ -279,7 +279,7 @@ class Hub:
         self.match(robot)
         return reader.inbox.response(reader.closed, head_only=request.method == "HEAD")
 
-    def match(self, robot: Robot) -> None:
+    def match(self, robot: DialedRobot) -> None:
         """Assign idle connections to waiting clients."""
         while robot.idle and robot.waiting:
             client, side = robot.waiting.popleft(), robot.idle.popleft()
@@ -290,7 +290,7 @@ class Hub:
 class _RelayEnd(ABC):
     """One of two connections that the hub joins. A robot without a client has its own address."""
 
-    def __init__(self, hub: Hub, robot: Robot, sink: Sink | PageInbox, address: str) -> None:
+    def __init__(self, hub: Hub, robot: DialedRobot, sink: Sink | PageInbox, address: str) -> None:
         self.address = address
         self.hub = hub
         self.robot = robot
@@ -375,7 +375,7 @@ class _RelayEnd(ABC):
 class _RobotEnd(_RelayEnd):
     """Connection of a robot."""
 
-    def __init__(self, hub: Hub, robot: Robot, sink: Sink, address: str) -> None:
+    def __init__(self, hub: Hub, robot: DialedRobot, sink: Sink, address: str) -> None:
         super().__init__(hub, robot, sink, address)
         self.own_address = address
         self._let_go = False
@@ -409,7 +409,9 @@ class _RobotEnd(_RelayEnd):
 class _WaitingEnd(_RelayEnd):
     """End that waits for a connection of its robot; `assignment` is the first message to the robot."""
 
-    def __init__(self, hub: Hub, robot: Robot, sink: Sink | PageInbox, address: str, first: bytes) -> None:
+    def __init__(
+        self, hub: Hub, robot: DialedRobot, sink: Sink | PageInbox, address: str, first: bytes
+    ) -> None:
         super().__init__(hub, robot, sink, address)
         self.assignment = first
         self.since: float | None = None
@@ -437,7 +439,7 @@ class _ClientEnd(_WaitingEnd):
 class _PageEnd(_WaitingEnd):
     """HTTP request for a page, in the place of a client."""
 
-    def __init__(self, hub: Hub, robot: Robot, address: str, first: bytes) -> None:
+    def __init__(self, hub: Hub, robot: DialedRobot, address: str, first: bytes) -> None:
         self.inbox = PageInbox()
         super().__init__(hub, robot, self.inbox, address, first)
         self.flow_control = self.inbox
@@ -555,7 +557,7 @@ def hub_routes(hub: Hub, metrics_page: MetricsPage | None = None) -> Routes:
 def _metrics(hub: Hub, metrics_page: MetricsPage) -> HttpResponse:
     robots, counts = hub.robots, hub.counts
 
-    def each(name: str, help: str, value: Callable[[Robot], int]) -> MetricFamily:
+    def each(name: str, help: str, value: Callable[[DialedRobot], int]) -> MetricFamily:
         return MetricFamily(name, "gauge", help, [({"robot": robot.name}, value(robot)) for robot in robots])
 
     def total(name: str, help: str, value: int) -> MetricFamily:

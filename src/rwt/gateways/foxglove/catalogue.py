@@ -91,7 +91,7 @@ class Catalogue:
             known = self._services[name] = OfferedService(self._count, name, type, announced)
         return known
 
-    def keep(self, listings: Iterable[Listing]) -> None:
+    def keep(self, listings: Iterable[RoleListing]) -> None:
         """Forget what none of these shows."""
         shown = {id for listing in listings for id in (*listing.channels, *listing.services)}
         self._channels = {name: each for name, each in self._channels.items() if each.id in shown}
@@ -162,7 +162,7 @@ class Change(NamedTuple):
     gone: frozenset[int]
 
 
-class Listing:
+class RoleListing:
     """Listing for clients of one role: topics that they may subscribe to, and services that they may call."""
 
     def __init__(self, catalogue: Catalogue, view: GraphView) -> None:

@@ -26,7 +26,7 @@ from rwt_transports.endpoint import FlowRules
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
     from rwt.access.roles import Role
-    from rwt.gateways.foxglove.catalogue import Change, Listing
+    from rwt.gateways.foxglove.catalogue import Change, RoleListing
     from rwt.gateways.foxglove.gateway import FoxgloveGateway
     from rwt_transports.endpoint import PeerInfo, Sink
 
@@ -51,7 +51,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
     """
 
     replies: StatusLane
-    listing: Listing
+    listing: RoleListing
     subscriptions: Subscriptions
     publications: ClientChannels
     services: ServiceCalls
@@ -64,7 +64,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
         sink: Sink,
         info: PeerInfo,
         graph: ClientGraph,
-        listing: Listing,
+        listing: RoleListing,
     ) -> None:
         replies = StatusLane(gateway, number, sink)
         super().__init__(gateway, number, info, graph, replies)

@@ -12,7 +12,7 @@ from uuid import uuid4
 from rwt.access.graph_view import GraphView
 from rwt.access.settings import CALL_SECONDS, LINGER_SECONDS
 from rwt.gateways.base import ConnectionGateway
-from rwt.gateways.foxglove.catalogue import Catalogue, Listing
+from rwt.gateways.foxglove.catalogue import Catalogue, RoleListing
 from rwt.gateways.foxglove.client import FoxgloveClient
 from rwt.gateways.foxglove.parameter_feed import ParameterFeed
 from rwt.gateways.foxglove.parameters import GET
@@ -94,7 +94,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
         self._clock = graph.clock
         self._session_id = uuid4().hex
         self._catalogue = Catalogue(NODE)
-        self._listings: dict[Role, Listing] = {}
+        self._listings: dict[Role, RoleListing] = {}
         self._seen = -1
         self._feed = ParameterFeed(self.shared, self._send_parameters)
         self._look_timer: Timer | None = None
@@ -147,18 +147,18 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
 
     # -- what is shown -------------------------------------------------------------------------------------
 
-    def listing(self, role: Role) -> Listing:
+    def listing(self, role: Role) -> RoleListing:
         """Return the present listing of a role."""
         listing = self._listings.get(role)
         if listing is None:
             view = GraphView(self._graph, role, self.access.nobody.work)
-            listing = self._listings[role] = Listing(self._catalogue, view)
+            listing = self._listings[role] = RoleListing(self._catalogue, view)
             listing.refresh()
         elif self._seen != self._graph.version:
             self._announce(listing)
         return listing
 
-    def _announce(self, listing: Listing) -> None:
+    def _announce(self, listing: RoleListing) -> None:
         """Refresh the listing of a role, and announce the changes to its clients."""
         change = listing.refresh()
         clients = [client for client in self._clients.values() if client.listing is listing]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Final
 
 from rwt.delivery.drop_notices import DropNotices, NoticeFlow
 from rwt.delivery.throttle import Room, Throttle, rules_as_published
 from rwt.gateways.foxglove.errors import NotPossible
 from rwt.gateways.foxglove.wire.server_messages import Level, message_data, status, subscription_number
+from rwt_protocol.codecs import Encoding
 from rwt_transports.endpoint import DropReason
 
 if TYPE_CHECKING:
@@ -17,25 +18,23 @@ if TYPE_CHECKING:
     from rwt.delivery.fanout import Fanout
     from rwt.gateways.foxglove.catalogue import TopicChannel
     from rwt.gateways.foxglove.replies import StatusLane
-    from rwt.gateways.foxglove.wire.client_messages import Subscription
-    from rwt_interfaces.payload import Form
+    from rwt.gateways.foxglove.wire.client_messages import ChannelSubscription
     from rwt_protocol.frames import Burst, Frame
     from rwt_protocol.payloads import Sample
     from rwt_transports.endpoint import Flow
 
 
-class MessageEncoding:
-    """Encoding of samples as channel messages; all subscriptions share a frame with a gap for their ids."""
+def _serialised(sample: Sample) -> Frame:
+    return message_data(sample.stamp_ns, sample.payload.serialised_parts())
 
-    def __init__(self, name: str, form: Form) -> None:
-        self.name: Final = name
-        self.form: Final = form
 
-    def publish_encoder(self, topic: str) -> Callable[[Sample], Frame]:
-        """An encoder for the samples of one topic."""
-        if self.form == "json":
-            return lambda sample: message_data(sample.stamp_ns, tuple(sample.payload.json_parts()))
-        return lambda sample: message_data(sample.stamp_ns, sample.payload.serialised_parts())
+def _in_json(sample: Sample) -> Frame:
+    return message_data(sample.stamp_ns, tuple(sample.payload.json_parts()))
+
+
+# All subscriptions share a frame with a gap for their ids.
+SERIALISED: Final = Encoding("foxglove", 0, lambda topic: _serialised, "serialised")
+IN_JSON: Final = Encoding("foxglove-json", 0, lambda topic: _in_json)
 
 
 class _NumberedFlow:
@@ -59,19 +58,12 @@ class _NumberedFlow:
         self._flow.send_message([piece.filled(self._number) for piece in pieces], expires_ns)
 
 
-SERIALISED: Final = MessageEncoding("foxglove", "serialised")
-IN_JSON: Final = MessageEncoding("foxglove-json", "json")
-
 _BECAUSE: Final[Mapping[DropReason, str]] = {
     DropReason.QUEUE: "this connection is slower than its publisher, and the newest count",
     DropReason.BACKLOG: "this connection is slower than all that it is subscribed to",
     DropReason.SIZE: "they are larger than limits.outgoing_message_bytes",
     DropReason.LIFESPAN: "they were older than their lifespan when their turn came",
 }
-
-
-def _reason(reason: DropReason, count: int) -> str:
-    return f"messages are dropped: {_BECAUSE[reason]}"
 
 
 class _Delivery:
@@ -93,7 +85,7 @@ class _Delivery:
             clock,
             lambda text: notices.send(status(Level.WARNING, text, f"dropped {topic}")),
             lambda text: replies.log(logging.INFO, text),
-            _reason,
+            lambda reason, _: f"messages are dropped: {_BECAUSE[reason]}",
         )
         info = graph.topic(topic)
         rules = rules_as_published(info.publishers if info else ())
@@ -126,7 +118,7 @@ class Subscriptions:
         self._by_id: dict[int, _Delivery] = {}
         self._channels: set[int] = set()
 
-    def subscribe(self, asked: Subscription, channels: Mapping[int, TopicChannel]) -> None:
+    def subscribe(self, asked: ChannelSubscription, channels: Mapping[int, TopicChannel]) -> None:
         """Subscribe to a channel.
 
         Raises:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from rwt.access.errors import QuotaExceeded
-from rwt.gateways.http.clients import EventStream
+from rwt.gateways.http.clients import ReaderStream
 from rwt.gateways.http.events import event, payload_event
 from rwt.gateways.http.problems import HttpProblem
 from rwt.gateways.http.representations import CBOR, EVENTS, JSON, chosen, value_response
@@ -160,7 +160,7 @@ class HttpGoal:
         self.client.release()
 
 
-class GoalEventStream(EventStream):
+class GoalEventStream(ReaderStream):
     """Event stream of one reader of a goal: ``state``, ``feedback`` and finally ``result``."""
 
     def __init__(self, client: HttpClient, goal: HttpGoal, max_bytes: int) -> None:

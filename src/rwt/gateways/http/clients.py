@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 Handler = Callable[["HttpRequest", "GraphView"], HttpResponse | Awaitable[HttpResponse]]
 
 
-class EventStream(ABC):
+class ReaderStream(ABC):
     """Event stream of one reader, which ends when it is no longer `allowed`."""
 
     def __init__(
@@ -60,25 +60,24 @@ class HttpClient(Visitor):
         streams: open streams, each with the request that began it.
     """
 
-    __slots__ = ("address", "graph", "streams")
+    __slots__ = ("graph", "streams")
 
-    def __init__(self, clients: Visitors[Any], key: Hashable, graph: ClientGraph, address: str) -> None:
+    def __init__(self, clients: Visitors[Any], key: Hashable, graph: ClientGraph) -> None:
         super().__init__(clients, key)
         self.graph = graph
-        self.address = address
-        self.streams: dict[EventStream, PeerInfo] = {}
+        self.streams: dict[ReaderStream, PeerInfo] = {}
 
     def leave(self) -> None:
         """Release everything."""
         super().leave()
         self.graph.close()
 
-    def add_stream(self, stream: EventStream, request: HttpRequest) -> None:
+    def add_stream(self, stream: ReaderStream, request: HttpRequest) -> None:
         """Add a stream, which holds the client."""
         self.hold()
         self.streams[stream] = peer_of(request)
 
-    def discard_stream(self, stream: EventStream) -> None:
+    def discard_stream(self, stream: ReaderStream) -> None:
         """Remove a stream that has ended; a second call is a no-op."""
         if self.streams.pop(stream, None) is not None:
             self.release()
@@ -106,7 +105,7 @@ class Clients(Visitors[HttpClient]):
             self._count += 1
             gateway = self._gateway
             graph = gateway.access.client(gateway.shared, role, address, f"{gateway.name}:{self._count}")
-            return HttpClient(clients, key, graph, address)
+            return HttpClient(clients, key, graph)
 
         client = self.find((role.name, network_of(address)), make)
         client.hold()

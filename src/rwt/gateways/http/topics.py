@@ -10,7 +10,7 @@ import anyio
 
 from rwt.delivery.drop_notices import DropNotices
 from rwt.delivery.throttle import Room, Throttle
-from rwt.gateways.http.clients import EventStream
+from rwt.gateways.http.clients import ReaderStream
 from rwt.gateways.http.events import SAMPLES, event
 from rwt.gateways.http.problems import HttpProblem
 from rwt.gateways.http.representations import CBOR, EVENTS, JSON, chosen, payload_response, value_response
@@ -164,7 +164,7 @@ async def _next_sample(graph: ClientGraph, name: str, type: str | None, seconds:
     return found[0] if found else None
 
 
-class TopicEvents(EventStream):
+class TopicEvents(ReaderStream):
     """Event stream of one reader of a topic, with at least `throttle` seconds between two events.
 
     Raises:

@@ -131,7 +131,7 @@ def test_what_clients_say_in_bytes(data: str, message: said.Binary) -> None:
     [
         (
             '{"op":"subscribe","subscriptions":[{"id":1,"channelId":10},{"id":2,"channelId":20}]}',
-            said.Subscribe([said.Subscription(1, 10), said.Subscription(2, 20)]),
+            said.Subscribe([said.ChannelSubscription(1, 10), said.ChannelSubscription(2, 20)]),
         ),
         ('{"op":"unsubscribe","subscriptionIds":[1,2,3]}', said.Unsubscribe([1, 2, 3])),
         (

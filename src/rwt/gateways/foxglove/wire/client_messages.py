@@ -33,7 +33,7 @@ Name = Annotated[str, Meta(max_length=4096)]
 """A name or an address."""
 
 
-class Subscription(Struct, frozen=True, rename="camel"):
+class ChannelSubscription(Struct, frozen=True, rename="camel"):
     """One subscription that a client asks for, under an id of its own."""
 
     id: Id
@@ -60,7 +60,7 @@ class Parameter(Struct, frozen=True):
 class Subscribe(Struct, frozen=True, tag_field="op", tag="subscribe"):
     """Asks for the messages of channels."""
 
-    subscriptions: list[Subscription]
+    subscriptions: list[ChannelSubscription]
 
 
 class Unsubscribe(Struct, frozen=True, rename="camel", tag_field="op", tag="unsubscribe"):
