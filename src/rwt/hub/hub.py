@@ -112,6 +112,9 @@ class Hub:
 
     Attributes:
         url: URL at which it listens, with the actual port; empty until it is open.
+        clients: clients so far.
+        pages: requests for pages of robots so far.
+        bytes: bytes of messages and pages so far, in both directions.
     """
 
     def __init__(
@@ -126,7 +129,7 @@ class Hub:
         self.waiting = WaitingBytes(waiting_bytes)
         self.addresses = addresses or AddressCount()
         self._robots: dict[str, DialedRobot] = {}
-        self.counts = HubCounts()
+        self.clients = self.pages = self.bytes = 0
         self.take_tokens(tokens)
 
     def take_tokens(self, tokens: Collection[str]) -> None:
@@ -256,7 +259,7 @@ class Hub:
             raise Refused(503, f"{MAX_WAITING} clients wait for {name} already")
         client = _ClientEnd(self, robot, sink, info.address, encode_assignment(info, path))
         robot.waiting.append(client)
-        self.counts.clients += 1
+        self.clients += 1
         return client
 
     def page(self, request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
@@ -275,7 +278,7 @@ class Hub:
             return HttpResponse(f"{MAX_WAITING} clients wait for {name} already\n".encode(), 503)
         reader = _PageEnd(self, robot, request.address, encode_request(request, path, prefix))
         robot.waiting.append(reader)
-        self.counts.pages += 1
+        self.pages += 1
         self.match(robot)
         return reader.inbox.response(reader.closed, head_only=request.method == "HEAD")
 
@@ -328,7 +331,7 @@ class _RelayEnd(ABC):
     def _pass_on(self, frame: Frame, other: _RelayEnd) -> None:
         other.sink.send(frame)
         self._passed += frame.size
-        self.hub.counts.bytes += frame.size
+        self.hub.bytes += frame.size
         if self._passed >= PASS_BYTES and self.flow_control is not None and other.flow_control is not None:
             passed, self._passed = self._passed, 0
             self.flow_control.pause()
@@ -452,15 +455,6 @@ class _PageEnd(_WaitingEnd):
         super().hang_up(code, reason)
 
 
-@dataclass(slots=True)
-class HubCounts:
-    """Totals of a hub: clients, requests for pages of robots, and bytes in both directions."""
-
-    clients: int = 0
-    pages: int = 0
-    bytes: int = 0
-
-
 # -- opening a hub ----------------------------------------------------------------------------------------
 
 
@@ -555,7 +549,7 @@ def hub_routes(hub: Hub, metrics_page: MetricsPage | None = None) -> Routes:
 
 
 def _metrics(hub: Hub, metrics_page: MetricsPage) -> HttpResponse:
-    robots, counts = hub.robots, hub.counts
+    robots = hub.robots
 
     def each(name: str, help: str, value: Callable[[DialedRobot], int]) -> MetricFamily:
         return MetricFamily(name, "gauge", help, [({"robot": robot.name}, value(robot)) for robot in robots])
@@ -574,9 +568,9 @@ def _metrics(hub: Hub, metrics_page: MetricsPage) -> HttpResponse:
             "Bytes that one side has sent and the other has not taken.",
             [({}, hub.waiting.total)],
         ),
-        total("rwt_hub_clients_total", "Clients that came.", counts.clients),
-        total("rwt_hub_pages_total", "Requests for pages of robots.", counts.pages),
-        total("rwt_hub_passed_bytes_total", "Bytes passed on, both ways.", counts.bytes),
+        total("rwt_hub_clients_total", "Clients that came.", hub.clients),
+        total("rwt_hub_pages_total", "Requests for pages of robots.", hub.pages),
+        total("rwt_hub_passed_bytes_total", "Bytes passed on, both ways.", hub.bytes),
     )
     return HttpResponse(metrics_page(families), content_type=METRICS_TYPE)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 from rwt.gateways.mcp.errors import ToolError
@@ -14,12 +14,12 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class AgentGoal:
-    """Goal of an agent; its `goal` is None while it is being sent."""
+    """Goal of an agent, in the table once it was sent."""
 
     owner: str
     result_type: str
     feedback_type: str
-    goal: Goal | None = None
+    goal: Goal = field(init=False)
     feedback: Message | None = None
     reports: int = 0
 
@@ -57,7 +57,7 @@ class GoalTable:
             return
         pool = mine if len(mine) >= max(1, self._most // 4) else self._goals
         for id, sent in pool.items():
-            if sent.goal is not None and sent.goal.done:
+            if sent.goal.done:
                 del self._goals[id]
                 return
         raise ToolError(

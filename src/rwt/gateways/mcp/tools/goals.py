@@ -19,7 +19,6 @@ from rwt_participant.spelling import did_you_mean
 
 if TYPE_CHECKING:
     from rwt.gateways.mcp.agent import Agent
-    from rwt_participant.goals import Goal
     from rwt_participant.messages import Message
 
 #: Seconds between progress reports.
@@ -45,10 +44,9 @@ async def _send_goal(agent: Agent, asked: SendGoalArguments) -> Answer:
     await agent.confirm("goals", asked.action, f"send the goal {as_text(asked.goal)} to {asked.action}")
     agent.goals.check_room(agent.owner)
     sent = AgentGoal(agent.owner, type.result.name, type.feedback.name)
-    goal = await agent.robot.send_goal(asked.action, asked.goal, on_feedback=sent.take_feedback)
-    sent.goal = goal
-    agent.goals.add(goal.id, sent)
-    return await _follow(agent, sent, goal, patience, cancel=True)
+    sent.goal = await agent.robot.send_goal(asked.action, asked.goal, on_feedback=sent.take_feedback)
+    agent.goals.add(sent.goal.id, sent)
+    return await _follow(agent, sent, patience, cancel=True)
 
 
 async def _type_of(agent: Agent, action: str) -> ActionType:
@@ -64,9 +62,10 @@ async def _type_of(agent: Agent, action: str) -> ActionType:
     return found
 
 
-async def _follow(agent: Agent, sent: AgentGoal, goal: Goal, patience: float, *, cancel: bool) -> Answer:
+async def _follow(agent: Agent, sent: AgentGoal, patience: float, *, cancel: bool) -> Answer:
     """Wait for the end of a goal and report progress; cancel the goal if the request is cancelled."""
-    robot, began, told = agent.robot, agent.robot.clock.monotonic(), 0
+    goal, robot, told = sent.goal, agent.robot, 0
+    began = robot.clock.monotonic()
     try:
         while True:
             left = patience - (robot.clock.monotonic() - began)
@@ -75,7 +74,7 @@ async def _follow(agent: Agent, sent: AgentGoal, goal: Goal, patience: float, *,
                 break
             except CallTimeout:
                 if left <= _REPORT_EVERY:
-                    return await _still_running(agent, sent, goal)
+                    return await _still_running(agent, sent)
                 if sent.reports > told:
                     told = sent.reports
                     await agent.report_progress(robot.clock.monotonic() - began, None, _brief(sent.feedback))
@@ -99,7 +98,8 @@ def _brief(message: Message | None) -> str:
     return "" if message is None else as_text(plain(message))[:500]
 
 
-async def _still_running(agent: Agent, sent: AgentGoal, goal: Goal) -> Answer:
+async def _still_running(agent: Agent, sent: AgentGoal) -> Answer:
+    goal = sent.goal
     how = (
         f"the goal is {goal.status.name.lower()} and continues. goal_id: {goal.id}. Use `check_goal` to wait"
         " for its result, or `cancel_goal` to cancel it."
@@ -130,15 +130,8 @@ class CheckGoalArguments(Arguments):
 
 async def _check_goal(agent: Agent, asked: CheckGoalArguments) -> Answer:
     patience = agent.bounded_seconds(asked.timeout, "timeout")
-    sent, goal = _found(agent, asked.goal_id)
-    return await _follow(agent, sent, goal, patience, cancel=False)
-
-
-def _found(agent: Agent, id: str) -> tuple[AgentGoal, Goal]:
-    sent = agent.goals.find(agent.owner, id)
-    if sent.goal is None:
-        raise ToolError(f"the goal {id} is still being sent: try again")
-    return sent, sent.goal
+    sent = agent.goals.find(agent.owner, asked.goal_id)
+    return await _follow(agent, sent, patience, cancel=False)
 
 
 CHECK_GOAL: Final = Tool(
@@ -159,11 +152,11 @@ class CancelGoalArguments(Arguments):
 
 
 async def _cancel_goal(agent: Agent, asked: CancelGoalArguments) -> Answer:
-    sent, goal = _found(agent, asked.goal_id)
-    if not goal.done:
-        agent.robot.cancel_goal(goal.action, goal.id)
+    sent = agent.goals.find(agent.owner, asked.goal_id)
+    if not sent.goal.done:
+        agent.robot.cancel_goal(sent.goal.action, sent.goal.id)
     try:
-        return await _follow(agent, sent, goal, _CANCEL_SECONDS, cancel=False)
+        return await _follow(agent, sent, _CANCEL_SECONDS, cancel=False)
     except ToolError as error:
         return (bounded(str(error), agent.settings.result_bytes),)
 
