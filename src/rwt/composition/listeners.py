@@ -40,14 +40,11 @@ class Listeners:
     Args:
         bridge: takes in clients whose WebSocket has no other subprotocol.
         gateways: what takes in the others, by subprotocol.
-        tls: certificate and key of listeners that encrypt.
-        http: extensions of nodes and gateways.
         middleware: stand between the transports and the gateways, the outermost last.
         worker: the process that this is, of several with the same ports.
         mounts: apps of others below paths of their own.
 
     Attributes:
-        addresses: number of connections by address.
         peers: what takes in clients over WebRTC, where there is such a thing.
         media: the routes by which they send and get pictures.
     """

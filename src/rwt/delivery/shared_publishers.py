@@ -210,7 +210,6 @@ class SharedPublishers:
         """Use the topic's publisher, which is created with `qos` if needed: the first use decides (ADV-07).
 
         Args:
-            topic: absolute name.
             qos: policies for a new publisher; None for the graph's default.
             lacks: names the requested policies that the publisher does not offer (ADV-11). A publisher
                 without other users is then replaced.

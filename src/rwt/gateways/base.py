@@ -68,7 +68,6 @@ class Gateway(ABC):
 
     Attributes:
         name: name of the protocol, in metrics and for the gate (`rosbridge:3`).
-        access: access rules of the server.
         shared: the gateway's part in the graph, which all of its clients share, and their counters.
         websockets: accept functions by WebSocket subprotocol.
         http: pages, section of the index page, and metrics of the gateway.
@@ -164,7 +163,6 @@ class ControlLane:
 
     Attributes:
         max_bytes: size of the largest message (`limits.outgoing_message_bytes`).
-        log_rate: rate of log lines about the client.
     """
 
     __slots__ = ("_audit", "_number", "_prefix", "log_rate", "max_bytes", "monotonic", "sink")

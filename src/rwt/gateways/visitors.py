@@ -58,9 +58,6 @@ class Visitor:
                     └───────────── hold() ────────────┘
 
     A request holds the visitor while it is answered, and so does everything that outlives its request.
-
-    Attributes:
-        key: identifies the visitor among those of its gateway.
     """
 
     __slots__ = ("_holds", "_timer", "_visitors", "key")

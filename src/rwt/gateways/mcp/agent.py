@@ -60,12 +60,7 @@ class Agent:
 
     Attributes:
         owner: owner of the goals that the agent may ask about; agents of one role at one address share it.
-        robot: robot as the agent may see it and act on it.
-        settings: bounds of requests and answers.
         acts: rights to change something; the tools that need others are not offered.
-        in_thread: runs slow work in a thread.
-        charge: counts seconds of work for the client.
-        sees: returns True if the agent may see a topic.
         how_to_act: advice for people on how to give the agent more rights.
         advertise: advertises a topic; the publisher raises what the robot's server rejects.
         lease_seconds: returns the silence after which the agent loses the gate's lease of a topic, which it
@@ -74,7 +69,6 @@ class Agent:
             returns True if it was given.
         confirm: asks the person at the agent's program to confirm an act; raises
             :exc:`~rwt.gateways.mcp.errors.ToolError` if that is refused.
-        recordings: recordings that the agent may read; None for none.
     """
 
     owner: str

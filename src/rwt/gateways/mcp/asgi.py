@@ -49,10 +49,8 @@ class Exchange:
     """Request that an ASGI application answers in a task of its own; cancelled when the client disconnects.
 
     Args:
-        extra: further entries of the scope.
         on_gone: called when nobody hears the answer any more, or it has ended.
         on_end: called once when the application has ended.
-        charge: called with the seconds that the application works.
         has_head: True if the head of the answer says something of its own, such as the id of a session: then
             it is waited for, however long it takes.
     """

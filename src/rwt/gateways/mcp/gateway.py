@@ -87,11 +87,9 @@ class _Caller:
     """Sender of one request, until the response is complete or abandoned.
 
     Attributes:
-        info: the request as admission knows connections.
         role: role by its token, or that of agents without a token. May change while the request is served.
         is_stream: True if the request only opens a stream of events.
         at_end: callbacks of what runs for the request, called when nobody reads the response any more.
-        clients: views of the graph in use for the request.
     """
 
     info: PeerInfo

@@ -102,6 +102,15 @@ class Bridge(ConnectionGateway[Peer]):
         self.action_offers: Offers[actions.Accepted] = {}
         self._connected = ConnectedClients(self.shared.participant, graph.registry, graph.clock)
         self._codec = _exclusive_codec(settings)
+        limits = settings.limits
+        self._limits = WireLimits(
+            settings.max_message_size,
+            limits.max_depth,
+            limits.structure_bytes,
+            limits.fragmented_messages,
+            limits.fragment_characters,
+            limits.fragment_seconds,
+        )
         self.dispatcher: Dispatcher[Peer] = Dispatcher(
             HANDLERS, on_error=_log_error, refusals=(RobotError, AccessError), later=Peer.work
         )
@@ -113,8 +122,7 @@ class Bridge(ConnectionGateway[Peer]):
         """
         admission = self.access.admission
         role = admission.admit(info, loopback=loopback)
-        limits = _wire_limits(self.settings)
-        session = Session(PROFILES[self.settings.profile], limits=limits, codec=self._codec)
+        session = Session(PROFILES[self.settings.profile], limits=self._limits, codec=self._codec)
         if role is not None:
             return self._join(sink, info, session, role)
 
@@ -149,18 +157,6 @@ class Bridge(ConnectionGateway[Peer]):
 
 def _log_error(peer: Peer, op: ops.Op, error: Exception) -> None:
     peer.replies.log_internal_error(op.op, error, op.id)
-
-
-def _wire_limits(settings: BridgeSettings) -> WireLimits:
-    limits = settings.limits
-    return WireLimits(
-        settings.max_message_size,
-        limits.max_depth,
-        limits.structure_bytes,
-        limits.fragmented_messages,
-        limits.fragment_characters,
-        limits.fragment_seconds,
-    )
 
 
 def _exclusive_codec(settings: BridgeSettings) -> Codec | None:

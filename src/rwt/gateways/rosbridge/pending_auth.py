@@ -37,8 +37,6 @@ class PendingAuth:
     Anything else is: another op, an op that the session itself would handle, a fragment, an invalid message.
 
     Args:
-        join: makes the connection a client of that role.
-        admission: verifies the `auth` op, and logs refusals.
         timeout: seconds until the connection is closed.
     """
 
