@@ -164,8 +164,6 @@ class Listeners:
 
 
 def _with_mounts(accept: Accept, mounts: Iterable[AsgiMount]) -> Accept:
-    """Return an accept function that passes WebSockets below an app's path to the app."""
-
     def accept_any(sink: Sink, info: PeerInfo) -> Endpoint:
         for mount in mounts:
             if mount.serves(info.path):

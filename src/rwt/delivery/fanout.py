@@ -8,7 +8,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from rwt.delivery.deferred_sends import DeferredSends
-from rwt_graph.errors import TypeConflict
 from rwt_protocol.frames import Burst, Frame
 
 if TYPE_CHECKING:
@@ -301,11 +300,6 @@ class Fanout:
     def is_empty(self) -> bool:
         """True if there are no subscribers."""
         return not (self._active or self._takers)
-
-    def check_type(self, type: MessageType) -> None:
-        """Raise `TypeConflict` unless this topic's type is `type` (SUB-03)."""
-        if type.name != self.type.name:
-            raise TypeConflict(self.topic, type.name, self.type.name)
 
     def renew(self) -> None:
         """Replace the graph subscription.

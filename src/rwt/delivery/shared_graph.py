@@ -9,6 +9,7 @@ from rwt.delivery.counters import Counters
 from rwt.delivery.fanout import Fanout
 from rwt.delivery.shared_publishers import SharedPublishers
 from rwt.delivery.turns import turns_of
+from rwt_graph.errors import TypeConflict
 from rwt_transports.turns import TOPICS_SECONDS
 
 if TYPE_CHECKING:
@@ -42,7 +43,8 @@ class SharedGraph:
                 self.participant, topic, type, self.counters.use_topic(topic), self.graph.clock, self._turns
             )
         else:
-            fanout.check_type(type)
+            if type.name != fanout.type.name:
+                raise TypeConflict(topic, type.name, fanout.type.name)  # SUB-03
             known = self.graph.topic(topic)
             if known is not None and not known.publishers:
                 fanout.renew()

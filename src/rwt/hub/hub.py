@@ -339,7 +339,6 @@ class _RelayEnd(ABC):
             self.hub.waiting.take(self, passed)
 
     def _taken(self) -> None:
-        """Resume reading: the other side has taken all messages."""
         self.hub.waiting.give_back(self)
         if self.flow_control is not None:
             self.flow_control.resume()

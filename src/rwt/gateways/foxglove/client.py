@@ -142,7 +142,6 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
         return None
 
     def _refusing(self, op: str, steps: Iterator[None]) -> Iterator[None]:
-        """Run the steps of a message, and report rejections to the client."""
         try:
             yield from steps
         except Exception as error:

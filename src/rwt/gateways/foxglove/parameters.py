@@ -172,7 +172,6 @@ class ParameterRequests:
                 self._call(SET, {"name": name, "value": json.dumps(value)}, partial(done, name))
 
     def _read(self, names: Sequence[str], on_values: Callable[[Mapping[str, object]], None]) -> None:
-        """Read parameters; those that do not exist or are not readable are left out."""
         names = tuple(dict.fromkeys(names))
         values: dict[str, object] = {}
         left = len(names)

@@ -337,5 +337,4 @@ class ActionPages:
 
 
 def _action_of(request: HttpRequest, end: int) -> str:
-    """Return the action's absolute name from a path cut at `end`."""
     return name_below(replace(request, path=request.path[:end]), PATH, "action")

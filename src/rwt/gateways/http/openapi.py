@@ -24,6 +24,7 @@ _PROBLEMS: Final[Schema] = {
     "5XX": {"$ref": "#/components/responses/Problem"},
 }
 _TEXT: Final[Schema] = {"type": "string"}
+_OBJECT: Final[Schema] = {"type": "object"}
 _NAME_AND_TYPE: Final[Schema] = {
     "type": "object",
     "properties": {"name": _TEXT, "type": {"type": ["string", "null"]}},
@@ -102,10 +103,12 @@ class _Description:
 
     def paths(self) -> Schema:
         paths: Schema = {
-            "/version": {"get": self._operation("get_version", "server", "What runs here", _ok(_object()))}
+            "/version": {
+                "get": self._operation("get_version", "server", "What runs here", _ok({"type": "object"}))
+            }
         }
         for kind in ("topics", "services", "actions"):
-            listed = {"type": "array", "items": {"$ref": "#/components/schemas/NameAndType"}}
+            listed = {"type": "array", "items": _named("NameAndType")}
             paths[f"/api/{kind}"] = {
                 "get": self._operation(f"list_{kind}", kind, f"The {kind} that are shown", _ok(listed))
             }
@@ -274,10 +277,6 @@ class _Description:
 
 def _named(name: str) -> Schema:
     return {"$ref": f"#/components/schemas/{name}"}
-
-
-def _object() -> Schema:
-    return {"type": "object"}
 
 
 def _query(name: str, schema: Mapping[str, object], description: str) -> Schema:

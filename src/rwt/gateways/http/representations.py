@@ -58,7 +58,6 @@ def _ranges(accept: str) -> Iterable[tuple[str, float]]:
 
 
 def _quality(media: str, ranges: Iterable[tuple[str, float]]) -> float:
-    """Return the quality of the most specific matching range."""
     found, specific = 0.0, -1
     for pattern, quality in ranges:
         fits = {media: 2, f"{media.partition('/')[0]}/*": 1, "*/*": 0}.get(pattern, -1)

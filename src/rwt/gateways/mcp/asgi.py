@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping, MutableMapping
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping
 from http import HTTPStatus
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import anyio
 
@@ -17,18 +17,8 @@ if TYPE_CHECKING:
     from anyio.abc import TaskGroup
     from anyio.streams.memory import MemoryObjectReceiveStream
 
+    from rwt_transports.asgi.types import App, Event, Scope
     from rwt_transports.http.routes import HttpRequest
-
-Message = MutableMapping[str, Any]
-Application = Callable[
-    [
-        MutableMapping[str, Any],
-        Callable[[], Awaitable[Message]],
-        Callable[[Message], Awaitable[None]],
-    ],
-    Awaitable[None],
-]
-"""An ASGI 3 application."""
 
 #: Headers that this server writes itself, and those that only concern one connection.
 _OWN_HEADERS: Final = frozenset({b"content-type", b"content-length", b"connection", b"transfer-encoding"})
@@ -57,7 +47,7 @@ class Exchange:
 
     def __init__(
         self,
-        application: Application,
+        application: App,
         request: HttpRequest,
         extra: Mapping[str, object],
         on_gone: Callable[[], None],
@@ -124,16 +114,14 @@ class Exchange:
     async def _run(self) -> None:
         try:
             with self._cancel:
-                await Metered(self._answer(), self._charge, time.monotonic)
+                answering = self._application(self._scope(), self._receive, self._send)
+                await Metered(answering, self._charge, time.monotonic)
         finally:
             self._started.set()
             self._written.close()
             self._on_end()
 
-    async def _answer(self) -> None:
-        await self._application(self._scope(), self._receive, self._send)
-
-    def _scope(self) -> MutableMapping[str, Any]:
+    def _scope(self) -> Scope:
         request = self._request
         return {
             "type": "http",
@@ -153,14 +141,14 @@ class Exchange:
             **self._scope_extra,
         }
 
-    async def _receive(self) -> Message:
+    async def _receive(self) -> Event:
         if not self._is_received:
             self._is_received = True
             return {"type": "http.request", "body": self._request.body, "more_body": False}
         await self._gone.wait()
         return {"type": "http.disconnect"}
 
-    async def _send(self, message: Message) -> None:
+    async def _send(self, message: Event) -> None:
         if message["type"] == "http.response.start":
             HTTPStatus(message["status"])  # Raises ValueError for what is no status, before it is sent.
             self._head = (message["status"], tuple(message.get("headers", ())))

@@ -135,7 +135,6 @@ class Peer(ConnectedClient[_Waiting]):
         return True
 
     def _decode(self, data: bytes, binary: bool, now: float) -> None:
-        """Run the messages of a frame; a large binary one is decoded in steps."""
         if binary and len(data) > LARGE_BYTES:
             self._read_on(Arriving(self._read_in_steps(data)))
         else:

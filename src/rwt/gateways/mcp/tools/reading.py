@@ -143,7 +143,6 @@ async def _watch_numbers(agent: Agent, asked: WatchNumbersArguments) -> Answer:
 
 
 def _all_numbers(message: Message) -> dict[str, float]:
-    """Return the first field with a number, except in the header."""
     found = [each for each in numeric_fields(message).items() if not each[0].startswith("header.")]
     return dict(found[:_MAX_FIELDS])
 

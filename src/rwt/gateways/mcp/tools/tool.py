@@ -86,7 +86,6 @@ class Tool(Generic[A]):
 
 
 def _plain_schema(schema: dict[str, Any]) -> dict[str, Any]:
-    """Remove titles that repeat names."""
     schema.pop("title", None)
     for each in schema.get("properties", {}).values():
         each.pop("title", None)
