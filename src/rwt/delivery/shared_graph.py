@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING
 
 from rwt.delivery.counters import Counters
 from rwt.delivery.fanout import Fanout
 from rwt.delivery.shared_publishers import SharedPublishers
-from rwt.delivery.turns import turns_of
 from rwt_graph.errors import TypeConflict
-from rwt_transports.turns import TOPICS_SECONDS
+from rwt_transports.turns import TOPICS_SECONDS, Turns
 
 if TYPE_CHECKING:
     from rwt_graph.api import Graph
+    from rwt_graph.clock import Clock
     from rwt_interfaces.structs import MessageType
 
 
@@ -61,3 +62,14 @@ class SharedGraph:
         """Leave the graph."""
         self.publishers.close()
         self.participant.close()
+
+
+def turns_of(clock: Clock, seconds: float, *, one_at_a_time: bool = False) -> Turns:
+    """Return turns of so many seconds, by the timers of a graph's clock, which may be simulated."""
+    return Turns(
+        seconds,
+        partial(clock.call_later, 0.0),
+        clock.call_later,
+        clock.monotonic,
+        one_at_a_time=one_at_a_time,
+    )

@@ -5,9 +5,6 @@ A gateway translates one protocol into verbs of the graph; what is the same in a
 * :class:`Gateway`: what the server starts, asks for pages and metrics, and closes.
 * :class:`ConnectionGateway` and :class:`ConnectedClient`: for protocols whose clients keep a connection
   (rosbridge, Foxglove). Over HTTP, clients are present from request to request: :mod:`rwt.gateways.visitors`.
-
-A gateway has no access rules. It gets the graph *as one client may see it*
-(:class:`rwt.access.client_graph.ClientGraph`), and only tells that graph when the client's role changes.
 """
 
 from __future__ import annotations
@@ -21,11 +18,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Generic, NamedTuple, Pro
 
 from rwt.access.audit import LineRate, is_written, one_line
 from rwt.access.quotas import RateLimit
-from rwt.delivery.shared_graph import SharedGraph
-from rwt.delivery.turns import client_turns
+from rwt.delivery.shared_graph import SharedGraph, turns_of
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import HttpExtension
-from rwt_transports.turns import CLIENT_SECONDS, STEP_SECONDS
+from rwt_transports.turns import CLIENT_SECONDS, CLIENTS_SECONDS, STEP_SECONDS, Turns
 from rwt_transports.websocket.close_codes import POLICY
 
 if TYPE_CHECKING:
@@ -35,6 +31,7 @@ if TYPE_CHECKING:
     from rwt.access.graph_view import GraphView
     from rwt.access.roles import Role
     from rwt_graph.api import Graph
+    from rwt_graph.clock import Clock
     from rwt_transports.api import FlowControl
     from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 
@@ -102,6 +99,16 @@ class Gateway(ABC):
 
 MakeGateway = Callable[["Graph", "Access"], Gateway]
 """Factory of a gateway for a running graph."""
+
+
+def client_turns(clock: Clock) -> Turns:
+    """Return the turns that all clients of a gateway share.
+
+    Waiting work is done one client at a time, and so is the work of clients beyond their rate. So however
+    many clients have much to do, one that sends a small message now and then waits for one of them at most.
+    While nobody else needs the server they lose nothing: turns follow each other at once.
+    """
+    return turns_of(clock, CLIENTS_SECONDS, one_at_a_time=True)
 
 
 class ConnectionGateway(Gateway, Generic[C]):

@@ -18,7 +18,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iter
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from ssl import SSLContext
-from typing import Final
+from typing import Final, Literal
 
 import anyio
 
@@ -553,23 +553,23 @@ def _metrics(hub: Hub, metrics_page: MetricsPage) -> HttpResponse:
     def each(name: str, help: str, value: Callable[[DialedRobot], int]) -> MetricFamily:
         return MetricFamily(name, "gauge", help, [({"robot": robot.name}, value(robot)) for robot in robots])
 
-    def total(name: str, help: str, value: int) -> MetricFamily:
-        return MetricFamily(name, "counter", help, [({}, value)])
+    def single(name: str, kind: Literal["counter", "gauge"], help: str, value: int) -> MetricFamily:
+        return MetricFamily(name, kind, help, [({}, value)])
 
     families = (
-        MetricFamily("rwt_hub_robots", "gauge", "Robots that have dialled in.", [({}, len(robots))]),
+        single("rwt_hub_robots", "gauge", "Robots that have dialled in.", len(robots)),
         each("rwt_hub_idle_connections", "Connections of a robot that wait.", lambda it: len(it.idle)),
         each("rwt_hub_used_connections", "Those that serve a client or a page.", lambda it: len(it.pairs)),
         each("rwt_hub_waiting", "Clients and pages that wait for one.", lambda it: len(it.waiting)),
-        MetricFamily(
+        single(
             "rwt_hub_waiting_bytes",
             "gauge",
             "Bytes that one side has sent and the other has not taken.",
-            [({}, hub.waiting.total)],
+            hub.waiting.total,
         ),
-        total("rwt_hub_clients_total", "Clients that came.", hub.clients),
-        total("rwt_hub_pages_total", "Requests for pages of robots.", hub.pages),
-        total("rwt_hub_passed_bytes_total", "Bytes passed on, both ways.", hub.bytes),
+        single("rwt_hub_clients_total", "counter", "Clients that came.", hub.clients),
+        single("rwt_hub_pages_total", "counter", "Requests for pages of robots.", hub.pages),
+        single("rwt_hub_passed_bytes_total", "counter", "Bytes passed on, both ways.", hub.bytes),
     )
     return HttpResponse(metrics_page(families), content_type=METRICS_TYPE)
 

@@ -12,7 +12,7 @@ import pytest
 from rwt.access.access import Access
 from rwt.access.quotas import Work
 from rwt.composition.pages import guarded
-from rwt.delivery.turns import client_turns
+from rwt.gateways.base import client_turns
 from rwt.gateways.rosbridge.bridge import Bridge
 from rwt.settings.models import Settings
 from rwt_graph.api import Sample

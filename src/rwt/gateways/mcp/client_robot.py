@@ -207,7 +207,7 @@ class _ClientPublisher(api.Publisher):
 
     def publish(self, payload: Payload) -> None:
         # Requested again for each message: the client may have another role meanwhile.
-        publisher = self._publisher = self._client.publisher(self.topic, self.type.name, self)
+        publisher = self._client.publisher(self.topic, self.type.name, self)
         publisher.counts.received += 1
         publisher.counts.received_bytes += payload.size
         publisher.publish(payload)

@@ -44,11 +44,6 @@ class Resource:
         """True if the URI ends in `{name}`."""
         return self.uri.endswith("}")
 
-    @property
-    def start(self) -> str:
-        """The URI before `{name}`."""
-        return self.uri.partition("{")[0]
-
 
 RESOURCES: Final = (
     Resource(
@@ -77,10 +72,9 @@ RESOURCES: Final = (
 async def read_resource(agent: Agent, uri: str) -> Answer:
     """Return the content behind a URI. Raises ToolError."""
     for resource in RESOURCES:
-        if uri == resource.uri and not resource.is_template:
-            return await resource.read(agent, "")
-        if resource.is_template and uri.startswith(resource.start) and len(uri) > len(resource.start):
-            return await resource.read(agent, uri.removeprefix(resource.start))
+        start, template, _ = resource.uri.partition("{")
+        if (uri.startswith(start) and uri != start) if template else uri == start:
+            return await resource.read(agent, uri.removeprefix(start))
     raise ToolError(f"unknown resource {uri[:200]!r}; available: {', '.join(each.uri for each in RESOURCES)}")
 
 

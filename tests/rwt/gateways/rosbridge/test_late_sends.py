@@ -7,7 +7,7 @@ import logging
 import pytest
 
 from rwt.delivery.deferred_sends import DeferredSends
-from rwt.delivery.turns import turns_of
+from rwt.delivery.shared_graph import turns_of
 from rwt_graph.clock import SimulatedClock
 from rwt_protocol.dispatcher import Steps
 from rwt_transports.turns import TOPIC_SECONDS, TOPICS_SECONDS

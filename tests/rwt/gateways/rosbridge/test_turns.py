@@ -12,8 +12,7 @@ import pytest
 from rwt import Settings
 from rwt.access.roles import Role
 from rwt.access.settings import RoleSettings
-from rwt.delivery.turns import client_turns
-from rwt.gateways.base import ALONE_BYTES
+from rwt.gateways.base import ALONE_BYTES, client_turns
 from rwt.gateways.rosbridge.bridge import Bridge
 from rwt_graph.api import Sample
 from rwt_graph.clock import SimulatedClock
