@@ -38,15 +38,14 @@ class Listeners:
     """Listeners of one server, which share counts, limits and pages.
 
     Args:
-        bridge: takes in clients whose WebSocket has no other subprotocol.
-        gateways: what takes in the others, by subprotocol.
-        middleware: stand between the transports and the gateways, the outermost last.
-        worker: the process that this is, of several with the same ports.
-        mounts: apps of others below paths of their own.
+        bridge: gateway of clients whose WebSocket has no other subprotocol.
+        gateways: accept functions of the others, by subprotocol.
+        middleware: layers between the transports and the gateways, the outermost last.
+        worker: context of this worker process, if several share the ports.
 
     Attributes:
-        peers: what takes in clients over WebRTC, where there is such a thing.
-        media: the routes by which they send and get pictures.
+        peers: acceptor of clients over WebRTC, if enabled.
+        media: routes of their media.
     """
 
     def __init__(

@@ -34,7 +34,6 @@ class TopicCounts:
         received_bytes: bytes of their payloads, as they came.
         sent: by encoding.
         dropped: samples that did not go to a client, by reason.
-        topic: its absolute name.
         users: shared publishers and fan-outs that count here now.
     """
 
@@ -63,11 +62,11 @@ class Counters:
     Attributes:
         topics: by absolute name.
         refusals: by op; what names no op of the protocol is `unknown`.
-        clients: that have connected.
+        clients: clients so far.
         present: clients here now that have no connection of their own, and come with each request.
-        calls: of services.
-        goals: sent to actions.
-        missed_deadlines: of publishers and of subscriptions.
+        calls: service calls.
+        goals: goals sent to actions.
+        missed_deadlines: deadlines of publishers and of subscriptions.
         received: messages of clients that have left, and requests.
         received_bytes: bytes read from them, and of the bodies of requests.
         sent: messages to clients that have left, and answers to requests.

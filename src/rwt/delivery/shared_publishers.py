@@ -59,7 +59,6 @@ class SharedPublisher:
         publish: publishes a message, which the caller counts. Not a method, since it runs for every message:
             the publisher's own function, or :meth:`_publish` while a message needs more.
         deadline: checks that clients publish as often as they promised; None without a deadline.
-        users: keys of the users that acquired the publisher.
     """
 
     __slots__ = (

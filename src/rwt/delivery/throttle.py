@@ -54,7 +54,6 @@ class Throttle:
     Args:
         withheld: called for each sample that the throttle holds back and drops.
         expired: called for each sample that outlived its lifespan here.
-        room: what all queues of one client together may hold.
     """
 
     __slots__ = (

@@ -115,7 +115,6 @@ class ConnectionGateway(Gateway, Generic[C]):
     """A gateway whose clients keep a connection.
 
     Attributes:
-        turns: turns of the event loop, which all clients of the gateway share.
         log_prefix: first word of log lines about clients, with a space behind it.
     """
 
@@ -253,9 +252,6 @@ class ConnectedClient(ABC, Generic[T]):
       ``_is_beyond`` (True if the client is beyond its rate), ``_needs_turn`` (True if it then needs a turn of
       its own).
     * What waits: ``_waiting``, ``_is_held``; ``_over`` once the connection has ended.
-
-    Args:
-        number: number of the client, unique in the gateway.
     """
 
     def __init__(

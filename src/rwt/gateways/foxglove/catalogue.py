@@ -44,10 +44,8 @@ class OfferedService:
 class Catalogue:
     """Channels and services visible to any role, each under one id for all clients.
 
-    A topic that returns, or changes its type, gets a new id.
-
-    Args:
-        node: the gateway's own node, whose subscriptions do not make a topic.
+    A topic that returns, or changes its type, gets a new id. Subscriptions of `node`, the gateway's own, do
+    not make a topic.
     """
 
     def __init__(self, node: str) -> None:

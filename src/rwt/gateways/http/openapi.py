@@ -67,11 +67,7 @@ _PROBLEM_SCHEMA: Final[Schema] = {
 
 
 def describe(reader: GraphView, settings: HttpSettings, prefix: str, title: str) -> Schema:
-    """Return the document for one reader, with the operations that its role allows.
-
-    Args:
-        prefix: the path below which a proxy shows the server, without a slash at its end.
-    """
+    """Return the document for one reader, with the operations that its role allows below a path prefix."""
     description = _Description(reader, settings)
     return {
         "openapi": "3.1.0",

@@ -53,14 +53,7 @@ _MAX_ORPHANS: Final = 1000
 
 
 class PeerGoal:
-    """Goal of a client, until its result.
-
-    Attributes:
-        action: the action's absolute name.
-        id: as the client marked it.
-        goal: goal in the graph.
-        ended: True once the goal has its result.
-    """
+    """Goal of a client, until its result; `id` is the client's, `goal` the one in the graph."""
 
     __slots__ = ("_client", "_fragment_size", "_listening", "_name", "action", "ended", "goal", "id")
 

@@ -26,7 +26,6 @@ def payload_of(type: MessageType, raw: Encodable, where: str, now: Callable[[], 
     """Check `raw` against `type`.
 
     Args:
-        raw: the field as it came.
         where: op and field, for example ``publish.msg``; the refusal's path starts with it.
         now: ROS time in nanoseconds, for header stamps (PUB-05) and the string "now" (JSN-28).
 
