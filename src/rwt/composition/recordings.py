@@ -30,7 +30,9 @@ class RecordingFolder(Recordings):
 
     def names(self) -> tuple[str, ...]:  # noqa: D102 - inherited
         try:
-            return tuple(sorted(each.name for each in self._folder.iterdir() if _is_recording(each)))
+            paths = self._folder.iterdir()
+            found = [it.name for it in paths if it.suffix in _SUFFIXES or (it / "metadata.yaml").is_file()]
+            return tuple(sorted(found))
         except OSError as error:
             raise ToolError(f"the recordings cannot be listed: {error.strerror}") from None
 
@@ -70,10 +72,6 @@ class RecordingFolder(Recordings):
             return open_recording([self._folder / name])
         except RecordingError as error:
             raise ToolError(str(error).replace(f"{self._folder}/", "")) from None
-
-
-def _is_recording(path: Path) -> bool:
-    return path.suffix in _SUFFIXES or (path / "metadata.yaml").is_file()
 
 
 def _decoded(recording: Recording, topic: RecordedTopic, found: RecordedMessage) -> tuple[Message, str]:

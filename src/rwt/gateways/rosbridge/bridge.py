@@ -112,7 +112,10 @@ class Bridge(ConnectionGateway[Peer]):
             limits.fragment_seconds,
         )
         self.dispatcher: Dispatcher[Peer] = Dispatcher(
-            HANDLERS, on_error=_log_error, refusals=(RobotError, AccessError), later=Peer.work
+            HANDLERS,
+            on_error=lambda peer, op, error: peer.replies.log_internal_error(op.op, error, op.id),
+            refusals=(RobotError, AccessError),
+            later=Peer.work,
         )
 
     def accept(self, sink: Sink, info: PeerInfo, *, loopback: bool = True) -> Endpoint:
@@ -153,10 +156,6 @@ class Bridge(ConnectionGateway[Peer]):
         super().close()
         if self._owns_access:
             self.access.close()
-
-
-def _log_error(peer: Peer, op: ops.Op, error: Exception) -> None:
-    peer.replies.log_internal_error(op.op, error, op.id)
 
 
 def _exclusive_codec(settings: BridgeSettings) -> Codec | None:
