@@ -30,7 +30,6 @@ class _Nobody:
         return False
 
     def while_allowed(self, topics: Iterable[str], end: Callable[[str], None]) -> NoReturn:
-        """Reject the request: static pages have no topics."""
         raise Refused(403, _HERE_IS_NO_ROBOT)
 
 

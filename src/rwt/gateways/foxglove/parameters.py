@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from rwt.gateways.foxglove.replies import StatusLane
     from rwt.gateways.foxglove.wire.client_messages import GetParameters, Parameter, SetParameters
     from rwt_interfaces.distro import Distro
-    from rwt_interfaces.structs import ServiceType
 
 LIST: Final = "/rosapi/get_param_names"
 GET: Final = "/rosapi/get_param"
@@ -258,11 +257,10 @@ class ParameterRequests:
             # Not from within the answer: as many in a row would be as deep a stack.
             self._want_turn()
 
-        def request_of(type: ServiceType) -> Payload:
-            return Payload.from_value(type.request, request)
-
         try:
-            self._graph.call_service(service, request_of, on_reply)
+            self._graph.call_service(
+                service, lambda type: Payload.from_value(type.request, request), on_reply
+            )
         except (RobotError, AccessError) as error:
             on_reply(error if isinstance(error, CallFailed) else CallFailed(str(error)))
 

@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from rwt.gateways.foxglove.replies import StatusLane
     from rwt.gateways.foxglove.wire.client_messages import PlaybackControlRequest
     from rwt_graph.clock import Playback
-    from rwt_interfaces.structs import ServiceType
     from rwt_protocol.frames import Frame
 
 _SAME_SPEED: Final = 1e-6
@@ -88,10 +87,11 @@ class PlaybackControl:
                 done = getattr(outcome.value(), "success", True)
                 finished("" if done else f"{service} {request}: the player refuses that")
 
-        def request_of(type: ServiceType) -> Payload:
-            return Payload.from_value(type.request, request)
-
         try:
-            self._graph.call_service(f"{self._playback.node}/{service}", request_of, on_reply)
+            self._graph.call_service(
+                f"{self._playback.node}/{service}",
+                lambda type: Payload.from_value(type.request, request),
+                on_reply,
+            )
         except (RobotError, AccessError) as error:
             finished(str(error))

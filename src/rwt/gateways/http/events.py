@@ -160,7 +160,6 @@ class EventQueue:
         return self._take()
 
     def _take(self) -> bytes:
-        """Return the bytes that one write may join."""
         taken = list(self._own)
         self._own.clear()
         room = _CHUNK_BYTES

@@ -24,7 +24,6 @@ _PROBLEMS: Final[Schema] = {
     "5XX": {"$ref": "#/components/responses/Problem"},
 }
 _TEXT: Final[Schema] = {"type": "string"}
-_OBJECT: Final[Schema] = {"type": "object"}
 _NAME_AND_TYPE: Final[Schema] = {
     "type": "object",
     "properties": {"name": _TEXT, "type": {"type": ["string", "null"]}},
