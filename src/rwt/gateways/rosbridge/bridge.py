@@ -67,18 +67,13 @@ class Bridge(ConnectionGateway[Peer]):
     """The rosbridge gateway: connects rosbridge clients to a graph, as the node `/rosbridge_websocket`.
 
     Attributes:
-        settings: settings of the operator.
-        dispatcher: handlers by op.
         orphans: running goals of clients that have left, with the addresses of those.
-        service_offers: services that clients offer.
-        action_offers: actions that clients offer.
-        loading: loads numpy beside the event loop; None loads it on first use.
 
     Args:
         graph: the robot.
         settings: settings of the operator.
         access: access rules of the server; by default the bridge makes its own, which know no disclosures.
-        loading: see above.
+        loading: loads numpy beside the event loop; None loads it on first use.
 
     Raises:
         SettingsError: a file that the settings name cannot be used, or a package is missing.
