@@ -87,6 +87,7 @@ class Tool(Generic[A]):
 
 def _plain_schema(schema: dict[str, Any]) -> dict[str, Any]:
     schema.pop("title", None)
+    schema.pop("description", None)
     for each in schema.get("properties", {}).values():
         each.pop("title", None)
     return schema
