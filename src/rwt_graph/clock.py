@@ -53,7 +53,7 @@ class HeapTimer(Timer):
             self.heap.count_cancelled()
 
 
-_SHARE: Final = 0.005
+_TIMERS_SECONDS: Final = 0.005
 """Maximum seconds per turn of the event loop for due timers; the others wait for the next turn."""
 
 
@@ -217,7 +217,7 @@ class SteadyClock(Clock):
                 # time, so that thousands of due timers cannot.
                 while self._timers.next_due() <= now:
                     self._timers.run_next()
-                    if self.monotonic() - now > _SHARE:
+                    if self.monotonic() - now > _TIMERS_SECONDS:
                         break
                 due = self._timers.next_due()
                 wake = self._wake = anyio.Event()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from typing import TYPE_CHECKING, Final
 
 from rwt_tf2.errors import (
@@ -47,12 +48,8 @@ class Verdict:
         return not self.reason
 
 
-@dataclass(frozen=True, slots=True)
-class _Path:
-    """Path from a source up to the common ancestor, and from the target up to it."""
-
-    from_source: tuple[Track, ...]
-    from_target: tuple[Track, ...]
+_Path = tuple[tuple[Track, ...], tuple[Track, ...]]
+"""Path from a source up to the common ancestor, and from the target up to it."""
 
 
 class Buffer:
@@ -209,8 +206,7 @@ class Buffer:
         Raises:
             LookupFailed: as :meth:`lookup_transform`.
         """
-        path = self._path_at(self._known(target), self._known(source), time_ns)
-        return path.from_source, path.from_target
+        return self._path_at(self._known(target), self._known(source), time_ns)
 
     # The tree
 
@@ -299,7 +295,7 @@ class Buffer:
         meeting = next((frame for frame in down if frame in up), None)
         if meeting is None:
             return None
-        return _Path(
+        return (
             tuple(self._tracks[frame] for frame in _before(up, meeting)),
             tuple(self._tracks[frame] for frame in _before(down, meeting)),
         )
@@ -341,7 +337,8 @@ def _before(way: dict[str, int], end: str) -> Iterable[str]:
 
 
 def _along(path: _Path, transform_of: Callable[[Track], Transform]) -> Transform:
-    return _up(path.from_target, transform_of).inverse() @ _up(path.from_source, transform_of)
+    from_source, from_target = path
+    return _up(from_target, transform_of).inverse() @ _up(from_source, transform_of)
 
 
 def _up(tracks: tuple[Track, ...], transform_of: Callable[[Track], Transform]) -> Transform:
@@ -352,7 +349,7 @@ def _up(tracks: tuple[Track, ...], transform_of: Callable[[Track], Transform]) -
 
 
 def _earliest_latest(path: _Path) -> int:
-    moving = (track.latest_ns for track in (*path.from_source, *path.from_target) if not track.is_static)
+    moving = (track.latest_ns for track in chain(*path) if not track.is_static)
     return min(moving, default=0)
 
 

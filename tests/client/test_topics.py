@@ -128,7 +128,7 @@ async def test_a_message_that_does_not_fit_is_left_out_and_counted(caplog: pytes
             server.publish("/count", {"data": "many"})
             server.publish("/count", {"data": 5})
             assert (await counts.get(timeout=5)).data == 5
-            assert counts.misfits == 1
+            assert counts.invalid == 1
         assert 'not std_msgs/Int32: data: expected int32, got "many"' in caplog.text
 
 

@@ -124,7 +124,7 @@ def _nested(depth: int, kind: str) -> ParameterValue:
 
 @pytest.mark.parametrize("kind", ["tables", "lists"])
 def test_depth_counts_the_name_and_the_value(kind: str) -> None:
-    tree = ParameterTree(most_depth=10)
+    tree = ParameterTree(max_depth=10)
     tree.set("/b/c", _nested(8, kind))
     for name, depth in (("/b/c", 9), ("/b/c/d", 8), ("/" + "x/" * 11, 0), ("/b", 300), ("/", 100_000)):
         value = {"a": _nested(depth, kind)} if name == "/" else _nested(depth, kind)
@@ -134,7 +134,7 @@ def test_depth_counts_the_name_and_the_value(kind: str) -> None:
 
 
 def test_the_number_of_names_is_bounded() -> None:
-    tree = ParameterTree(most_names=4)
+    tree = ParameterTree(max_names=4)
     tree.set("/a", {"b": 1, "c": {}})
     tree.set("/e", [{"f": 1}])
     for name in ("/f", "/a/g", "/a/c/d", "/e/f"):
@@ -148,7 +148,7 @@ def test_the_number_of_names_is_bounded() -> None:
 
 @pytest.mark.parametrize("value", ["x" * 2000, "ä" * 500, b"x" * 2000, [0] * 25, {"k" * 2000: 1}])
 def test_the_bytes_are_bounded_and_given_back(value: ParameterValue) -> None:
-    tree = ParameterTree(most_bytes=5000)
+    tree = ParameterTree(max_bytes=5000)
     tree.set("/a", value)
     held = tree.bytes
     tree.set("/a", value)
@@ -170,7 +170,7 @@ def test_a_value_that_no_text_can_say_is_refused() -> None:
 
 
 def test_a_refusal_does_not_call_watches() -> None:
-    tree = ParameterTree(most_names=2)
+    tree = ParameterTree(max_names=2)
     seen: list[ParameterValue] = []
     tree.watch("/a/b", seen.append)
     with pytest.raises(ParameterRejected):

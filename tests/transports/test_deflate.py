@@ -17,7 +17,7 @@ from rwt_protocol.frames import Frame
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
 from rwt_transports.limits import Deflate, Limits
 from rwt_transports.listener import listen
-from rwt_transports.websocket.deflate import LARGEST, DeflateWire, shared_framing
+from rwt_transports.websocket.deflate import LARGEST_BYTES, DeflateWire, shared_framing
 from rwt_transports.websocket.extensions import DeflateTerms
 from rwt_transports.websocket.handshake import answer_handshake
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
@@ -255,7 +255,7 @@ def test_with_context_the_second_message_is_smaller() -> None:
 @pytest.mark.parametrize("keeps", [True, False])
 def test_what_does_not_pay_goes_out_as_it_is(keeps: bool) -> None:
     framing = Peer(keeps=keeps).wire.framing
-    large = Frame(bytes(LARGEST + 1))
+    large = Frame(bytes(LARGEST_BYTES + 1))
     assert framing.whole(large)[0] == TEXT
     assert b"".join(framing.pieces(large)) == framing.whole(large)
     if not keeps:

@@ -35,7 +35,7 @@ class WireGoal:
         self._goals.session.send(CancelActionGoal(id=self.goal.id, action=self.goal.action))
 
     def forget(self) -> None:
-        self._goals.forget(self.goal.id)
+        self._goals.session.remove(self.goal.id)
 
     def restore(self) -> None:
         """No-op: a goal is not sent twice."""
@@ -83,7 +83,6 @@ class SentGoals:
         self.session = session
         self._tasks = tasks
         self._meant = meant
-        self._sent: dict[str, WireGoal] = {}
 
     def send(
         self,
@@ -102,7 +101,6 @@ class SentGoals:
         op = SendActionGoal(action=goal.action, action_type=action_type, args=args, feedback=True, id=goal.id)
         self.session.send(op)
         self.session.add(goal.id, sent)
-        self._sent[goal.id] = sent
         return goal
 
     def cancel(self, action: str, id: str) -> None:
@@ -111,16 +109,11 @@ class SentGoals:
         Raises:
             NotConnected: there is no connection now.
         """
-        sent = self._sent.get(id)
-        if sent is None:
-            self.session.send(CancelActionGoal(id=id, action=action))
-        else:
+        sent = self.session.find(id)
+        if isinstance(sent, WireGoal):
             sent.goal.cancel()
-
-    def forget(self, id: str) -> None:  # as on the wire
-        """Remove a goal that has ended."""
-        self._sent.pop(id, None)
-        self.session.remove(id)
+        else:
+            self.session.send(CancelActionGoal(id=id, action=action))
 
     def end(self, goal: Goal, error: CallFailed) -> None:
         """End a goal with an error, with a suggestion if its action does not exist."""
@@ -134,12 +127,12 @@ class SentGoals:
 
     def on_feedback(self, _: None, op: ActionFeedback) -> None:
         """Pass feedback to its goal."""
-        sent = self._sent.get(op.id) if isinstance(op.id, str) else None
-        if sent is not None:
+        sent = self.session.find(op.id)
+        if isinstance(sent, WireGoal):
             sent.on_feedback(op)
 
     def on_result(self, _: None, op: ActionResult) -> None:
         """Pass a result to its goal."""
-        sent = self._sent.get(op.id) if isinstance(op.id, str) else None
-        if sent is not None:
+        sent = self.session.find(op.id)
+        if isinstance(sent, WireGoal):
             sent.on_result(op)

@@ -36,7 +36,7 @@ class RawSubscription(RemoteHandle[MessageType]):
 
     Attributes:
         received: number of received messages.
-        misfits: number of unreadable messages; each is logged.
+        invalid: number of unreadable messages; each is logged.
         error: error that ended the subscription; None while it is active.
     """
 
@@ -46,7 +46,7 @@ class RawSubscription(RemoteHandle[MessageType]):
     def __init__(self, table: SubscriptionTable, name: str, callback: RawCallback) -> None:
         super().__init__(table.session, "subscribe", name)
         self.received = 0
-        self.misfits = 0
+        self.invalid = 0
         self.error: RobotError | None = None
         self._callback = callback
         self._types = table.types
@@ -71,7 +71,7 @@ class RawSubscription(RemoteHandle[MessageType]):
         try:
             self._callback(self._raw(arrived))
         except InvalidMessage as error:
-            self.misfits += 1
+            self.invalid += 1
             logger.warning("a message on %s is left out: not %s: %s", self.name, self.type.name, error)
         except Exception:
             logger.exception("a subscriber of %s failed", self.name)

@@ -46,14 +46,17 @@ class RemoteTypes:
 
     ``types["nav_msgs/Odometry"]`` is the class of that message; called without arguments it makes a complete
     message. Types that are not in the standard set must be fetched first.
+
+    Attributes:
+        registry: registry of all types known so far.
+        distro: ROS distribution of the robot; None while unknown.
     """
 
     def __init__(self, ask: Ask) -> None:
         self._ask = ask
-        self._registry = Registry(JAZZY)
-        self._distro: Distro | None = None
-        self._services: dict[str, str] = {}
-        self._actions: dict[str, str] = {}
+        self.registry = Registry(JAZZY)
+        self.distro: Distro | None = None
+        self._names: dict[tuple[str, str], str] = {}
 
     # -- for programs ----------------------------------------------------------------------------------------
 
@@ -64,7 +67,7 @@ class RemoteTypes:
             UnknownType: it is not in the standard set and has not been fetched.
         """
         try:
-            return self._registry.message(name).struct
+            return self.registry.message(name).struct
         except InterfaceError as error:
             raise UnknownType(f"{error}; a type of the robot's own comes with `await types.fetch`") from None
 
@@ -83,84 +86,68 @@ class RemoteTypes:
             UnknownType: the text or the name is invalid.
         """
         try:
-            self._registry.add_text(text, name, kind)
+            self.registry.add_text(text, name, kind)
         except InterfaceError as error:
             raise UnknownType(f"{name}: {error}") from None
-
-    @property
-    def registry(self) -> Registry:
-        """Registry of all types known so far."""
-        return self._registry
-
-    @property
-    def distro(self) -> Distro | None:
-        """ROS distribution of the robot; None while unknown."""
-        return self._distro
 
     # -- for the client --------------------------------------------------------------------------------------
 
     def set_distro(self, distro: Distro | None) -> None:
         """Use the names and times of that distribution; None: of the default one."""
-        self._distro = distro
+        self.distro = distro
         wanted = distro or JAZZY
-        if wanted is not self._registry.distro:
-            self._registry = Registry(wanted)
+        if wanted is not self.registry.distro:
+            self.registry = Registry(wanted)
 
     def reader(self, message_type: MessageType, arrays: ArrayKind = "list") -> MessageReader:
         """Return a reader for messages of that type."""
-        return MessageReader(message_type, arrays, trusted=self._distro is not None)
+        return MessageReader(message_type, arrays, trusted=self.distro is not None)
 
     def wire_name(self, name: str) -> str:
         """Return the server's name of a message type."""
-        return name if self._distro is None else self._registry.type_name(self._registry.message(name))
+        return name if self.distro is None else self.registry.type_name(self.registry.message(name))
 
     def full_text(self, name: str) -> str:
         """Return the definition of a known message and all it contains, as one text (API-06)."""
-        return self._registry.full_text(self._registry.message(name))
+        return self.registry.full_text(self.registry.message(name))
 
     def known_message(self, name: str | None) -> MessageType | None:
         """Return a message type if it is known without asking the robot."""
-        return None if name is None else _found(self._registry.message, name)
+        return None if name is None else _found(self.registry.message, name)
 
     def known_service(self, name: str) -> ServiceType | None:
         """Return a service type if it is known without asking the robot."""
-        return _found(self._registry.service, name)
+        return _found(self.registry.service, name)
 
     def known_action(self, name: str) -> ActionType | None:
         """Return an action type if it is known without asking the robot."""
-        return _found(self._registry.action, name)
+        return _found(self.registry.action, name)
 
     async def message(self, name: str) -> MessageType:
         """Return a message type; raises UnknownType."""
-        return await self._known(name, self._registry.message, lambda: self._fetch_message(name))
+        return await self._known(name, self.registry.message, lambda: self._fetch_message(name))
 
     async def service(self, name: str) -> ServiceType:
         """Return a service type; raises UnknownType."""
         parts: tuple[Part, ...] = ("request", "response")
-        return await self._known(name, self._registry.service, lambda: self._fetch_parts(name, "srv", parts))
+        return await self._known(name, self.registry.service, lambda: self._fetch_parts(name, "srv", parts))
 
     async def action(self, name: str) -> ActionType:
         """Return an action type; raises UnknownType."""
         parts: tuple[Part, ...] = ("goal", "result", "feedback")
-        return await self._known(
-            name, self._registry.action, lambda: self._fetch_parts(name, "action", parts)
-        )
+        return await self._known(name, self.registry.action, lambda: self._fetch_parts(name, "action", parts))
 
     async def of_topic(self, topic: str) -> str:
         """Return the type name of a topic; raises NotFound, or UnknownType if the robot does not answer."""
-        return await self._name_of("topic", topic, "topic_type")
+        return await self._name_of("topic", topic)
 
     async def of_service(self, service: str) -> str:
         """Return the type name of a service; raises ProviderNotFound, or UnknownType as for topics."""
-        if service not in self._services:
-            self._services[service] = await self._name_of("service", service, "service_type")
-        return self._services[service]
+        return await self._cached_name("service", service)
 
     async def of_action(self, action: str) -> str:
         """Return the type name of an action; raises ProviderNotFound, or UnknownType as for topics."""
-        if action not in self._actions:
-            self._actions[action] = await self._name_of("action", action, "action_type")
-        return self._actions[action]
+        return await self._cached_name("action", action)
 
     async def refresh(self) -> None:
         """Fetch the definitions of all topics of the live graph; they replace the standard ones (API-06)."""
@@ -187,15 +174,20 @@ class RemoteTypes:
             answer = " the same" if str(error) == str(unknown) else f": {error}"
             raise UnknownType(f"{unknown}; asked for it, the robot says{answer}") from None
 
-    async def _name_of(self, what: str, name: str, question: str) -> str:
+    async def _cached_name(self, what: str, name: str) -> str:
+        if (what, name) not in self._names:
+            self._names[what, name] = await self._name_of(what, name)
+        return self._names[what, name]
+
+    async def _name_of(self, what: str, name: str) -> str:
         try:
-            answer = await self._ask(question, {what: name})
+            answer = await self._ask(f"{what}_type", {what: name})
         except UNANSWERED as error:
             raise UnknownType(f"the robot does not tell the type of {name}, so name it: {error}") from None
         found = answer.get("type") if isinstance(answer, dict) else None
         if not isinstance(found, str) or not found:
             # A topic that only has subscribers is listed, too.
-            others = [each for each in await self._names(what) if each != name]
+            others = [each for each in await self._listed(what) if each != name]
             meant = did_you_mean(name, others) or "; name its type if it will come"
             raise (NotFound if what == "topic" else ProviderNotFound)(
                 f"the robot knows no {what} {name}{meant}"
@@ -208,9 +200,9 @@ class RemoteTypes:
         Args:
             what: `topic`, `service` or `action`.
         """
-        return did_you_mean(name, await self._names(what))
+        return did_you_mean(name, await self._listed(what))
 
-    async def _names(self, what: str) -> list[str]:
+    async def _listed(self, what: str) -> list[str]:
         question, key = _LISTS[what]
         answer: object = None
         with anyio.move_on_after(ADVICE_SECONDS):
@@ -236,13 +228,13 @@ class RemoteTypes:
             sections.append(first[1])
             for each, text in nested:
                 self._add_unknown(each, text)
-        self._registry.add_text("\n---\n".join(sections), name, kind)
+        self.registry.add_text("\n---\n".join(sections), name, kind)
 
     def _add_unknown(self, name: str, text: str) -> None:
         try:
-            self._registry.definition(name)
+            self.registry.definition(name)
         except InterfaceError:
-            self._registry.add_text(text, name)
+            self.registry.add_text(text, name)
 
     def _add_full_text(self, name: str, text: str) -> None:
         root, *nested = text.split(f"\n{_SEPARATOR}\n")
@@ -257,11 +249,11 @@ class RemoteTypes:
 
     def _add_changed(self, name: str, text: str) -> None:
         try:
-            known = self._registry.definition(name).text
+            known = self.registry.definition(name).text
         except UnknownType:
             known = None
         if known is None or known.strip() != text.strip():
-            self._registry.add_text(text, name)
+            self.registry.add_text(text, name)
 
 
 def _found(find: Callable[[str], T], name: str) -> T | None:

@@ -67,7 +67,6 @@ class Calls:
 
     def __init__(self, session: ReconnectingSession) -> None:
         self.session = session
-        self._pending: dict[str, WireCall] = {}
 
     async def call(
         self,
@@ -91,19 +90,17 @@ class Calls:
         """
         call = WireCall(self, service, args, repeat)
         self.session.add(call.id, call)
-        self._pending[call.id] = call
         try:
             if self.session.connected or not repeat:
                 call.restore()
             return await call.outcome.get(timeout, f"{service} gave no answer")
         finally:
-            self._pending.pop(call.id, None)
             self.session.remove(call.id)
 
     def on_response(self, _: None, op: ServiceResponse) -> None:
         """End a call with its response (SRV-14)."""
-        call = self._pending.get(op.id) if isinstance(op.id, str) else None
-        if call is None:
+        call = self.session.find(op.id)
+        if not isinstance(call, WireCall):
             logger.debug("an answer of %s comes too late or was not asked for", op.service)
         elif op.result:
             call.outcome.set(RawJson(b"{}") if isinstance(op.values, str) else op.values)

@@ -136,7 +136,7 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
     Attributes:
         received: number of received messages.
         received_bytes: size of these on the connection, in bytes.
-        misfits: number of messages that did not fit the type; each is logged.
+        invalid: number of messages that did not fit the type; each is logged.
     """
 
     _reader: MessageReader
@@ -155,7 +155,7 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
         Subscription.__init__(self, queue, has_callback=callback is not None, within=anyio.move_on_after)
         self.received = 0
         self.received_bytes = 0
-        self.misfits = 0
+        self.invalid = 0
         self._table = table
         self._options = options
         self._compression = "none"
@@ -202,7 +202,7 @@ class RemoteSubscription(RemoteHandle[MessageType], Subscription):
         try:
             return self._reader.read(queued)
         except InvalidMessage as error:
-            self.misfits += 1
+            self.invalid += 1
             logger.warning("a message on %s is left out: not %s: %s", self.name, self.type.name, error)
             return None
 

@@ -143,6 +143,10 @@ class ReconnectingSession:
         else:
             self._destinations[topic.encode()] = destination
 
+    def find(self, id: object) -> Restorable | None:  # as on the wire
+        """Return the restorable of that id; None if there is none."""
+        return self._restorables.get(id) if isinstance(id, str) else None
+
     def remove(self, id: str) -> None:  # as on the wire
         """Remove the restorable of that id."""
         self._restorables.pop(id, None)
@@ -302,7 +306,7 @@ class ReconnectingSession:
 
     def _take_status(self, op: Status) -> None:
         """Pass a status message to the restorable that it is about, otherwise to the events (STA-03)."""
-        restorable = self._restorables.get(op.id) if isinstance(op.id, str) else None
+        restorable = self.find(op.id)
         if restorable is not None and op.level == "error":
             restorable.refused(op.msg)
             return

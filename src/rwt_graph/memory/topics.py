@@ -46,8 +46,8 @@ def _ignore(_sample: Sample) -> None:
 
 
 #: Maximum serialised bytes of large retained messages whose converted forms are cached.
-_READ_BYTES = 16 * 1024 * 1024
-_LARGE = 64 * 1024
+_CACHED_BYTES = 16 * 1024 * 1024
+_LARGE_BYTES = 64 * 1024
 
 
 class LatelyRead:
@@ -65,11 +65,11 @@ class LatelyRead:
         known = self._payloads.pop(payload, None)
         if known is None:
             known = payload.kept_size
-            if known < _LARGE:
+            if known < _LARGE_BYTES:
                 return
             self._size += known
         self._payloads[payload] = known
-        while self._size > _READ_BYTES and len(self._payloads) > 1:
+        while self._size > _CACHED_BYTES and len(self._payloads) > 1:
             oldest = next(iter(self._payloads))
             self._size -= self._payloads.pop(oldest)
             oldest.forget_forms()

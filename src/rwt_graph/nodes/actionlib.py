@@ -174,7 +174,7 @@ class ActionlibServer:
         payload = Payload.from_value(self._interface.goal, message.goal, self._clock.time_ns)
         tracked = self._goals[goal_id] = Tracked(goal_id, stamp)
         events = GoalEvents(
-            partial(self._on_result, tracked), partial(self._on_feedback, tracked), self._tell_of_change
+            partial(self._on_result, tracked), partial(self._on_feedback, tracked), self._publish_change
         )
         try:
             tracked.release = hold_for_asker(payload.kept_size)
@@ -191,7 +191,7 @@ class ActionlibServer:
             named = bool(message.id) and tracked.id == message.id
             if tracked.goal is not None and (everything or named or 0 < tracked.stamp_ns <= stamp):
                 tracked.goal.cancel()
-        self._tell_of_change()
+        self._publish_change()
 
     def _on_feedback(self, tracked: Tracked, feedback: Payload) -> None:
         self._send(self._feedback, tracked, "feedback", feedback.value())
@@ -210,7 +210,7 @@ class ActionlibServer:
             result = outcome.value()
         tracked.forget_at = self._clock.monotonic() + ENDED_GOALS_STAY
         self._send(self._result, tracked, "result", result)
-        self._tell_of_change()
+        self._publish_change()
 
     def _send(self, publisher: TopicPublisher, tracked: Tracked, part: str, message: Message) -> None:
         header = {"stamp": self._distro.time(self._clock.time_ns())}
@@ -226,7 +226,7 @@ class ActionlibServer:
             if tracked.goal is not None:
                 tracked.goal.want_feedback(heard)
 
-    def _tell_of_change(self) -> None:
+    def _publish_change(self) -> None:
         if len(self._goals) <= FEW_GOALS:
             self._publish_status()
         else:

@@ -43,13 +43,13 @@ class _TooDeep(Exception):
     """The value has too many levels."""
 
 
-def measured(value: ParameterValue, most_depth: float = inf) -> tuple[int, int]:
+def measured(value: ParameterValue, max_depth: float = inf) -> tuple[int, int]:
     """Return the number of names in a value, and its size in bytes.
 
     The value is traversed level by level: a call for each of many small tables would be far slower.
 
     Args:
-        most_depth: maximum levels of tables and lists.
+        max_depth: maximum levels of tables and lists.
 
     Raises:
         _TooDeep: it has more levels.
@@ -69,7 +69,7 @@ def measured(value: ParameterValue, most_depth: float = inf) -> tuple[int, int]:
             deeper[is_in_list].extend(chain.from_iterable(table.values() for table in tables))
             lists = [each for each in level if type(each) is list]
             deeper[True].extend(chain.from_iterable(lists))
-            if depth >= most_depth and (tables or lists):
+            if depth >= max_depth and (tables or lists):
                 raise _TooDeep
         in_tables, in_lists = deeper
         depth += 1
@@ -129,9 +129,9 @@ class ParameterTree:
     """Nested dictionaries behind slashed names, with watches.
 
     Args:
-        most_depth: maximum levels of tables and lists below the root, including those of the name.
-        most_names: maximum number of names, including those of branches.
-        most_bytes: maximum size: the text in names and values, and 64 for each name and value.
+        max_depth: maximum levels of tables and lists below the root, including those of the name.
+        max_names: maximum number of names, including those of branches.
+        max_bytes: maximum size: the text in names and values, and 64 for each name and value.
 
     Attributes:
         names_set: current number of names.
@@ -141,15 +141,15 @@ class ParameterTree:
     def __init__(
         self,
         *,
-        most_depth: int = MOST_DEPTH,
-        most_names: int = MOST_NAMES,
-        most_bytes: int = MOST_BYTES,
+        max_depth: int = MOST_DEPTH,
+        max_names: int = MOST_NAMES,
+        max_bytes: int = MOST_BYTES,
     ) -> None:
         self.names_set = 0
         self.bytes = _NODE
-        self._most_depth = most_depth
-        self._most_names = most_names
-        self._most_bytes = most_bytes
+        self._max_depth = max_depth
+        self._max_names = max_names
+        self._max_bytes = max_bytes
         self._root: dict[str, ParameterValue] = {}
         self._watches: dict[str, list[Watch]] = {}
         self._charges = Charges()
@@ -199,13 +199,13 @@ class ParameterTree:
         if not parts and not isinstance(value, Mapping):
             raise ParameterRejected("the root of the parameters is a table: a table alone can replace it")
         try:
-            if len(parts) > self._most_depth:
+            if len(parts) > self._max_depth:
                 raise _TooDeep
             value = _copied(value)
-            taken = measured(value, self._most_depth - len(parts))
+            taken = measured(value, self._max_depth - len(parts))
         except (_TooDeep, RecursionError):
             raise ParameterRejected(
-                f"parameter {name[:80]} is nested deeper than {self._most_depth} levels"
+                f"parameter {name[:80]} is nested deeper than {self._max_depth} levels"
             ) from None
         room = self._require_room(parts, taken)
         affected = self._affected(name, value)
@@ -252,7 +252,7 @@ class ParameterTree:
             count += self.names_set - less + len(missing)
             # Count each name, and the table that contains it.
             size += self.bytes - freed + sum(2 * _NODE + _length(name) for name in missing)
-        for what, has, most in (("names", count, self._most_names), ("bytes", size, self._most_bytes)):
+        for what, has, most in (("names", count, self._max_names), ("bytes", size, self._max_bytes)):
             if has > most:
                 raise ParameterRejected(
                     f"the parameters would hold {has} {what}, and {most} is the limit for all of them,"

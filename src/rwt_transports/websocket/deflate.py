@@ -38,19 +38,19 @@ _COMPRESSED: Final = 0x40
 """The bit RSV1 in the first byte of a message's first frame (RFC 7692 section 6)."""
 _TAIL: Final = b"\x00\x00\xff\xff"
 """End of a flushed block, omitted from messages (section 7.2.1)."""
-_WINDOW: Final = 32 * 1024
-_SMALL: Final = 1024
+_WINDOW_BYTES: Final = 32 * 1024
+_SMALL_BYTES: Final = 1024
 """Maximum size of compressed messages that are inflated at once, to a megabyte at most."""
-_AT_ONCE: Final = 2
+_EAGER_STEPS: Final = 2
 """Number of steps in which most messages are inflated."""
-_STEP: Final = 64 * 1024
+_STEP_BYTES: Final = 64 * 1024
 """Bytes of input and output of a step."""
 _MOST_BLOCKS: Final = 16
 """Maximum number of final blocks in a message; known compressors write at most one."""
 
-SMALLEST: Final = 100
+SMALLEST_BYTES: Final = 100
 """Bytes below which a message without context does not become smaller."""
-LARGEST: Final = 1024 * 1024
+LARGEST_BYTES: Final = 1024 * 1024
 """Bytes above which a message goes out as it is: compressing it would hold up all other peers for long."""
 _LEVEL: Final = 3
 _MEMORY: Final = 5
@@ -71,7 +71,7 @@ class _Deflater:
         return packed[: -len(_TAIL)]
 
     def whole(self, frame: Frame) -> bytes:
-        if frame.size > LARGEST:
+        if frame.size > LARGEST_BYTES:
             return server_whole(frame)
         return _compressed_frame(self.pack(frame), frame.binary)
 
@@ -85,13 +85,13 @@ def shared_framing(bits: int) -> Framing:
     """Messages compressed without context, in a window of that many bits: the same object for every peer."""
 
     def whole(frame: Frame) -> bytes:
-        if not SMALLEST <= frame.size <= LARGEST:
+        if not SMALLEST_BYTES <= frame.size <= LARGEST_BYTES:
             return server_whole(frame)
         packed = _Deflater(bits).pack(frame)
         return server_whole(frame) if len(packed) >= frame.size else _compressed_frame(packed, frame.binary)
 
     def pieces(frame: Frame) -> tuple[Buffer, ...]:
-        return server_pieces(frame) if frame.size > LARGEST else (frame.framed(whole),)
+        return server_pieces(frame) if frame.size > LARGEST_BYTES else (frame.framed(whole),)
 
     return Framing(whole, pieces)
 
@@ -100,7 +100,7 @@ def _framing_with_context(bits: int) -> Framing:
     whole = _Deflater(bits).whole
 
     def pieces(frame: Frame) -> tuple[Buffer, ...]:
-        return server_pieces(frame) if frame.size > LARGEST else (whole(frame),)
+        return server_pieces(frame) if frame.size > LARGEST_BYTES else (whole(frame),)
 
     return Framing(whole, pieces, shared=False)
 
@@ -135,9 +135,9 @@ class _Inflater:
         is_full = False
         while piece or is_full or place < len(packed):
             if not (piece or is_full):
-                piece = packed[place : place + _STEP]
+                piece = packed[place : place + _STEP_BYTES]
                 place += len(piece)
-            room = min(_STEP, left)
+            room = min(_STEP_BYTES, left)
             try:
                 inflated = self._unpacker.decompress(piece, room)
             except zlib.error:
@@ -172,9 +172,9 @@ def _end_of(parts: list[bytes]) -> bytes:
     end = b""
     for part in reversed(parts):
         end = part + end
-        if len(end) >= _WINDOW:
+        if len(end) >= _WINDOW_BYTES:
             break
-    return end[-_WINDOW:]
+    return end[-_WINDOW_BYTES:]
 
 
 class DeflateWire(WebSocketWire):
@@ -240,8 +240,8 @@ class DeflateWire(WebSocketWire):
             super()._deliver(payload, binary)
             return
         steps = self._inflater.unpack(payload)
-        take = self.take_steps if len(payload) > _SMALL else None
-        for _ in range(_AT_ONCE) if take is not None else count():
+        take = self.take_steps if len(payload) > _SMALL_BYTES else None
+        for _ in range(_EAGER_STEPS) if take is not None else count():
             try:
                 next(steps)
             except StopIteration as end:
