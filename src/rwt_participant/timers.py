@@ -31,18 +31,14 @@ class Timer(ABC):
         """Drop the callback. No-op if it was called or dropped."""
 
 
-class TimerClock(Protocol):
-    """Monotonic clock with delayed callbacks."""
+class RobotClock(Protocol):
+    """Clock of a robot program: timers, and waiting."""
 
     def monotonic(self) -> float:
         """Return seconds since some moment."""
 
     def call_later(self, delay: float, call: Callable[[], None]) -> Timer:
         """Run `call` once, `delay` seconds from now."""
-
-
-class RobotClock(TimerClock, Protocol):
-    """Clock of a robot program: timers, and waiting."""
 
     async def sleep(self, seconds: float) -> None:
         """Wait for so many seconds of this clock."""
@@ -73,7 +69,7 @@ class PeriodicTimer(Timer):
 
     def __init__(
         self,
-        clock: TimerClock,
+        clock: RobotClock,
         loop: TimerLoop,
         period: float,
         callback: Callable[[], Awaitable[None] | None],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any, Final, Protocol, TypeVar
+from typing import Any, Final, Protocol, TypeAlias, TypeVar
 
 import anyio
 
@@ -31,11 +31,8 @@ When = Any
 _MESSAGE: Final = "tf2_msgs/TFMessage"
 
 
-class SubscribeVerb(Protocol):
-    """Verb `subscribe` of :class:`~rwt_participant.api.RobotApi`."""
-
-    def __call__(self, topic: str, callback: Callable[[Any], None], type: str, /) -> Handle:
-        """Call `callback` with each message."""
+SubscribeVerb: TypeAlias = Callable[[str, Callable[[Any], None], str], Handle]
+"""Verb `subscribe` of :class:`~rwt_participant.api.RobotApi`, with topic, callback and type."""
 
 
 class AdvertiseVerb(Protocol):

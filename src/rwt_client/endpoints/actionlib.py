@@ -27,7 +27,6 @@ _ENDED: Final = {
     SUCCEEDED: GoalStatus.SUCCEEDED,
     ABORTED: GoalStatus.ABORTED,
 }
-_ACTIVE: Final = 1
 
 
 async def send_over_topics(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from typing import TYPE_CHECKING
 
 from rwt_client.endpoints.services import call_error, failure_text
@@ -18,8 +17,6 @@ if TYPE_CHECKING:
 
     from rwt_client.wire.session import ReconnectingSession
     from rwt_transports.background import TaskStarter
-
-logger = logging.getLogger("rwt_client")
 
 
 class WireGoal:

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 from rwt_graph.zenoh.rmw.tokens import EntityKind, Token, TokenEndpoint, gid_of
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import zenoh
 
     from rwt_graph.memory.tables import NodeResources
-    from rwt_graph.zenoh.session import RunOnGraph
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +38,9 @@ class ZenohLink:
         own_gids: GIDs of all entities declared here, to ignore the process's own samples from its caches.
     """
 
-    def __init__(self, session: zenoh.Session, domain: int, run_on_graph: RunOnGraph) -> None:
+    def __init__(
+        self, session: zenoh.Session, domain: int, run_on_graph: Callable[[Callable[[], None]], None]
+    ) -> None:
         self.session = session
         self.domain = domain
         self.id = str(session.zid())

@@ -6,7 +6,6 @@ import atexit
 import json
 import logging
 import threading
-from collections.abc import Callable
 from dataclasses import dataclass
 from os import PathLike, fspath
 from typing import Literal
@@ -165,7 +164,3 @@ def _cannot_open(options: ZenohOptions) -> str:
         f"Zenoh cannot {' and '.join(asked) or 'be opened'}: endpoints are written like tcp/127.0.0.1:7447, "
         "one to listen on must be free and of this host, and a client needs a router that is there"
     )
-
-
-#: Runs a call on the graph's thread, soon and in order.
-RunOnGraph = Callable[[Callable[[], None]], None]

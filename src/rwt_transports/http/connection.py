@@ -414,7 +414,11 @@ class HttpConnection(UnbufferedCallbacks):
 
     async def _respond_later(self, response: HttpResponse | Awaitable[HttpResponse]) -> None:
         if not isinstance(response, HttpResponse):
-            response = await _awaited(response)
+            try:
+                response = await response
+            except Exception:
+                logger.exception("a route's handler failed")
+                response = _INTERNAL_ERROR
         if isinstance(response.body, bytes):
             self._send_whole(response, response.body)
             if self.outbox.room <= 0:
@@ -548,14 +552,6 @@ _BROKEN = {
 def _size(request: h11.Request) -> int:
     """Return the size of the request line and the headers; h11 limits only those that arrive in pieces."""
     return len(request.target) + sum(len(name) + len(value) + 4 for name, value in request.headers)
-
-
-async def _awaited(response: Awaitable[HttpResponse]) -> HttpResponse:
-    try:
-        return await response
-    except Exception:
-        logger.exception("a route's handler failed")
-        return _INTERNAL_ERROR
 
 
 async def close_iterator(chunks: AsyncIterator[bytes]) -> None:

@@ -8,7 +8,6 @@ go the same way, and whoever reads slowly holds back the robot.
 
 from __future__ import annotations
 
-import logging
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 from typing import TYPE_CHECKING, Final
@@ -25,8 +24,6 @@ from rwt_transports.websocket.close_codes import GOING_AWAY, NORMAL, POLICY, PRO
 if TYPE_CHECKING:
     from rwt_transports.api import FlowControl
     from rwt_transports.endpoint import Sink
-
-logger = logging.getLogger("rwt_transports.relay.pages")
 
 PIECE_BYTES: Final = 64 * 1024
 """Of a body that is sent at once."""
