@@ -170,11 +170,6 @@ class _Reconnector:
         self._drained: Drained | None = None
 
     async def run(self, *, task_status: TaskStatus[None]) -> None:
-        """Connect, and reconnect until the session is closed or retries are exhausted.
-
-        Raises:
-            TransportError: the first connection failed.
-        """
         await self._stay_connected(task_status.started)
         while await self._come_back():
             pass
@@ -199,7 +194,6 @@ class _Reconnector:
         self._drained = None
 
     async def _come_back(self) -> bool:
-        """Reconnect, and wait until that connection is lost; return False to give up."""
         text = "the connection was lost"
         for attempt, delay in enumerate(() if self._backoff is None else self._backoff.delays(), 1):
             self._session.events.publish(ConnectionEvent("retrying", text, attempt, delay))

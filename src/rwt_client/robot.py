@@ -336,8 +336,6 @@ class Robot(RobotApi):
         return publisher
 
     def _message_type(self, topic: str, type: str | None) -> Callable[[], Awaitable[MessageType]]:
-        """Return a function that asks the robot for a type, and for its name if none is given."""
-
         async def ask() -> MessageType:
             return await self.types.message(type or await self.types.of_topic(topic))
 

@@ -56,8 +56,6 @@ class Blocking(Generic[Inner]):
 
 
 def _named_as(method: Callable[..., object]) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Give a function the name and the docstring of `method`, which may be inherited."""
-
     def name(function: Callable[P, T]) -> Callable[P, T]:
         functools.update_wrapper(function, method)
         function.__doc__ = inspect.getdoc(method)

@@ -72,7 +72,6 @@ class RosapiParameters(Parameters):
         return NotFound(f"{text}{await self._meant(name)}")
 
     async def _meant(self, name: str) -> str:
-        """Return `; did you mean X?` with a parameter of a similar name; empty without an answer."""
         with anyio.move_on_after(ADVICE_SECONDS):
             try:
                 return did_you_mean(name, await self.names())

@@ -301,7 +301,6 @@ class Buffer:
         )
 
     def _way_up(self, frame: str, end: str, parent_of: Callable[[Track], str | None]) -> dict[str, int]:
-        """Return the frame and its ancestors, in order, up to `end` or a root."""
         way = {frame: 0}
         while frame != end and (track := self._tracks.get(frame)) is not None:
             parent = parent_of(track)
@@ -313,7 +312,6 @@ class Buffer:
         return way
 
     def _explain_gap(self, target: str, source: str, frame: str, time_ns: int) -> None:
-        """Raise if data is missing at that time on the path up from `frame`."""
         seen = set()
         while (track := self._tracks.get(frame)) is not None and frame not in seen:
             seen.add(frame)

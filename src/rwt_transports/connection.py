@@ -22,6 +22,7 @@ from rwt_transports.api import (
     Link,
     OversizeAware,
     StepTaking,
+    UnbufferedCallbacks,
     Wire,
     WireEvents,
     drop_message,
@@ -345,7 +346,6 @@ class Connection:
     # -- the endpoint's side -------------------------------------------------------------------------------
 
     def close(self, code: int = 1000, reason: str = "") -> None:
-        """Close after sending the control lane. A no-op if the connection is closing or lost."""
         if self._is_ending:
             return
         self._become(_ConnectionState.CLOSING)
@@ -455,7 +455,6 @@ class Connection:
             endpoint.closed(*(self._closed_with or (code, reason)))
 
     def tick(self, now: float) -> None:
-        """Check the timeouts of this connection; `now` is monotonic, in seconds."""
         if self._is_alive or self._heard is None:
             self._is_alive = self._is_pinged = False
             self._heard = now
@@ -507,7 +506,7 @@ class Connection:
         return f"<{self._listener.transport} connection {self.address}:{self._port}>"
 
 
-class _NoWire:
+class _NoWire(UnbufferedCallbacks):
     """Wire of a lost connection: drops everything. Implements :class:`rwt_transports.api.Wire`."""
 
     framing = SERVER_FRAMING
@@ -517,12 +516,6 @@ class _NoWire:
 
     def feed(self, data: bytes) -> None:
         """Drop `data`."""
-
-    def get_buffer(self) -> None:
-        """Return None: there is no buffer."""
-
-    def buffer_updated(self, count: int) -> None:
-        """No-op: there is no buffer."""
 
     def give_up(self, reason: str) -> None:
         """No-op."""

@@ -60,7 +60,6 @@ class OutboxFlow:
             outbox.send_at_once(frame)
 
     def join(self, burst: Burst) -> bool:
-        """Add a burst to the ready bytes. Returns False if there is no room."""
         outbox = self._outbox
         room = outbox.room
         size = burst.size
@@ -342,7 +341,6 @@ class Outbox:
         return data
 
     def _take_small(self) -> Buffer:
-        """Take all ready bytes as one piece; none of them is large."""
         ready = self.ready
         if len(ready) == 1:
             piece, framing = ready[0], self._framing
@@ -357,7 +355,6 @@ class Outbox:
         return data
 
     def _settle_bursts(self) -> list[Buffer]:
-        """Replace each burst among the ready bytes with its bytes, and return the list."""
         ready = self.ready
         if self.bursts:
             self.bursts = False
@@ -368,10 +365,6 @@ class Outbox:
         return cast("list[Buffer]", ready)
 
     def take_pieces(self) -> tuple[Sequence[Buffer], bool]:
-        """Return the next pieces to write, and True if the caller must come again once they are written.
-
-        Small pieces are joined, large ones uncopied. There are no pieces if nothing is queued.
-        """
         if not self.ready and not self._begun:
             self._refill()
             if not self.ready:
@@ -387,7 +380,6 @@ class Outbox:
         return pieces, self.room <= 0 or self._on_empty is not None
 
     def _gather(self) -> Sequence[Buffer]:
-        """Take large pieces and what is in front of them, up to what one call of the system gets."""
         pieces: list[Buffer] = []
         left = GATHER_BYTES
         while left > 0:
@@ -406,8 +398,6 @@ class Outbox:
         return pieces
 
     def put_back(self, pieces: Sequence[Buffer]) -> None:
-        """Put back the last of the taken pieces, which the network has not accepted: they go first next
-        time."""
         for piece in filter(len, reversed(pieces)):
             self._begun.appendleft(memoryview(piece))
             self.taken -= len(piece)

@@ -219,7 +219,6 @@ class RemoteTypes:
             self._add_unknown(each, text)
 
     async def _fetch_parts(self, name: str, kind: Literal["srv", "action"], parts: tuple[Part, ...]) -> None:
-        """Assemble a service or action from its parts, which rosapi returns one at a time."""
         question = "service" if kind == "srv" else "action"
         sections: list[str] = []
         for part in parts:

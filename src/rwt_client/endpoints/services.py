@@ -50,7 +50,6 @@ class WireCall:
         self._repeat = repeat
 
     def restore(self) -> None:
-        """Send the call, for the first time or again."""
         if not self.outcome.done:
             self._calls.session.send(CallService(service=self._service, args=self._args, id=self.id))
 

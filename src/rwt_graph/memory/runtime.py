@@ -141,7 +141,6 @@ class Runtime:
         group.start_soon(self._start_tasks, group, name="task starter")
 
     async def _stop(self, close: Callable[[], None]) -> None:
-        """Run `close`, cancel every task and wait for their end."""
         group = self._group
         if group is None:
             return

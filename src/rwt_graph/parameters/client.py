@@ -37,7 +37,6 @@ class ParameterClient(Parameters):
         self._call = call
 
     def _place(self, name: str) -> tuple[str, str]:
-        """Return (node, parameter); the node is empty for the tree."""
         split = split_parameter(name)
         if split is None:
             return "", resolve(name, self._namespace, self._node) if name.strip("/") else "/"

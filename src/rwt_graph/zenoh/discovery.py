@@ -140,7 +140,6 @@ class Discovery:
             del self._gone[next(iter(self._gone))]
 
     def _type_of(self, end: TokenEndpoint, token: Token) -> tuple[str, MessageType | None]:
-        """Return the type's name, and the type if the registry has the same definition."""
         registry = self._topics.registry
         try:
             name = type_name(end.dds_type)

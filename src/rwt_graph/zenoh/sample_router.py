@@ -142,7 +142,6 @@ class SampleRouter:
         gid: bytes,
         number: int,
     ) -> None:
-        """Deliver a transient-local sample where it is new, and keep it for late joiners."""
         if not isinstance(publisher.cache, RemoteHistory):
             publisher.cache = RemoteHistory(publisher.qos, self._clock, gid)
         publisher.cache.put(sample, number)

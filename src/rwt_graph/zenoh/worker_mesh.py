@@ -57,7 +57,6 @@ def _endpoint(folder: Path, number: int) -> str:
 
 
 def _endpoints(text: str, mode: str) -> list[str]:
-    """Return a list of a configuration, which may have one for each mode."""
     value = json.loads(text)
     if isinstance(value, dict):
         value = value.get(mode, [])

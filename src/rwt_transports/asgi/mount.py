@@ -249,7 +249,6 @@ class _Exchange:
                 self._chunks.close()
 
     def response(self) -> HttpResponse:
-        """Head of the response; all of it if it is complete."""
         content_type = next((value for name, value in self._headers if name == "content-type"), "")
         headers: dict[str, str] = {}
         for name, value in self._headers:

@@ -46,7 +46,6 @@ _turns: Final[WeakValueDictionary[tuple[object, Callable[[], bool]], Turns]] = W
 
 
 def _turns_of(is_held_back: Callable[[], bool]) -> Turns:
-    """Return the turns of the running event loop and this hold-back function, shared by all listeners."""
     key = (anyio.lowlevel.current_token(), is_held_back)
     return _turns.setdefault(key, loop_turns(READ_SECONDS, is_held_back=is_held_back))
 

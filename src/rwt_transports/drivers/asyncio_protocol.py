@@ -234,7 +234,6 @@ class _SocketLink(asyncio.BufferedProtocol):
             self._share.reading.note(monotonic() - began)
 
     def _take_late(self) -> None:
-        """Deliver the bytes that arrived when the turn was full."""
         nbytes, self._late = self._late, 0
         if not nbytes:
             return
@@ -255,7 +254,6 @@ class _SocketLink(asyncio.BufferedProtocol):
         return not self._tls
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Report the loss; if an end of stream is pending, after it."""
         self._writable = False
         if self._state is _LinkState.ENDING:
             self._become(_LinkState.CUT)
@@ -264,7 +262,6 @@ class _SocketLink(asyncio.BufferedProtocol):
             self._lose()
 
     def _end(self) -> None:
-        """Report a pending end of stream, once the bytes before it are delivered."""
         if self._late or self._is_paused:
             return
         if self._state is _LinkState.ENDING:
@@ -444,7 +441,6 @@ def _nothing() -> None:
 
 
 def _bounded(sock: socket.socket) -> socket.socket | None:
-    """Return the socket if its unsent bytes are bounded, else None."""
     try:
         unsent = sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT)
     except (OSError, AttributeError):  # A Unix socket, or a system without such a bound.

@@ -113,7 +113,6 @@ class HttpConnection(UnbufferedCallbacks):
     # -- the driver's side ---------------------------------------------------------------------------------
 
     def receive(self, data: bytes) -> None:
-        """Read received bytes, or keep them until the answer before them is sent."""
         if self._is_over:
             return
         self.outbox.received += len(data)
@@ -204,7 +203,6 @@ class HttpConnection(UnbufferedCallbacks):
     # -- reading -------------------------------------------------------------------------------------------
 
     def _go_on(self) -> None:
-        """Read the next request, in a turn with time for it."""
         turns = self._listener.requests
         if turns.must_wait:
             self._become(_HttpState.WAITING)
@@ -390,7 +388,6 @@ class HttpConnection(UnbufferedCallbacks):
             tasks.start_soon(self._respond_in_scope, response)
 
     def _taken_whole(self) -> None:
-        """Continue with the next request: the network has accepted the response."""
         self._become(_HttpState.READING)
         try:
             self._responded()
@@ -499,7 +496,6 @@ class HttpConnection(UnbufferedCallbacks):
             self.outbox.push(data)
 
     def _responded(self) -> None:
-        """Wait for the next request, or close: the answer is complete."""
         self._request = None
         self._served = True
         self._deadline = None

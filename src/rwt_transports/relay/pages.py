@@ -138,7 +138,6 @@ class PageInbox:
         self._frames.clear()
 
     def when_empty(self, callback: Callable[[], None]) -> None:
-        """Call `callback` once what came has been read."""
         if self._frames:
             self._when_empty = callback
         else:

@@ -121,11 +121,6 @@ class _Inflater:
         self._unpacker = zlib.decompressobj(-15)
 
     def unpack(self, payload: bytes) -> Generator[None, None, bytes]:
-        """Inflate a message in steps of some ten thousand bytes.
-
-        Raises:
-            ProtocolViolation: it is damaged, or too large.
-        """
         if not self._keep:
             self._unpacker = zlib.decompressobj(-15)
         packed = memoryview(payload + _TAIL)
@@ -168,7 +163,6 @@ class _Inflater:
 
 
 def _end_of(parts: list[bytes]) -> bytes:
-    """Return the last bytes of an inflated message, at most one window."""
     end = b""
     for part in reversed(parts):
         end = part + end

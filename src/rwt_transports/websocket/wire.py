@@ -73,7 +73,6 @@ def server_whole(frame: Frame) -> bytes:
 
 
 def _server_joined(frames: Sequence[Frame]) -> bytes:
-    """Return several messages, one after the other."""
     parts: list[Buffer] = []
     for frame in frames:
         parts.append(_server_header(frame))
@@ -319,7 +318,6 @@ class WebSocketWire:
         return pack(CLOSE, close_payload(code, reason), masked=not self._server)
 
     def ping(self) -> bytes:
-        """Return a ping without content (RFC 6455 section 5.5.2)."""
         return b"" if self._state is not _WireState.OPEN else pack(PING, b"", masked=not self._server)
 
     # -- incoming ------------------------------------------------------------------------------------------
@@ -361,7 +359,6 @@ class WebSocketWire:
         return memoryview(staged.buffer)[staged.filled : staged.size]
 
     def buffer_updated(self, count: int) -> None:
-        """Take `count` bytes of a large payload, received into the buffer from :meth:`get_buffer`."""
         staged = self._staged
         if staged is None:
             return
@@ -375,7 +372,6 @@ class WebSocketWire:
             self._grow(staged)
 
     def give_up(self, reason: str) -> None:
-        """Drop an incomplete message, and end the connection."""
         self._fail(POLICY, reason)
 
     def _fail(self, code: int, reason: str) -> None:

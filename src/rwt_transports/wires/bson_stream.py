@@ -59,7 +59,6 @@ class BsonStreamWire(StreamWire):
         return True
 
     def _skip(self, length: int) -> bool:
-        """Skip a document over the limit, if the endpoint takes reports of that."""
         if self._events.oversized(length):
             self._events.oversized_head(length, bytes(self._buffer[:HEAD_BYTES]))
             self._to_skip = length

@@ -44,7 +44,6 @@ class StreamWire(ABC):
         return b""
 
     def give_up(self, reason: str) -> None:
-        """Drop what has come of a message, and end the connection."""
         self._buffer.clear()
         self._end(POLICY, reason)
 
