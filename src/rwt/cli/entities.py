@@ -18,6 +18,7 @@ from rwt.cli.verbs import AddArguments, Arguments, Verb, argument, arguments, ga
 
 if TYPE_CHECKING:
     from rwt_client import Robot
+    from rwt_participant.api import Listed
 
 Named: TypeAlias = "list[tuple[str, str]]"
 """Names with their types, sorted."""
@@ -35,17 +36,22 @@ class Entity:
         noun: name of the kind, and of its command.
         example: name in the demo robot, for the help.
         example_type: type of the example; empty if things of this kind have no types.
-        names: asks for all names, with their types where the answer has these.
-        type_of: asks for the type of one name, where the answer of `names` has no types.
+        listed: asks for all names, or for all topics with their types.
+        type_of: asks for the type of one name, where the answer of `listed` has no types.
         hidden_options: options that include hidden names; empty if no name of this kind is hidden.
     """
 
     noun: str
     example: str
     example_type: str
-    names: Callable[[Robot], Awaitable[dict[str, str]]]
+    listed: Callable[[Robot], Awaitable[Sequence[str] | Sequence[Listed]]]
     type_of: Callable[[Robot, str], Awaitable[str]] | None = None
     hidden_options: tuple[str, ...] = ()
+
+    async def names(self, robot: Robot) -> dict[str, str]:
+        """Ask for all names, with their types where the answer has these."""
+        listed = await self.listed(robot)
+        return dict((each, "") if isinstance(each, str) else (each.name, each.type) for each in listed)
 
     async def known(self, robot: Robot, name: str) -> str:
         """Return the type of an entity that exists.
@@ -231,28 +237,19 @@ def _print_names(found: Sequence[tuple[str, str]], output: Output, *, only_count
             output.line(output.styled(name, "name"))
 
 
-async def _topics(robot: Robot) -> dict[str, str]:
-    return {topic.name: topic.type for topic in await robot.api.topics()}
-
-
-async def _services(robot: Robot) -> dict[str, str]:
-    return dict.fromkeys(await robot.api.services(), "")
-
-
-async def _actions(robot: Robot) -> dict[str, str]:
-    return dict.fromkeys(await robot.api.action_servers(), "")
-
-
-async def _nodes(robot: Robot) -> dict[str, str]:
-    return dict.fromkeys(await robot.api.nodes(), "")
-
-
-TOPIC: Final = Entity("topic", "/odom", "nav_msgs/msg/Odometry", _topics, None, ("--include-hidden-topics",))
+TOPIC: Final = Entity(
+    "topic",
+    "/odom",
+    "nav_msgs/msg/Odometry",
+    lambda robot: robot.api.topics(),
+    None,
+    ("--include-hidden-topics",),
+)
 SERVICE: Final = Entity(
     "service",
     "/add_two_ints",
     "example_interfaces/srv/AddTwoInts",
-    _services,
+    lambda robot: robot.api.services(),
     lambda robot, name: robot.api.service_type(name),
     ("--include-hidden-services",),
 )
@@ -260,7 +257,9 @@ ACTION: Final = Entity(
     "action",
     "/fibonacci",
     "example_interfaces/action/Fibonacci",
-    _actions,
+    lambda robot: robot.api.action_servers(),
     lambda robot, name: robot.api.action_type(name),
 )
-NODE: Final = Entity("node", "/demo_robot", "", _nodes, hidden_options=("-a", "--all"))
+NODE: Final = Entity(
+    "node", "/demo_robot", "", lambda robot: robot.api.nodes(), hidden_options=("-a", "--all")
+)

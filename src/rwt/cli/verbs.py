@@ -45,6 +45,10 @@ Arguments = argparse.Namespace
 AddArguments = Callable[[argparse.ArgumentParser], object]
 
 
+def no_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add nothing, for verbs without arguments of their own."""
+
+
 def arguments(*adders: AddArguments) -> AddArguments:
     """Return a function that adds several arguments to a parser."""
 
@@ -79,7 +83,7 @@ class Verb:
     run: Callable[[Robot, Arguments, Output], Awaitable[None]]
     example: str
     json: str
-    add_arguments: AddArguments
+    add_arguments: AddArguments = no_arguments
     definitions: bool = False
     until_interrupted: bool = False
 

@@ -7,7 +7,6 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from operator import attrgetter
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -63,36 +62,6 @@ class Received:
         return bytes(self.payload.json()).decode()
 
 
-class _Entries:
-    """Entries of one kind and name, and their size in bytes."""
-
-    __slots__ = ("bytes", "kept")
-
-    def __init__(self) -> None:
-        self.kept: deque[tuple[Received, int]] = deque()
-        self.bytes = 0
-
-    def add(self, entry: Received) -> int:
-        """Add an entry and return its size."""
-        size = _ENTRY_BYTES + entry.payload.kept_size
-        self.kept.append((entry, size))
-        self.bytes += size
-        return size
-
-    def drop_oldest(self) -> int:
-        """Drop the oldest entry and return its size."""
-        _, size = self.kept.popleft()
-        self.bytes -= size
-        return size
-
-    def drop(self, only: Callable[[Received], bool]) -> int:
-        """Drop the entries for which `only` returns True, and return their size."""
-        before = self.bytes
-        self.kept = deque((entry, size) for entry, size in self.kept if not only(entry))
-        self.bytes = sum(size for _, size in self.kept)
-        return before - self.bytes
-
-
 class Journal:
     """Bounded journal. Written on the graph's thread, read from any thread.
 
@@ -108,20 +77,21 @@ class Journal:
         self._kept = kept
         self._kept_bytes = kept_bytes
         self._changed = threading.Condition()
-        self._entries: dict[tuple[Kind, str], _Entries] = {}
+        self._entries: dict[tuple[Kind, str], deque[tuple[Received, int]]] = {}
         self._version = 0
         self.bytes = 0
 
     def add(self, entry: Received) -> None:
         """Add an entry, and wake the threads that wait for one."""
         with self._changed:
-            entries = self._entries.setdefault((entry.kind, entry.name), _Entries())
-            self.bytes += entries.add(entry)
-            if len(entries.kept) > self._kept:
-                self.bytes -= entries.drop_oldest()
+            entries = self._entries.setdefault((entry.kind, entry.name), deque())
+            size = _ENTRY_BYTES + entry.payload.kept_size
+            entries.append((entry, size))
+            self.bytes += size
+            if len(entries) > self._kept:
+                self.bytes -= entries.popleft()[1]
             while self.bytes > self._kept_bytes:
-                largest = max(self._entries.values(), key=attrgetter("bytes"))
-                self.bytes -= largest.drop_oldest()
+                self.bytes -= max(self._entries.values(), key=_bytes_of).popleft()[1]
             self._version += 1
             self._changed.notify_all()
 
@@ -129,13 +99,13 @@ class Journal:
         """Return the entries of one kind and name, oldest first."""
         with self._changed:
             entries = self._entries.get((kind, name))
-            return () if entries is None else tuple(entry for entry, _ in entries.kept)
+            return () if entries is None else tuple(entry for entry, _ in entries)
 
     def everything(self, kind: Kind) -> Mapping[str, tuple[Received, ...]]:
         """Return the entries of one kind by name, sorted by name."""
         with self._changed:
             found = {
-                name: tuple(entry for entry, _ in entries.kept)
+                name: tuple(entry for entry, _ in entries)
                 for (each, name), entries in self._entries.items()
                 if each is kind
             }
@@ -154,10 +124,12 @@ class Journal:
     def clear(self, only: Callable[[Received], bool] | None = None) -> None:
         """Drop all entries, or those for which `only` returns True."""
         with self._changed:
-            if only is None:
-                self._entries.clear()
-                self.bytes = 0
-            else:
-                for entries in self._entries.values():
-                    self.bytes -= entries.drop(only)
+            for key, entries in self._entries.items():
+                left = () if only is None else (each for each in entries if not only(each[0]))
+                self._entries[key] = deque(left)
+            self.bytes = sum(map(_bytes_of, self._entries.values()))
             self._version += 1
+
+
+def _bytes_of(entries: deque[tuple[Received, int]]) -> int:
+    return sum(size for _, size in entries)

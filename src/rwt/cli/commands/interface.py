@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from rwt.cli.console.output import Output, note, standard_output, write_file
 from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
 from rwt.cli.parser import Commands, add_commands
-from rwt.cli.verbs import Arguments, add_robot_options, connecting, epilog, run_async, sentence
+from rwt.cli.verbs import (
+    AddArguments,
+    Arguments,
+    add_robot_options,
+    argument,
+    arguments,
+    connecting,
+    epilog,
+    run_async,
+    sentence,
+)
 from rwt_participant.spelling import did_you_mean
 
 if TYPE_CHECKING:
@@ -29,19 +40,11 @@ def add_interface_command(commands: Commands) -> None:
         description="Messages, services and actions: of the standard set, of folders, or of a robot.",
     )
     verbs = add_commands(family)
-    _add_list(verbs)
-    _add_packages(verbs)
-    _add_show(verbs)
-    _add_proto(verbs)
-    _add_generate(verbs)
-
-
-def _add(
-    verbs: Commands, name: str, help: str, example: str, json: str, run: Callable[[Arguments, Output], None]
-) -> argparse.ArgumentParser:
-    parser = verbs.add_parser(name, help=help, description=sentence(help), epilog=epilog(example, json))
-    parser.set_defaults(run=lambda arguments: _run(run, arguments))
-    return parser
+    for name, help, example, json, run, add in _VERBS:
+        parser = verbs.add_parser(name, help=help, description=sentence(help), epilog=epilog(example, json))
+        add(parser)
+        _add_source(parser)
+        parser.set_defaults(run=partial(_run, run))
 
 
 def _run(run: Callable[[Arguments, Output], None], arguments: Arguments) -> int:
@@ -87,20 +90,6 @@ def _registry(arguments: Arguments) -> Registry:
 # -- list --------------------------------------------------------------------------------------------------
 
 
-def _add_list(verbs: Commands) -> None:
-    parser = _add(
-        verbs,
-        "list",
-        "list messages, services and actions",
-        "rwt interface list -m",
-        '{"messages": ["geometry_msgs/msg/Twist", …], "services": […], "actions": […]}, or those asked for',
-        _list,
-    )
-    parser.add_argument("package", metavar="PACKAGE", nargs="?", help="only types of this package")
-    _add_kinds(parser)
-    _add_source(parser)
-
-
 def _add_kinds(parser: argparse.ArgumentParser) -> None:
     for kind, heading in _HEADINGS.items():
         what = heading.lower()
@@ -140,37 +129,10 @@ def _list(arguments: Arguments, output: Output) -> None:
             output.line(f"    {output.styled(name, 'type')}")
 
 
-def _add_packages(verbs: Commands) -> None:
-    parser = _add(
-        verbs,
-        "packages",
-        "list the packages that have messages, services or actions",
-        "rwt interface packages -s",
-        '["example_interfaces", …]',
-        _packages,
-    )
-    _add_kinds(parser)
-    _add_source(parser)
-    parser = _add(
-        verbs,
-        "package",
-        "list the types of a package",
-        "rwt interface package geometry_msgs",
-        '["geometry_msgs/msg/Accel", …]',
-        _package,
-    )
-    parser.add_argument("package", metavar="PACKAGE", help="for example geometry_msgs")
-    _add_source(parser)
-
-
 def _packages(arguments: Arguments, output: Output) -> None:
     kinds = _kinds(arguments)
     packages = sorted({name.split("/")[0] for name in _names(arguments) if name.split("/")[1] in kinds})
     _print_types(packages, output)
-
-
-def _package(arguments: Arguments, output: Output) -> None:
-    _print_types(_of_package(_names(arguments), arguments.package), output)
 
 
 def _print_types(names: list[str], output: Output) -> None:
@@ -206,24 +168,6 @@ def _live_names(arguments: Arguments) -> list[str]:
 # -- show --------------------------------------------------------------------------------------------------
 
 
-def _add_show(verbs: Commands) -> None:
-    parser = _add(
-        verbs,
-        "show",
-        "print a definition with those that it contains",
-        "rwt interface show geometry_msgs/msg/Twist",
-        '{"name": "geometry_msgs/msg/Twist", "parts": {"message": [{"name": "linear", "type": …}, …]}}; the\n'
-        'parts of a service are "request" and "response", of an action "goal", "result" and "feedback"',
-        _show,
-    )
-    parser.add_argument("type", metavar="TYPE", help="for example geometry_msgs/msg/Twist")
-    parser.add_argument("--no-comments", action="store_true", help="without comments")
-    parser.add_argument(
-        "--all-comments", action="store_true", help="include the comments of nested definitions"
-    )
-    _add_source(parser)
-
-
 def _type(arguments: Arguments) -> tuple[Registry, InterfaceType]:
     if "/" not in arguments.type:
         raise CommandError(
@@ -233,20 +177,6 @@ def _type(arguments: Arguments) -> tuple[Registry, InterfaceType]:
         )
     registry, (found,) = _types(arguments, [arguments.type])
     return registry, found
-
-
-def _add_proto(verbs: Commands) -> None:
-    parser = _add(
-        verbs,
-        "proto",
-        "print a message, request or goal with its defaults, to be filled in and sent",
-        "rwt interface proto geometry_msgs/msg/Twist",
-        '{"linear": {"x": 0.0, "y": 0.0, "z": 0.0}, "angular": {…}}',
-        _proto,
-    )
-    parser.add_argument("type", metavar="TYPE", help="for example geometry_msgs/msg/Twist")
-    parser.add_argument("--no-quotes", action="store_true", help="omit the quotes around it")
-    _add_source(parser)
 
 
 def _proto(arguments: Arguments, output: Output) -> None:
@@ -341,37 +271,17 @@ def _types(arguments: Arguments, words: list[str]) -> tuple[Registry, list[Inter
 # -- generate ----------------------------------------------------------------------------------------------
 
 
-def _add_generate(verbs: Commands) -> None:
-    parser = _add(
-        verbs,
-        "generate",
-        "generate types for your program: pydantic models or TypeScript interfaces",
-        "rwt interface generate --lang python geometry_msgs nav_msgs/msg/Odometry --out messages.py\n"
-        "rwt interface generate --lang typescript --live --out messages.ts      all types of a robot",
-        '{"types": ["geometry_msgs/msg/Twist", …], "file": "messages.py"}, and the code if there is no --out',
-        _generate,
-    )
-    parser.add_argument(
-        "name",
-        metavar="NAME",
-        nargs="*",
-        help="type or package (with --live, default: all types of the live graph)",
-    )
-    parser.add_argument("--lang", choices=("python", "typescript"), required=True, help="the language")
-    parser.add_argument("-o", "--out", type=Path, metavar="FILE", help="write to this file")
-    _add_source(parser)
-
-
 def _generate(arguments: Arguments, output: Output) -> None:
     from rwt.cli.type_lookup import find_types
     from rwt_interfaces.codegen.type_selection import selection
+    from rwt_interfaces.definitions.package_directories import interface_files
 
     if not arguments.name and not _is_live(arguments) and not arguments.interfaces:
         raise CommandError("expected types or packages, --interfaces DIR or --live", CALLED_WRONGLY)
     words = arguments.name
     if not words and arguments.interfaces:
         _registry(arguments)  # Raises for invalid folders.
-        words = _own_packages(arguments)
+        words = sorted({file.package for folder in arguments.interfaces for file in interface_files(folder)})
     registry, types = _types(arguments, words)
     if _is_live(arguments):
         types = find_types(registry, [registry.type_name(each) for each in types])
@@ -390,12 +300,6 @@ def _generate(arguments: Arguments, output: Output) -> None:
         note(f"{arguments.out}: {len(names)} types")
 
 
-def _own_packages(arguments: Arguments) -> list[str]:
-    from rwt_interfaces.definitions.package_directories import interface_files
-
-    return sorted({file.package for folder in arguments.interfaces for file in interface_files(folder)})
-
-
 def _code(language: str, chosen: TypeSelection) -> str:
     if language == "python":
         from rwt_interfaces.codegen.python import python_stubs
@@ -404,3 +308,81 @@ def _code(language: str, chosen: TypeSelection) -> str:
     from rwt_interfaces.codegen.typescript import typescript_stubs
 
     return typescript_stubs(chosen)
+
+
+_TYPE: Final = argument("type", metavar="TYPE", help="for example geometry_msgs/msg/Twist")
+
+_VERBS: Final[tuple[tuple[str, str, str, str, Callable[[Arguments, Output], None], AddArguments], ...]] = (
+    (
+        "list",
+        "list messages, services and actions",
+        "rwt interface list -m",
+        '{"messages": ["geometry_msgs/msg/Twist", …], "services": […], "actions": […]}, or those asked for',
+        _list,
+        arguments(
+            argument("package", metavar="PACKAGE", nargs="?", help="only types of this package"), _add_kinds
+        ),
+    ),
+    (
+        "packages",
+        "list the packages that have messages, services or actions",
+        "rwt interface packages -s",
+        '["example_interfaces", …]',
+        _packages,
+        _add_kinds,
+    ),
+    (
+        "package",
+        "list the types of a package",
+        "rwt interface package geometry_msgs",
+        '["geometry_msgs/msg/Accel", …]',
+        lambda given, output: _print_types(_of_package(_names(given), given.package), output),
+        argument("package", metavar="PACKAGE", help="for example geometry_msgs"),
+    ),
+    (
+        "show",
+        "print a definition with those that it contains",
+        "rwt interface show geometry_msgs/msg/Twist",
+        (
+            '{"name": "geometry_msgs/msg/Twist", "parts": {"message": [{"name": "linear", "type": …}, …]}}; '
+            "the\n"
+            'parts of a service are "request" and "response", of an action "goal", "result" and "feedback"'
+        ),
+        _show,
+        arguments(
+            _TYPE,
+            argument("--no-comments", action="store_true", help="without comments"),
+            argument(
+                "--all-comments", action="store_true", help="include the comments of nested definitions"
+            ),
+        ),
+    ),
+    (
+        "proto",
+        "print a message, request or goal with its defaults, to be filled in and sent",
+        "rwt interface proto geometry_msgs/msg/Twist",
+        '{"linear": {"x": 0.0, "y": 0.0, "z": 0.0}, "angular": {…}}',
+        _proto,
+        arguments(_TYPE, argument("--no-quotes", action="store_true", help="omit the quotes around it")),
+    ),
+    (
+        "generate",
+        "generate types for your program: pydantic models or TypeScript interfaces",
+        (
+            "rwt interface generate --lang python geometry_msgs nav_msgs/msg/Odometry --out messages.py\n"
+            "rwt interface generate --lang typescript --live --out messages.ts      all types of a robot"
+        ),
+        '{"types": ["geometry_msgs/msg/Twist", …], "file": "messages.py"}, and the code if there is no --out',
+        _generate,
+        arguments(
+            argument(
+                "name",
+                metavar="NAME",
+                nargs="*",
+                help="type or package (with --live, default: all types of the live graph)",
+            ),
+            argument("--lang", choices=("python", "typescript"), required=True, help="the language"),
+            argument("-o", "--out", type=Path, metavar="FILE", help="write to this file"),
+        ),
+    ),
+)

@@ -27,8 +27,8 @@ class Chassis:
 
 
 @dataclass(slots=True)
-class Limits:
-    """Limits of the motors, in m/s, rad/s, m/s² and rad/s²."""
+class MotorLimits:
+    """MotorLimits of the motors, in m/s, rad/s, m/s² and rad/s²."""
 
     speed: float = 0.8
     turn_rate: float = 2.0
@@ -65,7 +65,7 @@ class DifferentialDrive:
         bumped: True if the last step ended at something solid.
     """
 
-    def __init__(self, world: World, chassis: Chassis, limits: Limits) -> None:
+    def __init__(self, world: World, chassis: Chassis, limits: MotorLimits) -> None:
         self.limits = limits
         self._world = world
         self._chassis = chassis

@@ -11,9 +11,9 @@ from rwt.nodes.demo.arm.controller import ArmController
 from rwt.nodes.demo.arm.kinematics import Arm
 from rwt.nodes.demo.battery import Battery, BatteryPublisher
 from rwt.nodes.demo.diagnostics import publish_diagnostics
-from rwt.nodes.demo.drive import STANDSTILL, Chassis, DifferentialDrive, Limits, Velocity
+from rwt.nodes.demo.drive import STANDSTILL, Chassis, DifferentialDrive, MotorLimits, Velocity
 from rwt.nodes.demo.messages import MAP, frame
-from rwt.nodes.demo.model.meshes import Meshes
+from rwt.nodes.demo.model.meshes import mesh_pages
 from rwt.nodes.demo.model.urdf import camera_mount, urdf, visuals
 from rwt.nodes.demo.navigation.goal_marker import GoalMarker
 from rwt.nodes.demo.navigation.planner import Planner
@@ -96,7 +96,7 @@ class DemoRobot:
         self._world = world or house()
         self._node = Node(graph, "demo_robot", namespace)
         chassis = Chassis()
-        self._drive = DifferentialDrive(self._world, chassis, Limits())
+        self._drive = DifferentialDrive(self._world, chassis, MotorLimits())
         self._lidar = Lidar(self._world, seed=seed)
         self._battery = Battery()
         self._teleop = Teleop(self._node)
@@ -116,7 +116,7 @@ class DemoRobot:
         self._declare_parameters()
         self._publish_map()
         self._describe(urdf(chassis))
-        self.http = Meshes(visuals(chassis)).http
+        self.http = mesh_pages(visuals(chassis))
         self._chatter = self._node.advertise("chatter", "std_msgs/String")
         self._said = 0
         self._stepped = self._node.clock.monotonic()

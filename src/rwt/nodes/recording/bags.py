@@ -85,20 +85,14 @@ class BagRecording(Recording):
             RecordingUnreadable: what comes next is damaged.
         """
         try:
-            yield from self._messages(topics, start_ns, end_ns)
+            with self._opened() as reader:
+                chosen = [each for each in reader.connections if topics is None or each.topic in topics]
+                # Without connections, the library would read all of them.
+                for connection, stamp, data in reader.messages(chosen, start_ns, end_ns) if chosen else ():
+                    yield RecordedMessage(connection.topic, connection.msgtype, stamp, stamp, bytes(data))
         except Exception as error:
             # As above; what was read until then is whole.
             raise RecordingUnreadable(f"{self.paths[0]} is damaged: {_first_line(error)}") from None
-
-    def _messages(
-        self, topics: Collection[str] | None, start_ns: int, end_ns: int | None
-    ) -> Iterator[RecordedMessage]:
-        with self._opened() as reader:
-            chosen = [each for each in reader.connections if topics is None or each.topic in topics]
-            if not chosen:
-                return
-            for connection, stamp, data in reader.messages(chosen, start_ns, end_ns):
-                yield RecordedMessage(connection.topic, connection.msgtype, stamp, stamp, bytes(data))
 
     def close(self) -> None:
         """No-op: no file is open between readings."""

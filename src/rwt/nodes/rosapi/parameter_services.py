@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
@@ -18,7 +19,6 @@ from rwt_participant.errors import NotFound, RobotError, ServiceFailed
 
 if TYPE_CHECKING:
     from rwt_graph.nodes.node import Node
-    from rwt_participant.messages import ParameterValue
 
 _DESCRIPTION = "robot_description"
 
@@ -48,16 +48,14 @@ async def get_param(node: Node, request: Any) -> Answer:
             " ask without one"
         )
     try:
-        value = await node.params.read(await _full_name(node, request.name), _as_text)
+        # Octets are written as numbers.
+        as_text = partial(json.dumps, default=list)
+        value = await node.params.read(await _full_name(node, request.name), as_text)
     except RobotError as error:
         if default or not CONVENTIONS[node.distro.name].reports_failures:
             return {"value": _as_json(default), **_done(node)}
         return {"value": "null", "successful": False, "reason": str(error)}
     return {"value": value, **_done(node)}
-
-
-def _as_text(value: ParameterValue) -> str:
-    return json.dumps(value, default=list)  # Octets are numbers.
 
 
 def _as_json(default: str) -> str:

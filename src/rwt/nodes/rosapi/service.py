@@ -81,9 +81,22 @@ class Service:
 
     def serve(self, node: Node) -> ServiceHandler:
         """Return the handler of the service for a node."""
-        if self.is_listing:
-            return Listing(node, self)
-        return partial(_at_once, self.handler, node)
+        return self._cached(node) if self.is_listing else partial(_at_once, self.handler, node)
+
+    def _cached(self, node: Node) -> ServiceHandler:
+        answer: Payload | None = None
+        known = -1
+
+        def handle(request: Any) -> Payload:
+            nonlocal answer, known
+            graph = node.graph
+            if answer is None or graph.version != known:
+                known = graph.version
+                type = graph.registry.service(f"{CONVENTIONS[graph.distro.name].package}/{self.type}")
+                answer = Payload.from_value(type.response, self.handler(node, request))
+            return answer
+
+        return handle
 
 
 def _at_once(
@@ -95,26 +108,3 @@ def _at_once(
     """
     answer = handler(node, request)
     return run_until_it_waits(answer) if isinstance(answer, Coroutine) else answer
-
-
-class Listing:
-    """Cached response of a service that lists the graph."""
-
-    __slots__ = ("_answer", "_node", "_service", "_version")
-
-    def __init__(self, node: Node, service: Service) -> None:
-        self._node = node
-        self._service = service
-        self._version = -1
-        self._answer: Payload
-
-    def __call__(self, request: Any) -> Payload:
-        """Return the response, the same object until the graph changes."""
-        graph = self._node.graph
-        version = graph.version
-        if version != self._version:
-            package = CONVENTIONS[graph.distro.name].package
-            type = graph.registry.service(f"{package}/{self._service.type}")
-            self._answer = Payload.from_value(type.response, self._service.handler(self._node, request))
-            self._version = version
-        return self._answer

@@ -11,7 +11,7 @@ import pytest
 
 from rwt.composition.gateways import package_pages
 from rwt.gateways.foxglove.gateway import FoxgloveGateway
-from rwt.nodes.demo.model.meshes import Meshes
+from rwt.nodes.demo.model.meshes import mesh_pages
 from rwt.nodes.mesh_files import MeshFiles
 from rwt_graph import MemoryGraph
 from tests.rwt.gateways.foxglove.conftest import MakeGateway
@@ -42,7 +42,7 @@ def share(tmp_path: Path) -> Path:
 
 
 def gateway(make: MakeGateway, share: Path, **settings: object) -> FoxgloveGateway:
-    pages = package_pages([MeshFiles([share]).http, Meshes({}).http])
+    pages = package_pages([MeshFiles([share]).http, mesh_pages({})])
     return make(pages=pages, foxglove=settings)
 
 

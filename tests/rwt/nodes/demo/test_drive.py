@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rwt.nodes.demo.drive import STANDSTILL, Chassis, DifferentialDrive, Limits, Velocity
+from rwt.nodes.demo.drive import STANDSTILL, Chassis, DifferentialDrive, MotorLimits, Velocity
 from rwt.nodes.demo.world.map import Box, World, house, walled
 from rwt.nodes.demo.world.pose import Pose
 
@@ -19,7 +19,7 @@ ROOM = World(Box(-2, -2, 2, 2), walled(Box(-2, -2, 2, 2)))
 
 
 def drive_in(world: World) -> DifferentialDrive:
-    return DifferentialDrive(world, CHASSIS, Limits(1.0, 2.0, 2.0, 8.0))
+    return DifferentialDrive(world, CHASSIS, MotorLimits(1.0, 2.0, 2.0, 8.0))
 
 
 def run(drive: DifferentialDrive, wanted: Velocity, seconds: float) -> None:
@@ -100,7 +100,7 @@ commands = st.lists(
 @settings(max_examples=50)
 @given(commands)
 def test_no_sequence_of_commands_leads_into_a_wall(steps: list[tuple[float, float, float]]) -> None:
-    drive = DifferentialDrive(house(), CHASSIS, Limits(5.0, 10.0, 20.0, 80.0))
+    drive = DifferentialDrive(house(), CHASSIS, MotorLimits(5.0, 10.0, 20.0, 80.0))
     world = house()
     for linear, angular, seconds in steps:
         drive.step(Velocity(linear, angular), seconds)

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt.nodes.demo.drive import Chassis
-from rwt.nodes.demo.model.meshes import Meshes, Visual
+from rwt.nodes.demo.model.meshes import Visual, mesh_pages
 from rwt.nodes.demo.model.shapes import Cuboid, Cylinder, Shape, Sphere
 from rwt.nodes.demo.model.urdf import visuals
 from rwt_transports.http.routes import HttpRequest, HttpResponse
@@ -61,7 +61,7 @@ def test_a_surface_is_closed_and_faces_outwards(shape: Shape) -> None:
 
 
 def get(name: str) -> HttpResponse:
-    [route] = Meshes(visuals(Chassis())).http.routes
+    [route] = mesh_pages(visuals(Chassis())).routes
     assert route.path == "/packages/rwt_demo/meshes/*"
     response = route.page(HttpRequest("GET", f"/packages/rwt_demo/meshes/{name}"), SeesNothing())
     assert isinstance(response, HttpResponse)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from rwt.nodes.demo.drive import Chassis, DifferentialDrive, Limits
+from rwt.nodes.demo.drive import Chassis, DifferentialDrive, MotorLimits
 from rwt.nodes.demo.navigation.path_follower import PathFollower
 from rwt.nodes.demo.navigation.planner import NoPath, Planner
 from rwt.nodes.demo.world.map import Box, World, house, walled
@@ -84,7 +84,7 @@ def test_steering_arrives_at_the_pose_without_bumping(
     goal: tuple[float, float], heading: float, speed: float
 ) -> None:
     assume(math.dist(goal, START) > 0.1)
-    drive = DifferentialDrive(HOUSE, CHASSIS, Limits(speed, 2.0, 2.0, 8.0))
+    drive = DifferentialDrive(HOUSE, CHASSIS, MotorLimits(speed, 2.0, 2.0, 8.0))
     target = Pose(*goal, heading)
     follower = PathFollower(PLANNER.plan(START, goal), target, drive.limits)
     for _ in range(round((30 + follower.remaining(drive.pose) / speed * 2) / 0.05)):
@@ -97,7 +97,7 @@ def test_steering_arrives_at_the_pose_without_bumping(
 
 
 def test_what_remains_shrinks_to_nothing() -> None:
-    drive = DifferentialDrive(HOUSE, CHASSIS, Limits())
+    drive = DifferentialDrive(HOUSE, CHASSIS, MotorLimits())
     corners = PLANNER.plan(START, (2.8, 3.0))
     follower = PathFollower(corners, Pose(2.8, 3.0), drive.limits)
     assert follower.remaining(drive.pose) == pytest.approx(length(corners))

@@ -69,28 +69,23 @@ class Visual:
         )
 
 
-class Meshes:
-    """Serves one COLLADA file for each link over HTTP.
+def mesh_pages(visuals: Mapping[str, Visual]) -> HttpExtension:
+    """Return the extension for :func:`rwt.serve` with one COLLADA file for each link.
 
     Args:
-        visuals: by the name of the link.
-
-    Attributes:
-        http: what :func:`rwt.serve` takes.
+        visuals: visuals by the name of the link.
     """
 
-    def __init__(self, visuals: Mapping[str, Visual]) -> None:
-        self._visuals = visuals
-        # As with the files of rwt.nodes.mesh_files: a robot's looks are no secret of one topic.
-        self.http: Final = HttpExtension((Route(f"{PATH}*", self._page, Audience.ADMITTED),))
-
-    def _page(self, request: HttpRequest, reader: Reader) -> HttpResponse:
+    def page(request: HttpRequest, reader: Reader) -> HttpResponse:
         name = request.path.removeprefix(PATH)
-        visual = self._visuals.get(name.removesuffix(".dae"))
+        visual = visuals.get(name.removesuffix(".dae"))
         if visual is None or not name.endswith(".dae"):
-            known = " ".join(f"{link}.dae" for link in self._visuals)
+            known = " ".join(f"{link}.dae" for link in visuals)
             return HttpResponse(f"package {PACKAGE} has no mesh {name!r}; it has {known}\n".encode(), 404)
         return HttpResponse(visual.collada().encode(), content_type="model/vnd.collada+xml")
+
+    # As with the files of rwt.nodes.mesh_files: a robot's looks are no secret of one topic.
+    return HttpExtension((Route(f"{PATH}*", page, Audience.ADMITTED),))
 
 
 def mesh_url(link: str) -> str:

@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Sequence
 
-from rwt.nodes.demo.drive import STANDSTILL, Limits, Velocity
+from rwt.nodes.demo.drive import STANDSTILL, MotorLimits, Velocity
 from rwt.nodes.demo.world.pose import Pose, wrap_angle
 
 #: The robot steers at the point this far ahead on the way, metres.
@@ -32,7 +32,7 @@ class PathFollower:
     position_tolerance = 0.05
     heading_tolerance = 0.05
 
-    def __init__(self, corners: Sequence[tuple[float, float]], goal: Pose, limits: Limits) -> None:
+    def __init__(self, corners: Sequence[tuple[float, float]], goal: Pose, limits: MotorLimits) -> None:
         self.goal = goal
         self._limits = limits
         self._points = _cut(corners)
