@@ -39,6 +39,10 @@ class DecodeFailure:
     members: Members = field(default_factory=dict)
 
 
+class TooMuchStructure(Exception):
+    """The frame exceeds the limit of items and short strings, which cost much memory per byte."""
+
+
 class Codec(Protocol):
     """Envelope in one encoding. Stateless; one instance serves all sessions."""
 

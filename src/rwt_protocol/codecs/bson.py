@@ -10,7 +10,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import repeat
 from typing import Final
 
-from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, SteppedEncoder, Steps
+from rwt_protocol.codecs.base import (
+    DecodeFailure,
+    Members,
+    PublishEncoder,
+    SteppedEncoder,
+    Steps,
+    TooMuchStructure,
+)
 from rwt_protocol.codecs.object_codec import ObjectCodec, members_of, members_within, too_deep
 from rwt_protocol.errors import EncodingUnavailable, MalformedPayload
 from rwt_protocol.frames import Frame
@@ -21,7 +28,7 @@ try:
     import bson
     from bson.errors import BSONError, InvalidDocument
 
-    from rwt_protocol.codecs.bson_decoder import TooMuchStructure, check_structure
+    from rwt_protocol.codecs.bson_decoder import check_structure
 except ImportError as missing:
     raise EncodingUnavailable(
         "BSON needs the package pymongo, which is not installed: pip install pymongo"

@@ -10,11 +10,10 @@ from collections.abc import Mapping, Sequence
 from io import BytesIO
 from typing import Final
 
-from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, Steps
+from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, Steps, TooMuchStructure
 from rwt_protocol.codecs.cbor_decoder import (
     BYTES_OF_A_HEAD,
     LargeFrame,
-    TooMuchStructure,
     head_of,
     new_decoder,
 )
