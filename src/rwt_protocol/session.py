@@ -244,11 +244,7 @@ class Session:
         self.is_quick = self._can_be_quick and not self.wants_status("warning")
 
     def _join(self, fragment: Fragment, now: float) -> Sequence[Op | Refusal]:
-        """Add a fragment, and read the message that it completes as if it had arrived whole (FRG-11).
-
-        Raises:
-            Refused: the fragment does not fit.
-        """
+        """Add a fragment, and read the message that it completes as if it had arrived whole (FRG-11)."""
         data = self._reassembly.add(fragment, now)
         if data is None:
             return ()

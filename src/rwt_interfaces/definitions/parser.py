@@ -152,8 +152,6 @@ def _sections(text: str, source: str, parts: tuple[str, ...]) -> Iterator[_Lines
 
 
 class _MessageParser:
-    """Parser of messages of one package from one source."""
-
     __slots__ = ("distro", "package", "source", "translated")
 
     def __init__(self, package: str, source: str, distro: Distro) -> None:

@@ -148,7 +148,6 @@ def _elements(members: Iterable[tuple[str, object]]) -> Steps[list[bytes]]:
 
 
 def _element(name: str, value: object) -> Steps[list[bytes]]:
-    """Encode one heavy element."""
     if isinstance(value, str):
         pieces: list[bytes] = []
         for start in range(0, len(value), _TEXT_STEP):
