@@ -90,7 +90,7 @@ class PngEncoder(SteppedEncoder):
         super().__init__()
         self._prefix = prefix
 
-    def encode(self, sample: Sample) -> Steps[Frame]:
+    def encode_in_steps(self, sample: Sample) -> Steps[Frame]:
         """Encode a sample in steps of a millisecond at most."""
         text = yield from _joined((self._prefix, *sample.payload.json_parts(), b"}"))
         return (yield from encode_in_steps(text))
