@@ -295,7 +295,6 @@ class Registry:
         return None
 
     def _read(self, kind: Kind, package: str, name: str) -> _Definition | None:
-        """Return a written definition, parsed on first use."""
         key = (kind, f"{package}/{name}")
         found = self._definitions.get(key)
         if found is None:
@@ -434,7 +433,6 @@ class Registry:
                 self._collect(inner, nested)
 
     def _unknown(self, kind: Kind, name: str) -> str:
-        """Return the error for an unknown name, with suggestions."""
         package, short = name.split("/")
         text = f'no {_NOUNS[kind].split()[1]} "{name}" is known'
         for other in KINDS:
@@ -443,7 +441,6 @@ class Registry:
         return f"{text}{self._meant(kind, name)}"
 
     def _unknown_field(self, definition: MessageDefinition, field: Field, text: str) -> str:
-        """Return the error for a field of unknown type, with suggestions."""
         where = field.where or f"{definition.name}, field {field.name}"
         package, word = field.type.name.split("/")
         if package != definition.name.split("/")[0] or len(word) > _LONGEST_GUESSED:

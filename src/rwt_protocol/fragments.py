@@ -27,8 +27,6 @@ _OVERHEAD: Final = 200
 
 @dataclass(slots=True)
 class _Pieces:
-    """Received fragments of one message."""
-
     total: int
     touched: float
     size: int = 0

@@ -72,12 +72,7 @@ def _operation(action: str, profile: Profile, direction: Direction) -> dict[str,
 
 
 def _definitions(profile: Profile, where: str) -> tuple[dict[str, JsonValue], dict[str, str]]:
-    """Return the schemas of the ops of `profile` and of what they refer to, and each op's reference.
-
-    Args:
-        profile: profile of the ops.
-        where: prefix of schema names in references.
-    """
+    """Return the schemas of the ops of `profile` and of what they refer to, and each op's reference."""
     specs = [OPS[op] for op in sorted(profile.ops)]
     _, document = models_json_schema(
         [(spec.model, "validation") for spec in specs],

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from rwt_protocol.codecs import BINARY_CODECS, JSON, png
 from rwt_protocol.codecs.base import Codec, DecodeFailure, Members
 from rwt_protocol.codecs.head_tail_split import head_members
-from rwt_protocol.codecs.object_codec import ObjectCodec
+from rwt_protocol.codecs.object_codec import SteppedCodec
 from rwt_protocol.codecs.quick_publish import QUICK
 from rwt_protocol.error_text import describe, explain
 from rwt_protocol.errors import Level, Refused
@@ -143,7 +143,7 @@ class Session:
     ) -> Generator[None, None, Sequence[Op | Refusal]]:
         """Same as :meth:`decode`, in steps of about a millisecond if the encoding supports it."""
         codec = self._codec or (BINARY_CODECS.get(data[:1], JSON) if binary else JSON)
-        if len(data) > self._max_size or not isinstance(codec, ObjectCodec):
+        if len(data) > self._max_size or not isinstance(codec, SteppedCodec):
             return self._decode(data, codec, now)
         parts = yield from codec.split_in_steps(data, self._limits)
         return [read for part in parts for read in self._read(part, now)]
@@ -244,11 +244,7 @@ class Session:
         self.is_quick = self._can_be_quick and not self.wants_status("warning")
 
     def _join(self, fragment: Fragment, now: float) -> Sequence[Op | Refusal]:
-        """Add a fragment, and read the message that it completes as if it had arrived whole (FRG-11).
-
-        Raises:
-            Refused: the fragment does not fit.
-        """
+        """Add a fragment, and read the message that it completes as if it had arrived whole (FRG-11)."""
         data = self._reassembly.add(fragment, now)
         if data is None:
             return ()

@@ -102,12 +102,7 @@ def _codec(encoding: str) -> Codec:
 
 
 def _checked(found: Op | Refusal) -> Op:
-    """Return an op with validated payloads.
-
-    Raises:
-        MalformedMessage: it is a rejection.
-        MalformedPayload: the payload of a large message is not JSON.
-    """
+    """Return an op with validated payloads; raises MalformedMessage or MalformedPayload."""
     if isinstance(found, Refusal):
         raise MalformedMessage(found.reason, found.op, found.id, found.name)
     payloads = {name: getattr(found, name) for name in PAYLOADS[found.op]}

@@ -20,8 +20,9 @@ from rwt_graph.clock import SimulatedClock
 from rwt_interfaces.registry import Registry
 from rwt_interfaces.steps import finished
 from rwt_protocol.codecs import JSON, png
+from rwt_protocol.codecs.base import TooMuchStructure
 from rwt_protocol.codecs.bson import BsonCodec
-from rwt_protocol.codecs.bson_decoder import TooMuchStructure, check_structure
+from rwt_protocol.codecs.bson_decoder import check_structure
 from rwt_protocol.codecs.full_split import MOST_MESSAGES
 from rwt_protocol.codecs.quick_calls import UsualCall, split_call
 from rwt_protocol.codecs.quick_publish import split_publish

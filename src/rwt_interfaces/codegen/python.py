@@ -77,10 +77,10 @@ _TAKEN: Final = frozenset(dir(BaseModel)) | frozenset(
 
 def python_stubs(chosen: TypeSelection) -> str:
     """Return the text of the module."""
-    return _Stubs(chosen).text()
+    return _PythonStubs(chosen).text()
 
 
-class _Stubs:
+class _PythonStubs:
     def __init__(self, chosen: TypeSelection) -> None:
         self._chosen = chosen
         self._names = ClassNames(chosen, keyword.kwlist)

@@ -65,8 +65,6 @@ def parts_of(interface: InterfaceType) -> Iterator[MessageType]:
 
 
 class _Walk:
-    """Collector of messages in dependency order."""
-
     def __init__(self) -> None:
         self.messages: dict[str, MessageType] = {}
         self.times: list[field_types.Time] = []

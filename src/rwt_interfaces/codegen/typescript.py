@@ -29,10 +29,10 @@ _LARGEST_EXACT: Final = 2**53
 
 def typescript_stubs(chosen: TypeSelection) -> str:
     """Return the text of the module."""
-    return "".join(_Stubs(chosen).parts())
+    return "".join(_TypeScriptStubs(chosen).parts())
 
 
-class _Stubs:
+class _TypeScriptStubs:
     def __init__(self, chosen: TypeSelection) -> None:
         self._chosen = chosen
         self._names = ClassNames(chosen, _RESERVED)

@@ -72,7 +72,7 @@ def parse_message(text: str, name: str, *, source: str = "", distro: Distro = JA
     package, _, short = parse_type_name(name)
     source = source or f"{package}/{short}.msg"
     lines = list(enumerate(_lines(text, source), start=1))
-    return _Message(package, source, distro).read(short, lines)
+    return _MessageParser(package, source, distro).read(short, lines)
 
 
 def parse_service(text: str, name: str, *, source: str = "", distro: Distro = JAZZY) -> ServiceDefinition:
@@ -93,7 +93,7 @@ def _parse_parts(
     """Yield the two-part name of a service or action, and the definitions of its parts."""
     package, _, short = parse_type_name(name)
     source = source or f"{package}/{short}.{kind}"
-    reader = _Message(package, source, distro)
+    reader = _MessageParser(package, source, distro)
     yield f"{package}/{short}"
     for part, lines in zip(parts, _sections(text, source, tuple(map(str.lower, parts))), strict=True):
         yield reader.read(f"{short}{distro.part_separator}{part}", lines)
@@ -151,9 +151,7 @@ def _sections(text: str, source: str, parts: tuple[str, ...]) -> Iterator[_Lines
     return iter(sections)
 
 
-class _Message:
-    """Parser of messages of one package from one source."""
-
+class _MessageParser:
     __slots__ = ("distro", "package", "source", "translated")
 
     def __init__(self, package: str, source: str, distro: Distro) -> None:

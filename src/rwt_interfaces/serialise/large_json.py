@@ -286,12 +286,7 @@ class _Items:
                 yield self._decode_list(_parsed(text), _no_clock)
 
     def complete(self, data: bytes, span: _Span, completion: Completion) -> Steps[Any]:
-        """Complete the items of an array in steps.
-
-        Raises:
-            InvalidMessage: an item does not fit.
-            Unsplittable: the text is not JSON.
-        """
+        """Complete the items of an array in steps; raises InvalidMessage or Unsplittable."""
         taken: Any = bytearray() if self.are_octets else []
         growth_left = MAX_GROWTH_BYTES
         for start, stop in _chunks(data, span, CHUNK_BYTES if self.are_numbers else SLOW_CHUNK_BYTES):
@@ -319,11 +314,7 @@ class _Items:
         return self._held(taken)
 
     def complete_values(self, values: list[object], completion: Completion) -> Steps[Any]:
-        """Complete the items of a list of plain values in steps.
-
-        Raises:
-            InvalidMessage: an item does not fit.
-        """
+        """Complete the items of a list of plain values in steps; raises InvalidMessage."""
         taken: list[Any] = []
         for chunk in chunks_of(values, self.are_numbers):
             yield
@@ -403,11 +394,7 @@ def _whole(text: LargeJson) -> Steps[msgspec.Struct]:
 def _complete(
     message: MessageType, value: object, lists: Iterable[tuple[_Path, Steps[Any]]], completion: Completion
 ) -> Steps[msgspec.Struct]:
-    """Complete a message of plain values, and the long lists that are missing in it.
-
-    Raises:
-        InvalidMessage: the message does not fit; of several errors the one of the first field.
-    """
+    """Complete a message and the lists left out of it; raises InvalidMessage for the first field."""
     errors: list[InvalidMessage] = []
     short: msgspec.Struct | None = None
     try:
@@ -578,11 +565,7 @@ def _walk(data: bytes, begin: int, depth: int) -> Steps[_Span]:
 
 
 def _end(data: bytes, begin: int, last: int) -> int:
-    """Return the offset behind the value that begins there and ends before `last`.
-
-    Raises:
-        Unsplittable: it is not JSON.
-    """
+    """Return the end of the value at `begin`, at most `last`; raises Unsplittable if it is not JSON."""
     try:
         _skip(memoryview(data)[begin:last])
     except msgspec.DecodeError as error:
@@ -597,11 +580,7 @@ def _end(data: bytes, begin: int, last: int) -> int:
 
 
 def _chunks(data: bytes, span: _Span, size: int) -> Iterator[tuple[int, int]]:
-    """Yield the offsets of chunks of an array, each of about `size` bytes or a single item.
-
-    Raises:
-        Unsplittable: the array is not JSON.
-    """
+    """Yield the offsets of chunks of an array, each of about `size` bytes or a single item."""
     start, last = span.begin + 1, span.end - 1
     while True:
         stop = last if last - start <= size else _cut(data, start, start + size, last)

@@ -98,6 +98,5 @@ def _plain_items(array: field_types.Array, values: Any) -> Steps[list[object]]:
 
 
 def _plain_array(array: object) -> object:
-    """Return a numpy array as a list."""
     to_list: Callable[[], object] = array.tolist  # type: ignore[attr-defined]  # numpy is not imported here
     return to_list()

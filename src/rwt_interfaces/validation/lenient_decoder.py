@@ -10,7 +10,7 @@ from __future__ import annotations
 import sys
 from array import array
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 import pybase64
@@ -46,12 +46,8 @@ _NANOSECONDS_KEYS = ("nanosec", "nsecs", "nsec")
 _TIME_KEYS: Final = frozenset((*_SECONDS_KEYS, *_NANOSECONDS_KEYS))
 
 
-class LenientDecoder(Protocol):
-    """Decoder of one value to its field's type; raises InvalidMessage."""
-
-    def __call__(self, value: object, now: Now, /) -> Any:
-        """Complete one value; `now` is called only for missing times."""
-
+LenientDecoder = Callable[[object, Now], Any]
+"""Decoder of one value to its field's type; calls the clock only for missing times. Raises InvalidMessage."""
 
 MOST_LEFT_OUT: Final = 30_000
 """Maximum number of fields that a message may leave to their defaults: three bytes can omit forty."""
@@ -81,35 +77,25 @@ class Completion:
 
 def compile_message(message: MessageType) -> LenientDecoder:
     """Return the lenient decoder of one message type."""
-    return MessageDecoder(message) if message.time is None else _time(message.time, stamped=False)
+    if message.time is not None:
+        return _time(message.time, stamped=False)
+    in_header = message.name == _HEADER
+    fields = [_field(slot, in_header) for slot in message.slots]
+    names = [slot.name for slot in message.slots]
+    # ROS 2 headers have no seq, but roslibpy's do, whatever it talks to.
+    ignored = frozenset({"seq"} if in_header else ()).difference(names)
+    struct = message.struct
 
-
-class MessageDecoder:
-    """Lenient decoder of one message type."""
-
-    __slots__ = ("_fields", "_ignored", "_message", "_names", "_struct")
-
-    def __init__(self, message: MessageType) -> None:
-        in_header = message.name == _HEADER
-        self._message = message
-        self._fields = [(*_field(slot, in_header), slot.type) for slot in message.slots]
-        self._names = [slot.name for slot in message.slots]
-        # ROS 2 headers have no seq, but roslibpy's do, whatever it talks to.
-        self._ignored = frozenset({"seq"} - set(self._names) if in_header else ())
-        self._struct = message.struct
-
-    def __call__(self, value: object, now: Now, /) -> msgspec.Struct:
-        """Complete a message; see :class:`LenientDecoder`."""
+    def complete(value: object, now: Now, /) -> msgspec.Struct:
         given = fields_of(value)
         if given is None:
-            name = self._message.name
-            raise InvalidMessage("", f"expected {with_article(name)} object, got {describe(value)}")
+            raise InvalidMessage("", f"expected {with_article(message.name)} object, got {describe(value)}")
         completion = now if type(now) is Completion else Completion(now)
-        if len(given) < len(self._fields):
-            completion.leave_out(len(self._fields) - len(given))
+        if len(given) < len(fields):
+            completion.leave_out(len(fields) - len(given))
         values = []
         found = 0
-        for name, take, absent, _ in self._fields:
+        for name, take, absent in fields:
             if name not in given:
                 values.append(absent(completion))
                 continue
@@ -118,14 +104,11 @@ class MessageDecoder:
                 values.append(take(given[name], completion))
             except InvalidMessage as error:
                 raise under(name, error) from None
-        if found != len(given):
-            self._check_names(given)
-        return self._struct(*values)
+        if found != len(given) and (unknown := given.keys() - ignored.union(names)):
+            raise InvalidMessage("", unknown_field(message.name, names, unknown))
+        return struct(*values)
 
-    def _check_names(self, given: Mapping[str, object]) -> None:
-        if not given.keys() <= self._ignored.union(self._names):
-            unknown = given.keys() - self._ignored
-            raise InvalidMessage("", unknown_field(self._message.name, self._names, unknown))
+    return complete
 
 
 def _field(slot: Slot, in_header: bool) -> tuple[str, LenientDecoder, Callable[[Now], object]]:

@@ -39,6 +39,10 @@ class DecodeFailure:
     members: Members = field(default_factory=dict)
 
 
+class TooMuchStructure(Exception):
+    """The frame exceeds the limit of items and short strings, which cost much memory per byte."""
+
+
 class Codec(Protocol):
     """Envelope in one encoding. Stateless; one instance serves all sessions."""
 
@@ -79,14 +83,18 @@ class SteppedEncoder(ABC):
         self._ready: tuple[Sample, Frame] | None = None
 
     @abstractmethod
-    def encode(self, sample: Sample) -> Steps[Frame]:
+    def encode_in_steps(self, sample: Sample) -> Steps[Frame]:
         """Encode a sample in steps."""
+
+    def encode(self, sample: Sample) -> Frame:
+        """Encode a sample at once."""
+        return finished(self.encode_in_steps(sample))
 
     def __call__(self, sample: Sample) -> Frame:
         """Return the frame of a sample, which subscribers share."""
         ready, self._ready = self._ready, None
-        return ready[1] if ready is not None and ready[0] is sample else finished(self.encode(sample))
+        return ready[1] if ready is not None and ready[0] is sample else self.encode(sample)
 
     def steps(self, sample: Sample) -> Iterator[None]:
         """Encode a sample in steps and keep the frame for the next call with that sample."""
-        self._ready = (sample, (yield from self.encode(sample)))
+        self._ready = (sample, (yield from self.encode_in_steps(sample)))

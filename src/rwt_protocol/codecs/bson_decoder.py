@@ -7,7 +7,7 @@ import struct
 from itertools import count
 from typing import Final
 
-from rwt_protocol.codecs.base import Steps
+from rwt_protocol.codecs.base import Steps, TooMuchStructure
 from rwt_protocol.limits import WireLimits
 
 _LENGTH: Final = struct.Struct("<i")
@@ -27,10 +27,6 @@ _ELEMENT_BYTES: Final = 4
 _STEP_ELEMENTS: Final = 256
 _LONG_RUN_BYTES: Final = 1024
 """Bytes of a run of numbers that is a step of its own."""
-
-
-class TooMuchStructure(Exception):
-    """The document exceeds the limit of elements that cost much memory per byte."""
 
 
 def check_structure(data: bytes, limits: WireLimits) -> Steps[bool]:

@@ -10,15 +10,14 @@ from collections.abc import Mapping, Sequence
 from io import BytesIO
 from typing import Final
 
-from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, Steps
+from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, Steps, TooMuchStructure
 from rwt_protocol.codecs.cbor_decoder import (
     BYTES_OF_A_HEAD,
     LargeFrame,
-    TooMuchStructure,
     head_of,
     new_decoder,
 )
-from rwt_protocol.codecs.object_codec import ObjectCodec, members_of
+from rwt_protocol.codecs.object_codec import SteppedCodec, members_of
 from rwt_protocol.frames import Buffer, Frame
 from rwt_protocol.limits import WireLimits
 from rwt_protocol.payloads import FEW_BYTES, Sample
@@ -42,7 +41,7 @@ _NOT_CBOR: Final = (
 )
 
 
-class CborCodec(ObjectCodec):
+class CborCodec(SteppedCodec):
     """CBOR encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
 
     def split_in_steps(self, data: bytes, limits: WireLimits) -> Steps[Sequence[Members | DecodeFailure]]:

@@ -8,7 +8,7 @@ import struct
 from io import BytesIO
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
-from rwt_protocol.codecs.base import Steps
+from rwt_protocol.codecs.base import Steps, TooMuchStructure
 from rwt_protocol.frames import Buffer
 from rwt_protocol.limits import WireLimits
 from rwt_protocol.payloads import FEW_BYTES
@@ -70,10 +70,6 @@ def head_of(major: int, argument: int) -> bytes:
     size = (argument.bit_length() + 7) // 8
     exponent = (size - 1).bit_length()
     return bytes((major << 5 | 24 + exponent,)) + argument.to_bytes(1 << exponent, "big")
-
-
-class TooMuchStructure(Exception):
-    """The frame exceeds the limit of items and short strings."""
 
 
 class _StepOver(Exception):

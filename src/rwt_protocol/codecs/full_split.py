@@ -219,12 +219,7 @@ def _split_several(data: bytes, max_depth: int) -> list[Members | DecodeFailure]
 
 
 def _end_of_value(view: memoryview) -> int:
-    """Return the end offset of the JSON value at the start of `view`.
-
-    Raises:
-        msgspec.DecodeError: there is no JSON value.
-        RecursionError: it is nested too deeply to be skipped.
-    """
+    """Return the end of the JSON value at the start of `view`; raises DecodeError or RecursionError."""
     try:
         _decode_raw(view)
     except msgspec.DecodeError as error:
@@ -268,7 +263,6 @@ def _without_constants(text: bytes) -> bytes:
 
 
 def _read_value(piece: bytes, max_depth: int) -> Members | DecodeFailure:
-    """Return one JSON value; objects are messages."""
     if piece[:1] != b"{":
         return DecodeFailure(f"expected an object, got {_KIND.get(piece[0], 'a number')}")
     try:

@@ -123,11 +123,7 @@ def _refuse(reason: str) -> bytes:
 
 
 def _validate(data: bytes, name: str, envelope: bytes, max_depth: int) -> bytes:
-    """Return the payload found by a parse of the whole frame.
-
-    Raises:
-        MalformedPayload: the frame is not one message, or differs from what its ends showed.
-    """
+    """Return the payload of a fully parsed frame; raises MalformedPayload if its ends differ."""
     found = split_whole(data, max_depth)
     if len(found) != 1:
         raise MalformedPayload(f"a message of more than {LARGE} bytes must be alone in its frame")

@@ -62,15 +62,7 @@ def _deeper_than(found: object, limit: int) -> bool:
 
 
 class ObjectCodec(ABC):
-    """Codec of such an encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
-
-    @abstractmethod
-    def split_in_steps(self, data: bytes, limits: WireLimits) -> Steps[Sequence[Members | DecodeFailure]]:
-        """Same as :meth:`split`, in steps."""
-
-    def split(self, data: bytes, limits: WireLimits) -> Sequence[Members | DecodeFailure]:
-        """Return the message of a frame. Never raises."""
-        return finished(self.split_in_steps(data, limits))
+    """Encoder of such an encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
 
     @abstractmethod
     def frame(self, message: Mapping[str, object]) -> Frame:
@@ -106,3 +98,15 @@ class ObjectCodec(ABC):
             return self.frame({"op": "publish", "topic": topic, "msg": sample.payload.plain()})
 
         return encode
+
+
+class SteppedCodec(ObjectCodec):
+    """Codec whose check of large frames runs in steps."""
+
+    @abstractmethod
+    def split_in_steps(self, data: bytes, limits: WireLimits) -> Steps[Sequence[Members | DecodeFailure]]:
+        """Same as :meth:`split`, in steps."""
+
+    def split(self, data: bytes, limits: WireLimits) -> Sequence[Members | DecodeFailure]:
+        """Return the message of a frame. Never raises."""
+        return finished(self.split_in_steps(data, limits))

@@ -90,7 +90,7 @@ class PngEncoder(SteppedEncoder):
         super().__init__()
         self._prefix = prefix
 
-    def encode(self, sample: Sample) -> Steps[Frame]:
+    def encode_in_steps(self, sample: Sample) -> Steps[Frame]:
         """Encode a sample in steps of a millisecond at most."""
         text = yield from _joined((self._prefix, *sample.payload.json_parts(), b"}"))
         return (yield from encode_in_steps(text))
@@ -157,12 +157,7 @@ def _escape(found: re.Match[str]) -> str:
 
 
 def _picture(width: int, height: int, packed: Iterator[bytes]) -> Steps[list[bytes]]:
-    """Return the parts of an image in base64.
-
-    Args:
-        width, height: size of the image.
-        packed: compressed pixels, in pieces that each take a while to make.
-    """
+    """Return the parts of an image in base64; its compressed pixels come in pieces, one per step."""
     import pybase64  # optional import: slow to load
 
     checksum = zlib.crc32(_PIXELS)
@@ -230,12 +225,7 @@ def _packer(text: bytes | bytearray) -> _Packer:
 
 
 def _quick(level: int | None, size: int) -> _Packer:
-    """Return a compressor of the fast library (extra `fast`), else of zlib.
-
-    Args:
-        level: zlib level; None: no match search.
-        size: bytes of the text.
-    """
+    """Return a compressor of the fast library (extra `fast`), else of zlib; level None: no match search."""
     fast = _fast_library()
     if fast is not None:
         return fast()
@@ -260,11 +250,7 @@ def _chunk(kind: bytes, body: bytes) -> bytes:
 
 
 def _read_picture(picture: bytes) -> tuple[int, int, bytes]:
-    """Return width, height and compressed rows.
-
-    Raises:
-        Refused: not a PNG image of 8-bit RGB.
-    """
+    """Return width, height and compressed rows; raises Refused unless it is 8-bit RGB."""
     wrong = Refused("png.data: expected a PNG picture of 8-bit RGB, not interlaced")
     if not picture.startswith(_SIGNATURE):
         raise wrong
