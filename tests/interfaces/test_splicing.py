@@ -169,6 +169,7 @@ def wholly(kind: MessageType, raw: bytes) -> object:
     st.sampled_from(((",", ":"), (", ", ": "))),
 )
 @example("t_msgs/Deep", 1, ",", Random(2), False, 0, (",", ":"))  # one text with a comma, in an array
+@example("t_msgs/Deep", 2, "", Random(914285), False, 0, (",", ":"))  # an empty array of doubles, in steps
 def test_to_splice_is_to_decode_and_encode(
     name: str,
     version: int,

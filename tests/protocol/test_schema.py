@@ -95,6 +95,7 @@ def test_asyncapi_says_who_sends_what(profile: Profile) -> None:
         assert ops == {op for op in profile.ops if profile.direction(op).value in (side, "both")}
 
 
+@pytest.mark.extended  # The schema comes from npm.
 @pytest.mark.parametrize("profile", PROFILES.values(), ids=lambda profile: str(profile.name))
 def test_asyncapi_fits_the_schema_that_asyncapi_publishes(profile: Profile) -> None:
     whole: dict[str, Any] = json.loads(json.dumps(protocol_asyncapi(profile, "1.2.3")))

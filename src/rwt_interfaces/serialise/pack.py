@@ -102,9 +102,10 @@ def _long_array(
     count = 0
     if isinstance(element, field_types.Bool | field_types.Int | field_types.Float):
         code = "?" if isinstance(element, field_types.Bool) else element.code
-        out += bytes(gap(len(out), struct.calcsize(code), rules.aligned))
         for chunk in chunks:
-            if chunk is not None:
+            if chunk is not None and len(chunk):
+                if not count:  # An empty array has no padding.
+                    out += bytes(gap(len(out), struct.calcsize(code), rules.aligned))
                 count += len(chunk)
                 out += little_endian(chunk, code)
             yield
