@@ -37,13 +37,18 @@ from aiortc.rtcsctptransport import (
     WEBRTC_STRING_EMPTY,
     Chunk,
     DataChunk,
+    ForwardTsnChunk,
     InboundStream,
+    InitChunk,
+    ReconfigChunk,
     RTCSctpTransport,
     SackChunk,
+    ShutdownChunk,
 )
 
 from rwt_transports.errors import TransportError, log_exception
-from rwt_transports.webrtc.reassembly import Reassembly, Truncated
+from rwt_transports.webrtc.reassembly import Reassembly, Truncated, is_later
+from rwt_transports.webrtc.sctp_packets import BadPacket, check_packet
 
 if TYPE_CHECKING:
     from queue import Queue
@@ -64,6 +69,14 @@ WINDOW_BYTES: Final = 1024 * 1024
 """Receiver window (RFC 9260) of a peer, in bytes; a single message may be larger."""
 MISORDERED: Final = 2048
 """Fragments after a gap that are noted; a further one counts as lost, and is sent again."""
+TSN_RANGE: Final = 65535
+"""Maximum distance of a fragment from the last one without a gap: a gap block reports no more."""
+GAP_BLOCKS: Final = 256
+"""Gap blocks of a SACK chunk, which fits a datagram with them."""
+DUPLICATES: Final = 16
+"""Duplicates that a SACK chunk reports."""
+IN_FLIGHT: Final = 1024
+"""Unacknowledged fragments; aiortc looks at all of them for each SACK chunk with gap blocks."""
 FRESH_TURNS: Final = 8
 """Messages of channels without retransmission in a row, after which one of the others has a turn."""
 RTO_SECONDS: Final = 0.3
@@ -94,6 +107,10 @@ class _Bundle(Chunk):
 
     def __bytes__(self) -> bytes:
         return b"".join(map(bytes, self._chunks))
+
+
+_NUMBERED: Final = (DataChunk, ForwardTsnChunk, ReconfigChunk, SackChunk, ShutdownChunk)
+"""Chunks with numbers that only an association has whose peer has announced its first one."""
 
 
 class BrokenAssociation(TransportError):
@@ -130,6 +147,8 @@ class Association(RTCSctpTransport):
       turns.
     * Incomplete messages are limited, and complete ones are passed on as bytes.
     * Bytes that a paused endpoint has not read reduce the window that the peer is told.
+    * Packets are validated before aiortc parses them, and chunks by the state of the association. Invalid
+      ones are discarded (RFC 9260 sections 5.2 and 8.5).
 
     Attributes:
         held_bytes: size of incomplete messages.
@@ -264,6 +283,8 @@ class Association(RTCSctpTransport):
 
     def _window_is_open(self) -> bool:
         # One message may always be under way, so that the window is heard of when it opens.
+        if len(self._sent_queue) >= IN_FLIGHT:
+            return False
         return self._peer_window > self._flight_size or not self._flight_size
 
     def _next_receiver(self) -> ChannelReceiver | None:
@@ -337,15 +358,87 @@ class Association(RTCSctpTransport):
 
     async def _handle_data(self, data: bytes) -> None:
         try:
+            check_packet(data, self._remote_port or 0, self._local_port, self._local_verification_tag)
             await super()._handle_data(data)
         except ConnectionError:
             raise
+        except BadPacket as bad:
+            logger.debug("discarded %s", bad)
         except BrokenAssociation as broken:
             self._fail(str(broken))
         except Exception:
             # aiortc's task that reads would end with it, and leave the peer half alive.
             log_exception("a packet of a peer could not be handled; ending the peer")
             self._fail("a packet that could not be handled")
+
+    async def _receive_chunk(self, chunk: Chunk) -> None:
+        if self._admits(chunk):
+            await super()._receive_chunk(chunk)
+
+    def _admits(self, chunk: Chunk) -> bool:
+        """Return True if a chunk is possible in the state of the association."""
+        state, received = self._association_state, self._last_received_tsn
+        handshake = state in (self.State.COOKIE_WAIT, self.State.COOKIE_ECHOED)
+        if isinstance(chunk, InitChunk):
+            # Data channels do not restart an association, and a late copy would reset its numbers.
+            return handshake
+        if state == self.State.CLOSED or (received is None and isinstance(chunk, _NUMBERED)):
+            return False  # A cookie that is still valid would open a closed association again.
+        if isinstance(chunk, DataChunk):
+            return (
+                not is_later(chunk.tsn, received or 0) or (chunk.tsn - (received or 0)) % 2**32 <= TSN_RANGE
+            )
+        if isinstance(chunk, SackChunk):
+            return self._was_sent(chunk)
+        return True
+
+    def _was_sent(self, sack: SackChunk) -> bool:
+        """Return True if a SACK chunk acknowledges only what was sent, which also bounds its gap blocks."""
+        last = self._sent_queue[-1].tsn if self._sent_queue else self._advanced_peer_ack_tsn
+        if is_later(sack.cumulative_tsn, last):
+            return False
+        return not sack.gaps or sack.gaps[-1][1] <= (last - sack.cumulative_tsn) % 2**32
+
+    def _mark_received(self, tsn: int) -> bool:
+        # aiortc sorts all numbers after a gap for each fragment.
+        last = self._last_received_tsn or 0
+        if not is_later(tsn, last) or tsn in self._sack_misordered:
+            if len(self._sack_duplicates) < DUPLICATES:
+                self._sack_duplicates.append(tsn)
+            return True
+        self._sack_misordered.add(tsn)
+        while (following := (last + 1) % 2**32) in self._sack_misordered:
+            self._sack_misordered.remove(following)
+            last = following
+        self._last_received_tsn = last
+        return False
+
+    async def _send_sack(self) -> None:
+        # aiortc's has a block for each gap, and may exceed a datagram.
+        last, gaps = self._last_received_tsn or 0, list[tuple[int, int]]()
+        for offset in sorted((tsn - last) % 2**32 for tsn in self._sack_misordered):
+            if gaps and offset == gaps[-1][1] + 1:
+                gaps[-1] = (gaps[-1][0], offset)
+            elif len(gaps) == GAP_BLOCKS:
+                break
+            else:
+                gaps.append((offset, offset))
+        sack = SackChunk()
+        sack.cumulative_tsn, sack.advertised_rwnd = last, max(0, self._advertised_rwnd)
+        sack.gaps, sack.duplicates = gaps, self._sack_duplicates[:]
+        await self._send_chunk(sack)
+        self._sack_duplicates.clear()
+        self._sack_needed = False
+
+    async def _reset_deferred_streams(self) -> None:
+        request = self._reconfig_deferred
+        before = (
+            {} if request is None else {each: self._inbound_streams.get(each) for each in request.streams}
+        )
+        await super()._reset_deferred_streams()
+        for number, stream in before.items():
+            if stream is not None and number not in self._inbound_streams:
+                cast("Reassembly", stream).clear()
 
     def _get_inbound_stream(self, stream_id: int) -> InboundStream:
         stream = self._inbound_streams.get(stream_id)

@@ -18,7 +18,8 @@ from rwt_transports.webrtc.reassembly import Reassembly
 
 ASYNC = (
     "_handle_data", "_receive", "_receive_data_chunk", "_receive_sack_chunk", "_data_channel_flush",
-    "_data_channel_receive", "_transmit", "_send", "_send_chunk", "_send_sack", "stop",
+    "_data_channel_receive", "_transmit", "_send", "_send_chunk", "_send_sack", "_receive_chunk",
+    "_reset_deferred_streams", "stop",
 )  # fmt: skip
 """Coroutines of the association that are called or replaced."""
 
@@ -44,6 +45,8 @@ def test_coroutines_of_the_association(name: str) -> None:
         ("_receive_data_chunk", ["self", "chunk"]),
         ("_receive_sack_chunk", ["self", "chunk"]),
         ("_get_inbound_stream", ["self", "stream_id"]),
+        ("_mark_received", ["self", "tsn"]),
+        ("_receive_chunk", ["self", "chunk"]),
         ("_update_rto", ["self", "R"]),
         ("_send_chunk", ["self", "chunk"]),
         (
@@ -82,7 +85,8 @@ async def test_values_of_an_association() -> None:
         "_association_state", "_advertised_rwnd", "_cwnd", "_flight_size", "_outbound_queue",
         "_data_channel_queue", "_data_channels", "_inbound_streams", "_inbound_streams_max",
         "_outbound_streams_count", "_last_received_tsn", "_rto", "_srtt", "_rttvar", "_sack_needed",
-        "_sack_misordered",
+        "_sack_misordered", "_sack_duplicates", "_sent_queue", "_advanced_peer_ack_tsn", "_reconfig_deferred",
+        "_local_verification_tag", "_local_port", "_remote_port",
     ):  # fmt: skip
         assert hasattr(sctp, name), name
     assert sctp.State.ESTABLISHED
