@@ -7,7 +7,7 @@ offers no public way to do this:
   all messages to send in order, and all that a peer sends without an end; invalid UTF-8 ends the whole peer.
 * :func:`accept_rsa`: accept RSA certificates in the DTLS handshake, which GStreamer up to 1.22 has.
 * :func:`configure_ice`, :func:`nominated_pairs`: gather loopback candidates, notice soon that a peer is gone,
-  and report the path that was found.
+  validate what comes to the sockets, limit checks, and report the path that was found.
 * :func:`observe_rtcp`: tell a track what the receiver asks its sender for.
 * :func:`replace_decoder_queue`: limit what waits to be decoded.
 """
@@ -22,7 +22,8 @@ from functools import partial
 from time import time
 from typing import TYPE_CHECKING, Any, Final, Protocol, cast
 
-from aioice import Candidate, Connection
+from aioice import Candidate, Connection, stun
+from aioice.ice import StunProtocol
 from aiortc.rtcsctptransport import (
     DATA_CHANNEL_ACK,
     DATA_CHANNEL_OPEN,
@@ -47,8 +48,10 @@ from aiortc.rtcsctptransport import (
 )
 
 from rwt_transports.errors import TransportError, log_exception
+from rwt_transports.webrtc.ice_guard import DATAGRAM_BYTES, EARLY_DATAGRAMS, WAITING_DATAGRAMS
 from rwt_transports.webrtc.reassembly import Reassembly, Truncated, is_later
 from rwt_transports.webrtc.sctp_packets import BadPacket, check_packet
+from rwt_transports.webrtc.stun_messages import BadStun, StunClass, check_stun
 
 if TYPE_CHECKING:
     from queue import Queue
@@ -59,9 +62,15 @@ if TYPE_CHECKING:
     from aiortc.rtp import AnyRtcpPacket
 
     from rwt_transports.limits import Limits
+    from rwt_transports.webrtc.ice_guard import IceGuard
     from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 logger = logging.getLogger("rwt_transports.webrtc")
+
+# aioice logs each step of each candidate pair at INFO, 50 kB per second if clients wish. An application
+# that sets a level for "aioice" keeps it.
+if logging.getLogger("aioice").level == logging.NOTSET:
+    logging.getLogger("aioice").setLevel(logging.WARNING)
 
 STREAMS: Final = 1024
 """Streams each way: numbers of channels below this."""
@@ -542,17 +551,80 @@ Gather = Callable[[int, list[str], int], Coroutine[Any, Any, list[Candidate]]]
 """Function that gathers the candidates of a component on addresses, within some seconds."""
 
 
+class GuardedProtocol(StunProtocol):
+    """Socket of an ICE agent that hands to aioice only what was validated.
+
+    aioice answers requests without credentials, takes what it cannot parse for data, and takes data from any
+    address.
+
+    Attributes:
+        guard: limits of the agent.
+    """
+
+    guard: IceGuard
+
+    def datagram_received(self, data: bytes | str, addr: tuple[Any, ...]) -> None:
+        """Receive a datagram; drop it unless it is valid and from an address of the peer."""
+        assert isinstance(data, bytes)
+        source = (addr[0], addr[1])
+        if not data or len(data) > DATAGRAM_BYTES:
+            return
+        if data[0] < _STUN_BYTES:
+            self._receive_stun(data, source)
+        elif self.guard.is_source(source) and not _STUN_BYTES <= data[0] < _DTLS_BYTES:
+            self.receiver.data_received(data, self.local_candidate.component)
+
+    def _receive_stun(self, data: bytes, source: tuple[str, int]) -> None:
+        agent = self.receiver
+        try:
+            head = check_stun(data)
+            if head.kind is StunClass.REQUEST:
+                if head.username.startswith(f"{agent.local_username}:".encode()):
+                    self._receive_request(stun.parse_message(data), source)
+            elif (transaction := self.transactions.get(head.transaction)) is not None:
+                message = stun.parse_message(data)
+                if message.check_message_integrity((agent.remote_password or "").encode()):
+                    self.guard.answered(source)
+                transaction.response_received(message, source)
+        except (BadStun, ValueError) as bad:
+            logger.debug("discarded %s", bad)
+
+    def _receive_request(self, message: stun.Message, source: tuple[str, int]) -> None:
+        """Hand over a request with valid credentials; one without is not answered, since its sender is
+        unknown.
+        """
+        agent = self.receiver
+        if not message.check_message_integrity(agent.local_password.encode()):
+            return
+        if self.guard.admit_request(source):
+            agent.request_received(message, source, self)
+
+    def send_stun(self, message: stun.Message, addr: tuple[str, int]) -> None:
+        """Send a message, except for a check beyond the limits, which counts as lost."""
+        # Only checks have credentials of the other side; questions to a STUN server do not.
+        is_check = message.message_class == stun.Class.REQUEST and "USERNAME" in message.attributes
+        if not is_check or self.guard.admit_check(addr):
+            super().send_stun(message, addr)
+
+
+_STUN_BYTES: Final = 4
+_DTLS_BYTES: Final = 20
+"""First bytes below which a datagram is STUN, or neither STUN nor DTLS nor SRTP (RFC 7983)."""
+
+
 def configure_ice(
     transport: RTCIceTransport,
     query_consent: Callable[[Connection], Coroutine[object, object, None]],
-    gather: Callable[[Gather], Any],
+    gather: Callable[[Gather], Gather],
+    guard: IceGuard,
 ) -> None:
-    """Replace how an ICE transport checks consent and gathers candidates. Call before it gathers.
+    """Replace how an ICE transport checks consent, gathers candidates and receives. Call before it gathers.
 
     Args:
         transport: ICE transport.
         query_consent: runs for as long as the peer consents to receive (RFC 7675).
         gather: wraps the function that gathers candidates.
+        guard: limits of the agent.
     """
     connection = transport.iceGatherer._connection
 
@@ -561,8 +633,21 @@ def configure_ice(
         connection._query_consent_task = None  # This task, for which closing would wait.
         await connection.close()
 
-    candidates = gather(connection.get_component_candidates)
+    receive, gather_all = connection.data_received, gather(connection.get_component_candidates)
+
+    def data_received(data: bytes, component: int) -> None:
+        if connection._queue.qsize() < (WAITING_DATAGRAMS if connection._nominated else EARLY_DATAGRAMS):
+            receive(data, component)
+
+    async def candidates(component: int, addresses: list[str], timeout: int = 0) -> list[Candidate]:  # noqa: ASYNC109 - the signature is aioice's
+        found = await gather_all(component, addresses, timeout)
+        for protocol in connection._protocols:
+            protocol.__class__ = GuardedProtocol  # aioice makes them.
+            cast("GuardedProtocol", protocol).guard = guard
+        return found
+
     connection.query_consent = query  # type: ignore[method-assign] # no setting
+    connection.data_received = data_received  # type: ignore[method-assign] # no setting
     connection.get_component_candidates = candidates  # type: ignore[method-assign] # no setting
 
 

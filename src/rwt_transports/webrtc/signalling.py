@@ -124,7 +124,7 @@ class Peers:
                 servers,
                 accept,
                 address,
-                loopback=not address or is_local(address),
+                reach=self.terms.reach(address),
                 on_closed=lambda peer: self._closed(identifier, peer),
             )
             self._peers[identifier] = peer

@@ -6,6 +6,7 @@ Prints the damage as JSON. The process fails if the attacked side no longer serv
 from __future__ import annotations
 
 import asyncio
+import gc
 import json
 import logging
 import resource
@@ -16,7 +17,7 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import asdict
 from io import StringIO
 
-from tests.faults.peers import sctp_attacks  # noqa: F401 - registers its attacks
+from tests.faults.peers import datagram_attacks, sctp_attacks  # noqa: F401 - they register their attacks
 from tests.faults.peers.attacks import ATTACKS, Damage
 from tests.rwt.media.webrtc.peers import answering, other_side
 
@@ -66,6 +67,7 @@ async def run(name: str) -> Damage:
             await friend.connect(side, friend.connection.createDataChannel("warm"))
         async with watched(damage):
             await ATTACKS[name](side, damage)
+        gc.collect()  # Tasks whose exception nobody retrieved report it then.
         damage.log_bytes = len(log.getvalue())
         damage.log = log.getvalue()[-2000:]
         async with other_side() as friend:

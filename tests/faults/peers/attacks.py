@@ -14,6 +14,7 @@ from aiortc.rtcsctptransport import Chunk, RTCSctpTransport, serialize_packet
 from rwt_transports.endpoint import PeerInfo, Sink
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.limits import Limits
+from rwt_transports.webrtc.ice_guard import Reach
 from rwt_transports.webrtc.peer import Peer, PeerTerms
 from rwt_transports.webrtc.sdp import read_description
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
@@ -100,7 +101,7 @@ async def attacking_server(*, connected: bool = True) -> AsyncIterator[tuple[Pee
     """Our client's peer with a server of plain aiortc, which attacks, and the offer of the client."""
     server = RTCPeerConnection(RTCConfiguration(iceServers=[]))
     terms = PeerTerms(Limits(), ReceiveBufferPool(), AddressCount())
-    client = Peer(terms, (), _refuse, "127.0.0.1", loopback=True, on_closed=lambda peer: None)
+    client = Peer(terms, (), _refuse, "127.0.0.1", reach=Reach.LOOPBACK, on_closed=lambda peer: None)
     try:
         channel = client.connection.createDataChannel("rosbridge")
         client.prepare()

@@ -11,7 +11,7 @@ import sys
 
 import pytest
 
-from tests.faults.peers import sctp_attacks  # noqa: F401 - registers its attacks
+from tests.faults.peers import datagram_attacks, sctp_attacks  # noqa: F401 - they register their attacks
 from tests.faults.peers.attacks import ATTACKS, Damage
 from tests.processes import ROOT
 

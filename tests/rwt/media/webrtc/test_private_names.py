@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from aioice import Connection
+from aioice.ice import StunProtocol
 from aiortc import RTCDtlsTransport, RTCIceGatherer, RTCPeerConnection, RTCRtpSender
 from aiortc.rtcsctptransport import DataChunk, InboundStream, RTCSctpTransport, SackChunk
 
@@ -113,8 +114,18 @@ async def test_values_of_ice() -> None:
     gather = Connection.get_component_candidates
     assert list(inspect.signature(gather).parameters) == ["self", "component", "addresses", "timeout"]
     assert "self.get_component_candidates(component=" in inspect.getsource(Connection.gather_candidates)
-    for name in ("_nominated", "_query_consent_task", "remote_password"):
+    for name in (
+        "_nominated", "_query_consent_task", "_queue", "_protocols", "local_username", "local_password",
+        "remote_password",
+    ):  # fmt: skip
         assert hasattr(connection, name)
+    assert list(inspect.signature(Connection.data_received).parameters) == ["self", "data", "component"]
+    assert list(inspect.signature(Connection.request_received).parameters) == [
+        "self", "message", "addr", "protocol",
+    ]  # fmt: skip
+    for name in ("datagram_received", "send_stun"):
+        assert name in vars(StunProtocol)
+    assert {"receiver", "transactions"} <= vars(StunProtocol(connection)).keys()
 
 
 @pytest.mark.anyio
