@@ -10,6 +10,7 @@ offers no public way to do this:
   validate what comes to the sockets, limit checks, and report the path that was found.
 * :func:`observe_rtcp`: tell a track what the receiver asks its sender for.
 * :func:`replace_decoder_queue`: limit what waits to be decoded.
+* :func:`release`: break the reference cycles of an ended peer.
 """
 
 from __future__ import annotations
@@ -18,12 +19,12 @@ import asyncio
 import logging
 from collections import deque
 from collections.abc import Callable, Coroutine
-from functools import partial
 from time import time
 from typing import TYPE_CHECKING, Any, Final, Protocol, cast
 
 from aioice import Candidate, Connection, stun
 from aioice.ice import StunProtocol
+from aiortc import RTCCertificate
 from aiortc.rtcsctptransport import (
     DATA_CHANNEL_ACK,
     DATA_CHANNEL_OPEN,
@@ -58,7 +59,14 @@ if TYPE_CHECKING:
     from threading import Event
 
     from aioice.ice import CandidatePair
-    from aiortc import RTCDataChannel, RTCDtlsTransport, RTCIceTransport, RTCRtpReceiver, RTCRtpSender
+    from aiortc import (
+        RTCDataChannel,
+        RTCDtlsTransport,
+        RTCIceTransport,
+        RTCPeerConnection,
+        RTCRtpReceiver,
+        RTCRtpSender,
+    )
     from aiortc.rtp import AnyRtcpPacket
 
     from rwt_transports.limits import Limits
@@ -67,10 +75,11 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger("rwt_transports.webrtc")
 
-# aioice logs each step of each candidate pair at INFO, 50 kB per second if clients wish. An application
-# that sets a level for "aioice" keeps it.
-if logging.getLogger("aioice").level == logging.NOTSET:
-    logging.getLogger("aioice").setLevel(logging.WARNING)
+# aioice logs each step of each candidate pair at INFO, 50 kB per second if clients wish, and aiortc each
+# frame that cannot be decoded as a warning. An application that sets a level for these loggers keeps it.
+for _name, _level in (("aioice", logging.WARNING), ("aiortc.rtcrtpreceiver", logging.ERROR)):
+    if logging.getLogger(_name).level == logging.NOTSET:
+        logging.getLogger(_name).setLevel(_level)
 
 STREAMS: Final = 1024
 """Streams each way: numbers of channels below this."""
@@ -120,6 +129,10 @@ class _Bundle(Chunk):
 
 _NUMBERED: Final = (DataChunk, ForwardTsnChunk, ReconfigChunk, SackChunk, ShutdownChunk)
 """Chunks with numbers that only an association has whose peer has announced its first one."""
+
+
+def _ignore(reason: str) -> None:
+    """No-op: the peer has ended."""
 
 
 class BrokenAssociation(TransportError):
@@ -364,6 +377,8 @@ class Association(RTCSctpTransport):
             cast("Reassembly", stream).clear()
         self._buffers.release(self)
         await super().stop()
+        self._fail = _ignore
+        self._inbound_streams.clear()
 
     async def _handle_data(self, data: bytes) -> None:
         try:
@@ -537,14 +552,14 @@ session description authenticates either kind."""
 def accept_rsa(transport: RTCDtlsTransport) -> None:
     """Accept RSA certificates of the peer. Call before the handshake begins."""
     certificate = transport._RTCDtlsTransport__local_certificate  # type: ignore[attr-defined] # private
-    if not isinstance(certificate._create_ssl_context, partial):
-        certificate._create_ssl_context = partial(_with_rsa, certificate._create_ssl_context)
+    certificate.__class__ = _AnyCertificate
 
 
-def _with_rsa(create: Callable[[list[Any]], Any], srtp_profiles: list[Any]) -> Any:
-    context = create(srtp_profiles)
-    context.set_cipher_list(CIPHERS)
-    return context
+class _AnyCertificate(RTCCertificate):
+    def _create_ssl_context(self, srtp_profiles: list[Any]) -> Any:
+        context = super()._create_ssl_context(srtp_profiles)
+        context.set_cipher_list(CIPHERS)
+        return context
 
 
 Gather = Callable[[int, list[str], int], Coroutine[Any, Any, list[Candidate]]]
@@ -649,6 +664,33 @@ def configure_ice(
     connection.query_consent = query  # type: ignore[method-assign] # no setting
     connection.data_received = data_received  # type: ignore[method-assign] # no setting
     connection.get_component_candidates = candidates  # type: ignore[method-assign] # no setting
+
+
+def release(connection: RTCPeerConnection) -> None:
+    """Break the reference cycles of a peer connection that has been closed for a while.
+
+    The server rarely collects cyclic garbage, and freezes what it has seen alive.
+    """
+    sctp = connection.sctp
+    handshakes = {each.sender.transport for each in connection.getTransceivers()}
+    if sctp is not None:
+        handshakes.add(sctp.transport)
+    for sender in connection.getSenders():
+        for name in ("_handle_rtcp_packet", "_send_keyframe"):
+            vars(sender).pop(name, None)
+    for handshake in handshakes:
+        handshake.remove_all_listeners()
+        if handshake._ssl is not None:
+            # pyOpenSSL's helper holds a function that holds the helper.
+            vars(handshake._ssl.get_context()._verify_helper).clear()
+            handshake._ssl = None
+        agent = handshake.transport.iceGatherer._connection
+        for pair in agent._check_list:
+            pair.task = None
+        agent._check_list.clear()
+        agent._early_checks.clear()
+        for name in ("query_consent", "data_received", "get_component_candidates"):
+            vars(agent).pop(name, None)
 
 
 def nominated_pairs(transport: RTCIceTransport | Connection) -> tuple[CandidatePair, ...]:

@@ -18,7 +18,7 @@ from rwt_transports.errors import log_exception
 from rwt_transports.http.addresses import AddressCount, network_of
 from rwt_transports.http.routes import is_local
 from rwt_transports.limits import KIB, Limits
-from rwt_transports.webrtc.aiortc_internals import Association, accept_rsa
+from rwt_transports.webrtc.aiortc_internals import Association, accept_rsa, release
 from rwt_transports.webrtc.channels import ChannelLink
 from rwt_transports.webrtc.ice import IceServer, configuration, prepare, way
 from rwt_transports.webrtc.ice_guard import CheckRates, IceGuard, Reach, reach_of
@@ -38,6 +38,9 @@ READY_BYTES: Final = 16 * KIB
 """Maximum bytes queued below a channel's lanes, where old messages can no longer be dropped."""
 FRESH_READY_BYTES: Final = 1 * KIB
 """The same for a channel without retransmission, where an old message is worth nothing."""
+
+RELEASE_SECONDS: Final = 0.5
+"""Time after which an ended peer connection is not used any more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,3 +295,6 @@ class Peer:
         for state in self._states:
             for connection in tuple(state.connections):
                 connection.abort()
+        self._when_ended.clear()
+        # aiortc's tasks that connect end after the next turns of the loop.
+        asyncio.get_running_loop().call_later(RELEASE_SECONDS, release, self.connection)

@@ -92,7 +92,8 @@ async def attacker(side: Side) -> AsyncIterator[tuple[OtherSide, RTCSctpTranspor
         yield other, sctp
 
 
-def _refuse(sink: Sink, info: PeerInfo) -> Never:
+def refuse(sink: Sink, info: PeerInfo) -> Never:
+    """Accept no channel: the client opens them."""
     raise AssertionError("the server opens no channel")
 
 
@@ -101,7 +102,7 @@ async def attacking_server(*, connected: bool = True) -> AsyncIterator[tuple[Pee
     """Our client's peer with a server of plain aiortc, which attacks, and the offer of the client."""
     server = RTCPeerConnection(RTCConfiguration(iceServers=[]))
     terms = PeerTerms(Limits(), ReceiveBufferPool(), AddressCount())
-    client = Peer(terms, (), _refuse, "127.0.0.1", reach=Reach.LOOPBACK, on_closed=lambda peer: None)
+    client = Peer(terms, (), refuse, "127.0.0.1", reach=Reach.LOOPBACK, on_closed=lambda peer: None)
     try:
         channel = client.connection.createDataChannel("rosbridge")
         client.prepare()

@@ -35,6 +35,7 @@ def suffer(name: str) -> Damage:
     return Damage(**json.loads(done.stdout))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ATTACKS)
 def test_an_attack_holds_nobody_up(name: str) -> None:
     damage = suffer(name)
@@ -43,3 +44,34 @@ def test_an_attack_holds_nobody_up(name: str) -> None:
     assert damage.log_bytes < LOG_BYTES, damage.log
     assert "Traceback" not in damage.log
     assert not damage.sent
+
+
+PEERS = 1000
+LEFT_OBJECTS = PEERS // 4
+"""Fewer than one for each peer, without a collection of cyclic garbage."""
+LEFT_MIB = 16
+
+
+@pytest.mark.extended
+@pytest.mark.timeout(400)
+@pytest.mark.parametrize("kind", ["connected", "unanswered", "rejected"])
+def test_ended_peers_leave_nothing_behind(kind: str) -> None:
+    done = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "tests.faults.peers.released",
+            kind,
+            str(PEERS if kind != "connected" else 300),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=3 * TIMEOUT,
+        cwd=ROOT,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-3000:]
+    left = json.loads(done.stdout)
+    assert left["objects"] < LEFT_OBJECTS
+    assert left["mib"] < LEFT_MIB
+    assert (left["files"], left["tasks"]) == (0, 0)
