@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import struct
 from collections import deque
 from collections.abc import Callable, Coroutine
 from time import time
@@ -25,6 +26,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, cast
 from aioice import Candidate, Connection, stun
 from aioice.ice import StunProtocol
 from aiortc import RTCCertificate
+from aiortc.rtcrtpreceiver import NackGenerator
 from aiortc.rtcsctptransport import (
     DATA_CHANNEL_ACK,
     DATA_CHANNEL_OPEN,
@@ -47,10 +49,18 @@ from aiortc.rtcsctptransport import (
     SackChunk,
     ShutdownChunk,
 )
+from aiortc.rtp import RtcpRtpfbPacket
 
 from rwt_transports.errors import TransportError, log_exception
-from rwt_transports.webrtc.ice_guard import DATAGRAM_BYTES, EARLY_DATAGRAMS, WAITING_DATAGRAMS
+from rwt_transports.webrtc.ice_guard import (
+    DATAGRAM_BYTES,
+    EARLY_DATAGRAMS,
+    RETRANSMISSIONS_PER_SECOND,
+    WAITING_DATAGRAMS,
+    TokenBucket,
+)
 from rwt_transports.webrtc.reassembly import Reassembly, Truncated, is_later
+from rwt_transports.webrtc.rtp_packets import MAX_LOST, BadMedia, check_rtcp, check_rtp
 from rwt_transports.webrtc.sctp_packets import BadPacket, check_packet
 from rwt_transports.webrtc.stun_messages import BadStun, StunClass, check_stun
 
@@ -67,7 +77,7 @@ if TYPE_CHECKING:
         RTCRtpReceiver,
         RTCRtpSender,
     )
-    from aiortc.rtp import AnyRtcpPacket
+    from aiortc.rtp import AnyRtcpPacket, RtpPacket
 
     from rwt_transports.limits import Limits
     from rwt_transports.webrtc.ice_guard import IceGuard
@@ -586,7 +596,11 @@ class GuardedProtocol(StunProtocol):
             return
         if data[0] < _STUN_BYTES:
             self._receive_stun(data, source)
-        elif self.guard.is_source(source) and not _STUN_BYTES <= data[0] < _DTLS_BYTES:
+        elif (
+            self.guard.is_source(source)
+            and data[0] >= _DTLS_BYTES
+            and (data[0] < _MEDIA_BYTES or self.guard.admit_media(data))
+        ):
             self.receiver.data_received(data, self.local_candidate.component)
 
     def _receive_stun(self, data: bytes, source: tuple[str, int]) -> None:
@@ -624,7 +638,30 @@ class GuardedProtocol(StunProtocol):
 
 _STUN_BYTES: Final = 4
 _DTLS_BYTES: Final = 20
-"""First bytes below which a datagram is STUN, or neither STUN nor DTLS nor SRTP (RFC 7983)."""
+_MEDIA_BYTES: Final = 128
+"""First bytes from which on a datagram is not STUN, is DTLS, and is SRTP or SRTCP (RFC 7983)."""
+
+
+def guard_media(handshake: RTCDtlsTransport) -> None:
+    """Validate RTP and RTCP packets before aiortc parses them. Call before the handshake begins."""
+    handle_rtp, handle_rtcp = handshake._handle_rtp_data, handshake._handle_rtcp_data
+
+    async def rtp(data: bytes, arrival_time_ms: int) -> None:
+        try:
+            check_rtp(data)
+            await handle_rtp(data, arrival_time_ms)
+        except (BadMedia, struct.error) as bad:  # Header extensions of wrong sizes.
+            logger.debug("discarded %s", bad)
+
+    async def rtcp(data: bytes) -> None:
+        try:
+            check_rtcp(data)
+            await handle_rtcp(data)
+        except BadMedia as bad:
+            logger.debug("discarded %s", bad)
+
+    handshake._handle_rtp_data = rtp  # type: ignore[method-assign] # no setting
+    handshake._handle_rtcp_data = rtcp  # type: ignore[method-assign] # no setting
 
 
 def configure_ice(
@@ -680,6 +717,8 @@ def release(connection: RTCPeerConnection) -> None:
             vars(sender).pop(name, None)
     for handshake in handshakes:
         handshake.remove_all_listeners()
+        for name in ("_handle_rtp_data", "_handle_rtcp_data"):
+            vars(handshake).pop(name, None)
         if handshake._ssl is not None:
             # pyOpenSSL's helper holds a function that holds the helper.
             vars(handshake._ssl.get_context()._verify_helper).clear()
@@ -710,8 +749,12 @@ def observe_rtcp(
         on_keyframe: called if the receiver needs a key frame.
     """
     handle = sender._handle_rtcp_packet
+    again = TokenBucket(RETRANSMISSIONS_PER_SECOND, RETRANSMISSIONS_PER_SECOND)
 
     async def observe(packet: AnyRtcpPacket) -> None:
+        if isinstance(packet, RtcpRtpfbPacket):
+            # A report of 1 kB may ask for the same packet 4,000 times.
+            packet.lost = [each for each in dict.fromkeys(packet.lost) if again.take()]
         on_packet(packet, sender._ssrc)
         await handle(packet)
 
@@ -722,6 +765,18 @@ def observe_rtcp(
 _DECODER_QUEUE: Final = "_RTCRtpReceiver__decoder_queue"
 _DECODER_ERROR: Final = "_RTCRtpReceiver__decoder_error"
 """Queue of a receiver's decoder, and the event that makes aiortc 1.16 ask for a key frame."""
+
+
+_NACK_GENERATOR: Final = "_RTCRtpReceiver__nack_generator"
+
+
+class _BoundedNacks(NackGenerator):
+    """Missing packets; a gap beyond those that can be sent again costs no more than one of that size."""
+
+    def add(self, packet: RtpPacket) -> bool:
+        if self.max_seq is not None and MAX_LOST < (packet.sequence_number - self.max_seq) % 65536 < 32768:
+            self.max_seq = (packet.sequence_number - MAX_LOST) % 65536
+        return super().add(packet)
 
 
 def replace_decoder_queue(receiver: RTCRtpReceiver, make_queue: Callable[[Event], Queue[Any]]) -> bool:
@@ -735,4 +790,6 @@ def replace_decoder_queue(receiver: RTCRtpReceiver, make_queue: Callable[[Event]
     if lost is None or not hasattr(receiver, _DECODER_QUEUE):
         return False
     setattr(receiver, _DECODER_QUEUE, make_queue(lost))
+    if getattr(receiver, _NACK_GENERATOR, None) is not None:
+        setattr(receiver, _NACK_GENERATOR, _BoundedNacks())
     return True

@@ -15,6 +15,7 @@ from time import monotonic
 from typing import Final
 
 from rwt_transports.http.routes import is_local
+from rwt_transports.webrtc.rtp_packets import source_of
 
 Address = tuple[str, int]
 
@@ -26,6 +27,10 @@ REQUESTS_PER_SECOND: Final = 50
 """Requests with valid credentials that a peer may send."""
 SOURCES: Final = 128
 """Addresses of a peer that know the credentials."""
+MEDIA_SOURCES: Final = 32
+"""Synchronization sources of a peer, each of which has statistics in libsrtp and aiortc."""
+RETRANSMISSIONS_PER_SECOND: Final = 512
+"""Media packets that a peer may have sent again."""
 CREDIT: Final = 8
 """Requests of an address, each of which may be answered by a check."""
 DATAGRAM_BYTES: Final = 2048
@@ -135,6 +140,7 @@ class IceGuard:
         self._credits: Counter[Address] = Counter()
         self._sources: set[Address] = set()
         self._answered: set[Address] = set()
+        self._media_sources: set[int] = set()
 
     def is_source(self, address: Address) -> bool:
         """Return True if an address has proved that it knows the credentials."""
@@ -165,6 +171,15 @@ class IceGuard:
         if self._checks_left <= 0 or not self._take_check():
             return False
         self._checks_left -= 1
+        return True
+
+    def admit_media(self, data: bytes) -> bool:
+        """Note the synchronization source of an encrypted packet. Returns False if there are too many."""
+        source = source_of(data)
+        known = self._media_sources
+        if source is None or (source not in known and len(known) >= MEDIA_SOURCES):
+            return False
+        known.add(source)
         return True
 
     def _add(self, address: Address) -> bool:

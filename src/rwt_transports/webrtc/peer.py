@@ -18,7 +18,7 @@ from rwt_transports.errors import log_exception
 from rwt_transports.http.addresses import AddressCount, network_of
 from rwt_transports.http.routes import is_local
 from rwt_transports.limits import KIB, Limits
-from rwt_transports.webrtc.aiortc_internals import Association, accept_rsa, release
+from rwt_transports.webrtc.aiortc_internals import Association, accept_rsa, guard_media, release
 from rwt_transports.webrtc.channels import ChannelLink
 from rwt_transports.webrtc.ice import IceServer, configuration, prepare, way
 from rwt_transports.webrtc.ice_guard import CheckRates, IceGuard, Reach, reach_of
@@ -163,6 +163,7 @@ class Peer:
         for handshake in handshakes:
             if handshake.transport not in self._prepared:
                 accept_rsa(handshake)
+                guard_media(handshake)
                 prepare(handshake.transport, self._guard)
                 self._prepared.add(handshake.transport)
 

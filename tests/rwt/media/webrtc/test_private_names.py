@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from aioice import Connection
 from aioice.ice import StunProtocol
-from aiortc import RTCDtlsTransport, RTCIceGatherer, RTCPeerConnection, RTCRtpSender
+from aiortc import RTCDtlsTransport, RTCIceGatherer, RTCPeerConnection, RTCRtpReceiver, RTCRtpSender
+from aiortc.rtcrtpreceiver import NackGenerator
 from aiortc.rtcsctptransport import DataChunk, InboundStream, RTCSctpTransport, SackChunk
 
 from rwt.media import webrtc
@@ -103,6 +104,16 @@ def test_what_a_sender_is_told_goes_through_what_is_put_in_front() -> None:
     assert "self._send_keyframe()" in inspect.getsource(RTCRtpSender._handle_rtcp_packet)
     assert "recipient._handle_rtcp_packet(packet)" in inspect.getsource(RTCDtlsTransport._handle_rtcp_data)
     assert "self.__encoder.pack(data)" in inspect.getsource(RTCRtpSender._next_encoded_frame)
+
+
+def test_what_media_is_handed_to() -> None:
+    assert list(inspect.signature(RTCDtlsTransport._handle_rtp_data).parameters) == [
+        "self", "data", "arrival_time_ms",
+    ]  # fmt: skip
+    assert list(inspect.signature(RTCDtlsTransport._handle_rtcp_data).parameters) == ["self", "data"]
+    receiver = inspect.getsource(RTCRtpReceiver)
+    assert "self.__nack_generator.add(packet)" in receiver and "self.__nack_generator.missing" in receiver
+    assert "self.missing" in inspect.getsource(NackGenerator.truncate)
 
 
 @pytest.mark.anyio
