@@ -59,25 +59,26 @@ def _bits(*codes: int | str) -> bytes:
     return bytes(int(text[at : at + 8], 2) for at in range(0, len(text), 8))
 
 
-def _sps(width: int, height: int, references: int = 1) -> bytes:
+def sequence_parameters(width: int, height: int, references: int = 1) -> bytes:
+    """Return a sequence parameter set; sizes in macroblocks."""
     return b"\0\0\0\1\x67\x42\0\x34" + _bits(0, 0, 0, 0, references, "0", width - 1, height - 1, "1")
 
 
 def test_parameter_sets() -> None:
-    assert h264_area(_sps(40, 30)) == 256 * 40 * 30
-    assert h264_area(_sps(40, 30) + _sps(80, 60)) == 256 * 80 * 60
+    assert h264_area(sequence_parameters(40, 30)) == 256 * 40 * 30
+    assert h264_area(sequence_parameters(40, 30) + sequence_parameters(80, 60)) == 256 * 80 * 60
     assert h264_area(b"") == h264_area(b"\0\0\1") == 0
 
 
 @pytest.mark.parametrize(
     "data",
     [
-        _sps(1024, 1024),
-        _sps(120, 68, 16) + _sps(1, 1, 17),
-        _sps(2**31, 2**31),
-        _sps(40, 30)[:9],
+        sequence_parameters(1024, 1024),
+        sequence_parameters(120, 68, 16) + sequence_parameters(1, 1, 17),
+        sequence_parameters(2**31, 2**31),
+        sequence_parameters(40, 30)[:9],
         b"\0\0\1" * 2000,
-        _sps(40, 30) * (MAX_PARAMETER_SETS + 1),
+        sequence_parameters(40, 30) * (MAX_PARAMETER_SETS + 1),
         b"\0\0\1\x67\x42\0\x34" + bytes(40),
         b"\0\0\1\x67" + b"\x64" * 3,
     ],
@@ -97,7 +98,7 @@ def test_key_frames_without_a_header(data: bytes) -> None:
 def test_no_bytes_raise_anything_else(noise: bytes, at: int) -> None:
     for area, header in (
         (vp8_area, vp8_header(64, 48)),
-        (h264_area, _sps(40, 30)),
+        (h264_area, sequence_parameters(40, 30)),
         (h264_area, b"\0\0\1\x67"),
     ):
         try:
