@@ -61,7 +61,10 @@ def check_rtcp(data: bytes) -> None:
         end = at + 4 + 4 * words
         if first >> 6 != 2 or end > len(data):
             raise BadMedia(f"an RTCP part of type {kind} with {words} words")
-        _check_part(data[at:end], kind, first & 31)
+        padding = data[end - 1] if first & 32 else 0
+        if padding > end - at - 4 or (first & 32 and not padding):
+            raise BadMedia(f"an RTCP part of type {kind} with {padding} bytes of padding")
+        _check_part(data[at : end - padding], kind, first & 31)
         at = end
 
 

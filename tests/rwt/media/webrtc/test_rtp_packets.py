@@ -70,6 +70,9 @@ def test_packets_of_the_protocol_are_accepted() -> None:
         bytes(RtcpPsfbPacket(15, 1, 0, b"REMB")),
         bytes(RtcpPsfbPacket(15, 1, 0, b"REMB\xff\0\0\1")),
         bytes(RtcpRrPacket(1)) * (MAX_COMPOUND + 1),
+        pack("!BBH", 0xA0, 203, 1) + b"\0\0\0\5",
+        pack("!BBH", 0xA0, 203, 1) + bytes(4),
+        pack("!BBHLL", 0xAF, 206, 6, 1, 2) + b"REMB" + b"\2\0\0\1" + bytes(7) + b"\2",
     ],
 )
 def test_rtcp_that_violates_it(data: bytes) -> None:
