@@ -10,6 +10,8 @@ import json
 from collections.abc import Iterator
 
 import bson
+from aioice import stun
+from aiortc.rtp import RtpPacket
 
 from rwt.gateways.mcp.tools import TOOLS
 from rwt_interfaces.distro import NOETIC
@@ -21,6 +23,10 @@ from tests.fuzz.asgi_targets import requests
 from tests.fuzz.foxglove_targets import conversations
 from tests.fuzz.interface_targets import TYPES
 from tests.protocol.wire_examples import EXAMPLES
+from tests.rwt.media.webrtc.test_frame_size import sequence_parameters, vp8_header
+from tests.rwt.media.webrtc.test_rtp_packets import VALID as RTCP_VALID
+from tests.rwt.media.webrtc.test_sctp_packets import INVALID as SCTP_INVALID
+from tests.rwt.media.webrtc.test_sctp_packets import VALID as SCTP_VALID
 from tests.rwt.media.webrtc.test_sdp import CANDIDATE, CHROMIUM
 from tests.transports.rfc6455 import compression
 from tests.transports.rfc6455.chapters import CHAPTERS
@@ -60,6 +66,11 @@ def seeds(name: str) -> Iterator[bytes]:
         "description": _descriptions,
         "whole_messages": _whole_messages,
         "fragments": _fragments,
+        "sctp": _sctp_packets,
+        "stun_messages": _stun_messages,
+        "media": _media,
+        "offers": _offers,
+        "encoded_images": _encoded_images,
         "definition": _definitions,
         "names": _names,
         "admission": _admissions,
@@ -101,6 +112,47 @@ def _whole_messages() -> Iterator[bytes]:
     frames = (Frame(b'{"op":"x"}'), Frame(b"\x00\xff", binary=True), Frame(b""))
     yield b"\x00" + b"".join(map(WHOLE_MESSAGES.whole, frames))
     yield b"\x03" + HEADER.pack(False, 5000) + b"x" * 1024 + WHOLE_MESSAGES.whole(frames[0])
+
+
+def _sctp_packets() -> Iterator[bytes]:
+    for chunk in SCTP_VALID:
+        yield bytes([type(chunk).__name__ == "InitChunk"]) + bytes(chunk)
+    for data in SCTP_INVALID.values():
+        yield b"\0" + data
+
+
+def _stun_messages() -> Iterator[bytes]:
+    for kind in (stun.Class.REQUEST, stun.Class.RESPONSE, stun.Class.ERROR):
+        message = stun.Message(stun.Method.BINDING, kind, bytes(12))
+        message.attributes = {"USERNAME": "abcd:efgh", "PRIORITY": 1, "ICE-CONTROLLING": 1}
+        message.attributes["XOR-MAPPED-ADDRESS"] = ("192.0.2.1", 4000)
+        message.attributes["ERROR-CODE"] = (487, "Role Conflict")
+        message.add_message_integrity(b"password")
+        yield bytes(message)
+
+
+def _media() -> Iterator[bytes]:
+    for each in RTCP_VALID:
+        yield bytes(each)
+    packet = RtpPacket(payload_type=96, payload=b"xyz")
+    packet.csrc, packet.padding_size = [1], 3
+    yield packet.serialize()
+
+
+def _offers() -> Iterator[bytes]:
+    yield CHROMIUM.encode()
+    sections = (
+        "m=video 9 UDP/TLS/RTP/SAVPF 96\na=mid:1\na=rtpmap:96 VP8/90000\na=rtcp-fb:* nack\na=sendonly\n"
+    )
+    own = CHROMIUM[CHROMIUM.index("a=ice-ufrag") : CHROMIUM.index("a=mid")]
+    yield (CHROMIUM.partition("m=")[0] + own + sections).encode()
+
+
+def _encoded_images() -> Iterator[bytes]:
+    yield vp8_header(16383, 16383)
+    yield vp8_header(64, 48)
+    yield sequence_parameters(40, 30)
+    yield sequence_parameters(1024, 1024, 16)
 
 
 def _fragments() -> Iterator[bytes]:

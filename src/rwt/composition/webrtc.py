@@ -58,6 +58,8 @@ async def webrtc_peers(
         settings.channels,
         settings.candidates,
         settings.connect_seconds,
+        tell_private=settings.addresses != "auto",
+        relay_only=settings.addresses == "relay",
     )
     credential = settings.credential.get_secret_value() if settings.credential else ""
     source = IceSource(

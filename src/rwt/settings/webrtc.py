@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, SecretStr, model_validator
 
@@ -37,6 +37,14 @@ class WebRtcSettings(Table):
     credential_url: Annotated[
         str | None, Field(pattern=r"^https?://", description="URL that returns such a credential")
     ] = None
+    addresses: Annotated[
+        Literal["auto", "all", "relay"],
+        Field(
+            description="addresses that peers are told and that are tried: `auto`, private ones only for"
+            " clients with private addresses; `all`, private ones for every client, such as one in the"
+            " robot's network that comes through a hub; `relay`, only those of a TURN server"
+        ),
+    ] = "auto"
     peers: Annotated[Count, Field(description="open peer connections")] = 32
     handshakes: Annotated[Count, Field(description="peer connections that are still connecting")] = 8
     channels: Annotated[Count, Field(description="data channels per peer; each is a client")] = 16
@@ -51,4 +59,6 @@ class WebRtcSettings(Table):
             raise ValueError(
                 "expected at most one of `credential`, `credential_command` and `credential_url`"
             )
+        if self.addresses == "relay" and not self.servers and not self.credential_command:
+            raise ValueError('`addresses = "relay"` needs a TURN server in `servers`')
         return self

@@ -7,22 +7,26 @@ offers no public way to do this:
   all messages to send in order, and all that a peer sends without an end; invalid UTF-8 ends the whole peer.
 * :func:`accept_rsa`: accept RSA certificates in the DTLS handshake, which GStreamer up to 1.22 has.
 * :func:`configure_ice`, :func:`nominated_pairs`: gather loopback candidates, notice soon that a peer is gone,
-  and report the path that was found.
+  validate what comes to the sockets, limit checks, and report the path that was found.
 * :func:`observe_rtcp`: tell a track what the receiver asks its sender for.
 * :func:`replace_decoder_queue`: limit what waits to be decoded.
+* :func:`release`: break the reference cycles of an ended peer.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
+import struct
 from collections import deque
 from collections.abc import Callable, Coroutine
-from functools import partial
 from time import time
 from typing import TYPE_CHECKING, Any, Final, Protocol, cast
 
-from aioice import Candidate, Connection
+from aioice import Candidate, Connection, stun
+from aioice.ice import StunProtocol
+from aiortc import RTCCertificate
+from aiortc.rtcrtpreceiver import NackGenerator
 from aiortc.rtcsctptransport import (
     DATA_CHANNEL_ACK,
     DATA_CHANNEL_OPEN,
@@ -37,26 +41,55 @@ from aiortc.rtcsctptransport import (
     WEBRTC_STRING_EMPTY,
     Chunk,
     DataChunk,
+    ForwardTsnChunk,
     InboundStream,
+    InitChunk,
+    ReconfigChunk,
     RTCSctpTransport,
     SackChunk,
+    ShutdownChunk,
 )
+from aiortc.rtp import RtcpRtpfbPacket
 
 from rwt_transports.errors import TransportError, log_exception
-from rwt_transports.webrtc.reassembly import Reassembly, Truncated
+from rwt_transports.webrtc.ice_guard import (
+    DATAGRAM_BYTES,
+    EARLY_DATAGRAMS,
+    RETRANSMISSIONS_PER_SECOND,
+    WAITING_DATAGRAMS,
+    TokenBucket,
+)
+from rwt_transports.webrtc.reassembly import Reassembly, Truncated, is_later
+from rwt_transports.webrtc.rtp_packets import MAX_LOST, BadMedia, check_rtcp, check_rtp
+from rwt_transports.webrtc.sctp_packets import BadPacket, check_packet
+from rwt_transports.webrtc.stun_messages import BadStun, StunClass, check_stun
 
 if TYPE_CHECKING:
     from queue import Queue
     from threading import Event
 
     from aioice.ice import CandidatePair
-    from aiortc import RTCDataChannel, RTCDtlsTransport, RTCIceTransport, RTCRtpReceiver, RTCRtpSender
-    from aiortc.rtp import AnyRtcpPacket
+    from aiortc import (
+        RTCDataChannel,
+        RTCDtlsTransport,
+        RTCIceTransport,
+        RTCPeerConnection,
+        RTCRtpReceiver,
+        RTCRtpSender,
+    )
+    from aiortc.rtp import AnyRtcpPacket, RtpPacket
 
     from rwt_transports.limits import Limits
+    from rwt_transports.webrtc.ice_guard import IceGuard
     from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 logger = logging.getLogger("rwt_transports.webrtc")
+
+# aioice logs each step of each candidate pair at INFO, 50 kB per second if clients wish, and aiortc each
+# frame that cannot be decoded as a warning. An application that sets a level for these loggers keeps it.
+for _name, _level in (("aioice", logging.WARNING), ("aiortc.rtcrtpreceiver", logging.ERROR)):
+    if logging.getLogger(_name).level == logging.NOTSET:
+        logging.getLogger(_name).setLevel(_level)
 
 STREAMS: Final = 1024
 """Streams each way: numbers of channels below this."""
@@ -64,6 +97,14 @@ WINDOW_BYTES: Final = 1024 * 1024
 """Receiver window (RFC 9260) of a peer, in bytes; a single message may be larger."""
 MISORDERED: Final = 2048
 """Fragments after a gap that are noted; a further one counts as lost, and is sent again."""
+TSN_RANGE: Final = 65535
+"""Maximum distance of a fragment from the last one without a gap: a gap block reports no more."""
+GAP_BLOCKS: Final = 256
+"""Gap blocks of a SACK chunk, which fits a datagram with them."""
+DUPLICATES: Final = 16
+"""Duplicates that a SACK chunk reports."""
+IN_FLIGHT: Final = 1024
+"""Unacknowledged fragments; aiortc looks at all of them for each SACK chunk with gap blocks."""
 FRESH_TURNS: Final = 8
 """Messages of channels without retransmission in a row, after which one of the others has a turn."""
 RTO_SECONDS: Final = 0.3
@@ -94,6 +135,14 @@ class _Bundle(Chunk):
 
     def __bytes__(self) -> bytes:
         return b"".join(map(bytes, self._chunks))
+
+
+_NUMBERED: Final = (DataChunk, ForwardTsnChunk, ReconfigChunk, SackChunk, ShutdownChunk)
+"""Chunks with numbers that only an association has whose peer has announced its first one."""
+
+
+def _ignore(reason: str) -> None:
+    """No-op: the peer has ended."""
 
 
 class BrokenAssociation(TransportError):
@@ -130,6 +179,8 @@ class Association(RTCSctpTransport):
       turns.
     * Incomplete messages are limited, and complete ones are passed on as bytes.
     * Bytes that a paused endpoint has not read reduce the window that the peer is told.
+    * Packets are validated before aiortc parses them, and chunks by the state of the association. Invalid
+      ones are discarded (RFC 9260 sections 5.2 and 8.5).
 
     Attributes:
         held_bytes: size of incomplete messages.
@@ -264,6 +315,8 @@ class Association(RTCSctpTransport):
 
     def _window_is_open(self) -> bool:
         # One message may always be under way, so that the window is heard of when it opens.
+        if len(self._sent_queue) >= IN_FLIGHT:
+            return False
         return self._peer_window > self._flight_size or not self._flight_size
 
     def _next_receiver(self) -> ChannelReceiver | None:
@@ -334,18 +387,92 @@ class Association(RTCSctpTransport):
             cast("Reassembly", stream).clear()
         self._buffers.release(self)
         await super().stop()
+        self._fail = _ignore
+        self._inbound_streams.clear()
 
     async def _handle_data(self, data: bytes) -> None:
         try:
+            check_packet(data, self._remote_port or 0, self._local_port, self._local_verification_tag)
             await super()._handle_data(data)
         except ConnectionError:
             raise
+        except BadPacket as bad:
+            logger.debug("discarded %s", bad)
         except BrokenAssociation as broken:
             self._fail(str(broken))
         except Exception:
             # aiortc's task that reads would end with it, and leave the peer half alive.
             log_exception("a packet of a peer could not be handled; ending the peer")
             self._fail("a packet that could not be handled")
+
+    async def _receive_chunk(self, chunk: Chunk) -> None:
+        if self._admits(chunk):
+            await super()._receive_chunk(chunk)
+
+    def _admits(self, chunk: Chunk) -> bool:
+        """Return True if a chunk is possible in the state of the association."""
+        state, received = self._association_state, self._last_received_tsn
+        handshake = state in (self.State.COOKIE_WAIT, self.State.COOKIE_ECHOED)
+        if isinstance(chunk, InitChunk):
+            # Data channels do not restart an association, and a late copy would reset its numbers.
+            return handshake
+        if state == self.State.CLOSED or (received is None and isinstance(chunk, _NUMBERED)):
+            return False  # A cookie that is still valid would open a closed association again.
+        if isinstance(chunk, DataChunk):
+            return (
+                not is_later(chunk.tsn, received or 0) or (chunk.tsn - (received or 0)) % 2**32 <= TSN_RANGE
+            )
+        if isinstance(chunk, SackChunk):
+            return self._was_sent(chunk)
+        return True
+
+    def _was_sent(self, sack: SackChunk) -> bool:
+        """Return True if a SACK chunk acknowledges only what was sent, which also bounds its gap blocks."""
+        last = self._sent_queue[-1].tsn if self._sent_queue else self._advanced_peer_ack_tsn
+        if is_later(sack.cumulative_tsn, last):
+            return False
+        return not sack.gaps or sack.gaps[-1][1] <= (last - sack.cumulative_tsn) % 2**32
+
+    def _mark_received(self, tsn: int) -> bool:
+        # aiortc sorts all numbers after a gap for each fragment.
+        last = self._last_received_tsn or 0
+        if not is_later(tsn, last) or tsn in self._sack_misordered:
+            if len(self._sack_duplicates) < DUPLICATES:
+                self._sack_duplicates.append(tsn)
+            return True
+        self._sack_misordered.add(tsn)
+        while (following := (last + 1) % 2**32) in self._sack_misordered:
+            self._sack_misordered.remove(following)
+            last = following
+        self._last_received_tsn = last
+        return False
+
+    async def _send_sack(self) -> None:
+        # aiortc's has a block for each gap, and may exceed a datagram.
+        last, gaps = self._last_received_tsn or 0, list[tuple[int, int]]()
+        for offset in sorted((tsn - last) % 2**32 for tsn in self._sack_misordered):
+            if gaps and offset == gaps[-1][1] + 1:
+                gaps[-1] = (gaps[-1][0], offset)
+            elif len(gaps) == GAP_BLOCKS:
+                break
+            else:
+                gaps.append((offset, offset))
+        sack = SackChunk()
+        sack.cumulative_tsn, sack.advertised_rwnd = last, max(0, self._advertised_rwnd)
+        sack.gaps, sack.duplicates = gaps, self._sack_duplicates[:]
+        await self._send_chunk(sack)
+        self._sack_duplicates.clear()
+        self._sack_needed = False
+
+    async def _reset_deferred_streams(self) -> None:
+        request = self._reconfig_deferred
+        before = (
+            {} if request is None else {each: self._inbound_streams.get(each) for each in request.streams}
+        )
+        await super()._reset_deferred_streams()
+        for number, stream in before.items():
+            if stream is not None and number not in self._inbound_streams:
+                cast("Reassembly", stream).clear()
 
     def _get_inbound_stream(self, stream_id: int) -> InboundStream:
         stream = self._inbound_streams.get(stream_id)
@@ -435,31 +562,121 @@ session description authenticates either kind."""
 def accept_rsa(transport: RTCDtlsTransport) -> None:
     """Accept RSA certificates of the peer. Call before the handshake begins."""
     certificate = transport._RTCDtlsTransport__local_certificate  # type: ignore[attr-defined] # private
-    if not isinstance(certificate._create_ssl_context, partial):
-        certificate._create_ssl_context = partial(_with_rsa, certificate._create_ssl_context)
+    certificate.__class__ = _AnyCertificate
 
 
-def _with_rsa(create: Callable[[list[Any]], Any], srtp_profiles: list[Any]) -> Any:
-    context = create(srtp_profiles)
-    context.set_cipher_list(CIPHERS)
-    return context
+class _AnyCertificate(RTCCertificate):
+    def _create_ssl_context(self, srtp_profiles: list[Any]) -> Any:
+        context = super()._create_ssl_context(srtp_profiles)
+        context.set_cipher_list(CIPHERS)
+        return context
 
 
 Gather = Callable[[int, list[str], int], Coroutine[Any, Any, list[Candidate]]]
 """Function that gathers the candidates of a component on addresses, within some seconds."""
 
 
+class GuardedProtocol(StunProtocol):
+    """Socket of an ICE agent that hands to aioice only what was validated.
+
+    aioice answers requests without credentials, takes what it cannot parse for data, and takes data from any
+    address.
+
+    Attributes:
+        guard: limits of the agent.
+    """
+
+    guard: IceGuard
+
+    def datagram_received(self, data: bytes | str, addr: tuple[Any, ...]) -> None:
+        """Receive a datagram; drop it unless it is valid and from an address of the peer."""
+        assert isinstance(data, bytes)
+        source = (addr[0], addr[1])
+        if not data or len(data) > DATAGRAM_BYTES:
+            return
+        if data[0] < _STUN_BYTES:
+            self._receive_stun(data, source)
+        elif (
+            self.guard.is_source(source)
+            and data[0] >= _DTLS_BYTES
+            and (data[0] < _MEDIA_BYTES or self.guard.admit_media(data))
+        ):
+            self.receiver.data_received(data, self.local_candidate.component)
+
+    def _receive_stun(self, data: bytes, source: tuple[str, int]) -> None:
+        agent = self.receiver
+        try:
+            head = check_stun(data)
+            if head.kind is StunClass.REQUEST:
+                if head.username.startswith(f"{agent.local_username}:".encode()):
+                    self._receive_request(stun.parse_message(data), source)
+            elif (transaction := self.transactions.get(head.transaction)) is not None:
+                message = stun.parse_message(data)
+                if message.check_message_integrity((agent.remote_password or "").encode()):
+                    self.guard.answered(source)
+                transaction.response_received(message, source)
+        except (BadStun, ValueError) as bad:
+            logger.debug("discarded %s", bad)
+
+    def _receive_request(self, message: stun.Message, source: tuple[str, int]) -> None:
+        """Hand over a request with valid credentials; one without is not answered, since its sender is
+        unknown.
+        """
+        agent = self.receiver
+        if not message.check_message_integrity(agent.local_password.encode()):
+            return
+        if self.guard.admit_request(source):
+            agent.request_received(message, source, self)
+
+    def send_stun(self, message: stun.Message, addr: tuple[str, int]) -> None:
+        """Send a message, except for a check beyond the limits, which counts as lost."""
+        # Only checks have credentials of the other side; questions to a STUN server do not.
+        is_check = message.message_class == stun.Class.REQUEST and "USERNAME" in message.attributes
+        if not is_check or self.guard.admit_check(addr):
+            super().send_stun(message, addr)
+
+
+_STUN_BYTES: Final = 4
+_DTLS_BYTES: Final = 20
+_MEDIA_BYTES: Final = 128
+"""First bytes from which on a datagram is not STUN, is DTLS, and is SRTP or SRTCP (RFC 7983)."""
+
+
+def guard_media(handshake: RTCDtlsTransport) -> None:
+    """Validate RTP and RTCP packets before aiortc parses them. Call before the handshake begins."""
+    handle_rtp, handle_rtcp = handshake._handle_rtp_data, handshake._handle_rtcp_data
+
+    async def rtp(data: bytes, arrival_time_ms: int) -> None:
+        try:
+            check_rtp(data)
+            await handle_rtp(data, arrival_time_ms)
+        except (BadMedia, struct.error) as bad:  # Header extensions of wrong sizes.
+            logger.debug("discarded %s", bad)
+
+    async def rtcp(data: bytes) -> None:
+        try:
+            check_rtcp(data)
+            await handle_rtcp(data)
+        except BadMedia as bad:
+            logger.debug("discarded %s", bad)
+
+    handshake._handle_rtp_data = rtp  # type: ignore[method-assign] # no setting
+    handshake._handle_rtcp_data = rtcp  # type: ignore[method-assign] # no setting
+
+
 def configure_ice(
     transport: RTCIceTransport,
     query_consent: Callable[[Connection], Coroutine[object, object, None]],
-    gather: Callable[[Gather], Any],
+    gather: Callable[[Gather], Gather],
+    guard: IceGuard,
 ) -> None:
-    """Replace how an ICE transport checks consent and gathers candidates. Call before it gathers.
+    """Replace how an ICE transport checks consent, gathers candidates and receives. Call before it gathers.
 
     Args:
         transport: ICE transport.
         query_consent: runs for as long as the peer consents to receive (RFC 7675).
         gather: wraps the function that gathers candidates.
+        guard: limits of the agent.
     """
     connection = transport.iceGatherer._connection
 
@@ -468,9 +685,51 @@ def configure_ice(
         connection._query_consent_task = None  # This task, for which closing would wait.
         await connection.close()
 
-    candidates = gather(connection.get_component_candidates)
+    receive, gather_all = connection.data_received, gather(connection.get_component_candidates)
+
+    def data_received(data: bytes, component: int) -> None:
+        if connection._queue.qsize() < (WAITING_DATAGRAMS if connection._nominated else EARLY_DATAGRAMS):
+            receive(data, component)
+
+    async def candidates(component: int, addresses: list[str], timeout: int = 0) -> list[Candidate]:  # noqa: ASYNC109 - the signature is aioice's
+        found = await gather_all(component, addresses, timeout)
+        for protocol in connection._protocols:
+            protocol.__class__ = GuardedProtocol  # aioice makes them.
+            cast("GuardedProtocol", protocol).guard = guard
+        return found
+
     connection.query_consent = query  # type: ignore[method-assign] # no setting
+    connection.data_received = data_received  # type: ignore[method-assign] # no setting
     connection.get_component_candidates = candidates  # type: ignore[method-assign] # no setting
+
+
+def release(connection: RTCPeerConnection) -> None:
+    """Break the reference cycles of a peer connection that has been closed for a while.
+
+    The server rarely collects cyclic garbage, and freezes what it has seen alive.
+    """
+    sctp = connection.sctp
+    handshakes = {each.sender.transport for each in connection.getTransceivers()}
+    if sctp is not None:
+        handshakes.add(sctp.transport)
+    for sender in connection.getSenders():
+        for name in ("_handle_rtcp_packet", "_send_keyframe"):
+            vars(sender).pop(name, None)
+    for handshake in handshakes:
+        handshake.remove_all_listeners()
+        for name in ("_handle_rtp_data", "_handle_rtcp_data"):
+            vars(handshake).pop(name, None)
+        if handshake._ssl is not None:
+            # pyOpenSSL's helper holds a function that holds the helper.
+            vars(handshake._ssl.get_context()._verify_helper).clear()
+            handshake._ssl = None
+        agent = handshake.transport.iceGatherer._connection
+        for pair in agent._check_list:
+            pair.task = None
+        agent._check_list.clear()
+        agent._early_checks.clear()
+        for name in ("query_consent", "data_received", "get_component_candidates"):
+            vars(agent).pop(name, None)
 
 
 def nominated_pairs(transport: RTCIceTransport | Connection) -> tuple[CandidatePair, ...]:
@@ -490,8 +749,12 @@ def observe_rtcp(
         on_keyframe: called if the receiver needs a key frame.
     """
     handle = sender._handle_rtcp_packet
+    again = TokenBucket(RETRANSMISSIONS_PER_SECOND, RETRANSMISSIONS_PER_SECOND)
 
     async def observe(packet: AnyRtcpPacket) -> None:
+        if isinstance(packet, RtcpRtpfbPacket):
+            # A report of 1 kB may ask for the same packet 4,000 times.
+            packet.lost = [each for each in dict.fromkeys(packet.lost) if again.take()]
         on_packet(packet, sender._ssrc)
         await handle(packet)
 
@@ -502,6 +765,18 @@ def observe_rtcp(
 _DECODER_QUEUE: Final = "_RTCRtpReceiver__decoder_queue"
 _DECODER_ERROR: Final = "_RTCRtpReceiver__decoder_error"
 """Queue of a receiver's decoder, and the event that makes aiortc 1.16 ask for a key frame."""
+
+
+_NACK_GENERATOR: Final = "_RTCRtpReceiver__nack_generator"
+
+
+class _BoundedNacks(NackGenerator):
+    """Missing packets; a gap beyond those that can be sent again costs no more than one of that size."""
+
+    def add(self, packet: RtpPacket) -> bool:
+        if self.max_seq is not None and MAX_LOST < (packet.sequence_number - self.max_seq) % 65536 < 32768:
+            self.max_seq = (packet.sequence_number - MAX_LOST) % 65536
+        return super().add(packet)
 
 
 def replace_decoder_queue(receiver: RTCRtpReceiver, make_queue: Callable[[Event], Queue[Any]]) -> bool:
@@ -515,4 +790,6 @@ def replace_decoder_queue(receiver: RTCRtpReceiver, make_queue: Callable[[Event]
     if lost is None or not hasattr(receiver, _DECODER_QUEUE):
         return False
     setattr(receiver, _DECODER_QUEUE, make_queue(lost))
+    if getattr(receiver, _NACK_GENERATOR, None) is not None:
+        setattr(receiver, _NACK_GENERATOR, _BoundedNacks())
     return True

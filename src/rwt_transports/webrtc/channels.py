@@ -83,8 +83,9 @@ class ChannelLink:
         self._over = True
         self._association.unregister(self)
         self._drop_unread()
-        if self._callbacks is not None:
-            self._callbacks.lost()
+        callbacks, self._callbacks, self._cutter = self._callbacks, None, None
+        if callbacks is not None:
+            callbacks.lost()
 
     def _drop_unread(self) -> None:
         size = sum(len(data) for data, _ in self._unread)

@@ -14,6 +14,7 @@ from rwt_transports.errors import ConnectError, Refused
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.routes import is_local
 from rwt_transports.webrtc.ice import BadIceServer, kinds_of
+from rwt_transports.webrtc.ice_guard import Reach
 from rwt_transports.webrtc.ice_servers import read_configuration, read_ice_servers
 from rwt_transports.webrtc.peer import Peer, PeerTerms
 from rwt_transports.webrtc.sdp import CANDIDATES, OFFER_BYTES, BadDescription, read_description
@@ -67,7 +68,7 @@ class DataChannelConnector:
             servers,
             _refuse,
             address.host,
-            loopback=is_local(address.host),
+            reach=Reach.LOOPBACK if is_local(address.host) else Reach.PRIVATE,
             on_closed=partial(_closed, ended, opened),
         )
         tasks.start_soon(_hold, peer, ended)

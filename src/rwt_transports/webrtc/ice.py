@@ -14,15 +14,18 @@ from urllib.parse import quote
 from aioice import Candidate, Connection
 from aioice.stun import TransactionError
 from aiortc import RTCConfiguration, RTCIceServer
+from aiortc.rtcconfiguration import RTCIceTransportPolicy
 from aiortc.rtcicetransport import parse_stun_turn_uri
 
 from rwt_transports.errors import TransportError
 from rwt_transports.webrtc.aiortc_internals import configure_ice, nominated_pairs
+from rwt_transports.webrtc.ice_guard import Reach
 
 if TYPE_CHECKING:
     from aiortc import RTCIceTransport
 
     from rwt_transports.webrtc.aiortc_internals import Gather
+    from rwt_transports.webrtc.ice_guard import IceGuard
 
 logger = logging.getLogger("rwt_transports.webrtc")
 
@@ -96,24 +99,26 @@ def check_ice_url(url: str) -> str:
     return url
 
 
-def configuration(servers: tuple[IceServer, ...]) -> RTCConfiguration:
+def configuration(servers: tuple[IceServer, ...], *, relay_only: bool = False) -> RTCConfiguration:
     """Return aiortc's configuration. Without servers none is used; aiortc's default would be Google's."""
     return RTCConfiguration(
         iceServers=[
             RTCIceServer(each.url, each.username or None, each.credential or None) for each in servers
-        ]
+        ],
+        iceTransportPolicy=RTCIceTransportPolicy.RELAY if relay_only else RTCIceTransportPolicy.ALL,
     )
 
 
-def prepare(transport: RTCIceTransport, *, loopback: bool) -> None:
-    """Make an ICE transport detect a lost peer quickly.
+def prepare(transport: RTCIceTransport, guard: IceGuard) -> None:
+    """Make an ICE transport detect a lost peer quickly, and limit what it receives and sends.
 
     Args:
         transport: one that has not gathered candidates yet.
-        loopback: True if the other side may be on this machine, so that its loopback address is a candidate.
+        guard: limits of the agent; the loopback address is a candidate if the other side may be on this
+            machine.
     """
-    more = (LOOPBACK,) if loopback else ()
-    configure_ice(transport, _query_consent, lambda gather: partial(_gather, gather, more))
+    more = (LOOPBACK,) if guard.reach is Reach.LOOPBACK else ()
+    configure_ice(transport, _query_consent, lambda gather: partial(_gather, gather, more), guard)
 
 
 async def _gather(
@@ -121,10 +126,11 @@ async def _gather(
     more: tuple[str, ...],
     component: int,
     addresses: list[str],
-    timeout: int = GATHER_SECONDS,  # noqa: ASYNC109 - the signature is aioice's
+    timeout: int = 0,  # noqa: ASYNC109 - the signature is aioice's
 ) -> list[Candidate]:
     """Gather further candidates such as loopback, which aioice omits, without its timeout of five seconds."""
-    return await gather(component, [*addresses, *more], timeout)
+    # No addresses: only relays are used.
+    return await gather(component, [*addresses, *more] if addresses else [], timeout or GATHER_SECONDS)
 
 
 async def _query_consent(connection: Connection) -> None:

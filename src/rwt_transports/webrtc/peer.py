@@ -6,7 +6,8 @@ import asyncio
 import logging
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from time import monotonic
 from typing import TYPE_CHECKING, Final
 
@@ -17,10 +18,11 @@ from rwt_transports.errors import log_exception
 from rwt_transports.http.addresses import AddressCount, network_of
 from rwt_transports.http.routes import is_local
 from rwt_transports.limits import KIB, Limits
-from rwt_transports.webrtc.aiortc_internals import Association, accept_rsa
+from rwt_transports.webrtc.aiortc_internals import Association, accept_rsa, guard_media, release
 from rwt_transports.webrtc.channels import ChannelLink
 from rwt_transports.webrtc.ice import IceServer, configuration, prepare, way
-from rwt_transports.webrtc.sdp import BadDescription, Description, with_largest_message
+from rwt_transports.webrtc.ice_guard import CheckRates, IceGuard, Reach, reach_of
+from rwt_transports.webrtc.sdp import BadDescription, Description, with_largest_message, without_addresses
 from rwt_transports.websocket.close_codes import GOING_AWAY
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from rwt_transports.wires.whole_messages import whole_messages
@@ -37,6 +39,9 @@ READY_BYTES: Final = 16 * KIB
 FRESH_READY_BYTES: Final = 1 * KIB
 """The same for a channel without retransmission, where an old message is worth nothing."""
 
+RELEASE_SECONDS: Final = 0.5
+"""Time after which an ended peer connection is not used any more."""
+
 
 @dataclass(frozen=True, slots=True)
 class PeerTerms:
@@ -49,6 +54,9 @@ class PeerTerms:
         channels: data channels that a peer may have open.
         candidates: of the other side, in its description and afterwards.
         connect_seconds: how long it may take until the peers have found each other.
+        tell_private: True if peers with public addresses are told private ones, too.
+        relay_only: True if only addresses of a TURN server are used.
+        checks: rate limit of checks by network.
     """
 
     limits: Limits
@@ -57,6 +65,13 @@ class PeerTerms:
     channels: int = 16
     candidates: int = 64
     connect_seconds: float = 10.0
+    tell_private: bool = False
+    relay_only: bool = False
+    checks: CheckRates = field(default_factory=CheckRates)
+
+    def reach(self, address: str) -> Reach:
+        """Return which addresses a peer is told, by the address of its signalling."""
+        return min(reach_of(address), Reach.PRIVATE) if self.tell_private else reach_of(address)
 
 
 class Peer:
@@ -67,7 +82,7 @@ class Peer:
         servers: that help to find a path.
         accept: makes the endpoint of each data channel.
         address: address of the other side, as far as its signalling tells.
-        loopback: True if the other side may be on this machine.
+        reach: addresses that the other side is told, and to which checks are sent.
         on_closed: called once when it has ended.
 
     Attributes:
@@ -86,14 +101,14 @@ class Peer:
         accept: Accept,
         address: str = "",
         *,
-        loopback: bool = False,
+        reach: Reach,
         on_closed: Callable[[Peer], None],
     ) -> None:
         self._terms = terms
         self._accept = accept
         self._address = address
         self.network = "" if not address or is_local(address) else network_of(address)
-        self._loopback = loopback
+        self._guard = IceGuard(reach, partial(terms.checks.take, self.network))
         self._on_closed = on_closed
         self._candidates = 0
         self._states: list[ListenerState] = []
@@ -107,7 +122,7 @@ class Peer:
         self.connected = False
         self.closed = False
         self.reason = ""
-        self.connection = RTCPeerConnection(configuration(servers))
+        self.connection = RTCPeerConnection(configuration(servers, relay_only=terms.relay_only))
         self.connection.on("connectionstatechange", self._state_changed)
         self.connection.on("datachannel", self._channel_opened)
 
@@ -148,7 +163,8 @@ class Peer:
         for handshake in handshakes:
             if handshake.transport not in self._prepared:
                 accept_rsa(handshake)
-                prepare(handshake.transport, loopback=self._loopback)
+                guard_media(handshake)
+                prepare(handshake.transport, self._guard)
                 self._prepared.add(handshake.transport)
 
     async def describe(self) -> str:
@@ -157,7 +173,8 @@ class Peer:
         if self._deadline is None:
             loop = asyncio.get_running_loop()
             self._deadline = loop.call_later(self._terms.connect_seconds, self._too_late)
-        return with_largest_message(self.connection.localDescription.sdp, self._terms.limits.message_bytes)
+        text = without_addresses(self.connection.localDescription.sdp, self._guard.reach)
+        return with_largest_message(text, self._terms.limits.message_bytes)
 
     async def add_candidates(self, candidates: tuple[RTCIceCandidate, ...]) -> None:
         """Add candidates of the other side.
@@ -279,3 +296,6 @@ class Peer:
         for state in self._states:
             for connection in tuple(state.connections):
                 connection.abort()
+        self._when_ended.clear()
+        # aiortc's tasks that connect end after the next turns of the loop.
+        asyncio.get_running_loop().call_later(RELEASE_SECONDS, release, self.connection)

@@ -124,7 +124,7 @@ class Peers:
                 servers,
                 accept,
                 address,
-                loopback=not address or is_local(address),
+                reach=self.terms.reach(address),
                 on_closed=lambda peer: self._closed(identifier, peer),
             )
             self._peers[identifier] = peer
@@ -178,9 +178,12 @@ class Peers:
     async def watch(self) -> None:
         """Check the time-outs of every connection, until cancelled."""
         while True:
-            for peer in tuple(self._peers.values()):
-                peer.tick()
+            self._tick()
             await anyio.sleep(TICK_SECONDS)
+
+    def _tick(self) -> None:
+        for peer in tuple(self._peers.values()):
+            peer.tick()
 
     async def close(self) -> None:
         """Close every peer."""

@@ -143,7 +143,7 @@ class IncomingMedia:
                 taken = sender.takes(kind)
                 transceiver = peer.connection.addTransceiver(kind, "recvonly" if taken else "inactive")
                 if taken:
-                    bound_decoding(transceiver.receiver)
+                    bound_decoding(transceiver.receiver, sender.end)
                 if taken and kind == "audio":
                     only_opus(transceiver)
             await peer.take_description(description, "offer")
@@ -285,6 +285,10 @@ class MediaSender:
         self._over = True
         for task in (each for tasks in self._tasks.values() for each in tasks):
             task.cancel()
+        # Its peer and its sinks refer to it.
+        self._peer = None
+        self._sinks.clear()
+        self._tasks.clear()
         self._client.close()
         self._on_close(self)
 

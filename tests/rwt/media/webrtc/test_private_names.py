@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 from aioice import Connection
-from aiortc import RTCDtlsTransport, RTCIceGatherer, RTCPeerConnection, RTCRtpSender
+from aioice.ice import StunProtocol
+from aiortc import RTCDtlsTransport, RTCIceGatherer, RTCPeerConnection, RTCRtpReceiver, RTCRtpSender
+from aiortc.rtcrtpreceiver import NackGenerator
 from aiortc.rtcsctptransport import DataChunk, InboundStream, RTCSctpTransport, SackChunk
 
 from rwt.media import webrtc
@@ -18,7 +20,8 @@ from rwt_transports.webrtc.reassembly import Reassembly
 
 ASYNC = (
     "_handle_data", "_receive", "_receive_data_chunk", "_receive_sack_chunk", "_data_channel_flush",
-    "_data_channel_receive", "_transmit", "_send", "_send_chunk", "_send_sack", "stop",
+    "_data_channel_receive", "_transmit", "_send", "_send_chunk", "_send_sack", "_receive_chunk",
+    "_reset_deferred_streams", "stop",
 )  # fmt: skip
 """Coroutines of the association that are called or replaced."""
 
@@ -44,6 +47,8 @@ def test_coroutines_of_the_association(name: str) -> None:
         ("_receive_data_chunk", ["self", "chunk"]),
         ("_receive_sack_chunk", ["self", "chunk"]),
         ("_get_inbound_stream", ["self", "stream_id"]),
+        ("_mark_received", ["self", "tsn"]),
+        ("_receive_chunk", ["self", "chunk"]),
         ("_update_rto", ["self", "R"]),
         ("_send_chunk", ["self", "chunk"]),
         (
@@ -82,7 +87,8 @@ async def test_values_of_an_association() -> None:
         "_association_state", "_advertised_rwnd", "_cwnd", "_flight_size", "_outbound_queue",
         "_data_channel_queue", "_data_channels", "_inbound_streams", "_inbound_streams_max",
         "_outbound_streams_count", "_last_received_tsn", "_rto", "_srtt", "_rttvar", "_sack_needed",
-        "_sack_misordered",
+        "_sack_misordered", "_sack_duplicates", "_sent_queue", "_advanced_peer_ack_tsn", "_reconfig_deferred",
+        "_local_verification_tag", "_local_port", "_remote_port",
     ):  # fmt: skip
         assert hasattr(sctp, name), name
     assert sctp.State.ESTABLISHED
@@ -100,6 +106,16 @@ def test_what_a_sender_is_told_goes_through_what_is_put_in_front() -> None:
     assert "self.__encoder.pack(data)" in inspect.getsource(RTCRtpSender._next_encoded_frame)
 
 
+def test_what_media_is_handed_to() -> None:
+    assert list(inspect.signature(RTCDtlsTransport._handle_rtp_data).parameters) == [
+        "self", "data", "arrival_time_ms",
+    ]  # fmt: skip
+    assert list(inspect.signature(RTCDtlsTransport._handle_rtcp_data).parameters) == ["self", "data"]
+    receiver = inspect.getsource(RTCRtpReceiver)
+    assert "self.__nack_generator.add(packet)" in receiver and "self.__nack_generator.missing" in receiver
+    assert "self.missing" in inspect.getsource(NackGenerator.truncate)
+
+
 @pytest.mark.anyio
 async def test_values_of_ice() -> None:
     connection = RTCIceGatherer()._connection
@@ -109,8 +125,18 @@ async def test_values_of_ice() -> None:
     gather = Connection.get_component_candidates
     assert list(inspect.signature(gather).parameters) == ["self", "component", "addresses", "timeout"]
     assert "self.get_component_candidates(component=" in inspect.getsource(Connection.gather_candidates)
-    for name in ("_nominated", "_query_consent_task", "remote_password"):
+    for name in (
+        "_nominated", "_query_consent_task", "_queue", "_protocols", "local_username", "local_password",
+        "remote_password",
+    ):  # fmt: skip
         assert hasattr(connection, name)
+    assert list(inspect.signature(Connection.data_received).parameters) == ["self", "data", "component"]
+    assert list(inspect.signature(Connection.request_received).parameters) == [
+        "self", "message", "addr", "protocol",
+    ]  # fmt: skip
+    for name in ("datagram_received", "send_stun"):
+        assert name in vars(StunProtocol)
+    assert {"receiver", "transactions"} <= vars(StunProtocol(connection)).keys()
 
 
 @pytest.mark.anyio

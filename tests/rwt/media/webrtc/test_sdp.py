@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rwt_transports.webrtc.ice_guard import Reach
 from rwt_transports.webrtc.sdp import (
     FRAGMENT_BYTES,
     OFFER_BYTES,
@@ -13,6 +14,7 @@ from rwt_transports.webrtc.sdp import (
     read_description,
     read_fragment,
     with_largest_message,
+    without_addresses,
 )
 
 CHROMIUM = """v=0
@@ -46,7 +48,7 @@ def test_an_offer_of_a_browser() -> None:
     assert offer.media == ("application",)
     assert offer.ufrag == "abcd"
     assert offer.candidates == 1
-    left_out = ("tcptype", ".local", "end-of-candidates")
+    left_out = ("tcptype", ".local", "end-of-candidates", "extmap-allow-mixed")
     kept = [line for line in CHROMIUM.splitlines() if not any(each in line for each in left_out)]
     assert offer.text == "\r\n".join(kept) + "\r\n"
 
@@ -69,6 +71,19 @@ def test_the_largest_message(said: str | None, largest: int) -> None:
         (CHROMIUM.replace("v=0", "v=1"), "its first line is not `v=0`"),
         (CHROMIUM.replace("a=ice-ufrag:abcd\n", ""), "no `a=ice-ufrag`"),
         (CHROMIUM.replace("m=application 9", "m=text 9"), "not a section that can be used"),
+        (CHROMIUM.replace("m=application 9", "m=application 65536"), "not a section that can be used"),
+        (CHROMIUM.replace("a=fingerprint:sha-256 00:11\n", ""), "no `a=fingerprint` with sha-256"),
+        (CHROMIUM.replace("sha-256 00:11", "sha-1 00:11"), "no `a=fingerprint` with sha-256"),
+        (CHROMIUM.replace("sha-256 00:11", "sha-256 x"), "not a value that can be used"),
+        (CHROMIUM.replace("a=setup:actpass\n", ""), "no `a=setup`"),
+        (CHROMIUM.replace("actpass", "holdconn"), "not a value that can be used: 'a=setup:holdconn'"),
+        (CHROMIUM.replace("ice-pwd:a", "ice-pwd:!"), "not a value that can be used: 'a=ice-pwd"),
+        (CHROMIUM.replace("ufrag:abcd", "ufrag:abc"), "not a value that can be used: 'a=ice-ufrag:abc'"),
+        (CHROMIUM.replace("sctp-port:5000", "sctp-port:99999"), "not a value that can be used"),
+        (CHROMIUM.replace("sctp-port:5000", "sctp-port:0"), "not a value that can be used"),
+        (CHROMIUM.replace("46243 typ", "99999 typ"), "not a port: 'candidate:1467250027"),
+        (CHROMIUM + "a=rtpmap:128 VP8/90000\n", "not a value that can be used: 'a=rtpmap:128"),
+        (CHROMIUM + "a=extmap:300 urn:x\n", "not a value that can be used: 'a=extmap:300"),
         (CHROMIUM.replace("262144", "many"), "not a number: 'a=max-message-size:many'"),
         (CHROMIUM + "a=" + "x" * 5000 + "\n", "a line of 5002 characters"),
         (CHROMIUM + "a=\x1b[2J\n", r"'a=\\x1b"),
@@ -114,6 +129,49 @@ def test_further_candidates() -> None:
 def test_candidates_that_are_none_are_left_out(body: bytes) -> None:
     assert read_fragment(body).candidates == ()
     assert read_fragment(body).left_out == 1
+
+
+@pytest.mark.parametrize(
+    "address",
+    ["0.0.0.0 9", "255.255.255.255 9", "224.0.0.1 9", "240.1.2.3 9", ":: 9", "ff02::1 9",
+     "::ffff:224.0.0.1 9",
+     "192.0.2.1 0", "name.local 9"],
+)  # fmt: skip
+def test_candidates_of_no_single_host_are_left_out(address: str) -> None:
+    line = f"a=candidate:1 1 udp 1 {address} typ host\n"
+    assert read_description((CHROMIUM + line).encode(), 1).candidates == 1
+    assert read_fragment(line.encode()).left_out == 1
+
+
+@pytest.mark.parametrize("words", ["1 2 udp 1 192.0.2.1 9 typ host", "1 1 udp 1 192.0.2.1 9 typ prflx"])
+def test_candidates_that_aioice_cannot_use_are_left_out(words: str) -> None:
+    assert read_fragment(f"a=candidate:{words}".encode()).left_out == 1
+
+
+OURS = (
+    "m=application 9 UDP/DTLS/SCTP webrtc-datachannel\r\nc=IN IP4 10.0.0.5\r\n"
+    "a=candidate:1 1 udp 1 10.0.0.5 4000 typ host\r\n"
+    "a=candidate:2 1 udp 1 127.0.0.1 4000 typ host\r\n"
+    "a=candidate:3 1 udp 1 8.8.4.4 4000 typ srflx raddr 10.0.0.5 rport 4000\r\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("reach", "left"),
+    [
+        (Reach.LOOPBACK, OURS),
+        (Reach.PRIVATE, OURS.replace("a=candidate:2 1 udp 1 127.0.0.1 4000 typ host\r\n", "")),
+        (
+            Reach.PUBLIC,
+            (
+                "m=application 9 UDP/DTLS/SCTP webrtc-datachannel\r\nc=IN IP4 0.0.0.0\r\n"
+                "a=candidate:3 1 udp 1 8.8.4.4 4000 typ srflx raddr 0.0.0.0 rport 9\r\n"
+            ),
+        ),
+    ],
+)
+def test_addresses_that_are_told(reach: Reach, left: str) -> None:
+    assert without_addresses(OURS, reach) == left
 
 
 def test_too_many_bytes_of_candidates() -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from aiortc import RTCConfiguration, RTCPeerConnection, RTCSessionDescription, VideoStreamTrack
-from av import VideoFrame
+from av import Packet, VideoFrame
 from PIL import Image
 from websockets.asyncio.client import connect
 
@@ -21,6 +21,7 @@ from rwt.access.settings import AuthSettings, RoleSettings, TokenSettings
 from rwt.media.webrtc.whip import SENDERS_TOPIC
 from rwt.settings.webrtc import WebRtcSettings
 from rwt_participant.qos import LATCHED
+from tests.rwt.media.webrtc.test_frame_size import vp8_header
 from tests.rwt.media.webrtc.test_whep import _post
 from tests.waiting import until
 
@@ -133,6 +134,32 @@ async def test_who_sends_is_told_while_it_is_received() -> None:
             await until(lambda: late == [told[-1]])
         await until(lambda: told[-1] == [])
         assert len(told) == 3
+
+
+class Giant(VideoStreamTrack):
+    """A camera whose encoded images claim 16383 x 16383 pixels."""
+
+    async def recv(self) -> Packet[Any]:  # type: ignore[override] # aiortc sends encoded packets, too
+        packet = Packet(vp8_header(16383, 16383))
+        packet.pts, packet.time_base = await self.next_timestamp()
+        return packet
+
+
+async def test_an_image_that_claims_too_many_pixels_is_not_decoded(caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO")
+    async with _server() as server:
+        connection = RTCPeerConnection(RTCConfiguration(iceServers=[]))
+        connection.addTrack(Giant())
+        await connection.setLocalDescription()
+        status, text = await asyncio.to_thread(
+            _post, _url(server, f"topic={TOPIC}"), connection.localDescription.sdp
+        )
+        assert status == 201, text
+        await connection.setRemoteDescription(RTCSessionDescription(text, "answer"))
+        await until(lambda: "has ended: images of 268402689 pixels" in caplog.text)
+        assert _value(server, "rwt_webrtc_peers") == 0
+        assert "failed to decode" not in caplog.text
+        await connection.close()
 
 
 async def test_nobody_else_says_who_sends() -> None:

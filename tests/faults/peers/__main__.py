@@ -1,0 +1,87 @@
+"""One attack of a peer in a process with limits: `python -m tests.faults.peers NAME`.
+
+Prints the damage as JSON. The process fails if the attacked side no longer serves another peer.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import json
+import logging
+import resource
+import sys
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from dataclasses import asdict
+from io import StringIO
+
+from tests.faults.peers import datagram_attacks, sctp_attacks  # noqa: F401 - they register their attacks
+from tests.faults.peers.attacks import ATTACKS, Damage
+from tests.rwt.media.webrtc.peers import answering, other_side
+
+MIB = 1 << 20
+ADDRESS_SPACE = 3072 * MIB
+CPU_SECONDS = 60
+
+
+def memory() -> float:
+    """Resident memory in MiB."""
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * resource.getpagesize() / MIB
+
+
+@asynccontextmanager
+async def watched(damage: Damage) -> AsyncIterator[None]:
+    """Record the longest turn of the event loop in CPU time, and the growth of the process."""
+    began = memory()
+
+    async def watch() -> None:
+        while True:
+            before = time.thread_time()
+            await asyncio.sleep(0.001)  # Several turns at most, so that the figure is an upper bound.
+            damage.held_ms = max(damage.held_ms, (time.thread_time() - before) * 1000)
+            damage.grown_mib = max(damage.grown_mib, memory() - began)
+
+    task = asyncio.create_task(watch())
+    try:
+        yield
+        await asyncio.sleep(0.05)
+    finally:
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+        damage.grown_mib = max(damage.grown_mib, memory() - began)
+
+
+async def run(name: str) -> Damage:
+    """Run an attack, and check that another peer is served afterwards."""
+    damage = Damage()
+    log = StringIO()
+    handler = logging.StreamHandler(log)
+    logging.getLogger().addHandler(handler)
+    logging.getLogger().setLevel(logging.INFO)
+    async with answering() as side:
+        async with other_side() as friend:
+            await friend.connect(side, friend.connection.createDataChannel("warm"))
+        async with watched(damage):
+            await ATTACKS[name](side, damage)
+        gc.collect()  # Tasks whose exception nobody retrieved report it then.
+        damage.log_bytes = len(log.getvalue())
+        damage.log = log.getvalue()[-2000:]
+        async with other_side() as friend:
+            await friend.connect(side, friend.connection.createDataChannel("another"))
+    return damage
+
+
+def main() -> None:
+    """Limit the process, then attack."""
+    resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
+    resource.setrlimit(resource.RLIMIT_CPU, (CPU_SECONDS, CPU_SECONDS))
+    damage = asyncio.run(run(sys.argv[1]))
+    sys.stdout.write(json.dumps(asdict(damage)) + "\n")
+
+
+if __name__ == "__main__":
+    main()

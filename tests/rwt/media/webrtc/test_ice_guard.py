@@ -1,0 +1,185 @@
+"""Which datagrams of an ICE agent are read, and to which addresses it sends checks."""
+
+from __future__ import annotations
+
+from functools import partial
+from struct import pack
+
+import pytest
+from aioice import stun
+
+from rwt_transports.webrtc import ice_guard
+from rwt_transports.webrtc.ice_guard import (
+    CHECKS,
+    CREDIT,
+    REQUESTS_PER_SECOND,
+    SOURCES,
+    CheckRates,
+    IceGuard,
+    Reach,
+    is_unicast,
+    reach_of,
+)
+from rwt_transports.webrtc.stun_messages import MAX_ATTRIBUTES, MAX_BYTES, BadStun, StunClass, check_stun
+
+A, B = ("192.0.2.1", 4000), ("192.0.2.2", 4000)
+
+
+@pytest.fixture
+def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Seconds that have passed."""
+    clock = [0.0]
+    monkeypatch.setattr(ice_guard, "monotonic", lambda: clock[0])
+    return clock
+
+
+def _guard(reach: Reach = Reach.PRIVATE) -> IceGuard:
+    return IceGuard(reach, lambda: True)
+
+
+@pytest.mark.parametrize(
+    ("address", "reach"),
+    [
+        ("", Reach.LOOPBACK),
+        ("127.0.0.1", Reach.LOOPBACK),
+        ("::1", Reach.LOOPBACK),
+        ("10.1.2.3", Reach.PRIVATE),
+        ("100.64.0.1", Reach.PRIVATE),
+        ("169.254.1.1", Reach.PRIVATE),
+        ("fe80::1%eth0", Reach.PRIVATE),
+        ("fd00::1", Reach.PRIVATE),
+        ("::ffff:10.0.0.1", Reach.PRIVATE),
+        ("8.8.8.8", Reach.PUBLIC),
+        ("2001:4860:4860::8888", Reach.PUBLIC),
+        ("robot.example", Reach.PUBLIC),
+    ],
+)
+def test_where_an_address_is(address: str, reach: Reach) -> None:
+    assert reach_of(address) is reach
+
+
+def test_addresses_of_one_host() -> None:
+    assert is_unicast("192.0.2.1", 1) and is_unicast("fe80::1", 65535)
+    assert not any(is_unicast("192.0.2.1", port) for port in (0, 65536, -1))
+
+
+def test_checks_to_addresses_that_never_answer_are_limited(now: list[float]) -> None:
+    guard = _guard()
+    assert sum(guard.admit_check(A if number % 2 else B) for number in range(2 * CHECKS)) == CHECKS
+    guard.answered(A)
+    assert guard.admit_check(A) and not guard.admit_check(B)
+
+
+def test_a_request_with_credentials_allows_one_check_in_return(now: list[float]) -> None:
+    guard = _guard()
+    for _ in range(CHECKS):
+        guard.admit_check(B)
+    for _ in range(2 * CREDIT):
+        assert guard.admit_request(A)
+    assert sum(guard.admit_check(A) for _ in range(CHECKS)) == CREDIT
+
+
+def test_requests_are_limited(now: list[float]) -> None:
+    guard = _guard()
+    assert sum(guard.admit_request(A) for _ in range(1000)) == 2 * REQUESTS_PER_SECOND
+    now[0] = 1.0
+    assert sum(guard.admit_request(A) for _ in range(1000)) == REQUESTS_PER_SECOND
+
+
+def test_sources_are_limited() -> None:
+    guard = _guard()
+    for number in range(2 * SOURCES):
+        guard.answered(("192.0.2.1", number + 1))
+    assert guard.is_source(("192.0.2.1", SOURCES)) and not guard.is_source(("192.0.2.1", SOURCES + 1))
+
+
+@pytest.mark.parametrize(
+    ("reach", "admitted"),
+    [
+        (Reach.LOOPBACK, [True] * 3),
+        (Reach.PRIVATE, [False, True, True]),
+        (Reach.PUBLIC, [False, False, True]),
+    ],
+)
+def test_checks_stay_within_reach(reach: Reach, admitted: list[bool]) -> None:
+    guard = _guard(reach)
+    addresses = ("127.0.0.1", "10.0.0.1", "8.8.8.8")
+    assert [guard.admit_check((each, 9)) for each in addresses] == admitted
+
+
+@pytest.mark.parametrize("host", ["255.255.255.255", "224.0.0.1", "0.0.0.0", "::", "ff02::1"])
+def test_no_check_goes_to_more_than_one_host(host: str) -> None:
+    assert not _guard(Reach.LOOPBACK).admit_check((host, 9))
+
+
+def test_peers_of_a_network_share_a_rate(now: list[float]) -> None:
+    rates = CheckRates()
+    one, two = (IceGuard(Reach.PRIVATE, partial(rates.take, "192.0.2.7")) for _ in range(2))
+    other = IceGuard(Reach.PRIVATE, partial(rates.take, "192.0.2.8"))
+    assert sum(each.admit_check(A) for _ in range(CHECKS) for each in (one, two)) == CHECKS
+    assert other.admit_check(A)
+    now[0] = 1.0
+    assert sum(each.admit_check(A) for _ in range(CHECKS) for each in (one, two)) == 20
+
+
+def test_networks_are_forgotten(now: list[float]) -> None:
+    rates = CheckRates()
+    for number in range(100):
+        assert rates.take(f"192.0.2.{number}")
+    now[0] = 1000.0
+    assert rates.take("192.0.2.200")
+    assert len(rates._buckets) == 1
+
+
+def _request(**attributes: object) -> stun.Message:
+    made = stun.Message(stun.Method.BINDING, stun.Class.REQUEST)
+    made.attributes = {"USERNAME": "abcd:efgh", "PRIORITY": 1, "ICE-CONTROLLING": 1, **attributes}
+    made.add_message_integrity(b"password")
+    return made
+
+
+def test_messages_of_ice_are_accepted() -> None:
+    head = check_stun(bytes(_request(**{"USE-CANDIDATE": None})))
+    assert (head.kind, head.username) == (StunClass.REQUEST, b"abcd:efgh")
+    response = stun.Message(stun.Method.BINDING, stun.Class.RESPONSE)
+    response.attributes["XOR-MAPPED-ADDRESS"] = A
+    assert check_stun(bytes(response)).transaction == response.transaction_id
+    error = stun.Message(stun.Method.BINDING, stun.Class.ERROR)
+    error.attributes["ERROR-CODE"] = (487, "Role Conflict")
+    assert check_stun(bytes(error)).kind is StunClass.ERROR
+
+
+def _message(*attributes: tuple[int, bytes], kind: int = 0x0101, cookie: int = 0x2112A442) -> bytes:
+    body = b"".join(
+        pack("!HH", number, len(value)) + value + bytes(-len(value) % 4) for number, value in attributes
+    )
+    return pack("!HHI", kind, len(body), cookie) + bytes(12) + body
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        bytes(19),
+        _message(cookie=1),
+        _message(kind=0x0003),
+        _message(kind=0x4101),
+        _message(kind=0x0001),
+        _message((0x0006, b"abcd:efgh"), (0x0024, bytes(4)), kind=0x0001),
+        _message(kind=0x0111),
+        _message((0x0009, b"x"), kind=0x0111),
+        _message((0x0024, b"xy")),
+        _message((0x8029, bytes(4))),
+        _message((0x0008, bytes(19))),
+        _message((0x0020, bytes(9))),
+        _message((0x0006, bytes(600))),
+        _message(*[(0x8022, b"")] * (MAX_ATTRIBUTES + 1)),
+        _message((0x8030, bytes(MAX_BYTES))),
+        _message((0x8022, b"abcd"))[:-4],
+        _message((0x8022, b"abcd"))[:-1] + b"abcde",
+        _message()[:2] + pack("!H", 8) + _message()[4:] + pack("!HH", 0x8022, 99) + bytes(4),
+    ],
+)
+def test_other_messages_are_rejected(data: bytes) -> None:
+    with pytest.raises(BadStun):
+        check_stun(data)
