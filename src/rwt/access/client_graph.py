@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterator, Sequence, Set
 
     from rwt.access.disclosure import Disclosures, OutcomeFilter
-    from rwt.access.gate.client_gate import ClientGate, GatedPublisher, Needed
+    from rwt.access.gate.client_gate import ClientGate, GatedPublisher, GoalPublisher, Needed, StopPublisher
     from rwt.access.quotas import Charge, ClientQuotas, Quota
     from rwt.access.roles import Act, Role
     from rwt.delivery.counters import Counters
@@ -213,7 +213,9 @@ class LatchedPublisher:
         self._shared.publish_kept(payload, self._kept.exchange(replaced, payload.kept_size))
 
 
-ClientPublisher = Union["SharedPublisher", LatchedPublisher, GoalMessages, "GatedPublisher"]
+ClientPublisher = Union[
+    "SharedPublisher", LatchedPublisher, GoalMessages, "GatedPublisher", "GoalPublisher", "StopPublisher"
+]
 """Publisher of a client."""
 
 
@@ -285,6 +287,14 @@ class ClientGraph(GraphView):
             self._gate.take_role(role)
 
     @property
+    def is_stop_due(self) -> bool:
+        """True if this client can press the emergency stop now.
+
+        Gateways then run a message that presses it ahead of all that waits.
+        """
+        return self._gate is not None and self._gate.is_stop_due
+
+    @property
     def gate_name(self) -> str:
         """Name of this client in leases and requests for approval; empty without a gate."""
         return "" if self._gate is None else self._gate.name
@@ -301,6 +311,8 @@ class ClientGraph(GraphView):
     def require(self, act: Act, name: str) -> str:
         """Like :meth:`GraphView.require`, and record rejections in the gate's audit."""
         absolute = resolve(name)
+        if act == "call" and self._gate is not None and self._gate.is_own(absolute):
+            return absolute  # The gate itself decides.
         if not self.role.unrestricted:
             try:
                 self.role.require(act, absolute)
@@ -371,7 +383,8 @@ class ClientGraph(GraphView):
             TypeConflict, IncompatiblePolicies: the topic has another type, or other policies.
         """
         name = self._require_publish(topic, qos)
-        self._acquire(name, self.registry.message(type), mark, qos, lacks)
+        if self._gate is None or not self._gate.is_stop_topic(name):
+            self._acquire(name, self.registry.message(type), mark, qos, lacks)
         return name
 
     def _require_publish(self, topic: str, qos: QoS | None) -> str:
@@ -428,6 +441,8 @@ class ClientGraph(GraphView):
             QuotaExceeded, UnknownType, TypeConflict: as for :meth:`advertise`.
         """
         name = self._require_publish(topic, qos)
+        if self._gate is not None and self._gate.is_stop_topic(name):
+            return self._gate.stop_publisher(self._shared.counters)
         marks = self._advertised.get(name)
         known = next(iter(marks)) if marks else _IMPLICIT if mark is None else mark
         shared = self._acquire(name, self._type_of(name, type), known, qos, lacks)
@@ -439,6 +454,8 @@ class ClientGraph(GraphView):
     def _acquire(
         self, name: str, type: MessageType, mark: Hashable, qos: QoS | None, lacks: Lacks | None = None
     ) -> SharedPublisher:
+        if self._gate is not None:
+            self._gate.check_type(name, type)
         publishers, quota = self._shared.publishers, self._quotas.advertisements
         known = self._advertised.get(name, {}).get(mark)
         # A lingering publisher of this client is reused with its charge.
@@ -463,12 +480,15 @@ class ClientGraph(GraphView):
 
         Raises:
             NotAllowed: the role may not subscribe to the topic.
+            GateRefused: a gate rule is about the topic, and the client would give it its type.
             QuotaExceeded: `limits.subscriptions` is reached.
             UnknownTopicType: the topic has no type yet, and none is given.
             UnknownType: the message type is unknown.
             TypeConflict: the topic has another type.
         """
         name = self.require("subscribe", topic)
+        if self._gate is not None and type:
+            self._gate.check_type(name, self.registry.message(type))
         if is_new:
             self._subscriptions.append(self._quotas.subscriptions.take())
         try:
@@ -526,11 +546,16 @@ class ClientGraph(GraphView):
             QuotaExceeded: `limits.calls` or `limits.kept_bytes` is reached.
         """
         gate = self._gate
-        is_gates = gate is not None and gate.is_own(resolve(service))
-        name = resolve(service) if is_gates else self.require("call", service)
+        name = self.require("call", service)
+        is_gates = gate is not None and gate.is_own(name)
         info = self._graph.service(name)
         if info is None:
             raise ProviderNotFound(f"Service {name} does not exist")
+        if gate is not None and is_gates and gate.is_stop_service(name):
+            # Without quotas and accounts: nothing that the client does delays or rejects its stop.
+            self._shared.counters.calls += 1
+            on_reply(gate.stop(request(info.type), info.type))
+            return
         quotas = self._quotas
         quotas.calls.add(1)
         needed: Needed = []

@@ -192,7 +192,7 @@ def test_a_stop_message_that_does_not_fit_the_type_is_an_error_of_the_settings()
         GatedRobot({"drive": wrong})
     # Of a topic that is not there yet, the first message finds it, and none passes.
     robot = GatedRobot({"drive": {**wrong, "topics": ["/later"]}})
-    client = robot.client()
+    client = robot.client("admin")
     assert "gate.rules.drive.stop.message" in drive(client, 0.1, "/later")
     assert "gate.rules.drive.stop.message" in drive(client, 0.0, "/later")
 

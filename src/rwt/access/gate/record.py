@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from contextvars import ContextVar
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Final, Literal, get_args
+from typing import TYPE_CHECKING, Final, Literal, Protocol, get_args
 
 from rwt.access.audit import one_line
 from rwt.access.quotas import RateLimit
@@ -37,6 +37,15 @@ _LINES_PER_SECOND: Final = 20
 _LINES_BURST: Final = 200
 
 
+class ActorTopic(Protocol):
+    """Guarded topic, as its clients know it."""
+
+    name: str
+
+    def leave(self, client: Actor, why: str) -> None:
+        """Remove a client that no longer publishes here, and release its lease."""
+
+
 class Actor:
     """Client as the gate knows it.
 
@@ -46,9 +55,10 @@ class Actor:
         address: network address; empty if unknown.
         lines: limit on the audit lines that its rejections cause.
         left_out: number of lines over the limit since the last one that was written.
+        topics: guarded topics that it publishes on or has held.
     """
 
-    __slots__ = ("address", "left_out", "lines", "name", "rights")
+    __slots__ = ("address", "left_out", "lines", "name", "rights", "topics")
 
     def __init__(self, name: str, rights: Role, address: str) -> None:
         self.name = name
@@ -56,6 +66,7 @@ class Actor:
         self.address = address
         self.lines = RateLimit(_LINES_PER_SECOND, _LINES_BURST)
         self.left_out = 0
+        self.topics: set[ActorTopic] = set()
 
     @property
     def role(self) -> str:

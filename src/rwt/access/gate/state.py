@@ -8,6 +8,7 @@ from rwt.access.errors import GateRefused
 from rwt.access.gate.approvals import Approvals
 from rwt.access.gate.audit_file import AuditFile
 from rwt.access.gate.record import Recorder
+from rwt.access.gate.stop_path import StopPath
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -32,7 +33,8 @@ class GateState:
     Attributes by purpose:
 
     * Environment: ``settings``, ``is_observing``, ``clock``, ``participant``, ``recorder``.
-    * Emergency stop: ``stopped_by``, and of its last change ``last_by``, ``stopped_reason``, ``stopped_ns``.
+    * Emergency stop: ``stop_path``, ``presses``, ``faults``, ``stopped_by``, and of its last change
+      ``last_by``, ``stopped_reason``, ``stopped_ns``.
     * Human approval: ``approvals``.
     * Listeners, set by the gate's node: ``on_leases``, ``on_stop``, ``on_approvals``.
 
@@ -43,6 +45,9 @@ class GateState:
         participant: the gate's node in the graph.
         recorder: record of what happens.
         approvals: requests for approval.
+        stop_path: stop messages of all topics.
+        presses: number of times that the emergency stop was pressed.
+        faults: topics that cannot be stopped, with the reason.
         stopped_by: client or program that pressed the emergency stop; empty while it is released.
         stopped_reason: reason for the last press or release, in the words of the client.
         stopped_ns: ROS time of the last press or release.
@@ -66,6 +71,9 @@ class GateState:
         self.recorder = Recorder(self._file, audit, graph.clock)
         self.participant = graph.participant(GATE_NODE)
         self.approvals = Approvals(graph.clock, self.recorder, self._approvals_changed)
+        self.stop_path = StopPath(graph.clock, self._not_stopped)
+        self.presses = 0
+        self.faults: dict[str, str] = {}
         self.stopped_by = ""
         self.stopped_reason = ""
         self.stopped_ns = graph.clock.time_ns()
@@ -99,6 +107,12 @@ class GateState:
             request = request or self.approvals.ask(client, "publish", topic, rule, payload)
             text += f", which was asked for under id {request.id}: send it again when it is there"
         raise GateRefused(text, f"{rule.key}.approval")
+
+    def _not_stopped(self, name: str, error: Exception) -> None:
+        text = f"{type(error).__name__}: {error}"
+        if self.faults.get(name) != text:  # Recorded once: the stop message is repeated.
+            self.faults[name] = text
+            self.recorder.note("stop", "stop", name, None, f"not stopped: {text}")
 
     def leases_changed(self) -> None:
         """Report that a lease has another holder."""
