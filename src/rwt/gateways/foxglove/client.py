@@ -7,11 +7,12 @@ from functools import partial
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from rwt.access.errors import AccessError
+from rwt.access.graph_view import STOP
 from rwt.delivery.counters import UNKNOWN
 from rwt.gateways.base import ConnectedClient
 from rwt.gateways.foxglove.assets import Assets
 from rwt.gateways.foxglove.catalogue import Connections
-from rwt.gateways.foxglove.errors import FoxgloveError, NotPossible
+from rwt.gateways.foxglove.errors import FoxgloveError, InvalidFrame, NotPossible
 from rwt.gateways.foxglove.parameters import ParameterRequests
 from rwt.gateways.foxglove.playback import PlaybackControl
 from rwt.gateways.foxglove.publications import ClientChannels
@@ -146,6 +147,16 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
             yield from steps
         except Exception as error:
             self._failed(op, error)
+
+    def _presses_stop(self, data: bytes, binary: bool) -> bool:
+        try:
+            message = said.parse_binary(data) if binary else None
+        except InvalidFrame:
+            return False
+        if isinstance(message, said.ServiceCallRequest):
+            service = self.listing.services.get(message.service_id)
+            return service is not None and service.name == STOP
+        return isinstance(message, said.MessageData) and self.publications.topic_of(message) == STOP
 
     def _run(self, steps: Iterator[None]) -> None:
         for _ in steps:
