@@ -201,7 +201,7 @@ RULE_KINDS: Mapping[str, object] = {
 }
 """Of every kind of rule one that lets nothing through, or of messages a single one."""
 
-ABOUT_NAMES = {"topics", "services", "actions", "parameters", "roles", "stop", "type"}
+ABOUT_NAMES = {"topics", "services", "actions", "parameters", "roles", "stop", "type", "largest_items"}
 """What says whom and what a rule is about, and not what it asks."""
 
 OF_TOPICS = {"lease", "messages_per_second"}

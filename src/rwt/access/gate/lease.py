@@ -119,7 +119,7 @@ class Lease:
         before, self.holder = self.holder, client
         self.since_ns = self._clock.time_ns()
         if client is not None and self._timer is None:
-            self._timer = self._clock.call_later(self.settings.seconds, self._check_silence)
+            self._timer = self._clock.call_urgently(self.settings.seconds, self._check_silence)
         self._on_change(change, client, before)
 
     def _check_silence(self) -> None:
@@ -128,7 +128,7 @@ class Lease:
         left = self._renewed_at + self.settings.seconds - self._clock.monotonic()
         # Sums of floats round: a timer of less than a microsecond would expire at once, again and again.
         if left > 1e-6:
-            self._timer = self._clock.call_later(left, self._check_silence)
+            self._timer = self._clock.call_urgently(left, self._check_silence)
         else:
             self.release(None, f"lost by {self.settings.seconds:g} s of silence")
 

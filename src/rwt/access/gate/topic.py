@@ -32,6 +32,10 @@ _ROUNDING: Final = 1e-6
 _PAUSE_SECONDS: Final = 1.0
 
 
+#: Maximum size of a message that is compared with the stop message, in bytes.
+_MAX_STOP_BYTES: Final = 64 * 1024
+
+
 class _CompiledRule(NamedTuple):
     """Rule compiled for the topic's type."""
 
@@ -288,7 +292,7 @@ class GuardedTopic:
         refused_at = self._paused_at.get(client)
         if refused_at is None:
             return
-        if now - refused_at < _PAUSE_SECONDS and not _is_equal(payload.value(), self._neutral):
+        if now - refused_at < _PAUSE_SECONDS and not self._is_stop(payload):
             self._paused_at[client] = now
             raise GateRefused(
                 "the emergency stop was released while this client went on publishing:"
@@ -296,6 +300,11 @@ class GuardedTopic:
                 f"{rule.key}.emergency",
             )
         del self._paused_at[client]
+
+    def _is_stop(self, payload: Payload) -> bool:
+        """Return True for the stop message; a large message is not decoded to find out."""
+        is_small = payload.is_decoded or payload.kept_size <= _MAX_STOP_BYTES
+        return is_small and _is_equal(payload.value(), self._neutral)
 
     # Stopping
 

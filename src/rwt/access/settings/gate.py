@@ -146,6 +146,13 @@ class GateRule(Table):
     largest_bytes: Annotated[
         CountOrNone, Field(description="largest message, request or goal in bytes; 0: no limit")
     ] = 0
+    largest_items: Annotated[
+        Count,
+        Field(
+            description="items in all lists of the largest message whose fields or numbers are checked, and"
+            " 32 times as many bytes: checking them holds the event loop"
+        ),
+    ] = 10_000
     messages_per_second: Annotated[
         CountOrNone,
         Field(description="messages per second on each topic, of all clients together; 0: no limit"),
