@@ -11,7 +11,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Final, TypeVar, Union
 
-from rwt.access.disclosure import restrict, written_parameters
+from rwt.access.disclosure import restrict, written_parameters, written_text
 from rwt.access.errors import GateRefused, NotAllowed, QuotaExceeded
 from rwt.access.graph_view import GraphView, canonical
 from rwt_graph.accounts import ACCOUNT, WORK_ACCOUNT
@@ -560,6 +560,7 @@ class ClientGraph(GraphView):
         quotas.calls.add(1)
         needed: Needed = []
         written: list[str] = []
+        text = ""
         try:
             payload, filtered = request(info.type), None
             if not self.role.unrestricted:
@@ -567,7 +568,8 @@ class ClientGraph(GraphView):
             if gate is not None and not is_gates:
                 if info.type.name in self._setting_parameters:
                     written = written_parameters(self._disclosures, name, info.type, payload)
-                payload, needed = gate.check_call(name, info.type, payload, written)
+                    text = written_text(self._disclosures, info.type, payload)
+                payload, needed = gate.check_call(name, info.type, payload, written, text)
             size = payload.kept_size
             if size > _SMALL_BYTES:
                 quotas.kept.add(size)

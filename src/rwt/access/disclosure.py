@@ -119,6 +119,15 @@ def written_parameters(
     ]
 
 
+def written_text(disclosures: Disclosures, type: ServiceType, request: Payload) -> str:
+    """Return the value that a call sets, as JSON text; empty if its type has another form."""
+    for part in disclosures.get(type.name, ()):
+        if isinstance(part, Writes) and part.json:
+            text: str = getattr(request.value(), part.json)
+            return text
+    return ""
+
+
 def _sees(view: GraphView, kind: Kind, name: str) -> bool:
     role = view.role
     match kind:

@@ -125,7 +125,7 @@ class GoalPublisher:
             GateRefused: a rule rejects it.
         """
         try:
-            _require_plain_goal(self._gate, self._actor, self._action)
+            _require_plain_goal(self._gate, self._actor, self._action, payload)
         except GateRefused as refused:
             _refuse(self._gate, self._actor, "goal", self._action, refused)
         self._inner.publish(payload)
@@ -392,7 +392,7 @@ class ClientGate:
         return service in SERVICES and bool(self._gate.rules.all)
 
     def check_call(
-        self, service: str, type: ServiceType, request: Payload, written: list[str]
+        self, service: str, type: ServiceType, request: Payload, written: list[str], text: str = ""
     ) -> tuple[Payload, Needed]:
         """Check a service call; return the request as it may be sent, and the acts that require approval.
 
@@ -401,6 +401,7 @@ class ClientGate:
             type: type of the service.
             request: request of the client.
             written: parameters that the call sets.
+            text: value of the parameter as JSON text, if the request has one.
 
         Raises:
             GateRefused: a rule rejects the call.
@@ -410,8 +411,8 @@ class ClientGate:
         try:
             as_goal = _SEND_GOAL.fullmatch(service)
             if as_goal is not None:
-                _require_plain_goal(gate, self._actor, as_goal["action"])
-            return gate.check(self._actor, acts, type.request, request)
+                _require_plain_goal(gate, self._actor, as_goal["action"], request)
+            return gate.check(self._actor, acts, type.request, request, text)
         except GateRefused as refused:
             _refuse(gate, self._actor, "call", service, refused)
             return request, []
@@ -539,11 +540,12 @@ class ClientGate:
         asked(approval)
 
 
-def _require_plain_goal(gate: Gate, actor: Actor, action: str) -> None:
+def _require_plain_goal(gate: Gate, actor: Actor, action: str, payload: Payload) -> None:
     """Check that no rule needs to see a goal that is sent as a message or a service call.
 
     Raises:
-        GateRefused: a rule limits goals of the action or requires approval, or the emergency stop is pressed.
+        GateRefused: a rule limits goals of the action or requires approval, the emergency stop is pressed, or
+            a number is not finite.
     """
     for rule in gate.rules.of("goal", action):
         if not rule.holds_for(actor.role):
@@ -554,6 +556,7 @@ def _require_plain_goal(gate: Gate, actor: Actor, action: str) -> None:
             gate.note_goal(action)
         if settings.fields or settings.approval or settings.largest_bytes:
             raise GateRefused(f"goals of {action} are only taken by `send_action_goal`", rule.key)
+        gate.require_finite(rule, payload)
 
 
 def _refuse(gate: Gate, actor: Actor, act: GatedAct, name: str, refused: GateRefused) -> None:

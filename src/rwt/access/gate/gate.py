@@ -9,7 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from rwt.access.errors import GateRefused
-from rwt.access.gate.fields import FieldChecks, NoSuchField
+from rwt.access.gate.fields import BYTES_OF_ITEM, FieldChecks, NoSuchField, has_finite_numbers
 from rwt.access.gate.record import Actor
 from rwt.access.gate.rules import Rules
 from rwt.access.gate.state import GATE_NODE, GateState
@@ -51,7 +51,7 @@ class Gate(GateState):
 
     Attributes by purpose, besides those of :class:`rwt.access.gate.state.GateState`:
 
-    * Rules: ``rules``, ``_checks`` (compiled for a type of requests or goals).
+    * Rules: ``rules``, ``_checks`` and ``_finite`` (compiled for a type of requests or goals).
     * Actions of ROS 1: ``_cancels`` (publishers of their `cancel` topics, by topic).
     * Clients: ``_actors`` (by name), ``_count`` (number so far).
     * Topics: ``_topics`` (by name; from the first publisher on, or since the robot has the topic), ``_sweep``
@@ -80,6 +80,7 @@ class Gate(GateState):
         self._topics: dict[str, GuardedTopic] = {}
         self._sweep: deque[GuardedTopic] = deque()
         self._checks: dict[tuple[Rule, MessageType], FieldChecks | str] = {}
+        self._finite: dict[tuple[Rule, MessageType], FieldChecks] = {}
         self._cancels: dict[str, Publisher] = {}
         self.stop_type: MessageType = graph.registry.message("std_msgs/Empty")
         try:
@@ -245,7 +246,12 @@ class Gate(GateState):
     # Requests and goals
 
     def check(
-        self, actor: Actor, acts: Iterable[tuple[GatedAct, str]], type: MessageType, payload: Payload
+        self,
+        actor: Actor,
+        acts: Iterable[tuple[GatedAct, str]],
+        type: MessageType,
+        payload: Payload,
+        text: str = "",
     ) -> tuple[Payload, list[tuple[GatedAct, str, Rule]]]:
         """Check a client's request or goal.
 
@@ -254,6 +260,7 @@ class Gate(GateState):
             acts: acts and names that it is for; the first is checked for its fields.
             type: type of the payload.
             payload: request or goal.
+            text: value of a parameter as JSON text, if the request has one.
 
         Returns:
             The payload as it may be sent, and the acts that require approval.
@@ -271,6 +278,8 @@ class Gate(GateState):
                     self.note_goal(name)
                 if number == 0:
                     payload = self._checked(actor, act, name, rule, type, payload)
+                elif act == "set_param":
+                    self.require_finite(rule, payload, text)
                 if rule.settings.approval is not None:
                     asked.setdefault((act, rule), []).append(name)
         # One approval of a rule is for all parameters of a call.
@@ -296,6 +305,34 @@ class Gate(GateState):
         if changes:
             self.recorder.note("changed", act, name, actor, changes, rule.key)
         return payload if self.is_observing else taken
+
+    def require_finite(self, rule: Rule, payload: Payload, text: str = "") -> None:
+        """Check that all numbers of a message are finite, whose fields the rule's limits are not for.
+
+        Args:
+            rule: rule that requires it, or not.
+            payload: message with the values of parameters, or with a goal in it.
+            text: value of a parameter as JSON text.
+
+        Raises:
+            GateRefused: one is not, or the message is too large to be checked.
+        """
+        if not rule.settings.finite:
+            return
+        checks = self._finite.get((rule, payload.type))
+        if checks is None:
+            if len(self._finite) >= _MAX_TYPES:
+                self._finite.clear()
+            checks = self._finite[rule, payload.type] = FieldChecks(rule, payload.type, limits={})
+        checks.check(payload, 0.0)
+        most_bytes = BYTES_OF_ITEM * rule.settings.largest_items
+        if len(text) > most_bytes:
+            raise GateRefused(
+                f"a value of {len(text)} characters: {most_bytes} is the limit where numbers are checked",
+                f"{rule.key}.largest_items",
+            )
+        if text and not has_finite_numbers(text):
+            raise GateRefused("value: expected finite numbers", f"{rule.key}.finite")
 
     def _checks_of(self, rule: Rule, type: MessageType) -> FieldChecks | str:
         """Return the compiled limits of a rule for requests or goals, or an error text if they do not fit."""
