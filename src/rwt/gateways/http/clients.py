@@ -122,7 +122,7 @@ class Clients(Visitors[HttpClient]):
             name = client.graph.role.name
             role = admission.roles.get(name)
             if role is not None:
-                client.graph.take_role(role)
+                client.graph.take_role(role.given_by(client.graph.role.credential))
                 client.graph.withdraw_refused()
             for stream, info in tuple(client.streams.items()):
                 if role is None or not self._still_has(info, name) or not stream.allowed(client.graph):
