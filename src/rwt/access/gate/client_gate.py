@@ -530,7 +530,8 @@ class ClientGate:
                 self._ask(others, payload, asked, go, refuse)
 
         try:
-            approval = gate.approvals.ask(self._actor, act, name, rule, payload)
+            subject = gate.approvals.subject(self._actor, act, name, rule, payload)
+            approval = gate.approvals.ask(subject, rule, payload)
         except GateRefused as refused:
             gate.recorder.note("refused", act, name, self._actor, str(refused), refused.rule)
             refuse(str(refused))

@@ -231,6 +231,34 @@ def has_finite_numbers(text: str) -> bool:
     return True
 
 
+def describe_fields(payload: Payload, limits: Mapping[str, FieldLimit]) -> str:
+    """Return the values of the fields of a message that have limits; of a list, the range and the number."""
+    found: list[str] = []
+    for path, limit in limits.items():
+        values: list[Any] = []
+
+        def note(
+            value: Any, where: str, now: float, changes: list[str], values: list[Any] = values
+        ) -> object:
+            values.append(value)
+            return value
+
+        try:
+            attributes = _resolve(payload.type, path, limit, "")
+        except NoSuchField:
+            continue  # Of another rule, for another kind of act.
+        _at(list(zip(path.split("[]"), attributes.split("[]"), strict=True)), note)(
+            payload.value(), "", 0.0, []
+        )
+        if len(values) == 1:
+            found.append(f"{path} = {str(values[0])[:100]}")
+        elif values:
+            found.append(
+                f"{path} = {str(min(values))[:100]} to {str(max(values))[:100]} ({len(values)} values)"
+            )
+    return ", ".join(found)
+
+
 def _resolve(type: MessageType, path: str, limit: FieldLimit, key: str) -> str:
     """Return a path with the names of attributes in place of fields, which the type has.
 

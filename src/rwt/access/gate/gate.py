@@ -9,7 +9,13 @@ from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from rwt.access.errors import GateRefused
-from rwt.access.gate.fields import BYTES_OF_ITEM, FieldChecks, NoSuchField, has_finite_numbers
+from rwt.access.gate.fields import (
+    BYTES_OF_ITEM,
+    FieldChecks,
+    NoSuchField,
+    describe_fields,
+    has_finite_numbers,
+)
 from rwt.access.gate.record import Actor
 from rwt.access.gate.rules import Rules
 from rwt.access.gate.state import GATE_NODE, GateState
@@ -83,6 +89,7 @@ class Gate(GateState):
         self._finite: dict[tuple[Rule, MessageType], FieldChecks] = {}
         self._cancels: dict[str, Publisher] = {}
         self.stop_type: MessageType = graph.registry.message("std_msgs/Empty")
+        self.approvals.describe = self._describe
         try:
             self._check_rules()
         except BaseException:
@@ -286,7 +293,7 @@ class Gate(GateState):
         needed = [
             (act, ", ".join(names), rule)
             for (act, rule), names in asked.items()
-            if not self.approvals.take(actor, act, ", ".join(names), rule)
+            if not self._is_approved(actor, act, ", ".join(names), rule, payload)
         ]
         if not self.is_observing:
             return payload, needed
@@ -294,6 +301,16 @@ class Gate(GateState):
             key = f"{rule.key}.approval"
             self.recorder.note("would refuse", act, name, actor, f"needs a person's yes ({key})", key)
         return payload, []
+
+    def _is_approved(self, actor: Actor, act: GatedAct, name: str, rule: Rule, payload: Payload) -> bool:
+        return self.approvals.take(self.approvals.subject(actor, act, name, rule, payload))
+
+    def _describe(self, act: GatedAct, name: str, payload: Payload) -> str:
+        """Return the fields of a message that rules for its name limit, with their values."""
+        paths = {
+            path: limit for rule in self.rules.of(act, name) for path, limit in rule.settings.fields.items()
+        }
+        return describe_fields(payload, paths)
 
     def _checked(
         self, actor: Actor, act: GatedAct, name: str, rule: Rule, type: MessageType, payload: Payload
@@ -491,6 +508,8 @@ class Gate(GateState):
 
     def _rest(self, press: int) -> Iterator[None]:
         """Stop, a step each, what no client drove before a press; end the leases, and cancel all goals."""
+        emergencies = {rule.key for rule in self.rules.all if rule.settings.emergency}
+        self.approvals.stop(emergencies, f"the emergency stop is on: stopped by {self.last_by}")
         for topic in tuple(self._topics.values()):
             self._stop_topic(topic, press)
             yield

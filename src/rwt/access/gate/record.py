@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final, Literal, Protocol, get_args
 
 from rwt.access.audit import one_line
 from rwt.access.quotas import RateLimit
+from rwt_transports.http.addresses import network_of
 
 if TYPE_CHECKING:
     from rwt.access.audit import Audit
@@ -72,6 +73,11 @@ class Actor:
     def role(self) -> str:
         """Name of the present role."""
         return self.rights.name
+
+    @property
+    def owner(self) -> str:
+        """Identity whose clients share limits: the name of the credential, or the address without one."""
+        return self.rights.credential or f"@{network_of(self.address)}"
 
     def __str__(self) -> str:
         return f"{self.name} (role {self.role})"

@@ -93,19 +93,33 @@ class GateState:
                 f"the emergency stop is on: stopped by {self.stopped_by}", f"{rule.key}.emergency"
             )
 
-    def require_approval(self, topic: str, rule: Rule, client: Actor, payload: Payload) -> None:
+    def require_approval(
+        self, topic: str, rule: Rule, client: Actor, payload: Payload, *, is_stop: bool = False
+    ) -> None:
         """Use up the approval for a message, or request one.
+
+        Args:
+            topic: absolute name of the topic.
+            rule: rule that requires approval.
+            client: client that publishes.
+            payload: message as it will reach the robot.
+            is_stop: True for the stop message, which needs none while another message is approved.
 
         Raises:
             GateRefused: the message is not approved yet.
         """
-        if self.approvals.take(client, "publish", topic, rule):
+        approvals = self.approvals
+        subject = approvals.subject(client, "publish", topic, rule, payload)
+        if approvals.take(subject) or (is_stop and approvals.has_lasting(subject)):
             return
         text = f"publishing on {topic} needs a person's yes"
         if not self.is_observing:
-            request = self.approvals.find(client, "publish", topic, rule)
-            request = request or self.approvals.ask(client, "publish", topic, rule, payload)
-            text += f", which was asked for under id {request.id}: send it again when it is there"
+            request = approvals.find(subject)
+            if request is not None and request.subject != subject:
+                text += f", and another message waits for it under id {request.id}"
+            else:
+                request = request or approvals.ask(subject, rule, payload)
+                text += f", which was asked for under id {request.id}: send it again when it is there"
         raise GateRefused(text, f"{rule.key}.approval")
 
     def _not_stopped(self, name: str, error: Exception) -> None:

@@ -32,6 +32,9 @@ _ROUNDING: Final = 1e-6
 _PAUSE_SECONDS: Final = 1.0
 
 
+#: Types whose zeros stop a robot, if the rules state no stop message.
+_STOPPED_BY_ZEROS: Final = frozenset({"geometry_msgs/Twist", "geometry_msgs/TwistStamped"})
+
 #: Maximum size of a message that is compared with the stop message, in bytes.
 _MAX_STOP_BYTES: Final = 64 * 1024
 
@@ -84,8 +87,8 @@ class GuardedTopic:
     * Lease and clients: ``lease``, ``users``, ``_paused_at`` (paused clients, with the time of the last
       rejected message).
     * Rates: ``_motion`` (values last passed on).
-    * Stop message: ``_stop`` (its rule), ``_neutral`` (its value), ``_publisher``, ``_repeat_for`` (seconds),
-      ``_repeat_until`` (steady clock), ``_is_repeated`` (True while the gate's stop path repeats it),
+    * Stop message: ``_stop`` (its rule), ``_neutral`` (its value; ``_zeros`` without it), ``_publisher``,
+      ``_repeat_for`` (seconds), ``_repeat_until`` (steady clock), ``_is_repeated`` (True while the gate's stop path repeats it),
       ``_prepared`` (payload made in advance), ``_is_stamped`` (True if it has a header).
     * Emergency stops: ``is_emergency``, ``driven_in`` and ``stopped_in`` (numbers of the last press before a
       client's message passed, and that stopped the topic).
@@ -128,6 +131,7 @@ class GuardedTopic:
         self._repeat_until = 0.0
         self._is_repeated = False
         self._prepared: Payload | None = None
+        self._zeros = Payload.from_value(type, {}).value() if type.name in _STOPPED_BY_ZEROS else None
         self._is_stamped = False
         self.is_emergency = any(rule.settings.emergency for rule in self._rules)
         self.driven_in = self.stopped_in = -1
@@ -274,7 +278,7 @@ class GuardedTopic:
                 )
         # Last, so that only what passes every other rule is approved, or uses up an approval.
         for rule in rules.approvals:
-            self._gate.require_approval(self.name, rule, client, payload)
+            self._gate.require_approval(self.name, rule, client, payload, is_stop=self._is_stop(payload))
         if changed:
             first = rules.compiled[0].rule.key
             self._gate.recorder.note("changed", "publish", self.name, client, "; ".join(changed), first)
@@ -303,8 +307,11 @@ class GuardedTopic:
 
     def _is_stop(self, payload: Payload) -> bool:
         """Return True for the stop message; a large message is not decoded to find out."""
+        neutral = self._neutral or self._zeros
+        if neutral is None:
+            return False
         is_small = payload.is_decoded or payload.kept_size <= _MAX_STOP_BYTES
-        return is_small and _is_equal(payload.value(), self._neutral)
+        return is_small and _is_equal(payload.value(), neutral)
 
     # Stopping
 
@@ -382,9 +389,7 @@ class GuardedTopic:
             self._publisher = None
 
 
-def _is_equal(one: msgspec.Struct, other: msgspec.Struct | None) -> bool:
+def _is_equal(one: msgspec.Struct, other: msgspec.Struct) -> bool:
     """Return True if two messages of one type are equal, headers apart."""
-    if other is None:
-        return False
     names = (name for name in one.__struct_fields__ if name != "header")
     return all(getattr(one, name) == getattr(other, name) for name in names)
