@@ -407,8 +407,12 @@ class ClientGate:
             GateRefused: a rule rejects the call.
         """
         gate = self._gate
-        acts: list[tuple[GatedAct, str]] = [("call", service), *(("set_param", name) for name in written)]
         try:
+            parameters = gate.affected_parameters(written, text)
+            acts: list[tuple[GatedAct, str]] = [
+                ("call", service),
+                *(("set_param", each) for each in parameters),
+            ]
             as_goal = _SEND_GOAL.fullmatch(service)
             if as_goal is not None:
                 _require_plain_goal(gate, self._actor, as_goal["action"], request)

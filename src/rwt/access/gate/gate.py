@@ -8,6 +8,7 @@ from collections import deque
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
+from rwt.access.disclosure import affected_parameters
 from rwt.access.errors import GateRefused
 from rwt.access.gate.fields import (
     BYTES_OF_ITEM,
@@ -43,6 +44,9 @@ _MAX_TYPES: Final = 1000
 
 #: Maximum number of topics that the answer to a press names, because they could not be stopped.
 _MAX_FAULTS: Final = 5
+
+#: Maximum number of parameters that are checked for one write.
+_MAX_PARAMETERS: Final = 1000
 
 #: Maximum number of publishers of `cancel` topics.
 _MAX_CANCELS: Final = 64
@@ -322,6 +326,24 @@ class Gate(GateState):
         if changes:
             self.recorder.note("changed", act, name, actor, changes, rule.key)
         return payload if self.is_observing else taken
+
+    def affected_parameters(self, written: Iterable[str], text: str) -> list[str]:
+        """Return the parameters that a call changes, those above and below them included.
+
+        Raises:
+            GateRefused: there are too many to be checked at once.
+        """
+        if not self.rules.has_parameters:
+            return list(written)
+        found: dict[str, None] = {}
+        for name in written:
+            names = affected_parameters(self._graph.parameters, name, text, _MAX_PARAMETERS)
+            if names is None:
+                raise GateRefused(
+                    f"{name} has more than {_MAX_PARAMETERS} parameters below it: set each by itself"
+                )
+            found.update(dict.fromkeys(names))
+        return list(found)
 
     def require_finite(self, rule: Rule, payload: Payload, text: str = "") -> None:
         """Check that all numbers of a message are finite, whose fields the rule's limits are not for.

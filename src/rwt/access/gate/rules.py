@@ -65,11 +65,13 @@ class Rules:
     Attributes:
         all: the rules.
         has_emergency: True if the emergency stop is for any of them.
+        has_parameters: True if any of them is about parameters.
     """
 
     def __init__(self, settings: Mapping[str, GateRule]) -> None:
         self.all = tuple(Rule(name, rule) for name, rule in settings.items())
         self.has_emergency = any(rule.settings.emergency for rule in self.all)
+        self.has_parameters = any(rule.settings.parameters for rule in self.all)
         self._found: dict[tuple[GatedAct, str], tuple[Rule, ...]] = {}
 
     def of(self, act: GatedAct, name: str) -> tuple[Rule, ...]:

@@ -88,8 +88,8 @@ class GuardedTopic:
       rejected message).
     * Rates: ``_motion`` (values last passed on).
     * Stop message: ``_stop`` (its rule), ``_neutral`` (its value; ``_zeros`` without it), ``_publisher``,
-      ``_repeat_for`` (seconds), ``_repeat_until`` (steady clock), ``_is_repeated`` (True while the gate's stop path repeats it),
-      ``_prepared`` (payload made in advance), ``_is_stamped`` (True if it has a header).
+      ``_repeat_for`` (seconds), ``_repeat_until`` (steady clock), ``_is_repeated`` (True while the
+      gate's stop path repeats it), ``_prepared`` (payload made in advance), ``_is_stamped`` (True if it has a header).
     * Emergency stops: ``is_emergency``, ``driven_in`` and ``stopped_in`` (numbers of the last press before a
       client's message passed, and that stopped the topic).
 
