@@ -487,6 +487,8 @@ class ClientGraph(GraphView):
             TypeConflict: the topic has another type.
         """
         name = self.require("subscribe", topic)
+        if self._gate is not None:
+            self._gate.check_subscriber(name)
         if self._gate is not None and type:
             self._gate.check_type(name, self.registry.message(type))
         if is_new:

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Final, Protocol, TypeVar
 from uuid import uuid4
 
 from rwt.access.errors import AccessError, GateRefused, NotAllowed
-from rwt.access.gate.node import SERVICES, TOPICS, stop_response
+from rwt.access.gate.node import LEASES, SERVICES, TOPICS, stop_response
 from rwt.access.gate.record import CALLER
 from rwt.access.gate.state import GATE_NODE
 from rwt.access.graph_view import STOP
+from rwt.access.roles import absolute_globs
 from rwt_graph.api import ClientGoal, PendingCall
 from rwt_participant.errors import CallFailed, GoalRejected, RobotError, ServiceFailed
 from rwt_participant.goals import GoalStatus
@@ -39,6 +40,9 @@ _SEND_GOAL: Final = re.compile(r"(?P<action>/.+)/_action/send_goal")
 
 #: Topic by which ROS 1 sends a goal to an action.
 _GOAL_TOPIC: Final = re.compile(r"(?P<action>/.+)/goal")
+
+#: Wildcard of a glob.
+_WILDCARD: Final = re.compile(r"[*?]|\[[^\]]*\]")
 
 #: Maximum number of topics per client whose first publication is not recorded again; then all are forgotten.
 _MAX_RECORDED: Final = 1000
@@ -321,6 +325,22 @@ class ClientGate:
         if topic == STOP and not self._gate.may_stop(self._actor.role):
             raise NotAllowed(f"role {self._actor.role!r} may not stop the robot (gate.emergency.stop_roles)")
 
+    def check_subscriber(self, topic: str) -> None:
+        """Check a subscription: the topic of leases names the holders of all leases.
+
+        Raises:
+            NotAllowed: the role may not see every topic that rules with a lease are about.
+        """
+        if topic != LEASES or self._actor.rights.sees_every_topic:
+            return
+        for rule in self._gate.rules.all:
+            for glob in absolute_globs(rule.settings.topics) if rule.settings.lease else ():
+                if not all(map(self._actor.rights.sees_topic, _names_like(glob))):
+                    raise NotAllowed(
+                        f"role {self._actor.role!r} may not see {glob}, whose holder {LEASES} names"
+                        f" (roles.{self._actor.role}.subscribe)"
+                    )
+
     def check_type(self, topic: str, type: MessageType) -> None:
         """Check the type with which the client publishes on a topic or subscribes to it.
 
@@ -543,6 +563,11 @@ class ClientGate:
         approval.go = next_one
         approval.refuse = refuse
         asked(approval)
+
+
+def _names_like(glob: str) -> tuple[str, ...]:
+    """Return names that a glob matches, of different lengths."""
+    return tuple({_WILDCARD.sub(text, glob) for text in ("x", "yz", "a/b/c")})
 
 
 def _require_plain_goal(gate: Gate, actor: Actor, action: str, payload: Payload) -> None:

@@ -468,6 +468,7 @@ class Gate(GateState):
                 f"there is no client {to[:80]!r}; each hears its own name from /gate/take_lease"
             )
         self.leased(other, name)
+        self.require_lease_room(other)
         topic.lease.pass_to(other)
 
     def _require_holder(self, topic: GuardedTopic, actor: Actor) -> None:

@@ -39,10 +39,12 @@ class Lease:
         clock: clock of the graph.
         on_change: called after each change of the holder, with a description of the change, the holder and
             the holder before.
+        require_room: raises GateRefused if a client may hold no more leases.
     """
 
     __slots__ = (
-        "_clock", "_key", "_on_change", "_renewed_at", "_timer", "_topic", "holder", "settings", "since_ns",
+        "_clock", "_key", "_on_change", "_renewed_at", "_require_room", "_timer", "_topic", "holder",
+        "settings", "since_ns",
     )  # fmt: skip
 
     def __init__(
@@ -52,12 +54,14 @@ class Lease:
         settings: LeaseSettings,
         clock: Clock,
         on_change: Callable[[str, Actor | None, Actor | None], None],
+        require_room: Callable[[Actor], None],
     ) -> None:
         self._topic = topic
         self._key = key
         self.settings = settings
         self._clock = clock
         self._on_change = on_change
+        self._require_room = require_room
         self._timer: Timer | None = None
         self._renewed_at = 0.0
         self.holder: Actor | None = None
@@ -82,6 +86,7 @@ class Lease:
         holder = self.holder
         if holder is not None and self._rank(client) >= self._rank(holder):
             raise GateRefused(f"{self._topic} is held by {holder}", self._key)
+        self._require_room(client)
 
     def _rank(self, client: Actor) -> int:
         order = self.settings.precedence

@@ -163,7 +163,9 @@ class GateNode:
         held = [
             each.lease.holder for each in self._gate.topics if each.lease and each.name == canonical(topic)
         ]
-        holder = held[0].name if held and held[0] else ""
+        # As for subscribers of the topic of leases: only roles that may see a topic see who holds it.
+        sees = client.rights.sees_topic(canonical(topic))
+        holder = held[0].name if sees and held and held[0] else ""
         may = client.rights.allows("publish", canonical(topic))
         seconds = self._gate.lease_seconds(client.rights, topic) if may else None
         return {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING, Final
 
 from rwt.access.errors import GateRefused
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
     from rwt_graph.api import Graph
     from rwt_interfaces.payload import Payload
 
+MAX_LEASES: Final = 64
+"""Maximum number of leases held by the clients of one credential, or of one address without credentials."""
+
 GATE_NODE: Final = "/gate"
 """Node as which the gate publishes stop messages and its own state."""
 
@@ -35,6 +39,7 @@ class GateState:
     * Environment: ``settings``, ``is_observing``, ``clock``, ``participant``, ``recorder``.
     * Emergency stop: ``stop_path``, ``presses``, ``faults``, ``stopped_by``, and of its last change
       ``last_by``, ``stopped_reason``, ``stopped_ns``.
+    * Leases: ``leases_held``.
     * Human approval: ``approvals``.
     * Listeners, set by the gate's node: ``on_leases``, ``on_stop``, ``on_approvals``.
 
@@ -48,6 +53,7 @@ class GateState:
         stop_path: stop messages of all topics.
         presses: number of times that the emergency stop was pressed.
         faults: topics that cannot be stopped, with the reason.
+        leases_held: number of leases by identity, see :attr:`rwt.access.gate.record.Actor.owner`.
         stopped_by: client or program that pressed the emergency stop; empty while it is released.
         stopped_reason: reason for the last press or release, in the words of the client.
         stopped_ns: ROS time of the last press or release.
@@ -74,6 +80,7 @@ class GateState:
         self.stop_path = StopPath(graph.clock, self._not_stopped)
         self.presses = 0
         self.faults: dict[str, str] = {}
+        self.leases_held: Counter[str] = Counter()
         self.stopped_by = ""
         self.stopped_reason = ""
         self.stopped_ns = graph.clock.time_ns()
@@ -127,6 +134,15 @@ class GateState:
         if self.faults.get(name) != text:  # Recorded once: the stop message is repeated.
             self.faults[name] = text
             self.recorder.note("stop", "stop", name, None, f"not stopped: {text}")
+
+    def require_lease_room(self, client: Actor) -> None:
+        """Check that a client may hold one more lease: all leases may end at the same time.
+
+        Raises:
+            GateRefused: clients of its credential hold the maximum.
+        """
+        if self.leases_held[client.owner] >= MAX_LEASES:
+            raise GateRefused(f"clients of this credential hold {MAX_LEASES} leases, which is the limit")
 
     def leases_changed(self) -> None:
         """Report that a lease has another holder."""

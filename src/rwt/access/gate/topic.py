@@ -32,6 +32,9 @@ _ROUNDING: Final = 1e-6
 _PAUSE_SECONDS: Final = 1.0
 
 
+#: Number of paused identities above which old ones are dropped.
+_MAX_PAUSED: Final = 1000
+
 #: Types whose zeros stop a robot, if the rules state no stop message.
 _STOPPED_BY_ZEROS: Final = frozenset({"geometry_msgs/Twist", "geometry_msgs/TwistStamped"})
 
@@ -84,12 +87,14 @@ class GuardedTopic:
     Attributes by purpose:
 
     * Rules: ``_rules``, ``_compiled``, ``_by_role`` (compiled for each role on first use), ``fault``.
-    * Lease and clients: ``lease``, ``users``, ``_paused_at`` (paused clients, with the time of the last
-      rejected message).
+    * Lease and clients: ``lease``, ``_lease_owner`` (identity that it counts for), ``users``, ``_paused_at``
+      (identities of paused clients, with the time of the last rejected message: another connection or
+      advertisement of the same credential is paused, too).
     * Rates: ``_motion`` (values last passed on).
     * Stop message: ``_stop`` (its rule), ``_neutral`` (its value; ``_zeros`` without it), ``_publisher``,
-      ``_repeat_for`` (seconds), ``_repeat_until`` (steady clock), ``_is_repeated`` (True while the
-      gate's stop path repeats it), ``_prepared`` (payload made in advance), ``_is_stamped`` (True if it has a header).
+      ``_repeat_for`` (seconds), ``_repeat_until`` (steady clock), ``_is_repeated`` (True while the gate's
+      stop path repeats it), ``_prepared`` (payload made in advance), ``_is_stamped`` (True if it has a
+      header).
     * Emergency stops: ``is_emergency``, ``driven_in`` and ``stopped_in`` (numbers of the last press before a
       client's message passed, and that stopped the topic).
 
@@ -121,7 +126,8 @@ class GuardedTopic:
         self._rules = tuple(rules)
         self._compiled: tuple[_CompiledRule, ...] = ()
         self._by_role: dict[str, _RoleRules] = {}
-        self._paused_at: dict[Actor, float] = {}
+        self._lease_owner = ""
+        self._paused_at: dict[str, float] = {}
         self._motion = Motion()
         stops = [(rule, rule.settings.stop) for rule in self._rules if rule.settings.stop is not None]
         self._stop = stops[0][0] if stops else None
@@ -161,7 +167,14 @@ class GuardedTopic:
         if not found:
             return None
         settings, rule = min(found, key=lambda each: each[0].seconds)
-        return Lease(self.name, f"{rule.key}.lease", settings, self._gate.clock, self._lease_changed)
+        return Lease(
+            self.name,
+            f"{rule.key}.lease",
+            settings,
+            self._gate.clock,
+            self._lease_changed,
+            self._gate.require_lease_room,
+        )
 
     def _prepare_stop(self) -> None:
         """Make the stop message in advance, and find out if it is stamped.
@@ -187,6 +200,8 @@ class GuardedTopic:
     @property
     def is_idle(self) -> bool:
         """True if closing the topic loses no state."""
+        if self._paused_at and not self.is_stopped:
+            self._drop_old_pauses(self._gate.clock.monotonic())
         return not (self.users or self.is_held or self._is_repeated or self.is_stopped or self._paused_at)
 
     @property
@@ -291,19 +306,27 @@ class GuardedTopic:
             GateRefused: it is pressed, or the client kept publishing across the release.
         """
         if self._gate.stopped_by:
-            self._paused_at[client] = now
+            self._pause(client, now)
             self._gate.require_released(rule)
-        refused_at = self._paused_at.get(client)
+        refused_at = self._paused_at.get(client.owner)
         if refused_at is None:
             return
         if now - refused_at < _PAUSE_SECONDS and not self._is_stop(payload):
-            self._paused_at[client] = now
+            self._pause(client, now)
             raise GateRefused(
                 "the emergency stop was released while this client went on publishing:"
                 f" be silent for {_PAUSE_SECONDS:g} s, or send the stop message first",
                 f"{rule.key}.emergency",
             )
-        del self._paused_at[client]
+        del self._paused_at[client.owner]
+
+    def _pause(self, client: Actor, now: float) -> None:
+        if len(self._paused_at) >= _MAX_PAUSED:
+            self._drop_old_pauses(now)
+        self._paused_at[client.owner] = now
+
+    def _drop_old_pauses(self, now: float) -> None:
+        self._paused_at = {key: at for key, at in self._paused_at.items() if now - at < _PAUSE_SECONDS}
 
     def _is_stop(self, payload: Payload) -> bool:
         """Return True for the stop message; a large message is not decoded to find out."""
@@ -321,8 +344,12 @@ class GuardedTopic:
         # published the stop message already.
         if before is not None and change != "taken" and not gate.is_observing and not self._has_just_stopped:
             self.halt()
+        if self._lease_owner:
+            gate.leases_held[self._lease_owner] -= 1
+        self._lease_owner = "" if holder is None else holder.owner
         if holder is not None:
             holder.topics.add(self)
+            gate.leases_held[self._lease_owner] += 1
         gate.recorder.note("lease", "publish", self.name, holder or before, change, self.lease_rule)
         gate.leases_changed()
 
@@ -375,7 +402,6 @@ class GuardedTopic:
         """Remove a client that no longer publishes here, and release its lease."""
         self.users.discard(client)
         client.topics.discard(self)
-        self._paused_at.pop(client, None)
         if self.lease is not None:
             self.lease.release(client, why)
 

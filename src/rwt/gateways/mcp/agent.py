@@ -59,7 +59,8 @@ class Agent:
     """Agent during one request.
 
     Attributes:
-        owner: owner of the goals that the agent may ask about; agents of one role at one address share it.
+        owner: owner of the goals that the agent may ask about; agents of one credential and role at one
+            address share it.
         acts: rights to change something; the tools that need others are not offered.
         how_to_act: advice for people on how to give the agent more rights.
         advertise: advertises a topic; the publisher raises what the robot's server rejects.

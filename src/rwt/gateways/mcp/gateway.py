@@ -105,8 +105,8 @@ class _Caller:
 
     @property
     def owner(self) -> str:
-        """Identity of the agent: agents of one role at one address count as one."""
-        return f"{self.role.name}@{network_of(self.info.address)}"
+        """Identity of the agent: agents of one credential and role at one address count as one."""
+        return f"{self.role.credential}:{self.role.name}@{network_of(self.info.address)}"
 
     def leave(self) -> None:
         """Cancel the work of the request."""
