@@ -6,6 +6,7 @@ in canonical form. A gateway has no other access to the graph, so it cannot bypa
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from contextvars import copy_context
 from dataclasses import replace
 from functools import partial
@@ -293,6 +294,24 @@ class ClientGraph(GraphView):
         Gateways then run a message that presses it ahead of all that waits.
         """
         return self._gate is not None and self._gate.is_stop_due
+
+    def tell_notices(self, on_notice: Callable[[str], None]) -> None:
+        """Call `on_notice` with what the gate does to the client's commands, such as clamping or waiting."""
+        if self._gate is not None:
+            self._gate.swap_on_notice(on_notice)
+
+    @contextmanager
+    def notices(self) -> Iterator[list[str]]:
+        """Collect what the gate does to the commands within a block, which must not wait for anything."""
+        found: list[str] = []
+        if self._gate is None:
+            yield found
+            return
+        before = self._gate.swap_on_notice(found.append)
+        try:
+            yield found
+        finally:
+            self._gate.swap_on_notice(before)
 
     @property
     def gate_name(self) -> str:

@@ -129,6 +129,8 @@ OWN = {
     "leave",
     "close",
     "close_in_steps",
+    "tell_notices",
+    "notices",
 }
 """What concerns nothing but what the client itself holds already."""
 

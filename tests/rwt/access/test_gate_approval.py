@@ -18,7 +18,17 @@ FIBONACCI = "example_interfaces/Fibonacci"
 APPROVAL = {"roles": ["supervisor"], "seconds": 10, "remember_seconds": 60}
 
 
-class AskedRobot(GatedRobot):
+class QuietRobot(GatedRobot):
+    """A robot whose clients are told of errors only."""
+
+    def client(self, role: str = "operator") -> Client:
+        """One more client, which is not told that its requests wait."""
+        client = super().client(role)
+        client.say("set_level", level="error")
+        return client
+
+
+class AskedRobot(QuietRobot):
     """A robot of which everything needs a yes.
 
     Attributes:
@@ -233,7 +243,7 @@ def test_a_lasting_approval_is_for_the_same_call_and_goal() -> None:
 
 def test_an_approval_is_for_what_remains_after_clamping() -> None:
     limit = {"min": -1, "max": 1, "beyond": "clamp"}
-    robot = GatedRobot(
+    robot = QuietRobot(
         {"asked": {"topics": ["/cmd_vel"], "approval": APPROVAL, "fields": {"linear.x": limit}}}
     )
     agent, supervisor = robot.client("agent"), robot.client("supervisor")
@@ -257,7 +267,7 @@ def test_an_approval_does_not_hold_for_another_role_of_the_client() -> None:
 
 def test_an_emergency_stop_ends_requests_and_approvals() -> None:
     rule = {"topics": ["/cmd_vel"], "approval": APPROVAL, "emergency": True, "stop": {}}
-    robot = GatedRobot({"asked": rule})
+    robot = QuietRobot({"asked": rule})
     one, two, admin = robot.client("agent"), robot.client("agent"), robot.client("admin")
     drive(one, 0.1)
     drive(two, 0.1)
@@ -277,7 +287,7 @@ def test_what_identifies_a_message_is_shown_before_its_text() -> None:
             "fields": {"x": {"max": 100}, "name": {"one_of": ["turtle", "x" * 5000]}},
         },
     }
-    robot = GatedRobot(rules)
+    robot = QuietRobot(rules)
     robot.node.advertise_service("/spawn", "turtlesim/Spawn", lambda _: {})
     agent = robot.client("agent")
     agent.say("call_service", service="/spawn", args={"name": "x" * 5000, "x": 99.0})
@@ -291,7 +301,7 @@ def test_requests_of_one_credential_do_not_take_the_slots_of_others() -> None:
         "asked": {"services": ["/blink"], "approval": APPROVAL},
         "other": {"services": ["/time"], "approval": APPROVAL},
     }
-    robot = GatedRobot(rules)
+    robot = QuietRobot(rules)
     for name in ("/blink", "/time"):
         robot.node.advertise_service(name, "std_srvs/SetBool", lambda _: {"success": True})
     agents = [robot.client("agent") for _ in range(10)]
@@ -312,7 +322,7 @@ def test_a_yes_that_comes_while_the_robot_is_stopped_starts_nothing() -> None:
         "asked": {"services": ["/blink"], "approval": APPROVAL, "emergency": True},
         "drive": {"topics": ["/cmd_vel"], "emergency": True, "stop": {}},
     }
-    robot = GatedRobot(rules)
+    robot = QuietRobot(rules)
     done: list[Any] = []
     robot.node.advertise_service("/blink", "std_srvs/SetBool", partial(_note, done))
     agent, supervisor = robot.client("agent"), robot.client("supervisor")
@@ -337,7 +347,7 @@ def test_a_yes_for_a_client_whose_right_is_gone_starts_nothing() -> None:
 
 def test_two_rules_want_a_yes_each() -> None:
     rule = {"services": ["/blink"], "approval": APPROVAL}
-    robot = GatedRobot({"one": rule, "two": {**rule, "approval": {"roles": ["admin"]}}})
+    robot = QuietRobot({"one": rule, "two": {**rule, "approval": {"roles": ["admin"]}}})
     done: list[Any] = []
     robot.node.advertise_service("/blink", "std_srvs/SetBool", partial(_note, done))
     agent = robot.client("agent")
@@ -361,7 +371,7 @@ def test_requests_are_bounded() -> None:
 
 def test_observing_asks_nobody() -> None:
     rule = {"services": ["/blink"], "topics": ["/cmd_vel"], "approval": APPROVAL}
-    robot = GatedRobot({"asked": rule}, mode="observe")
+    robot = QuietRobot({"asked": rule}, mode="observe")
     robot.node.advertise_service("/blink", "std_srvs/SetBool", lambda _: {"success": True})
     client = robot.client("agent")
     assert call(client, "/blink", data=True)["success"]

@@ -146,6 +146,70 @@ async def test_two_tokens_of_one_role_behind_one_address_are_two_clients() -> No
                 await admin.call("/gate/approve", refused_too, "rwt_gate_msgs/Approve")
 
 
+CLAMP = {"linear.x": {"max": 0.8, "beyond": "clamp"}}
+CLAMPED = "linear.x: 0.8 in place of 2 (gate.rules.drive)"
+
+
+def test_a_client_is_told_what_was_clamped_and_what_waits() -> None:
+    approval = {"services": ["/blink"], "approval": {"roles": ["supervisor"], "seconds": 45}}
+    spawn = {"services": ["/spawn"], "fields": {"x": {"max": 1, "beyond": "clamp"}}}
+    robot = GatedRobot({"drive": {**RULE, "fields": CLAMP}, "asked": approval, "spawn": spawn})
+    robot.node.advertise_service("/blink", "std_srvs/SetBool", lambda _: {"success": True})
+    robot.node.advertise_service("/spawn", "turtlesim/Spawn", lambda _: {})
+    client = robot.client()
+    twist = {"linear": {"x": 2.0}}
+    client.say("publish", topic="/cmd_vel", type="geometry_msgs/Twist", msg=twist)
+    client.say("call_service", service="/blink", args={"data": True})
+    client.say("call_service", service="/spawn", args={"x": 5.0})
+    told = [each["msg"] for each in client.heard() if each["op"] == "status" and each["level"] == "warning"]
+    assert [each for each in told if each.startswith("gate:")] == [
+        f"gate: publish /cmd_vel: {CLAMPED}",
+        "gate: call /blink: waiting for approval by supervisor (45 s left, id 1)",
+        "gate: call /spawn: x: 1 in place of 5 (gate.rules.spawn)",
+    ]
+    client.say("set_level", level="error")
+    client.say("publish", topic="/cmd_vel", type="geometry_msgs/Twist", msg=twist)
+    assert client.heard() == []
+
+
+def test_a_foxglove_client_is_told_what_was_clamped() -> None:
+    robot = GatedRobot({"drive": {**RULE, "fields": CLAMP}})
+    gateway = FoxgloveGateway(robot.graph, robot.access, FoxgloveSettings())
+    viewer = Viewer(gateway, headers={"authorization": f"Bearer {token('operator')}"})
+    viewer.advertise("/cmd_vel", "geometry_msgs/msg/Twist")
+    viewer.heard()
+    assert f"publish /cmd_vel: {CLAMPED}" in _publish(viewer, 2.0)
+    assert _publish(viewer, 2.0) == "", "not for each message"
+    gateway.close()
+
+
+@pytest.mark.anyio
+async def test_results_over_http_and_mcp_tell_what_was_clamped() -> None:
+    spawn = {"services": ["/spawn"], "fields": {"x": {"max": 1, "beyond": "clamp"}}}
+    gate = {"rules": {"drive": {**RULE, "fields": CLAMP}, "spawn": spawn}}
+    mcp = {"default_role": "admin"}
+    async with Server("ws://127.0.0.1:0", gate=gate, gateways=["http", "mcp"], mcp=mcp) as server:
+        node = server.node("base")
+        node.subscribe("/cmd_vel", lambda twist: None, "geometry_msgs/Twist")
+        node.advertise_service("/spawn", "turtlesim/Spawn", lambda _: {})
+        async with httpx.AsyncClient(base_url=server.urls[0].replace("ws", "http", 1)) as http:
+            answer = await http.post("/api/topics/cmd_vel", json={"linear": {"x": 2.0}})
+            assert (answer.status_code, answer.json()) == (200, {"gate": [f"publish /cmd_vel: {CLAMPED}"]})
+            answer = await http.post("/api/topics/cmd_vel", json={"linear": {"x": 0.5}})
+            assert (answer.status_code, answer.content) == (204, b"")
+            answer = await http.post("/api/services/spawn", json={"x": 5.0})
+            assert answer.headers["gate-notice"] == "call /spawn: x: 1 in place of 5 (gate.rules.spawn)"
+            await http.post("/api/services/gate/release_lease", json={"topic": "/cmd_vel"})
+        async with agent_at(url_of(server)) as agent:
+            asked = {"topic": "/cmd_vel", "message": {"linear": {"x": 2.0}}, "rate": 20, "seconds": 0.2}
+            answered = str((await agent.call_tool("publish", asked)).content)
+            assert answered.count(CLAMPED) == 1
+            answered = str(
+                (await agent.call_tool("call_service", {"service": "/spawn", "request": {"x": 5}})).content
+            )
+            assert "x: 1 in place of 5 (gate.rules.spawn)" in answered
+
+
 async def eventually(condition: Callable[[], bool]) -> None:
     """Wait until a condition holds."""
     with anyio.fail_after(30):

@@ -286,6 +286,11 @@ class ClientGate:
         """Name of the client at the gate."""
         return self._actor.name
 
+    def swap_on_notice(self, on_notice: Callable[[str], None] | None) -> Callable[[str], None] | None:
+        """Set what is called with what the gate does to the client's commands; returns what was before."""
+        before, self._actor.on_notice = self._actor.on_notice, on_notice
+        return before
+
     def take_role(self, role: Role) -> None:
         """Switch the client to another role."""
         self._gate.take_role(self._actor, role)
@@ -563,6 +568,10 @@ class ClientGate:
         approval.go = next_one
         approval.refuse = refuse
         asked(approval)
+        settings = rule.settings.approval
+        if self._actor.on_notice is not None and settings is not None:
+            roles, left = " or ".join(settings.roles), f"{settings.seconds:g} s left"
+            self._actor.on_notice(f"{act} {name}: waiting for approval by {roles} ({left}, id {approval.id})")
 
 
 def _names_like(glob: str) -> tuple[str, ...]:

@@ -325,6 +325,8 @@ class Gate(GateState):
         taken, changes = checks.check(payload, self.clock.monotonic())
         if changes:
             self.recorder.note("changed", act, name, actor, changes, rule.key)
+            if actor.on_notice is not None and not self.is_observing:
+                actor.on_notice(f"{act} {name}: {changes} ({rule.key})")
         return payload if self.is_observing else taken
 
     def affected_parameters(self, written: Iterable[str], text: str) -> list[str]:

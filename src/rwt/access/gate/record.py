@@ -12,6 +12,8 @@ from rwt.access.quotas import RateLimit
 from rwt_transports.http.addresses import network_of
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rwt.access.audit import Audit
     from rwt.access.gate.audit_file import AuditFile
     from rwt.access.roles import Role
@@ -57,9 +59,10 @@ class Actor:
         lines: limit on the audit lines that its rejections cause.
         left_out: number of lines over the limit since the last one that was written.
         topics: guarded topics that it publishes on or has held.
+        on_notice: called with what the gate did to its command, such as clamping; None: it is not told.
     """
 
-    __slots__ = ("address", "left_out", "lines", "name", "rights", "topics")
+    __slots__ = ("address", "left_out", "lines", "name", "on_notice", "rights", "topics")
 
     def __init__(self, name: str, rights: Role, address: str) -> None:
         self.name = name
@@ -68,6 +71,7 @@ class Actor:
         self.lines = RateLimit(_LINES_PER_SECOND, _LINES_BURST)
         self.left_out = 0
         self.topics: set[ActorTopic] = set()
+        self.on_notice: Callable[[str], None] | None = None
 
     @property
     def role(self) -> str:

@@ -296,7 +296,10 @@ class GuardedTopic:
             self._gate.require_approval(self.name, rule, client, payload, is_stop=self._is_stop(payload))
         if changed:
             first = rules.compiled[0].rule.key
-            self._gate.recorder.note("changed", "publish", self.name, client, "; ".join(changed), first)
+            text = "; ".join(changed)
+            self._gate.recorder.note("changed", "publish", self.name, client, text, first)
+            if client.on_notice is not None and not self._gate.is_observing:
+                client.on_notice(f"publish {self.name}: {text} ({first})")
         return payload
 
     def _require_moving(self, client: Actor, rule: Rule, payload: Payload, now: float) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final, TypeVar
 from rwt.access.errors import AccessError
 from rwt.access.graph_view import STOP
 from rwt.delivery.counters import UNKNOWN
+from rwt.delivery.drop_notices import NoticeFlow
 from rwt.gateways.base import ConnectedClient
 from rwt.gateways.foxglove.assets import Assets
 from rwt.gateways.foxglove.catalogue import Connections
@@ -20,7 +21,7 @@ from rwt.gateways.foxglove.replies import StatusLane
 from rwt.gateways.foxglove.services import ServiceCalls
 from rwt.gateways.foxglove.subscriptions import Subscriptions
 from rwt.gateways.foxglove.wire import client_messages as said
-from rwt.gateways.foxglove.wire.server_messages import Level
+from rwt.gateways.foxglove.wire.server_messages import Level, status
 from rwt_participant.errors import RobotError
 from rwt_transports.endpoint import FlowRules
 
@@ -77,6 +78,8 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
         self.time = sink.flow("time", FlowRules(depth=1, notes=True))
         self.subscriptions = Subscriptions(graph, replies)
         self.publications = ClientChannels(graph, replies, structure)
+        self._gate_notices, self._gate_notice = NoticeFlow(sink, "commands"), ""
+        graph.tell_notices(self._tell_notice)
         self.services = ServiceCalls(graph, replies, structure, gateway.call_timeout)
         self.parameters = ParameterRequests(graph, replies, settings.parameter_names, gateway.turns)
         self.assets = None if pages is None else Assets(graph, replies, pages, settings, info.address)
@@ -147,6 +150,12 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
             yield from steps
         except Exception as error:
             self._failed(op, error)
+
+    def _tell_notice(self, text: str) -> None:
+        """Send what the gate did to a command, unless it is the same as for the one before."""
+        if text != self._gate_notice:
+            self._gate_notice = text
+            self._gate_notices.send(status(Level.WARNING, f"gate: {text}", "gate"))
 
     def _presses_stop(self, data: bytes, binary: bool) -> bool:
         try:
@@ -223,6 +232,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
 
     def _releases(self) -> Iterator[None]:
         self.time.close()
+        self._gate_notices.close()
         self.subscriptions.close()
         self.parameters.close()
         if self.assets is not None:

@@ -67,6 +67,9 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
+#: Maximum number of different notices of the gate in one result.
+_MAX_NOTICES: Final = 10
+
 PATH: Final = "/mcp"
 """Path at which agents are served."""
 
@@ -324,6 +327,8 @@ class McpGateway(Gateway):
         if gate is not None and allow is not None:
             leave = partial(self._ask_for_leave, gate, client, caller, allow)
         robot = ClientRobot(self.shared.graph, client, NODE, leave)
+        notices: list[str] = []
+        client.tell_notices(partial(_note_once, notices))
         caller.clients.add(client)
         with anyio.CancelScope() as scope:
             caller.at_end.append(scope.cancel)
@@ -342,6 +347,7 @@ class McpGateway(Gateway):
                     lease_seconds=robot.lease_seconds,
                     pass_gate=robot.pass_gate,
                     recordings=self._recordings,
+                    notices=notices,
                 )
             finally:
                 caller.at_end.remove(scope.cancel)
@@ -447,6 +453,12 @@ def _opens_session(request: HttpRequest) -> bool:
     spoken = request.headers.get("mcp-protocol-version")
     older = spoken is None or spoken in HANDSHAKE_PROTOCOL_VERSIONS
     return request.method == "POST" and older and "mcp-session-id" not in request.headers
+
+
+def _note_once(notices: list[str], text: str) -> None:
+    """Note what the gate does to a command; a command may be repeated many times a second."""
+    if text not in notices and len(notices) < _MAX_NOTICES:
+        notices.append(text)
 
 
 def presses_stop(request: HttpRequest) -> bool:

@@ -79,10 +79,14 @@ class Peer(ConnectedClient[_Waiting]):
         self._dispatch = bridge.dispatcher.dispatch
         self._unfinished: Op | None = None
         self.topics = PeerTopics(graph, replies, bridge.encoding_of, limits.data_bytes)
+        graph.tell_notices(self._tell_notice)
         self.services = PeerServices(
             graph, replies, info.address, bridge.service_offers, settings.default_call_service_timeout
         )
         self.actions = PeerActions(graph, replies, info.address, bridge.action_offers, bridge.orphans)
+
+    def _tell_notice(self, text: str) -> None:
+        self.replies.send(Status(level="warning", msg=f"gate: {text}"))
 
     def receive(self, data: bytes, binary: bool) -> None:
         """Read one frame, run its messages, and reply to those that are rejected.
