@@ -15,6 +15,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from heapq import heapify, heappop, heappush
 from typing import Final, Protocol
 
@@ -158,6 +159,10 @@ class Clock(ABC):
     def monotonic(self) -> float:
         """Return seconds of a monotonic clock, by which timers and timeouts are measured."""
 
+    def boottime(self) -> float:
+        """Return seconds like :meth:`monotonic`, plus the time for which the machine was suspended."""
+        return self.monotonic()
+
     @abstractmethod
     def call_later(self, delay: float, call: Callable[[], None]) -> Timer:
         """Run `call` once, `delay` seconds from now, at most :data:`LONGEST_DELAY`.
@@ -191,6 +196,12 @@ class Clock(ABC):
         """Run due timers until cancelled; called by one task of a running graph."""
 
 
+#: Elsewhere than on Linux, the monotonic clock.
+_boottime: Final[Callable[[], float]] = (
+    partial(time.clock_gettime, time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else time.monotonic
+)
+
+
 class SteadyClock(Clock):
     """Real time that never jumps: the wall's time at construction plus the time elapsed since."""
 
@@ -206,6 +217,8 @@ class SteadyClock(Clock):
 
     #: The function itself, for speed: each message calls it.
     monotonic = staticmethod(time.monotonic)
+
+    boottime = staticmethod(_boottime)
 
     def call_later(self, delay: float, call: Callable[[], None]) -> Timer:
         """Run `call` once, `delay` seconds from now; not before the graph runs."""

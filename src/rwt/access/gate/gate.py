@@ -612,6 +612,7 @@ class Gate(GateState):
     def close(self) -> None:
         """Leave the graph, and flush the audit file."""
         self.stop_path.close()
+        self.wake_watch.close()
         for topic in self._topics.values():
             topic.close()
         self._topics.clear()

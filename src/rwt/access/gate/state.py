@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 from rwt.access.errors import GateRefused
 from rwt.access.gate.approvals import Approvals
 from rwt.access.gate.audit_file import AuditFile
+from rwt.access.gate.lease import WakeWatch
 from rwt.access.gate.record import Recorder
 from rwt.access.gate.stop_path import StopPath
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rwt.access.audit import Audit
+    from rwt.access.gate.lease import Lease
     from rwt.access.gate.record import Actor
     from rwt.access.gate.rules import Rule
     from rwt.access.settings.gate import GateSettings
@@ -39,7 +41,7 @@ class GateState:
     * Environment: ``settings``, ``is_observing``, ``clock``, ``participant``, ``recorder``.
     * Emergency stop: ``stop_path``, ``presses``, ``faults``, ``stopped_by``, and of its last change
       ``last_by``, ``stopped_reason``, ``stopped_ns``.
-    * Leases: ``leases_held``.
+    * Leases: ``leases_held``, ``held``, ``wake_watch``.
     * Human approval: ``approvals``.
     * Listeners, set by the gate's node: ``on_leases``, ``on_stop``, ``on_approvals``.
 
@@ -54,6 +56,8 @@ class GateState:
         presses: number of times that the emergency stop was pressed.
         faults: topics that cannot be stopped, with the reason.
         leases_held: number of leases by identity, see :attr:`rwt.access.gate.record.Actor.owner`.
+        held: the same leases.
+        wake_watch: ends them after a suspension of the machine.
         stopped_by: client or program that pressed the emergency stop; empty while it is released.
         stopped_reason: reason for the last press or release, in the words of the client.
         stopped_ns: ROS time of the last press or release.
@@ -81,6 +85,8 @@ class GateState:
         self.presses = 0
         self.faults: dict[str, str] = {}
         self.leases_held: Counter[str] = Counter()
+        self.held: set[Lease] = set()
+        self.wake_watch = WakeWatch(graph.clock, self._look)
         self.stopped_by = ""
         self.stopped_reason = ""
         self.stopped_ns = graph.clock.time_ns()
@@ -143,6 +149,12 @@ class GateState:
         """
         if self.leases_held[client.owner] >= MAX_LEASES:
             raise GateRefused(f"clients of this credential hold {MAX_LEASES} leases, which is the limit")
+
+    def _look(self, was_suspended: bool) -> bool:
+        if was_suspended:
+            for lease in tuple(self.held):
+                lease.check_silence()
+        return bool(self.held)
 
     def leases_changed(self) -> None:
         """Report that a lease has another holder."""

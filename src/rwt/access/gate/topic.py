@@ -347,12 +347,17 @@ class GuardedTopic:
         # published the stop message already.
         if before is not None and change != "taken" and not gate.is_observing and not self._has_just_stopped:
             self.halt()
+        assert self.lease is not None  # It has changed.
+        gate.held.discard(self.lease)
         if self._lease_owner:
             gate.leases_held[self._lease_owner] -= 1
         self._lease_owner = "" if holder is None else holder.owner
         if holder is not None:
             holder.topics.add(self)
             gate.leases_held[self._lease_owner] += 1
+            gate.held.add(self.lease)
+            if gate.clock.is_real:
+                gate.wake_watch.begin()
         gate.recorder.note("lease", "publish", self.name, holder or before, change, self.lease_rule)
         gate.leases_changed()
 
