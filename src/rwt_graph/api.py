@@ -22,7 +22,7 @@ Rules for every backend:
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Self
 
@@ -475,6 +475,14 @@ class Graph(GraphListings):
     @abstractmethod
     def nodes(self) -> tuple[NodeInfo, ...]:
         """Return all nodes, sorted by name."""
+
+    @abstractmethod
+    def topic_names(self) -> Sequence[str]:
+        """Return the names of all topics, unsorted: cheaper than :meth:`topics` after a change."""
+
+    @abstractmethod
+    def action_names(self) -> Sequence[str]:
+        """Return the names of all actions, cheaper than :meth:`actions` after a change."""
 
     def observe_calls(self, observer: CallObserver | None) -> bool:
         """Let `observer` observe every call and goal from now on; None ends that.

@@ -15,6 +15,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from heapq import heapify, heappop, heappush
 from typing import Final, Protocol
 
@@ -158,12 +159,23 @@ class Clock(ABC):
     def monotonic(self) -> float:
         """Return seconds of a monotonic clock, by which timers and timeouts are measured."""
 
+    def boottime(self) -> float:
+        """Return seconds like :meth:`monotonic`, plus the time for which the machine was suspended."""
+        return self.monotonic()
+
     @abstractmethod
     def call_later(self, delay: float, call: Callable[[], None]) -> Timer:
         """Run `call` once, `delay` seconds from now, at most :data:`LONGEST_DELAY`.
 
         A delay that is zero, negative or NaN means the clock's next turn.
         """
+
+    def call_urgently(self, delay: float, call: Callable[[], None]) -> Timer:
+        """Like :meth:`call_later`, ahead of all other timers that are due.
+
+        For a few short calls that others must not delay, such as those that stop a robot.
+        """
+        return self.call_later(delay, call)
 
     @abstractmethod
     async def sleep(self, seconds: float) -> None:
@@ -184,11 +196,18 @@ class Clock(ABC):
         """Run due timers until cancelled; called by one task of a running graph."""
 
 
+#: Elsewhere than on Linux, the monotonic clock.
+_boottime: Final[Callable[[], float]] = (
+    partial(time.clock_gettime, time.CLOCK_BOOTTIME) if hasattr(time, "CLOCK_BOOTTIME") else time.monotonic
+)
+
+
 class SteadyClock(Clock):
     """Real time that never jumps: the wall's time at construction plus the time elapsed since."""
 
     def __init__(self) -> None:
         self._timers = TimerHeap()
+        self._urgent = TimerHeap()
         self._offset_ns = time.time_ns() - time.monotonic_ns()
         self._wake: anyio.Event | None = None
         self._asleep_until = -math.inf
@@ -199,9 +218,18 @@ class SteadyClock(Clock):
     #: The function itself, for speed: each message calls it.
     monotonic = staticmethod(time.monotonic)
 
+    boottime = staticmethod(_boottime)
+
     def call_later(self, delay: float, call: Callable[[], None]) -> Timer:
         """Run `call` once, `delay` seconds from now; not before the graph runs."""
-        timer = self._timers.push(self.monotonic() + _bounded(delay), call)
+        return self._push(self._timers, delay, call)
+
+    def call_urgently(self, delay: float, call: Callable[[], None]) -> Timer:
+        """Run `call` once, ahead of other timers; not before the graph runs."""
+        return self._push(self._urgent, delay, call)
+
+    def _push(self, timers: TimerHeap, delay: float, call: Callable[[], None]) -> Timer:
+        timer = timers.push(self.monotonic() + _bounded(delay), call)
         if timer.due < self._asleep_until and self._wake is not None:
             self._wake.set()
         return timer
@@ -215,11 +243,14 @@ class SteadyClock(Clock):
                 now = self.monotonic()
                 # Bounded by `now`, so that a timer that re-arms itself at once cannot block the loop, and in
                 # time, so that thousands of due timers cannot.
+                self._run_urgent(now)
                 while self._timers.next_due() <= now:
                     self._timers.run_next()
-                    if self.monotonic() - now > _TIMERS_SECONDS:
+                    ran_until = self.monotonic()
+                    self._run_urgent(ran_until)
+                    if ran_until - now > _TIMERS_SECONDS:
                         break
-                due = self._timers.next_due()
+                due = min(self._timers.next_due(), self._urgent.next_due())
                 wake = self._wake = anyio.Event()
                 self._asleep_until = due
                 with anyio.move_on_after(max(0.0, due - self.monotonic())):
@@ -228,6 +259,10 @@ class SteadyClock(Clock):
         finally:
             self._asleep_until = -math.inf
             self._wake = None
+
+    def _run_urgent(self, now: float) -> None:
+        while self._urgent.next_due() <= now:
+            self._urgent.run_next()
 
 
 class WallClock(SteadyClock):

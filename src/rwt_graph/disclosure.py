@@ -54,9 +54,14 @@ class Reads:
 
 @dataclass(frozen=True, slots=True)
 class Writes:
-    """Request that writes or deletes parameters; as :class:`Reads`."""
+    """Request that writes or deletes parameters; as :class:`Reads`.
+
+    Attributes:
+        json: field with the value as JSON text; empty if the request has none.
+    """
 
     field: str
+    json: str = ""
 
 
 Disclosure = tuple[Lists | ListsProviders | AsksAbout | Reads | Writes, ...]

@@ -246,6 +246,11 @@ class Payload(msgspec.Struct, eq=False):
         """True if the message arrived as JSON and is passed on untouched."""
         return self._json is not None and self._message is None
 
+    @property
+    def is_decoded(self) -> bool:
+        """True if :meth:`value` has nothing to decode."""
+        return self._message is not None
+
     def json(self) -> RawText:
         """Return the message in JSON: the received bytes, if they may be passed on."""
         json = self._json

@@ -148,6 +148,12 @@ class Session:
         parts = yield from codec.split_in_steps(data, self._limits)
         return [read for part in parts for read in self._read(part, now)]
 
+    def peek(self, data: bytes, binary: bool) -> Members | None:
+        """Return the members of the only message of a frame without handling it; None if there is not one."""
+        codec = self._codec or (BINARY_CODECS.get(data[:1], JSON) if binary else JSON)
+        parts = codec.split(data, self._limits)
+        return parts[0] if len(parts) == 1 and not isinstance(parts[0], DecodeFailure) else None
+
     def refuse_skipped(self, head: bytes, reason: str) -> Refusal | None:
         """Reject a message of which only the head was read.
 

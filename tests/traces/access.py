@@ -80,6 +80,7 @@ stop = { repeat_seconds = 0 }
 
 [gate.rules.served]
 topics = ["/served"]
+type = "std_msgs/String"
 lease = { seconds = 60, take = "service" }
 stop = {}
 
@@ -89,6 +90,7 @@ messages_per_second = 1
 
 [gate.rules.frames]
 topics = ["/frames"]
+type = "std_msgs/Header"
 
 [gate.rules.frames.fields]
 "frame_id" = { one_of = ["map", "odom"] }

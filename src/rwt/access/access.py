@@ -130,6 +130,10 @@ class Access:
             shared, role, quotas, self._disclosures, self._setting_parameters, gate, self._reserved
         )
 
+    def is_stop_due(self, role: Role) -> bool:
+        """True if clients of a role can press the emergency stop now."""
+        return self.gate is not None and self.gate.is_stop_due and self.gate.may_stop(role.name)
+
     def reserve(self, topic: str) -> None:
         """Reserve a topic for the server: no client can publish on it, whatever its role.
 

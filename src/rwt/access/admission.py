@@ -6,7 +6,7 @@ import logging
 from typing import TYPE_CHECKING
 
 from rwt.access.audit import LineRate
-from rwt.access.credentials import Tokens, presented_token, rosauth_of
+from rwt.access.credentials import ROSAUTH, Tokens, presented_token, rosauth_of
 from rwt.access.errors import NotAuthenticated
 from rwt.access.origins import NO_SITE, Origins
 from rwt.access.roles import roles
@@ -91,7 +91,8 @@ class Admission:
         if by_auth is None:
             role = self._role(info)
         else:
-            role = None if self.rosauth is None else self.roles.get(by_auth)
+            known = None if self.rosauth is None else self.roles.get(by_auth)
+            role = None if known is None else known.given_by(ROSAUTH)
         if role is None:
             raise self._refused(info, 401, "the server's settings have changed: authenticate again")
         return role

@@ -6,12 +6,13 @@ in canonical form. A gateway has no other access to the graph, so it cannot bypa
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from contextvars import copy_context
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Final, TypeVar, Union
 
-from rwt.access.disclosure import restrict, written_parameters
+from rwt.access.disclosure import restrict, written_parameters, written_text
 from rwt.access.errors import GateRefused, NotAllowed, QuotaExceeded
 from rwt.access.graph_view import GraphView, canonical
 from rwt_graph.accounts import ACCOUNT, WORK_ACCOUNT
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterator, Sequence, Set
 
     from rwt.access.disclosure import Disclosures, OutcomeFilter
-    from rwt.access.gate.client_gate import ClientGate, GatedPublisher, Needed
+    from rwt.access.gate.client_gate import ClientGate, GatedPublisher, GoalPublisher, Needed, StopPublisher
     from rwt.access.quotas import Charge, ClientQuotas, Quota
     from rwt.access.roles import Act, Role
     from rwt.delivery.counters import Counters
@@ -213,7 +214,9 @@ class LatchedPublisher:
         self._shared.publish_kept(payload, self._kept.exchange(replaced, payload.kept_size))
 
 
-ClientPublisher = Union["SharedPublisher", LatchedPublisher, GoalMessages, "GatedPublisher"]
+ClientPublisher = Union[
+    "SharedPublisher", LatchedPublisher, GoalMessages, "GatedPublisher", "GoalPublisher", "StopPublisher"
+]
 """Publisher of a client."""
 
 
@@ -285,6 +288,32 @@ class ClientGraph(GraphView):
             self._gate.take_role(role)
 
     @property
+    def is_stop_due(self) -> bool:
+        """True if this client can press the emergency stop now.
+
+        Gateways then run a message that presses it ahead of all that waits.
+        """
+        return self._gate is not None and self._gate.is_stop_due
+
+    def tell_notices(self, on_notice: Callable[[str], None]) -> None:
+        """Call `on_notice` with what the gate does to the client's commands, such as clamping or waiting."""
+        if self._gate is not None:
+            self._gate.swap_on_notice(on_notice)
+
+    @contextmanager
+    def notices(self) -> Iterator[list[str]]:
+        """Collect what the gate does to the commands within a block, which must not wait for anything."""
+        found: list[str] = []
+        if self._gate is None:
+            yield found
+            return
+        before = self._gate.swap_on_notice(found.append)
+        try:
+            yield found
+        finally:
+            self._gate.swap_on_notice(before)
+
+    @property
     def gate_name(self) -> str:
         """Name of this client in leases and requests for approval; empty without a gate."""
         return "" if self._gate is None else self._gate.name
@@ -301,6 +330,8 @@ class ClientGraph(GraphView):
     def require(self, act: Act, name: str) -> str:
         """Like :meth:`GraphView.require`, and record rejections in the gate's audit."""
         absolute = resolve(name)
+        if act == "call" and self._gate is not None and self._gate.is_own(absolute):
+            return absolute  # The gate itself decides.
         if not self.role.unrestricted:
             try:
                 self.role.require(act, absolute)
@@ -371,7 +402,8 @@ class ClientGraph(GraphView):
             TypeConflict, IncompatiblePolicies: the topic has another type, or other policies.
         """
         name = self._require_publish(topic, qos)
-        self._acquire(name, self.registry.message(type), mark, qos, lacks)
+        if self._gate is None or not self._gate.is_stop_topic(name):
+            self._acquire(name, self.registry.message(type), mark, qos, lacks)
         return name
 
     def _require_publish(self, topic: str, qos: QoS | None) -> str:
@@ -428,6 +460,8 @@ class ClientGraph(GraphView):
             QuotaExceeded, UnknownType, TypeConflict: as for :meth:`advertise`.
         """
         name = self._require_publish(topic, qos)
+        if self._gate is not None and self._gate.is_stop_topic(name):
+            return self._gate.stop_publisher(self._shared.counters)
         marks = self._advertised.get(name)
         known = next(iter(marks)) if marks else _IMPLICIT if mark is None else mark
         shared = self._acquire(name, self._type_of(name, type), known, qos, lacks)
@@ -439,6 +473,8 @@ class ClientGraph(GraphView):
     def _acquire(
         self, name: str, type: MessageType, mark: Hashable, qos: QoS | None, lacks: Lacks | None = None
     ) -> SharedPublisher:
+        if self._gate is not None:
+            self._gate.check_type(name, type)
         publishers, quota = self._shared.publishers, self._quotas.advertisements
         known = self._advertised.get(name, {}).get(mark)
         # A lingering publisher of this client is reused with its charge.
@@ -463,12 +499,17 @@ class ClientGraph(GraphView):
 
         Raises:
             NotAllowed: the role may not subscribe to the topic.
+            GateRefused: a gate rule is about the topic, and the client would give it its type.
             QuotaExceeded: `limits.subscriptions` is reached.
             UnknownTopicType: the topic has no type yet, and none is given.
             UnknownType: the message type is unknown.
             TypeConflict: the topic has another type.
         """
         name = self.require("subscribe", topic)
+        if self._gate is not None:
+            self._gate.check_subscriber(name)
+        if self._gate is not None and type:
+            self._gate.check_type(name, self.registry.message(type))
         if is_new:
             self._subscriptions.append(self._quotas.subscriptions.take())
         try:
@@ -526,15 +567,21 @@ class ClientGraph(GraphView):
             QuotaExceeded: `limits.calls` or `limits.kept_bytes` is reached.
         """
         gate = self._gate
-        is_gates = gate is not None and gate.is_own(resolve(service))
-        name = resolve(service) if is_gates else self.require("call", service)
+        name = self.require("call", service)
+        is_gates = gate is not None and gate.is_own(name)
         info = self._graph.service(name)
         if info is None:
             raise ProviderNotFound(f"Service {name} does not exist")
+        if gate is not None and is_gates and gate.is_stop_service(name):
+            # Without quotas and accounts: nothing that the client does delays or rejects its stop.
+            self._shared.counters.calls += 1
+            on_reply(gate.stop(request(info.type), info.type))
+            return
         quotas = self._quotas
         quotas.calls.add(1)
         needed: Needed = []
         written: list[str] = []
+        text = ""
         try:
             payload, filtered = request(info.type), None
             if not self.role.unrestricted:
@@ -542,7 +589,8 @@ class ClientGraph(GraphView):
             if gate is not None and not is_gates:
                 if info.type.name in self._setting_parameters:
                     written = written_parameters(self._disclosures, name, info.type, payload)
-                payload, needed = gate.check_call(name, info.type, payload, written)
+                    text = written_text(self._disclosures, info.type, payload)
+                payload, needed = gate.check_call(name, info.type, payload, written, text)
             size = payload.kept_size
             if size > _SMALL_BYTES:
                 quotas.kept.add(size)

@@ -31,6 +31,9 @@ _MAX_SECONDS: Final = 2**53
 
 _BEARER: Final = re.compile(r"bearer +(\S+)", re.IGNORECASE)
 
+#: Name of the credential of clients that authenticate by an `auth` op; tokens have their own names.
+ROSAUTH: Final = "rosauth"
+
 _SUBPROTOCOL_TOKEN: Final = "bearer."
 _QUERY_NAMES: Final = ("token", "access_token")
 
@@ -133,7 +136,7 @@ class Tokens:
     """Known bearer tokens, and the roles that they give."""
 
     def __init__(self, tokens: Mapping[str, TokenSettings], roles: Mapping[str, Role]) -> None:
-        self._known = [(_hash_of(token), roles[token.role]) for token in tokens.values()]
+        self._known = [(_hash_of(token), roles[token.role].given_by(name)) for name, token in tokens.items()]
 
     def __bool__(self) -> bool:
         return bool(self._known)
@@ -209,4 +212,9 @@ def rosauth_of(
     otherwise = settings.rosauth_role or (None if configured else "admin")
     fallback = roles[otherwise] if otherwise else None
     secret = read_secret(settings.rosauth_secret_file)
-    return Rosauth(secret, settings.allowed_time_delta, now, lambda level: roles.get(level, fallback))
+
+    def role_for(level: str) -> Role | None:
+        role = roles.get(level, fallback)
+        return None if role is None else role.given_by(ROSAUTH)
+
+    return Rosauth(secret, settings.allowed_time_delta, now, role_for)

@@ -7,7 +7,9 @@ services in other processes.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
@@ -20,11 +22,12 @@ from rwt_graph.names import namespace_of
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.names import two_part
 from rwt_interfaces.payload import Payload
-from rwt_participant.errors import CallFailed
+from rwt_participant.errors import CallFailed, NotFound
 
 if TYPE_CHECKING:
     from rwt.access.graph_view import GraphView
     from rwt.access.roles import Act
+    from rwt_graph.parameters.tree import ParameterTree
     from rwt_interfaces.structs import ServiceType
 
 Disclosures = Mapping[str, Disclosure]
@@ -117,6 +120,50 @@ def written_parameters(
         if isinstance(part, Writes)
         for name in _parameters(service, getattr(request.value(), part.field))
     ]
+
+
+def written_text(disclosures: Disclosures, type: ServiceType, request: Payload) -> str:
+    """Return the value that a call sets, as JSON text; empty if its type has another form."""
+    for part in disclosures.get(type.name, ()):
+        if isinstance(part, Writes) and part.json:
+            text: str = getattr(request.value(), part.json)
+            return text
+    return ""
+
+
+def affected_parameters(tree: ParameterTree, name: str, text: str, most: int) -> list[str] | None:
+    """Return the parameters that setting or deleting one changes: itself, those above it and those below it.
+
+    In a tree of parameters, a table replaces everything below its name. Parameters of nodes on ROS 2 have
+    no tree.
+
+    Args:
+        tree: global tree of parameters.
+        name: full name of the parameter.
+        text: new value as JSON text; empty to delete it.
+        most: maximum number of parameters.
+
+    Returns:
+        None if there are more.
+    """
+    if ":" in name:
+        return [name]
+    parts = [part for part in name.split("/") if part]
+    names = ["/" + "/".join(parts[:count]) for count in range(len(parts), 0, -1)] or ["/"]
+    values: list[tuple[str, object]] = []
+    with suppress(NotFound):
+        tree.read(name, lambda value: values.append((names[0].rstrip("/"), value)))
+    with suppress(ValueError, RecursionError):
+        values.append((names[0].rstrip("/"), json.loads(text or "null")))
+    while values:
+        above, value = values.pop()
+        if isinstance(value, Mapping):
+            below = [(f"{above}/{key}", each) for key, each in value.items()]
+            names += [key for key, _ in below]
+            values += below
+            if len(names) > most:
+                return None
+    return names
 
 
 def _sees(view: GraphView, kind: Kind, name: str) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from rwt_graph.api import GraphListings
 from rwt_graph.errors import InvalidGraphName
@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from rwt_graph.clock import Clock
     from rwt_interfaces.distro import Distro
     from rwt_interfaces.registry import Registry
+
+
+STOP: Final = "/gate/stop"
+"""Service and topic of the gate that press the emergency stop."""
 
 
 class GraphView(GraphListings):

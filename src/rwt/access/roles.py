@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import fnmatch
 import re
 from collections.abc import Iterable, Mapping
@@ -56,6 +57,7 @@ class Role:
 
     Attributes:
         name: name in the settings.
+        credential: name of the token that gave the role, or `rosauth`; empty without credentials.
         unrestricted: True if the role may do everything.
         globs: permissions by act: globs of absolute names.
         answers: last response of each service that lists the graph, as given and as filtered for the role.
@@ -65,10 +67,14 @@ class Role:
         settings: globs of the role.
     """
 
-    __slots__ = ("_decisions", "_patterns", "_subscribes_to_all", "answers", "globs", "name", "unrestricted")
+    __slots__ = (
+        "_decisions", "_patterns", "_subscribes_to_all", "answers", "credential", "globs", "name",
+        "unrestricted",
+    )  # fmt: skip
 
     def __init__(self, name: str, settings: RoleSettings) -> None:
         self.name = name
+        self.credential = ""
         self.globs: Mapping[Act, tuple[str, ...]] = {act: _globs(act, settings) for act in ACTS}
         self.unrestricted = all("*" in self.globs[act] for act in ACTS)
         self._patterns = {act: glob_pattern(self.globs[act]) for act in ACTS}
@@ -77,6 +83,12 @@ class Role:
         )
         self._decisions: dict[tuple[Act, str], bool] = {}
         self.answers: dict[str, tuple[Payload, Payload]] = {}
+
+    def given_by(self, credential: str) -> Role:
+        """Return the role as a credential gives it; both share their cached decisions."""
+        given = copy.copy(self)
+        given.credential = credential
+        return given
 
     def allows(self, act: Act, name: str) -> bool:
         """Return True if the role allows `act` on `name`, an absolute name."""

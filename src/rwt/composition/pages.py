@@ -85,6 +85,7 @@ def routes(
             loopback=loopback,
             refusal=route.refusal,
             turns=bridge.turns,
+            presses_stop=route.presses_stop,
         )
         routes.add(route.path, page, route.method)
         methods.setdefault(route.path, []).append(route.method)
@@ -119,12 +120,23 @@ def _foreign(origin: str) -> Refused:
     return Refused(403, f"pages of {ascii(origin)[1:-1][:200]} may not act here (origins.allow)")
 
 
-def _admitted(access: Access, audience: Audience, request: HttpRequest) -> GraphView:
+def _admitted(
+    access: Access, audience: Audience, request: HttpRequest, presses_stop: Callable[[HttpRequest], bool]
+) -> GraphView:
+    """Return the graph as the sender of a request may see it.
+
+    A request that presses the emergency stop has no rate of work.
+
+    Raises:
+        Refused: they are none of the audience, or their address is beyond its rate of work.
+    """
     reader = access.reader(peer_of(request))
     if audience is Audience.EVERY_TOPIC and not reader.sees_every_topic:
         role = reader.role.name
         raise Refused(403, f"role {role!r} may not see every topic (roles.{role}.subscribe)")
-    if (beyond := reader.work.refusal()) is not None:
+    if (beyond := reader.work.refusal()) is not None and not (
+        access.is_stop_due(reader.role) and presses_stop(request)
+    ):
         reason, seconds = beyond
         raise Refused(429, reason, {"Retry-After": str(math.ceil(seconds))})
     return reader
@@ -138,6 +150,7 @@ def guarded(
     loopback: bool = True,
     refusal: Callable[[HttpRequest, Refused], HttpResponse] = refusal_as_text,
     turns: Turns | None = None,
+    presses_stop: Callable[[HttpRequest], bool] | None = None,
 ) -> Handler:
     """A page that only its audience gets, as the graph's reader that the request proves to be, and that is
     refused for a while to addresses that cause too much work. Where the turn of the event loop has seen as
@@ -147,6 +160,8 @@ def guarded(
     by WebSocket (the setting `origins`; the Fetch standard's CORS protocol, without credentials). Elsewhere
     they get an answer that their browser keeps from them, and what would act is refused before it does.
     """
+
+    presses = presses_stop or _presses_nothing
 
     def handler(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
         if audience is Audience.ANYBODY:
@@ -171,10 +186,10 @@ def guarded(
 
     def answer_admitted(request: HttpRequest) -> HttpResponse | Awaitable[HttpResponse]:
         try:
-            reader = _admitted(access, audience, request)
+            reader = _admitted(access, audience, request, presses)
         except Refused as refused:
             return refusal(request, refused)
-        if turns is not None and turns.is_full:
+        if turns is not None and turns.is_full and not (access.is_stop_due(reader.role) and presses(request)):
             return _in_turn(turns, partial(answer_now, request, reader))
         return answer_now(request, reader)
 
@@ -190,6 +205,10 @@ def guarded(
                 turns.note(seconds)
 
     return handler
+
+
+def _presses_nothing(request: HttpRequest) -> bool:
+    return False
 
 
 async def _in_turn(

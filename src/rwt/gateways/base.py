@@ -217,6 +217,10 @@ class Arriving(NamedTuple):
     may_go_on: Callable[[], bool] = _always
 
 
+#: Maximum size of a frame that presses the emergency stop ahead of what waits, in bytes.
+MAX_STOP_BYTES: Final = 4096
+
+
 class UnreadFrame(NamedTuple):
     """A frame that waits for a later turn before it is read."""
 
@@ -288,13 +292,33 @@ class ConnectedClient(ABC, Generic[T]):
     def receive(self, data: bytes, binary: bool) -> None:
         """Read one frame and do what it asks, or let it wait if the client has used its share of the turn."""
         if self._must_defer(len(data)):
-            self._wait_unread(data, binary)
+            if not self._stop_ahead(data, binary):
+                self._wait_unread(data, binary)
             return
         now = self._began = self._monotonic()
         self._read(data, binary, now)
         self._worked += self._monotonic() - now
         if self._worked - self._counted > CLIENT_SECONDS:
             self._count_work()
+
+    def _stop_ahead(self, data: bytes, binary: bool) -> bool:
+        """Press the emergency stop ahead of all that waits, if that is what a frame does.
+
+        Returns False, and does nothing, for other frames. While the stop is pressed, all frames are others.
+        """
+        if len(data) > MAX_STOP_BYTES or not self.graph.is_stop_due:
+            return False
+        now = self._began = self._monotonic()
+        presses = self._presses_stop(data, binary)
+        if presses:
+            self.messages += 1
+            self._decode(data, binary, now)
+        self._worked += self._monotonic() - now
+        return presses
+
+    @abstractmethod
+    def _presses_stop(self, data: bytes, binary: bool) -> bool:
+        """Return True if all that a small frame does is to press the emergency stop; has no effects."""
 
     def _wait_unread(self, data: bytes, binary: bool) -> None:
         # The wire reuses its buffers.
@@ -306,9 +330,12 @@ class ConnectedClient(ABC, Generic[T]):
 
     def _read(self, data: bytes, binary: bool, now: float) -> None:
         """Count a frame and decode it, unless the client exceeds its rate."""
+        if self._rate is not None and not self._rate.take(now):
+            if not self._stop_ahead(data, binary):
+                self._end_beyond_rate()
+            return
         self.messages += 1
-        if self._may_send(now):
-            self._decode(data, binary, now)
+        self._decode(data, binary, now)
 
     @abstractmethod
     def _decode(self, data: bytes, binary: bool, now: float) -> None:
@@ -321,11 +348,14 @@ class ConnectedClient(ABC, Generic[T]):
         """
         if self._rate is None or self._rate.take(now):
             return True
+        self._end_beyond_rate()
+        return False
+
+    def _end_beyond_rate(self) -> None:
         rate = self._gateway.access.limits.messages_per_second
         reason = f"more than {rate} messages a second (limits.messages_per_second)"
         self.replies.log(logging.WARNING, reason)
         self.sink.close(POLICY, reason)
-        return False
 
     def set_flow_control(self, flow_control: FlowControl) -> None:
         """Pause this client through `flow_control` while its messages wait."""

@@ -1,7 +1,7 @@
 """Clients over HTTP: when they are present, the work that they cause, and the traffic of their requests.
 
-HTTP clients do not disconnect. Requests of one role and one address count as one client, which is present
-until some seconds after the last request (:class:`Visitor`).
+HTTP clients do not disconnect. Requests of one credential, role and address count as one client, which is
+present until some seconds after the last request (:class:`Visitor`).
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import uuid
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Self, TypeVar
 
 from rwt_graph.api import (
@@ -262,6 +262,14 @@ class MemoryGraph(Runtime, Graph):
             NodeInfo(name, *(tuple(sorted(set(of.get(name, ())))) for of in kinds))
             for name in sorted(self._nodes)
         )
+
+    def topic_names(self) -> Sequence[str]:
+        """Return the names of all topics, unsorted."""
+        return tuple(topic.name for topic in self.topic_table.all())
+
+    def action_names(self) -> Sequence[str]:
+        """Return the names of all actions."""
+        return self.action_table.names()
 
     def observe_calls(self, observer: CallObserver | None) -> bool:
         self.service_table.observer = observer

@@ -139,6 +139,7 @@ class Route(Generic[AnyReader]):
         method: upper case; what serves ``GET`` serves ``HEAD`` too. Pages of other origins may ask by any
             other method only where they may connect by WebSocket (the setting `origins`).
         refusal: how a request hears that it does not come to the page.
+        presses_stop: True for requests that press the emergency stop of the robot, which wait for nothing.
     """
 
     path: str
@@ -146,6 +147,7 @@ class Route(Generic[AnyReader]):
     audience: Audience
     method: str = "GET"
     refusal: Callable[[HttpRequest, Refused], HttpResponse] = refusal_as_text
+    presses_stop: Callable[[HttpRequest], bool] | None = None
 
 
 class MetricFamily(NamedTuple):

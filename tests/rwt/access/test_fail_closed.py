@@ -129,6 +129,8 @@ OWN = {
     "leave",
     "close",
     "close_in_steps",
+    "tell_notices",
+    "notices",
 }
 """What concerns nothing but what the client itself holds already."""
 
@@ -201,7 +203,7 @@ RULE_KINDS: Mapping[str, object] = {
 }
 """Of every kind of rule one that lets nothing through, or of messages a single one."""
 
-ABOUT_NAMES = {"topics", "services", "actions", "parameters", "roles", "stop"}
+ABOUT_NAMES = {"topics", "services", "actions", "parameters", "roles", "stop", "type", "largest_items"}
 """What says whom and what a rule is about, and not what it asks."""
 
 OF_TOPICS = {"lease", "messages_per_second"}

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
 import pytest
 
-from rwt.access.gate.approvals import MAX_OF_CLIENT
+from rwt.access.gate.approvals import MAX_OF_CREDENTIAL
 from rwt.access.gate.record import CALLER
 from tests.rwt.access.gated_robot import GatedRobot, call, drive
 from tests.rwt.gateways.rosbridge.recording_client import Client
@@ -17,7 +18,17 @@ FIBONACCI = "example_interfaces/Fibonacci"
 APPROVAL = {"roles": ["supervisor"], "seconds": 10, "remember_seconds": 60}
 
 
-class AskedRobot(GatedRobot):
+class QuietRobot(GatedRobot):
+    """A robot whose clients are told of errors only."""
+
+    def client(self, role: str = "operator") -> Client:
+        """One more client, which is not told that its requests wait."""
+        client = super().client(role)
+        client.say("set_level", level="error")
+        return client
+
+
+class AskedRobot(QuietRobot):
     """A robot of which everything needs a yes.
 
     Attributes:
@@ -75,7 +86,8 @@ def test_a_call_waits_for_a_yes_and_is_made_then() -> None:
     assert (agent.heard(), robot.done) == ([], [])
     (asked,) = robot.waiting()
     assert (asked.id, asked.act, asked.name, asked.client) == ("1", "call", "/blink", "rosbridge:1")
-    assert (asked.content, asked.rule, asked.role) == ('{"data": true}', "gate.rules.asked", "agent")
+    assert (asked.rule, asked.role) == ("gate.rules.asked", "agent")
+    assert re.fullmatch(r'sha256:[0-9a-f]{16}, 14 bytes; {"data": true}', asked.content)
     assert _answer(supervisor, "1") == {
         "success": True, "message": "approved: call /blink of rosbridge:1 (role agent)",
     }  # fmt: skip
@@ -185,14 +197,124 @@ def test_a_message_is_refused_until_somebody_says_yes() -> None:
     agent, supervisor = robot.client("agent"), robot.client("supervisor")
     text = "publishing on /cmd_vel needs a person's yes, which was asked for under id 1: send it again"
     assert text in drive(agent, 0.1)
-    assert text in drive(agent, 0.2)
+    assert text in drive(agent, 0.1)
+    assert "and another message waits for it under id 1" in drive(agent, 0.2)
     assert len(robot.waiting()) == 1
     assert _answer(supervisor, "1")["success"]
-    assert drive(agent, 0.3) == ""
-    assert "under id 2" in drive(agent, 0.4)
+    assert drive(agent, 0.1) == ""
+    assert "under id 2" in drive(agent, 0.1)
     assert _answer(supervisor, "2", seconds=60)["success"]
-    assert [drive(agent, 0.5), drive(agent, 0.6)] == ["", ""]
-    assert [speed for speed, _ in robot.take()] == [0.3, 0.5, 0.6]
+    assert [drive(agent, 0.1), drive(agent, 0.1)] == ["", ""]
+    assert [speed for speed, _ in robot.take()] == [0.1, 0.1, 0.1]
+    robot.clock.advance(60)
+    assert "under id 3" in drive(agent, 0.1)
+    assert _answer(supervisor, "3")["success"]
+    robot.clock.advance(10)
+    assert "under id 4" in drive(agent, 0.1), "an approval that is not used expires"
+
+
+@pytest.mark.parametrize("seconds", [0.0, 60.0])
+def test_an_approval_is_for_the_message_that_was_shown(seconds: float) -> None:
+    robot = AskedRobot()
+    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+    drive(agent, 0.01)
+    assert _answer(supervisor, "1", seconds=seconds)["success"]
+    assert "under id 2" in drive(agent, 99.0)
+    assert robot.take() == []
+    assert drive(agent, 0.01) == ""
+    # The robot can be stopped while an approval lasts.
+    assert (drive(agent, 0.0) == "") is bool(seconds)
+
+
+def test_a_lasting_approval_is_for_the_same_call_and_goal() -> None:
+    robot = AskedRobot()
+    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+    agent.say("call_service", service="/blink", args={"data": True})
+    assert _answer(supervisor, "1", seconds=60)["success"]
+    agent.say("call_service", service="/blink", args={"data": False})
+    goal = {"action": "/count", "action_type": FIBONACCI}
+    agent.say("send_action_goal", id="g", **goal, args={"order": 3})
+    assert _answer(supervisor, "3", seconds=60)["success"]
+    agent.say("send_action_goal", id="h", **goal, args={"order": 99})
+    assert robot.done == [True, 3]
+    agent.say("send_action_goal", id="i", **goal, args={"order": 3})
+    assert robot.done == [True, 3, 3]
+
+
+def test_an_approval_is_for_what_remains_after_clamping() -> None:
+    limit = {"min": -1, "max": 1, "beyond": "clamp"}
+    robot = QuietRobot(
+        {"asked": {"topics": ["/cmd_vel"], "approval": APPROVAL, "fields": {"linear.x": limit}}}
+    )
+    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+    drive(agent, 5.0)
+    (asked,) = robot.gate.approvals.pending
+    assert "; linear.x = 1.0; {" in asked.content
+    assert _answer(supervisor, "1")["success"]
+    assert drive(agent, 7.0) == ""
+    assert [speed for speed, _ in robot.take()] == [1.0]
+
+
+def test_an_approval_does_not_hold_for_another_role_of_the_client() -> None:
+    robot = AskedRobot()
+    agent, supervisor = robot.client("agent"), robot.client("supervisor")
+    drive(agent, 0.1)
+    assert _answer(supervisor, "1", seconds=60)["success"]
+    agent.peer.take_role(robot.access.admission.roles["operator"])
+    assert "under id 2" in drive(agent, 0.1)
+    assert robot.take() == []
+
+
+def test_an_emergency_stop_ends_requests_and_approvals() -> None:
+    rule = {"topics": ["/cmd_vel"], "approval": APPROVAL, "emergency": True, "stop": {}}
+    robot = QuietRobot({"asked": rule})
+    one, two, admin = robot.client("agent"), robot.client("agent"), robot.client("admin")
+    drive(one, 0.1)
+    drive(two, 0.1)
+    assert _answer(robot.client("supervisor"), "1", seconds=60)["success"]
+    call(admin, "/gate/stop")
+    assert robot.gate.approvals.pending == ()
+    call(admin, "/gate/release_stop")
+    robot.clock.advance(2)
+    assert "under id 3" in drive(one, 0.1)
+
+
+def test_what_identifies_a_message_is_shown_before_its_text() -> None:
+    rules = {
+        "asked": {"services": ["/spawn"], "approval": APPROVAL},
+        "limits": {
+            "services": ["/spawn"],
+            "fields": {"x": {"max": 100}, "name": {"one_of": ["turtle", "x" * 5000]}},
+        },
+    }
+    robot = QuietRobot(rules)
+    robot.node.advertise_service("/spawn", "turtlesim/Spawn", lambda _: {})
+    agent = robot.client("agent")
+    agent.say("call_service", service="/spawn", args={"name": "x" * 5000, "x": 99.0})
+    (asked,) = robot.gate.approvals.pending
+    assert re.match(r"sha256:[0-9a-f]{16}, \d+ bytes; x = 99.0, name = x{100}; {", asked.content)
+    assert asked.content.endswith("… (cut off)")
+
+
+def test_requests_of_one_credential_do_not_take_the_slots_of_others() -> None:
+    rules = {
+        "asked": {"services": ["/blink"], "approval": APPROVAL},
+        "other": {"services": ["/time"], "approval": APPROVAL},
+    }
+    robot = QuietRobot(rules)
+    for name in ("/blink", "/time"):
+        robot.node.advertise_service(name, "std_srvs/SetBool", lambda _: {"success": True})
+    agents = [robot.client("agent") for _ in range(10)]
+    for agent in agents:
+        for _ in range(MAX_OF_CREDENTIAL):
+            _blink(agent)
+    assert len(robot.gate.approvals.pending) == MAX_OF_CREDENTIAL
+    _blink(robot.client("operator"))
+    agents[0].say("call_service", service="/time", args={"data": True})
+    assert len(robot.gate.approvals.pending) == MAX_OF_CREDENTIAL + 2
+    for agent in agents:
+        agent.leave()
+    assert len(robot.gate.approvals.pending) == 1
 
 
 def test_a_yes_that_comes_while_the_robot_is_stopped_starts_nothing() -> None:
@@ -200,7 +322,7 @@ def test_a_yes_that_comes_while_the_robot_is_stopped_starts_nothing() -> None:
         "asked": {"services": ["/blink"], "approval": APPROVAL, "emergency": True},
         "drive": {"topics": ["/cmd_vel"], "emergency": True, "stop": {}},
     }
-    robot = GatedRobot(rules)
+    robot = QuietRobot(rules)
     done: list[Any] = []
     robot.node.advertise_service("/blink", "std_srvs/SetBool", partial(_note, done))
     agent, supervisor = robot.client("agent"), robot.client("supervisor")
@@ -225,7 +347,7 @@ def test_a_yes_for_a_client_whose_right_is_gone_starts_nothing() -> None:
 
 def test_two_rules_want_a_yes_each() -> None:
     rule = {"services": ["/blink"], "approval": APPROVAL}
-    robot = GatedRobot({"one": rule, "two": {**rule, "approval": {"roles": ["admin"]}}})
+    robot = QuietRobot({"one": rule, "two": {**rule, "approval": {"roles": ["admin"]}}})
     done: list[Any] = []
     robot.node.advertise_service("/blink", "std_srvs/SetBool", partial(_note, done))
     agent = robot.client("agent")
@@ -240,16 +362,16 @@ def test_two_rules_want_a_yes_each() -> None:
 def test_requests_are_bounded() -> None:
     robot = AskedRobot()
     agent = robot.client("agent")
-    for _ in range(MAX_OF_CLIENT + 1):
+    for _ in range(MAX_OF_CREDENTIAL + 1):
         _blink(agent)
     (reply,) = agent.heard()
-    assert f"{MAX_OF_CLIENT} requests of this client wait" in reply["values"]
-    assert agent.peer.graph.calls_in_flight == MAX_OF_CLIENT
+    assert f"{MAX_OF_CREDENTIAL} requests of this client wait" in reply["values"]
+    assert agent.peer.graph.calls_in_flight == MAX_OF_CREDENTIAL
 
 
 def test_observing_asks_nobody() -> None:
     rule = {"services": ["/blink"], "topics": ["/cmd_vel"], "approval": APPROVAL}
-    robot = GatedRobot({"asked": rule}, mode="observe")
+    robot = QuietRobot({"asked": rule}, mode="observe")
     robot.node.advertise_service("/blink", "std_srvs/SetBool", lambda _: {"success": True})
     client = robot.client("agent")
     assert call(client, "/blink", data=True)["success"]

@@ -198,3 +198,27 @@ def test_metrics_count_what_the_gate_does() -> None:
         "rwt_gate_stopped 1",
         "rwt_gate_audit_dropped_lines_total 0",
     } <= set(lines)
+
+
+@pytest.mark.parametrize("how", ["advertise again", "another connection", "the same"])
+def test_a_client_is_still_for_a_second_whatever_it_does_meanwhile(how: str) -> None:
+    robot = GatedRobot(RULES)
+    client, admin = robot.client(), robot.client("admin")
+    drive(client, 0.5)
+    call(admin, "/gate/stop")
+    drive(client, 0.5)
+    call(admin, "/gate/release_stop")
+    for _ in range(20):
+        robot.clock.advance(0.01)
+        if how == "advertise again":
+            client.say("advertise", topic="/cmd_vel", type="geometry_msgs/Twist")
+            client.say("unadvertise", topic="/cmd_vel")
+            client.heard()
+        elif how == "another connection":
+            client.leave()
+            client = robot.client()
+        assert "be silent for 1 s" in drive(client, 0.5)
+    assert {speed for speed, _ in robot.take()} == {0.5, 0.0}
+    assert drive(robot.client("agent"), 0.25) == "", "others are not paused"
+    robot.clock.advance(1.0)
+    assert drive(client, 0.5) == ""

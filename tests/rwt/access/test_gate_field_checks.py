@@ -6,10 +6,12 @@ import json
 import math
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from types import FrameType
 from typing import Any, Final
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -271,3 +273,92 @@ def test_a_message_costs_few_calls() -> None:
         sys.setprofile(None)
     assert len(calls) <= 12, calls
     assert [speed for speed, _ in robot.take()] == [0.1, 0.2]
+
+
+# -- lists -------------------------------------------------------------------------------------------------
+
+ARRAY: Final = REGISTRY.message("std_msgs/Float64MultiArray")
+
+
+def _python_calls(act: Callable[[], object]) -> int:
+    count = 0
+
+    def profile(frame: FrameType, event: str, _: object) -> None:
+        nonlocal count
+        count += event == "call"
+
+    sys.setprofile(profile)
+    try:
+        act()
+    finally:
+        sys.setprofile(None)
+    return count
+
+
+def _array(items: str) -> Payload:
+    layout = b'{"layout": {"dim": [], "data_offset": 0}, "data": [%s]}'
+    return Payload.from_json(ARRAY, layout % items.encode())
+
+
+def _checks(limit: Mapping[str, Any], motion: Motion | None = None, **rule: Any) -> FieldChecks:
+    return FieldChecks(
+        Rule("it", GateRule.model_validate({"topics": ["/it"], "fields": {"data[]": limit}, **rule})),
+        ARRAY,
+        motion,
+    )
+
+
+@pytest.mark.parametrize("beyond", ["refuse", "clamp"])
+def test_a_large_message_is_rejected_before_it_is_decoded(beyond: str) -> None:
+    payload = _array(",".join(["0.5"] * 100_000))
+    with pytest.raises(
+        GateRefused, match=r"a message of \d+ bytes: 320000 is the limit .*rules.it.largest_items"
+    ):
+        _checks({"max": 0.1, "beyond": beyond}).check(payload, 0.0)
+    assert not payload.is_decoded
+    with pytest.raises(GateRefused, match=r"data.0.: expected at most 0.1"):
+        _checks({"max": 0.1}, largest_items=100_000).check(payload, 0.0)
+
+
+def test_items_of_nested_lists_count_together() -> None:
+    arm: dict[str, Any] = {"joints": [{"values": [0.5] * 99}] * 100}
+    rule = {"topics": ["/it"], "fields": {"joints[].values[]": {"max": 1}}}
+    checks = FieldChecks(Rule("it", GateRule.model_validate(rule)), ARM)
+    assert checks.check(Payload.from_value(ARM, arm), 0.0)[1] == ""
+    arm["joints"][-1] = {"values": [0.5] * 100}
+    with pytest.raises(GateRefused, match="more than 10000 items in its lists"):
+        checks.check(Payload.from_value(ARM, arm), 0.0)
+
+
+def test_a_list_within_its_range_is_not_looked_at_item_by_item() -> None:
+    checks = _checks({"min": -1, "max": 1})
+    counts = []
+    for size in (10, 10_000):
+        payload = _array(",".join(["0.5"] * size))
+        payload.value()
+        counts.append(_python_calls(partial(checks.check, payload, 0.0)))
+    assert counts[0] == counts[1]
+
+
+@pytest.mark.parametrize("finite", [True, False])
+@pytest.mark.parametrize("items", ["NaN, 0.5", "0.5, NaN", "0.5, 2.0", "-2.0, 0.5"])
+def test_an_item_out_of_range_is_found_anywhere(items: str, finite: bool) -> None:
+    with pytest.raises(GateRefused, match=r"data\[[01]\]"):
+        _checks({"min": -1, "max": 1}, finite=finite).check(_array(items), 0.0)
+
+
+def test_the_description_of_what_was_clamped_is_bounded() -> None:
+    payload, text = _checks({"max": 0.1, "beyond": "clamp"}).check(_array(",".join(["0.5"] * 9000)), 0.0)
+    assert text.startswith("data[0]: 0.1 in place of 0.5; data[1]: ")
+    assert text.endswith("data[7]: 0.1 in place of 0.5; 8992 more")
+    value: Any = payload.value()
+    assert set(value.data) == {0.1}
+
+
+def test_values_of_the_items_of_longer_lists_are_not_kept() -> None:
+    motion = Motion()
+    checks = _checks({"rate": 100.0}, motion)
+    for number, items in enumerate(("0.5," * 5000 + "0.5", "0.5", "0.5")):
+        checks.check(_array(items), float(number))
+        motion.passed(float(number))
+    assert len(motion._values) == 1

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
+import anyio
 import httpx
 import pytest
 
@@ -91,3 +92,126 @@ async def test_an_agent_publishes_no_longer_than_the_lease_without_a_word() -> N
             assert refused.is_error
             assert "(safety gate) lasts 0.5 s" in str(refused.content)
             assert not (await agent.call_tool("publish", {**asked, "seconds": 0.1})).is_error
+
+
+@pytest.mark.anyio
+async def test_two_tokens_of_one_role_behind_one_address_are_two_clients() -> None:
+    tokens = {name: {"token": f"{name}-token-of-the-test", "role": "driver"} for name in ("one", "two")}
+    roles = {"driver": {"publish": ["*"], "call": ["*"]}}
+    asked = {"services": ["/blink"], "approval": {"roles": ["admin"], "remember_seconds": 60}}
+    gate = {"rules": {"drive": {**RULE, "lease": {"seconds": 60}}, "asked": asked}}
+    auth = {"tokens": tokens, "default_role": "admin"}
+    async with Server("ws://127.0.0.1:0", gate=gate, auth=auth, roles=roles) as server:
+        heard: list[float] = []
+        done: list[object] = []
+        node = server.node("base")
+        node.subscribe("/cmd_vel", lambda twist: heard.append(twist.linear.x), "geometry_msgs/Twist")
+
+        def blink(request: object) -> dict[str, bool]:
+            done.append(request)
+            return {"success": True}
+
+        node.advertise_service("/blink", "std_srvs/SetBool", blink)
+        base = server.urls[0].replace("ws", "http", 1)
+        one, two = ({"Authorization": f"Bearer {name}-token-of-the-test"} for name in ("one", "two"))
+        async with httpx.AsyncClient(base_url=base) as http:
+            for _ in range(3):
+                driving = await http.post("/api/topics/cmd_vel", json={"linear": {"x": 0.5}}, headers=one)
+                refused = await http.post("/api/topics/cmd_vel", json={"linear": {"x": -0.5}}, headers=two)
+                assert (driving.status_code, refused.status_code) == (204, 403)
+                assert "is held by http:1" in refused.text
+            assert heard == [0.5] * 3
+            # An approval of one is not valid for the other.
+            waiting: list[list[str]] = []
+            node.subscribe(
+                "/gate/approvals",
+                lambda message: waiting.append([each.id for each in message.approvals]),
+                "rwt_gate_msgs/Approvals",
+            )
+
+            async def ask(headers: dict[str, str]) -> None:
+                await http.post("/api/services/blink", json={"data": True}, headers=headers)
+
+            async with connect(server.urls[0]) as admin, anyio.create_task_group() as tasks:
+                tasks.start_soon(ask, one)
+                await eventually(lambda: ["1"] in waiting)
+                approval = {"id": "1", "approve": True, "seconds": 60.0}
+                assert (await admin.call("/gate/approve", approval, "rwt_gate_msgs/Approve")).success
+                await ask(one)
+                assert len(done) == 2
+                tasks.start_soon(ask, two)
+                await eventually(lambda: ["2"] in waiting)
+                assert len(done) == 2
+                refused_too = {"id": "2", "approve": False, "seconds": 0.0}
+                await admin.call("/gate/approve", refused_too, "rwt_gate_msgs/Approve")
+
+
+CLAMP = {"linear.x": {"max": 0.8, "beyond": "clamp"}}
+CLAMPED = "linear.x: 0.8 in place of 2 (gate.rules.drive)"
+
+
+def test_a_client_is_told_what_was_clamped_and_what_waits() -> None:
+    approval = {"services": ["/blink"], "approval": {"roles": ["supervisor"], "seconds": 45}}
+    spawn = {"services": ["/spawn"], "fields": {"x": {"max": 1, "beyond": "clamp"}}}
+    robot = GatedRobot({"drive": {**RULE, "fields": CLAMP}, "asked": approval, "spawn": spawn})
+    robot.node.advertise_service("/blink", "std_srvs/SetBool", lambda _: {"success": True})
+    robot.node.advertise_service("/spawn", "turtlesim/Spawn", lambda _: {})
+    client = robot.client()
+    twist = {"linear": {"x": 2.0}}
+    client.say("publish", topic="/cmd_vel", type="geometry_msgs/Twist", msg=twist)
+    client.say("call_service", service="/blink", args={"data": True})
+    client.say("call_service", service="/spawn", args={"x": 5.0})
+    told = [each["msg"] for each in client.heard() if each["op"] == "status" and each["level"] == "warning"]
+    assert [each for each in told if each.startswith("gate:")] == [
+        f"gate: publish /cmd_vel: {CLAMPED}",
+        "gate: call /blink: waiting for approval by supervisor (45 s left, id 1)",
+        "gate: call /spawn: x: 1 in place of 5 (gate.rules.spawn)",
+    ]
+    client.say("set_level", level="error")
+    client.say("publish", topic="/cmd_vel", type="geometry_msgs/Twist", msg=twist)
+    assert client.heard() == []
+
+
+def test_a_foxglove_client_is_told_what_was_clamped() -> None:
+    robot = GatedRobot({"drive": {**RULE, "fields": CLAMP}})
+    gateway = FoxgloveGateway(robot.graph, robot.access, FoxgloveSettings())
+    viewer = Viewer(gateway, headers={"authorization": f"Bearer {token('operator')}"})
+    viewer.advertise("/cmd_vel", "geometry_msgs/msg/Twist")
+    viewer.heard()
+    assert f"publish /cmd_vel: {CLAMPED}" in _publish(viewer, 2.0)
+    assert _publish(viewer, 2.0) == "", "not for each message"
+    gateway.close()
+
+
+@pytest.mark.anyio
+async def test_results_over_http_and_mcp_tell_what_was_clamped() -> None:
+    spawn = {"services": ["/spawn"], "fields": {"x": {"max": 1, "beyond": "clamp"}}}
+    gate = {"rules": {"drive": {**RULE, "fields": CLAMP}, "spawn": spawn}}
+    mcp = {"default_role": "admin"}
+    async with Server("ws://127.0.0.1:0", gate=gate, gateways=["http", "mcp"], mcp=mcp) as server:
+        node = server.node("base")
+        node.subscribe("/cmd_vel", lambda twist: None, "geometry_msgs/Twist")
+        node.advertise_service("/spawn", "turtlesim/Spawn", lambda _: {})
+        async with httpx.AsyncClient(base_url=server.urls[0].replace("ws", "http", 1)) as http:
+            answer = await http.post("/api/topics/cmd_vel", json={"linear": {"x": 2.0}})
+            assert (answer.status_code, answer.json()) == (200, {"gate": [f"publish /cmd_vel: {CLAMPED}"]})
+            answer = await http.post("/api/topics/cmd_vel", json={"linear": {"x": 0.5}})
+            assert (answer.status_code, answer.content) == (204, b"")
+            answer = await http.post("/api/services/spawn", json={"x": 5.0})
+            assert answer.headers["gate-notice"] == "call /spawn: x: 1 in place of 5 (gate.rules.spawn)"
+            await http.post("/api/services/gate/release_lease", json={"topic": "/cmd_vel"})
+        async with agent_at(url_of(server)) as agent:
+            asked = {"topic": "/cmd_vel", "message": {"linear": {"x": 2.0}}, "rate": 20, "seconds": 0.2}
+            answered = str((await agent.call_tool("publish", asked)).content)
+            assert answered.count(CLAMPED) == 1
+            answered = str(
+                (await agent.call_tool("call_service", {"service": "/spawn", "request": {"x": 5}})).content
+            )
+            assert "x: 1 in place of 5 (gate.rules.spawn)" in answered
+
+
+async def eventually(condition: Callable[[], bool]) -> None:
+    """Wait until a condition holds."""
+    with anyio.fail_after(30):
+        while not condition():  # noqa: ASYNC110 - messages of the robot come from other tasks
+            await anyio.sleep(0.01)

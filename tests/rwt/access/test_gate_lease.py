@@ -6,6 +6,9 @@ from typing import Any
 
 import pytest
 
+from rwt.access.gate.state import MAX_LEASES
+from rwt.access.roles import Role
+from rwt.access.settings import RoleSettings
 from tests.rwt.access.gated_robot import CLIENT, DRIVE, GATE, GatedRobot, call, drive
 
 STOPS = [(0.0, GATE)]
@@ -192,7 +195,7 @@ def test_a_stop_message_that_does_not_fit_the_type_is_an_error_of_the_settings()
         GatedRobot({"drive": wrong})
     # Of a topic that is not there yet, the first message finds it, and none passes.
     robot = GatedRobot({"drive": {**wrong, "topics": ["/later"]}})
-    client = robot.client()
+    client = robot.client("admin")
     assert "gate.rules.drive.stop.message" in drive(client, 0.1, "/later")
     assert "gate.rules.drive.stop.message" in drive(client, 0.0, "/later")
 
@@ -253,3 +256,38 @@ def test_a_topic_that_a_stop_is_for_is_not_latched_by_clients() -> None:
     assert robot.take() == []
     client.say("advertise", topic="/other", type="geometry_msgs/Twist", latch=True)
     assert client.heard() == []
+
+
+def test_only_roles_that_may_see_a_topic_are_told_who_holds_it() -> None:
+    robot = GatedRobot({"drive": DRIVE, "all": {"topics": ["/arm/*"], "lease": {}, "stop": {}}})
+    holder, spy = robot.client(), robot.client("agent")
+    drive(holder, 0.1)
+    robot.clock.advance(0.001)
+    spy.peer.graph.take_role(Role("spy", RoleSettings(subscribe=("/gate/*", "/arm/*"))))
+    answer = call(spy, "/gate/take_lease", topic="/cmd_vel")
+    assert (answer["success"], answer["holder"]) == (False, "")
+    assert "rosbridge" not in answer["message"]
+    spy.say("subscribe", topic="/gate/leases")
+    assert "may not see /cmd_vel, whose holder /gate/leases names" in str(spy.heard())
+    for hidden in ("/arm/x", "/arm/x*", "/arm/?"):
+        spy.peer.graph.take_role(Role("spy", RoleSettings(subscribe=("/gate/*", "/cmd_vel", hidden))))
+        spy.say("subscribe", topic="/gate/leases")
+        assert "may not see /arm/*" in str(spy.heard()), hidden
+    spy.peer.graph.take_role(Role("spy", RoleSettings(subscribe=("/gate/*", "/cmd_vel", "/arm/*"))))
+    spy.say("subscribe", topic="/gate/leases")
+    assert "rosbridge:1" in str(spy.heard())
+
+
+def test_the_clients_of_one_credential_hold_a_bounded_number_of_leases() -> None:
+    robot = GatedRobot({"drive": {**DRIVE, "topics": ["/x/*"], "lease": {"seconds": 5}}})
+    names = [f"/x/{number}" for number in range(MAX_LEASES + 1)]
+    for name in names:
+        robot.node.subscribe(name, lambda message: None, type="geometry_msgs/Twist")
+    one, two, other = robot.client(), robot.client(), robot.client("agent")
+    for number, name in enumerate(names[:-1]):
+        assert drive((one, two)[number % 2], 0.1, name) == ""
+    assert "clients of this credential hold 64 leases" in drive(one, 0.1, names[-1])
+    assert "hold 64 leases" in call(two, "/gate/take_lease", topic=names[-1])["message"]
+    assert drive(other, 0.1, names[-1]) == ""
+    two.leave()
+    assert drive(one, 0.1, names[1]) == ""

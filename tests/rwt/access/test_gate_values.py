@@ -139,7 +139,7 @@ def test_whatever_is_asked_no_speed_is_beyond_range_and_rate(asked: list[tuple[f
 
 def test_texts_such_as_frame_ids_are_those_of_a_list() -> None:
     rule = {"goal": {"topics": ["/goal_pose"], "fields": {"header.frame_id": {"one_of": ["map", "odom"]}}}}
-    client = GatedRobot(rule).client()
+    client = GatedRobot(rule).client("admin")
     type = "geometry_msgs/PoseStamped"
     refused = _say(client, "/goal_pose", {"header": {"frame_id": "moon"}}, type)
     assert "header.frame_id: expected 'map' or 'odom', got 'moon' (gate.rules.goal.fields)" in refused
@@ -214,7 +214,7 @@ def test_requests_and_goals_are_limited_too() -> None:
 )
 def test_a_field_that_there_is_not_is_an_error_of_the_settings(field: str, limit: Any, text: str) -> None:
     robot = GatedRobot({"drive": {"topics": ["/late"], "fields": {field: limit}}})
-    refused = drive(robot.client(), 0.0, "/late")
+    refused = drive(robot.client("admin"), 0.0, "/late")
     assert "gate.rules.drive.fields" in refused
     assert text in refused
     # Of a topic that is there when the server starts, it does not start.

@@ -2,32 +2,82 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+import hashlib
+from collections import Counter
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import msgspec
 
 from rwt.access.errors import GateRefused
 from rwt.access.roles import glob_pattern
 from rwt_graph.api import PendingCall
+from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Collection
 
     from rwt.access.gate.record import Actor, Recorder
     from rwt.access.gate.rules import GatedAct, Rule
     from rwt_graph.clock import Clock
-    from rwt_interfaces.payload import Payload
     from rwt_participant.timers import Timer
 
-#: Maximum number of pending requests of all clients: a person reads them.
-MAX_PENDING: Final = 100
+#: Maximum number of pending requests of all clients.
+MAX_PENDING: Final = 1000
 
-#: Maximum number of pending requests of one client.
-MAX_OF_CLIENT: Final = 20
+#: Maximum number of pending requests of one credential for one rule: a person reads them.
+MAX_OF_CREDENTIAL: Final = 20
+
+#: Maximum size of a message that may require approval, in bytes: it is digested at once.
+_MAX_BYTES: Final = 1 << 20
 
 #: Maximum number of characters of a message that a person is shown.
 _MAX_CONTENT: Final = 2000
 
-_Key = tuple["Actor", "GatedAct", str, str]
-"""Subject of an approval: client, act, name and key of the rule."""
+#: Number of hexadecimal digits of a digest that a person is shown.
+_SHOWN_DIGITS: Final = 16
+
+
+class Subject(NamedTuple):
+    """Subject of an approval. Another message, role or credential of the same client is another subject.
+
+    Attributes:
+        client: client that acts.
+        act: act to be approved.
+        name: name of the topic, service, action or parameters.
+        rule: key of the rule that requires approval.
+        role: name of the client's role.
+        credential: name of the credential that gave the role.
+        digest: SHA-256 of the message as it will reach the robot; see :func:`digest_of`.
+    """
+
+    client: Actor
+    act: GatedAct
+    name: str
+    rule: str
+    role: str
+    credential: str
+    digest: str
+
+
+def digest_of(payload: Payload, rule: Rule) -> str:
+    """Return the SHA-256 of a message in hexadecimal, in CDR and without the stamp of its own header.
+
+    The stamp is left out because a client that sends the message again stamps it anew.
+
+    Raises:
+        GateRefused: the message is too large to be approved.
+    """
+    if payload.kept_size > _MAX_BYTES:
+        raise GateRefused(
+            f"a message of {payload.kept_size} bytes: at most {_MAX_BYTES} can be approved",
+            f"{rule.key}.approval",
+        )
+    value = payload.value()
+    header: Any = getattr(value, "header", None)
+    if hasattr(header, "stamp"):
+        plain = header.__class__(frame_id=header.frame_id)
+        payload = Payload.from_value(payload.type, msgspec.structs.replace(value, header=plain))
+    return hashlib.sha256(payload.type.name.encode() + b"\0" + payload.cdr()).hexdigest()
 
 
 class Approval(PendingCall):
@@ -42,7 +92,9 @@ class Approval(PendingCall):
         act: act to be approved.
         name: name of the topic, service, action or parameter.
         rule: rule that requires approval.
-        content: message to be sent, as JSON, truncated.
+        subject: subject of the approval.
+        slot: credential and rule whose requests are limited together.
+        content: digest and size of the message, the fields that rules name, and its JSON, truncated.
         asked_ns: ROS time of the request.
         go: performs the act once it is approved; None: the client has to send it again. Set by the requester.
         refuse: called with the reason if the request is denied; set by the requester.
@@ -60,28 +112,25 @@ class Approval(PendingCall):
         "name",
         "refuse",
         "rule",
+        "slot",
+        "subject",
         "timer",
     )
 
-    def __init__(
-        self, approvals: Approvals, id: str, client: Actor, act: GatedAct, name: str, rule: Rule, content: str
-    ) -> None:
+    def __init__(self, approvals: Approvals, id: str, subject: Subject, rule: Rule, content: str) -> None:
         self._approvals = approvals
         self.id = id
-        self.client = client
-        self.act: GatedAct = act
-        self.name = name
+        self.subject = subject
+        self.client = subject.client
+        self.act: GatedAct = subject.act
+        self.name = subject.name
         self.rule = rule
         self.content = content
+        self.slot = ("", rule.key)
         self.asked_ns = 0
         self.go: Callable[[], None] | None = None
         self.refuse: Callable[[str], None] | None = None
         self.timer: Timer | None = None
-
-    @property
-    def key(self) -> _Key:
-        """Subject of the approval."""
-        return (self.client, self.act, self.name, self.rule.key)
 
     def cancel(self) -> None:
         """Withdraw the request."""
@@ -91,8 +140,12 @@ class Approval(PendingCall):
 class Approvals:
     """Requests for approval of one gate, and approvals that are valid for a while.
 
-    An approval with a duration stays valid until then. One without is for a single act: it is performed at
-    once, or, for a message, when the client sends it again.
+    An approval is for the message that was shown. With a duration, the same message may be sent until then.
+    Without, it is for a single act: it is performed at once, or, for a message, when the client sends the
+    same message again.
+
+    Attributes:
+        describe: returns the fields of a message that rules name, with their values; set by the gate.
 
     Args:
         clock: clock of the graph.
@@ -107,50 +160,73 @@ class Approvals:
         self._count = 0
         self._pending: dict[str, Approval] = {}
         # Until when on the steady clock, and whether it is for a single act.
-        self._granted: dict[_Key, tuple[float, bool]] = {}
+        self._granted: dict[Subject, tuple[float, bool]] = {}
+        self._counts: Counter[tuple[str, str]] = Counter()
+        self.describe: Callable[[GatedAct, str, Payload], str] = lambda act, name, payload: ""
 
     @property
     def pending(self) -> tuple[Approval, ...]:
         """Pending requests, oldest first."""
         return tuple(self._pending.values())
 
-    def take(self, client: Actor, act: GatedAct, name: str, rule: Rule) -> bool:
+    def subject(self, client: Actor, act: GatedAct, name: str, rule: Rule, payload: Payload) -> Subject:
+        """Return the subject of an approval.
+
+        Raises:
+            GateRefused: the message is too large to be approved.
+        """
+        role = client.rights
+        digest = digest_of(payload, rule)
+        return Subject(client, act, name, rule.key, role.name, role.credential, digest)
+
+    def take(self, subject: Subject) -> bool:
         """Return True if an act is approved; an approval for a single act is used up."""
-        key = (client, act, name, rule.key)
-        granted = self._granted.get(key)
+        granted = self._granted.get(subject)
         if granted is None:
             return False
         until, is_single = granted
         if is_single or self._clock.monotonic() >= until:
-            del self._granted[key]
+            del self._granted[subject]
         return self._clock.monotonic() < until
 
-    def find(self, client: Actor, act: GatedAct, name: str, rule: Rule) -> Approval | None:
-        """Return the pending request for the same act, if any."""
-        key = (client, act, name, rule.key)
-        return next((each for each in self._pending.values() if each.key == key), None)
+    def has_lasting(self, subject: Subject) -> bool:
+        """Return True if any message of a subject's client on the same name is approved for a while."""
+        now = self._clock.monotonic()
+        return any(
+            known[:-1] == subject[:-1] and not is_single and now < until
+            for known, (until, is_single) in self._granted.items()
+        )
 
-    def ask(self, client: Actor, act: GatedAct, name: str, rule: Rule, payload: Payload | None) -> Approval:
+    def find(self, subject: Subject) -> Approval | None:
+        """Return the pending request of the same client for any message on the same name, if any."""
+        return next((each for each in self._pending.values() if each.subject[:-1] == subject[:-1]), None)
+
+    def ask(self, subject: Subject, rule: Rule, payload: Payload) -> Approval:
         """Request approval.
 
         Raises:
             GateRefused: the maximum number of pending requests is reached.
         """
-        if sum(each.client is client for each in self._pending.values()) >= MAX_OF_CLIENT:
+        client, act, name = subject[:3]
+        slot = client.owner, rule.key
+        if self._counts[slot] >= MAX_OF_CREDENTIAL:
             raise GateRefused(
-                f"{MAX_OF_CLIENT} requests of this client wait for an answer", f"{rule.key}.approval"
+                f"{MAX_OF_CREDENTIAL} requests of this client wait for an answer", f"{rule.key}.approval"
             )
         if len(self._pending) >= MAX_PENDING:
             raise GateRefused(f"{MAX_PENDING} requests wait for an answer", f"{rule.key}.approval")
         assert rule.settings.approval is not None  # Only rules with it require approval.
         self._count += 1
-        approval = Approval(self, str(self._count), client, act, name, rule, _shown(payload))
+        content = _shown(subject.digest, self.describe(act, name, payload), payload)
+        approval = Approval(self, str(self._count), subject, rule, content)
         approval.asked_ns = self._clock.time_ns()
         seconds = rule.settings.approval.seconds
         approval.timer = self._clock.call_later(
             seconds, lambda: self._deny(approval, None, f"nobody answered within {seconds:g} s")
         )
         self._pending[approval.id] = approval
+        self._counts[slot] += 1
+        approval.slot = slot
         self._recorder.note("asked", act, name, client, f"as {approval.id}: {approval.content}", rule.key)
         self._on_change()
         return approval
@@ -196,10 +272,10 @@ class Approvals:
         self._forget_expired()
         now = self._clock.monotonic()
         if seconds:
-            self._granted[approval.key] = (now + seconds, False)
+            self._granted[approval.subject] = (now + seconds, False)
         elif approval.go is None:
             # The client has to send it again, within the timeout of the request.
-            self._granted[approval.key] = (now + settings.seconds, True)
+            self._granted[approval.subject] = (now + settings.seconds, True)
         if approval.go is not None:
             approval.go()
         return f"approved: {what}"
@@ -224,6 +300,9 @@ class Approvals:
 
     def _end(self, approval: Approval) -> None:
         del self._pending[approval.id]
+        self._counts[approval.slot] -= 1
+        if not self._counts[approval.slot]:
+            del self._counts[approval.slot]
         if approval.timer is not None:
             approval.timer.cancel()
         self._on_change()
@@ -232,18 +311,30 @@ class Approvals:
         """Deny the requests of a client that leaves, and drop its approvals."""
         for approval in [each for each in self._pending.values() if each.client is client]:
             self._deny(approval, None, "the client has left")
-        self._granted = {key: held for key, held in self._granted.items() if key[0] is not client}
+        self._granted = {key: held for key, held in self._granted.items() if key.client is not client}
+
+    def stop(self, rules: Collection[str], why: str) -> None:
+        """Deny the requests and drop the approvals of rules that the emergency stop is for.
+
+        Args:
+            rules: keys of the rules.
+            why: reason for the clients.
+        """
+        for approval in [each for each in self._pending.values() if each.rule.key in rules]:
+            self._deny(approval, None, why)
+        self._granted = {key: held for key, held in self._granted.items() if key.rule not in rules}
 
     def _forget_expired(self) -> None:
         now = self._clock.monotonic()
         self._granted = {key: held for key, held in self._granted.items() if held[0] > now}
 
 
-def _shown(payload: Payload | None) -> str:
-    """Return a message as shown to a person."""
-    if payload is None:
-        return ""
-    if payload.kept_size > 2 * _MAX_CONTENT:
-        return f"{payload.type.name} of about {payload.kept_size} bytes"
+def _shown(digest: str, fields: str, payload: Payload) -> str:
+    """Return a message as shown to a person: what identifies it and what matters comes before the text."""
+    about = f"sha256:{digest[:_SHOWN_DIGITS]}, {payload.size} bytes"
+    if fields:
+        about += f"; {fields}"
     text = bytes(payload.json()).decode()
-    return text if len(text) <= _MAX_CONTENT else f"{text[:_MAX_CONTENT]}…"
+    if len(text) > _MAX_CONTENT:
+        text = f"{text[:_MAX_CONTENT]}… (cut off)"
+    return f"{about}; {text}"

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Final, Protocol, TypeVar
 from uuid import uuid4
 
 from rwt.access.errors import AccessError, GateRefused, NotAllowed
-from rwt.access.gate.node import SERVICES, STOP_TOPIC, TOPICS
+from rwt.access.gate.node import LEASES, SERVICES, TOPICS, stop_response
 from rwt.access.gate.record import CALLER
 from rwt.access.gate.state import GATE_NODE
-from rwt.access.roles import glob_pattern
+from rwt.access.graph_view import STOP
+from rwt.access.roles import absolute_globs
 from rwt_graph.api import ClientGoal, PendingCall
 from rwt_participant.errors import CallFailed, GoalRejected, RobotError, ServiceFailed
 from rwt_participant.goals import GoalStatus
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from rwt.access.gate.rules import GatedAct, Rule
     from rwt.access.gate.topic import GuardedTopic
     from rwt.access.roles import Role
-    from rwt.delivery.counters import TopicCounts
+    from rwt.delivery.counters import Counters, TopicCounts
     from rwt_graph.api import OnReply
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
@@ -39,6 +40,9 @@ _SEND_GOAL: Final = re.compile(r"(?P<action>/.+)/_action/send_goal")
 
 #: Topic by which ROS 1 sends a goal to an action.
 _GOAL_TOPIC: Final = re.compile(r"(?P<action>/.+)/goal")
+
+#: Wildcard of a glob.
+_WILDCARD: Final = re.compile(r"[*?]|\[[^\]]*\]")
 
 #: Maximum number of topics per client whose first publication is not recorded again; then all are forgotten.
 _MAX_RECORDED: Final = 1000
@@ -75,7 +79,7 @@ class GatedPublisher:
 
     __slots__ = ("_actor", "_gate", "_guarded", "_inner", "counts", "topic", "type")
 
-    def __init__(self, gate: Gate, actor: Actor, inner: Inner, guarded: GuardedTopic | None) -> None:
+    def __init__(self, gate: Gate, actor: Actor, inner: Inner, guarded: GuardedTopic) -> None:
         self._gate = gate
         self._actor = actor
         self._inner = inner
@@ -92,20 +96,31 @@ class GatedPublisher:
             QuotaExceeded: the topic is latched, and `limits.kept_bytes` is reached.
         """
         guarded = self._guarded
-        if guarded is None or guarded.is_closed:
-            guarded = self._guarded = self._gate.guarded(self.topic, self.type)
+        if guarded.is_closed:
+            guarded = self._guarded = self._gate.join_topic(self._actor, self.topic, self.type)
         guarded.publish(self._actor, payload, self._inner.publish)
 
 
-class GoalPublisher(GatedPublisher):
-    """Publisher of a client on a topic whose messages are goals of an action, as in ROS 1."""
+class GoalPublisher:
+    """Publisher of a client on a topic whose messages are goals of an action, as in ROS 1.
 
-    __slots__ = ("_action", "_own_rules")
+    Args:
+        gate: gate of the server.
+        actor: client that publishes.
+        inner: publisher of the topic, behind its own rules if there are any.
+        action: absolute name of the action.
+    """
+
+    __slots__ = ("_action", "_actor", "_gate", "_inner", "counts", "topic", "type")
 
     def __init__(self, gate: Gate, actor: Actor, inner: Inner, action: str) -> None:
-        super().__init__(gate, actor, inner, None)
+        self._gate = gate
+        self._actor = actor
+        self._inner = inner
         self._action = action
-        self._own_rules = bool(gate.rules.of("publish", inner.topic))
+        self.topic = inner.topic
+        self.type = inner.type
+        self.counts = inner.counts
 
     def publish(self, payload: Payload) -> None:
         """Publish a goal if it passes the rules for the action, and those for the topic.
@@ -114,13 +129,40 @@ class GoalPublisher(GatedPublisher):
             GateRefused: a rule rejects it.
         """
         try:
-            _require_plain_goal(self._gate, self._actor, self._action)
+            _require_plain_goal(self._gate, self._actor, self._action, payload)
         except GateRefused as refused:
             _refuse(self._gate, self._actor, "goal", self._action, refused)
-        if self._own_rules:
-            super().publish(payload)
-        else:
-            self._inner.publish(payload)
+        self._inner.publish(payload)
+
+
+class StopPublisher:
+    """Publisher of a client on the topic that presses the emergency stop; it holds nothing in the graph.
+
+    Args:
+        gate: gate of the server.
+        actor: client that publishes.
+        counters: counters of the client's gateway.
+    """
+
+    __slots__ = ("_actor", "_gate", "counts", "topic", "type")
+
+    def __init__(self, gate: Gate, actor: Actor, counters: Counters) -> None:
+        self._gate = gate
+        self._actor = actor
+        self.topic = STOP
+        self.type = gate.stop_type
+        self.counts = counters.use_topic(STOP)
+        counters.release_topic(self.counts)
+
+    def publish(self, payload: Payload) -> None:
+        """Press the emergency stop, whatever the message.
+
+        Raises:
+            GateRefused: the role may not press it, or not every topic could be stopped.
+        """
+        undelivered = self._gate.stop(self._actor, f"by a message on {STOP}")
+        if undelivered:
+            raise GateRefused(f"these were not stopped: {undelivered}")
 
 
 class PendingApproval(PendingCall):
@@ -244,6 +286,11 @@ class ClientGate:
         """Name of the client at the gate."""
         return self._actor.name
 
+    def swap_on_notice(self, on_notice: Callable[[str], None] | None) -> Callable[[str], None] | None:
+        """Set what is called with what the gate does to the client's commands; returns what was before."""
+        before, self._actor.on_notice = self._actor.on_notice, on_notice
+        return before
+
     def take_role(self, role: Role) -> None:
         """Switch the client to another role."""
         self._gate.take_role(self._actor, role)
@@ -280,9 +327,32 @@ class ClientGate:
                     break
         if topic in TOPICS:
             raise NotAllowed(f"{topic} is published by the gate alone")
-        roles = self._gate.settings.emergency.stop_roles
-        if topic == STOP_TOPIC and glob_pattern(roles).fullmatch(self._actor.role) is None:
+        if topic == STOP and not self._gate.may_stop(self._actor.role):
             raise NotAllowed(f"role {self._actor.role!r} may not stop the robot (gate.emergency.stop_roles)")
+
+    def check_subscriber(self, topic: str) -> None:
+        """Check a subscription: the topic of leases names the holders of all leases.
+
+        Raises:
+            NotAllowed: the role may not see every topic that rules with a lease are about.
+        """
+        if topic != LEASES or self._actor.rights.sees_every_topic:
+            return
+        for rule in self._gate.rules.all:
+            for glob in absolute_globs(rule.settings.topics) if rule.settings.lease else ():
+                if not all(map(self._actor.rights.sees_topic, _names_like(glob))):
+                    raise NotAllowed(
+                        f"role {self._actor.role!r} may not see {glob}, whose holder {LEASES} names"
+                        f" (roles.{self._actor.role}.subscribe)"
+                    )
+
+    def check_type(self, topic: str, type: MessageType) -> None:
+        """Check the type with which the client publishes on a topic or subscribes to it.
+
+        Raises:
+            GateRefused: as for :meth:`rwt.access.gate.gate.Gate.require_type`.
+        """
+        self._gate.require_type(self._actor, topic, type)
 
     def reserve_offer(self, name: str) -> None:
         """Check that a service or action of a client does not use a name of the gate.
@@ -293,7 +363,7 @@ class ClientGate:
         if self._gate.rules.all and name.startswith(f"{GATE_NODE}/"):
             raise NotAllowed(f"{name} is the gate's own")
 
-    def publisher(self, inner: T) -> T | GatedPublisher:
+    def publisher(self, inner: T) -> T | GatedPublisher | GoalPublisher:
         """Return a publisher that checks the rules; `inner` itself if there are none for the topic."""
         gate, actor = self._gate, self._actor
         if gate.recorder.keeps_all and inner.topic not in self._recorded:
@@ -301,14 +371,13 @@ class ClientGate:
                 self._recorded.clear()
             self._recorded.add(inner.topic)
             gate.recorder.note("allowed", "publish", inner.topic, actor, "begins to publish")
+        publisher: T | GatedPublisher = inner
+        if gate.rules.of("publish", inner.topic):
+            publisher = GatedPublisher(gate, actor, inner, gate.join_topic(actor, inner.topic, inner.type))
         as_goal = _GOAL_TOPIC.fullmatch(inner.topic)
         if as_goal and inner.type.name.endswith("ActionGoal") and gate.rules.of("goal", as_goal["action"]):
-            return GoalPublisher(gate, actor, inner, as_goal["action"])
-        if not gate.rules.of("publish", inner.topic):
-            return inner
-        guarded = gate.guarded(inner.topic, inner.type)
-        guarded.users.add(actor)
-        return GatedPublisher(gate, actor, inner, guarded)
+            return GoalPublisher(gate, actor, publisher, as_goal["action"])
+        return publisher
 
     def leave_topic(self, topic: str) -> None:
         """Note that the client no longer publishes on a topic."""
@@ -318,6 +387,29 @@ class ClientGate:
         """Return the seconds of silence after which the client loses a lease; None without a lease."""
         return self._gate.lease_seconds(self._actor.rights, topic)
 
+    # Emergency stop
+
+    @property
+    def is_stop_due(self) -> bool:
+        """True if the client can press the emergency stop now."""
+        return self._gate.is_stop_due and self._gate.may_stop(self._actor.role)
+
+    def is_stop_topic(self, topic: str) -> bool:
+        """Return True for the topic that presses the emergency stop."""
+        return topic == STOP and bool(self._gate.rules.all)
+
+    def stop_publisher(self, counters: Counters) -> StopPublisher:
+        """Return a publisher that presses the emergency stop."""
+        return StopPublisher(self._gate, self._actor, counters)
+
+    def is_stop_service(self, service: str) -> bool:
+        """Return True for the service that presses the emergency stop."""
+        return service == STOP
+
+    def stop(self, request: Payload, type: ServiceType) -> Payload:
+        """Press the emergency stop by a call, and return the response."""
+        return stop_response(self._gate, self._actor, request, type)
+
     # Calls
 
     def is_own(self, service: str) -> bool:
@@ -325,7 +417,7 @@ class ClientGate:
         return service in SERVICES and bool(self._gate.rules.all)
 
     def check_call(
-        self, service: str, type: ServiceType, request: Payload, written: list[str]
+        self, service: str, type: ServiceType, request: Payload, written: list[str], text: str = ""
     ) -> tuple[Payload, Needed]:
         """Check a service call; return the request as it may be sent, and the acts that require approval.
 
@@ -334,17 +426,22 @@ class ClientGate:
             type: type of the service.
             request: request of the client.
             written: parameters that the call sets.
+            text: value of the parameter as JSON text, if the request has one.
 
         Raises:
             GateRefused: a rule rejects the call.
         """
         gate = self._gate
-        acts: list[tuple[GatedAct, str]] = [("call", service), *(("set_param", name) for name in written)]
         try:
+            parameters = gate.affected_parameters(written, text)
+            acts: list[tuple[GatedAct, str]] = [
+                ("call", service),
+                *(("set_param", each) for each in parameters),
+            ]
             as_goal = _SEND_GOAL.fullmatch(service)
             if as_goal is not None:
-                _require_plain_goal(gate, self._actor, as_goal["action"])
-            return gate.check(self._actor, acts, type.request, request)
+                _require_plain_goal(gate, self._actor, as_goal["action"], request)
+            return gate.check(self._actor, acts, type.request, request, text)
         except GateRefused as refused:
             _refuse(gate, self._actor, "call", service, refused)
             return request, []
@@ -462,7 +559,8 @@ class ClientGate:
                 self._ask(others, payload, asked, go, refuse)
 
         try:
-            approval = gate.approvals.ask(self._actor, act, name, rule, payload)
+            subject = gate.approvals.subject(self._actor, act, name, rule, payload)
+            approval = gate.approvals.ask(subject, rule, payload)
         except GateRefused as refused:
             gate.recorder.note("refused", act, name, self._actor, str(refused), refused.rule)
             refuse(str(refused))
@@ -470,21 +568,34 @@ class ClientGate:
         approval.go = next_one
         approval.refuse = refuse
         asked(approval)
+        settings = rule.settings.approval
+        if self._actor.on_notice is not None and settings is not None:
+            roles, left = " or ".join(settings.roles), f"{settings.seconds:g} s left"
+            self._actor.on_notice(f"{act} {name}: waiting for approval by {roles} ({left}, id {approval.id})")
 
 
-def _require_plain_goal(gate: Gate, actor: Actor, action: str) -> None:
+def _names_like(glob: str) -> tuple[str, ...]:
+    """Return names that a glob matches, of different lengths."""
+    return tuple({_WILDCARD.sub(text, glob) for text in ("x", "yz", "a/b/c")})
+
+
+def _require_plain_goal(gate: Gate, actor: Actor, action: str, payload: Payload) -> None:
     """Check that no rule needs to see a goal that is sent as a message or a service call.
 
     Raises:
-        GateRefused: a rule limits goals of the action or requires approval, or the emergency stop is pressed.
+        GateRefused: a rule limits goals of the action or requires approval, the emergency stop is pressed, or
+            a number is not finite.
     """
     for rule in gate.rules.of("goal", action):
         if not rule.holds_for(actor.role):
             continue
         gate.require_released(rule)
         settings = rule.settings
+        if settings.emergency:
+            gate.note_goal(action)
         if settings.fields or settings.approval or settings.largest_bytes:
             raise GateRefused(f"goals of {action} are only taken by `send_action_goal`", rule.key)
+        gate.require_finite(rule, payload)
 
 
 def _refuse(gate: Gate, actor: Actor, act: GatedAct, name: str, refused: GateRefused) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -28,6 +29,12 @@ _STANDSTILL_SECONDS: Final = 0.5
 
 #: A JSON text that is passed on as received has no NaN and no infinity, but it may have `null`, which is NaN.
 _find_null: Final = re.compile(rb"null").search
+
+BYTES_OF_ITEM: Final = 32
+"""Bytes of a message that is decoded to be checked, for each item that its lists may have."""
+
+#: Maximum number of clamped numbers that a description of the changes names.
+_MAX_CHANGES: Final = 8
 
 _Check = Callable[[Any, str, float, list[str]], object]
 """Check of a value at a path at a time. Returns the value or its replacement, which it adds to the list."""
@@ -71,8 +78,8 @@ class Motion:
         """Store the values of the current message, which was passed on."""
         self.at = now
         if self._next:
-            self._values.update(self._next)
-            self._next.clear()
+            # Replaced, so that fields of longer lists are not kept.
+            self._values, self._next = self._next, {}
 
     def refused(self) -> None:
         """Discard the values of the current message, which was rejected."""
@@ -93,12 +100,22 @@ class FieldChecks:
         type: type of the messages.
         motion: values last passed on to the topic; None for requests and goals, whose rates are not limited.
         neutral: stop message, away from which rates count; None: zeros.
+        limits: limits in place of the rule's own.
 
     Raises:
         NoSuchField: the type has no such field, or it does not have the type that the limit is for.
     """
 
-    __slots__ = ("_checks", "_float_sum", "_key", "_max_bytes", "_type")
+    __slots__ = (
+        "_checks",
+        "_count",
+        "_float_sum",
+        "_is_bounded",
+        "_key",
+        "_max_bytes",
+        "_max_items",
+        "_type",
+    )
 
     def __init__(
         self,
@@ -106,21 +123,26 @@ class FieldChecks:
         type: MessageType,
         motion: Motion | None = None,
         neutral: msgspec.Struct | None = None,
+        limits: Mapping[str, FieldLimit] | None = None,
     ) -> None:
         settings, key = rule.settings, f"{rule.key}.fields"
         self._key = rule.key
         self._type = type
         self._max_bytes = settings.largest_bytes
+        self._max_items = settings.largest_items
+        self._count = _compile_count(type)
+        self._is_bounded = self._count is None and not type.long_fields
         self._float_sum = _compile_float_sum(type) if settings.finite else None
         checks: list[_Check] = []
-        for path, limit in settings.fields.items():
+        for path, limit in (settings.fields if limits is None else limits).items():
             attributes = _resolve(type, path, limit, key)
             parts = list(zip(path.split("[]"), attributes.split("[]"), strict=True))
+            leaf: _Check
             if limit.one_of:
                 leaf = _one_of(limit, key)
             else:
                 neutrals = {} if limit.rate is None or neutral is None else _numbers_at(parts, neutral)
-                leaf = _in_range(limit, key, motion, neutrals)
+                leaf = _Range(limit, key, motion, neutrals)
             checks.append(_at(parts, leaf))
         self._checks = tuple(checks)
 
@@ -148,6 +170,8 @@ class FieldChecks:
             self._float_sum is None or (payload.is_passthrough and not _find_null(payload.json()))
         ):
             return payload, ""
+        if not self._is_bounded:
+            self._require_few(payload)
         given = payload.value()
         # A finite sum proves that every number is finite. Finite numbers may overflow: then look at each.
         if self._float_sum is not None and not math.isfinite(self._float_sum(given)):
@@ -160,11 +184,79 @@ class FieldChecks:
             value = check(value, "", now, changes)
         if value is given:
             return payload, ""
+        if len(changes) > _MAX_CHANGES:
+            changes[_MAX_CHANGES:] = [f"{len(changes) - _MAX_CHANGES} more"]
         try:
             return Payload.from_value(self._type, value), "; ".join(changes)
         except InvalidMessage as error:
             # The limit itself is outside the range of the field's type.
             raise GateRefused(str(error), f"{self._key}.fields") from None
+
+    def _require_few(self, payload: Payload) -> None:
+        """Check that a message is not too large to be checked at once, before it is decoded if possible.
+
+        Raises:
+            GateRefused: it is.
+        """
+        most, key = self._max_items, f"{self._key}.largest_items"
+        if not payload.is_decoded:
+            size, most_bytes = payload.kept_size, BYTES_OF_ITEM * most
+            if size > most_bytes:
+                raise GateRefused(
+                    f"a message of {size} bytes: {most_bytes} is the limit where fields are checked", key
+                )
+        if self._count is not None and self._count(payload.value(), most) > most:
+            raise GateRefused(f"more than {most} items in its lists, the limit where fields are checked", key)
+
+
+def has_finite_numbers(text: str) -> bool:
+    """Return True if no number of a JSON text is NaN or infinite, and nothing in it is null.
+
+    A text that is not JSON has none: what reads it rejects it.
+    """
+    try:
+        values = [json.loads(text)]
+    except (ValueError, RecursionError):
+        return True
+    while values:
+        match values.pop():
+            case None:
+                return False
+            case float(number) if not math.isfinite(number):
+                return False
+            case list(items):
+                values += items
+            case dict(members):
+                values += members.values()
+    return True
+
+
+def describe_fields(payload: Payload, limits: Mapping[str, FieldLimit]) -> str:
+    """Return the values of the fields of a message that have limits; of a list, the range and the number."""
+    found: list[str] = []
+    for path, limit in limits.items():
+        values: list[Any] = []
+
+        def note(
+            value: Any, where: str, now: float, changes: list[str], values: list[Any] = values
+        ) -> object:
+            values.append(value)
+            return value
+
+        try:
+            attributes = _resolve(payload.type, path, limit, "")
+        except NoSuchField:
+            continue  # Of another rule, for another kind of act.
+        _at(list(zip(path.split("[]"), attributes.split("[]"), strict=True)), note)(
+            payload.value(), "", 0.0, []
+        )
+        if len(values) == 1:
+            found.append(f"{path} = {str(values[0])[:100]}")
+        elif values:
+            found.append(
+                f"{path} = {str(min(values))[:100]} to {str(max(values))[:100]} ({len(values)} values)"
+            )
+    return ", ".join(found)
 
 
 def _resolve(type: MessageType, path: str, limit: FieldLimit, key: str) -> str:
@@ -205,7 +297,10 @@ def _at(parts: Sequence[tuple[str, str]], leaf: _Check) -> _Check:
         leaf: check of the fields.
     """
     (text, attributes), *rest = parts
-    inner = _each(_at(rest, leaf)) if rest else leaf
+    inner = leaf
+    if rest:
+        is_leaf = rest == [("", "")]
+        inner = leaf.of_list() if is_leaf and isinstance(leaf, _Range) else _each(_at(rest, leaf))
     if not attributes:  # The path ends with `[]`.
         return inner
     attributes = attributes.removeprefix(".")
@@ -251,30 +346,65 @@ def _one_of(limit: FieldLimit, key: str) -> _Check:
     return check
 
 
-def _in_range(limit: FieldLimit, key: str, motion: Motion | None, neutrals: Mapping[str, float]) -> _Check:
-    """Compile a check of numbers; `neutrals` are those of the stop message, for limits on rates."""
-    lowest = -math.inf if limit.min is None else limit.min
-    highest = math.inf if limit.max is None else limit.max
-    rate = limit.rate
+class _Range:
+    """Check of numbers; an instance is a `_Check`.
 
-    def check(value: Any, where: str, now: float, changes: list[str]) -> object:
-        low, high = lowest, highest
+    Args:
+        limit: the limit.
+        key: key of the setting, for error texts.
+        motion: values last passed on; None: rates are not limited.
+        neutrals: numbers of the stop message, for limits on rates.
+    """
+
+    __slots__ = ("_clamps", "_highest", "_key", "_lowest", "_motion", "_neutrals", "_rate")
+
+    def __init__(
+        self, limit: FieldLimit, key: str, motion: Motion | None, neutrals: Mapping[str, float]
+    ) -> None:
+        self._lowest = -math.inf if limit.min is None else limit.min
+        self._highest = math.inf if limit.max is None else limit.max
+        self._clamps = limit.beyond == "clamp"
+        self._key = key
+        self._motion = motion
+        self._neutrals = neutrals
+        self._rate = limit.rate
+
+    def __call__(self, value: Any, where: str, now: float, changes: list[str]) -> object:
+        low, high = self._lowest, self._highest
+        rate, motion = self._rate, self._motion
         if rate is not None and motion is not None:
-            slowest, fastest = motion.bounds(where, neutrals.get(where, 0.0), rate, now)
+            slowest, fastest = motion.bounds(where, self._neutrals.get(where, 0.0), rate, now)
             low, high = max(low, min(slowest, high)), min(high, max(fastest, low))
         taken = value
         if not low <= value <= high:
             taken = min(max(value, low), high)
             if isinstance(value, int):
                 taken = math.ceil(taken) if value < low else math.floor(taken)
-            if limit.beyond == "refuse" or not low <= taken <= high:
-                raise GateRefused(f"{where}: expected {_range(low, high)}, got {value:g}", key)
-            changes.append(f"{where}: {taken:g} in place of {value:g}")
+            if not self._clamps or not low <= taken <= high:
+                raise GateRefused(f"{where}: expected {_range(low, high)}, got {value:g}", self._key)
+            changes.append(
+                f"{where}: {taken:g} in place of {value:g}" if len(changes) <= _MAX_CHANGES else ""
+            )
         if rate is not None and motion is not None:
             motion.note(where, taken)
         return taken
 
-    return check
+    def of_list(self) -> _Check:
+        """Return a check of the items of a list, which looks at each only if one is out of range."""
+        each = _each(self)
+        if self._rate is not None and self._motion is not None:
+            return each
+        lowest, highest = self._lowest, self._highest
+
+        def check(items: Any, where: str, now: float, changes: list[str]) -> object:
+            # min() and max() miss NaN unless it comes first.
+            if not len(items) or (
+                lowest <= min(items) and max(items) <= highest and not any(map(math.isnan, items))
+            ):
+                return items
+            return each(items, where, now, changes)
+
+        return check
 
 
 def _range(low: float, high: float) -> str:
@@ -329,6 +459,46 @@ def _compile_float_sum(type: MessageType) -> Callable[[object], float] | None:
         return total
 
     return float_sum if numbers or lists or messages else None
+
+
+def _compile_count(type: MessageType) -> Callable[[object, int], int] | None:
+    """Compile a function that counts the items of a message's lists, octets apart; None without lists.
+
+    The function stops counting beyond its second argument.
+    """
+    lists: list[attrgetter[Sequence[object]]] = []
+    messages: list[tuple[attrgetter[Sequence[object]], Callable[[object, int], int] | None]] = []
+
+    def collect(type: MessageType, prefix: str) -> None:
+        for slot in type.slots:
+            path = f"{prefix}{slot.attribute}"
+            match slot.type:
+                case field_types.Message(inner):
+                    collect(inner, f"{path}.")
+                case field_types.Array(element=field_types.Message(inner)):
+                    messages.append((attrgetter(path), _compile_count(inner)))
+                case field_types.Array(element=field_types.Int(code="b" | "B")):
+                    pass
+                case field_types.Array():
+                    lists.append(attrgetter(path))
+
+    collect(type, "")
+
+    def count(message: object, most: int) -> int:
+        total = 0
+        for items_of in lists:
+            total += len(items_of(message))
+        for items_of, inner in messages:
+            items = items_of(message)
+            total += len(items)
+            if inner is not None and total <= most:
+                for item in items:
+                    total += inner(item, most - total)
+                    if total > most:
+                        return total
+        return total
+
+    return count if lists or messages else None
 
 
 def _not_finite(message: object, type: MessageType, where: str) -> str:

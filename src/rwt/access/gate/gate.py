@@ -3,32 +3,53 @@
 from __future__ import annotations
 
 import logging
+import re
+from collections import deque
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
+from rwt.access.disclosure import affected_parameters
 from rwt.access.errors import GateRefused
-from rwt.access.gate.fields import FieldChecks, NoSuchField
+from rwt.access.gate.fields import (
+    BYTES_OF_ITEM,
+    FieldChecks,
+    NoSuchField,
+    describe_fields,
+    has_finite_numbers,
+)
 from rwt.access.gate.record import Actor
 from rwt.access.gate.rules import Rules
 from rwt.access.gate.state import GATE_NODE, GateState
 from rwt.access.gate.topic import GuardedTopic
 from rwt.access.graph_view import canonical
-from rwt.access.roles import glob_pattern
+from rwt.access.roles import absolute_globs, glob_pattern
+from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable, Iterator
 
     from rwt.access.audit import Audit
     from rwt.access.gate.rules import GatedAct, Rule
     from rwt.access.roles import Role
     from rwt.access.settings.gate import GateSettings
-    from rwt_graph.api import Graph
+    from rwt_graph.api import Graph, Publisher
     from rwt_interfaces.structs import MessageType
 
 logger: Final = logging.getLogger("rwt.bridge")
 
 #: Maximum number of types whose compiled checks of requests and goals are cached; then the cache is cleared.
 _MAX_TYPES: Final = 1000
+
+
+#: Maximum number of topics that the answer to a press names, because they could not be stopped.
+_MAX_FAULTS: Final = 5
+
+#: Maximum number of parameters that are checked for one write.
+_MAX_PARAMETERS: Final = 1000
+
+#: Maximum number of publishers of `cancel` topics.
+_MAX_CANCELS: Final = 64
 
 
 class BadRule(Exception):
@@ -40,12 +61,15 @@ class Gate(GateState):
 
     Attributes by purpose, besides those of :class:`rwt.access.gate.state.GateState`:
 
-    * Rules: ``rules``, ``_checks`` (compiled for a type of requests or goals).
+    * Rules: ``rules``, ``_checks`` and ``_finite`` (compiled for a type of requests or goals).
+    * Actions of ROS 1: ``_cancels`` (publishers of their `cancel` topics, by topic).
     * Clients: ``_actors`` (by name), ``_count`` (number so far).
-    * Topics: ``_topics`` (by name; from the first publisher on, or since the robot has the topic).
+    * Topics: ``_topics`` (by name; from the first publisher on, or since the robot has the topic), ``_sweep``
+      (the same, in the order in which they are examined for removal).
 
     Attributes:
         rules: all rules.
+        stop_type: type of the topic that presses the emergency stop.
 
     Args:
         graph: graph of the robot.
@@ -64,7 +88,12 @@ class Gate(GateState):
         self._actors: dict[str, Actor] = {}
         self._count = 0
         self._topics: dict[str, GuardedTopic] = {}
+        self._sweep: deque[GuardedTopic] = deque()
         self._checks: dict[tuple[Rule, MessageType], FieldChecks | str] = {}
+        self._finite: dict[tuple[Rule, MessageType], FieldChecks] = {}
+        self._cancels: dict[str, Publisher] = {}
+        self.stop_type: MessageType = graph.registry.message("std_msgs/Empty")
+        self.approvals.describe = self._describe
         try:
             self._check_rules()
         except BaseException:
@@ -74,12 +103,18 @@ class Gate(GateState):
             self._latch("the setting gate.emergency.at_start", "")
 
     def _check_rules(self) -> None:
-        """Apply every rule to the present graph, to find mistakes at startup."""
+        """Apply every rule to its own type and to the present graph, to find mistakes at startup."""
+        for rule in self.rules.all:
+            if rule.settings.type is not None:
+                try:
+                    rule.type = self._graph.registry.message(rule.settings.type)
+                except InterfaceError as error:
+                    raise BadRule(f"`{rule.key}.type`: {error}") from None
+                for name in filter(_is_name, absolute_globs(rule.settings.topics)):
+                    self._require_fit(self.guarded(name, rule.type))
         for topic in self._graph.topics():
             if topic.type is not None and self.rules.of("publish", topic.name):
-                guarded = self.guarded(topic.name, topic.type)
-                if guarded.fault:
-                    raise BadRule(guarded.fault)
+                self._require_fit(self.guarded(topic.name, topic.type))
         types: list[tuple[GatedAct, str, MessageType]] = [
             *(("call", each.name, each.type.request) for each in self._graph.services()),
             *(("goal", each.name, each.type.goal) for each in self._graph.actions()),
@@ -89,6 +124,11 @@ class Gate(GateState):
                 checks = self._checks_of(rule, type)
                 if isinstance(checks, str):
                     raise BadRule(f"{checks} ({name})")
+
+    @staticmethod
+    def _require_fit(topic: GuardedTopic) -> None:
+        if topic.fault:
+            raise BadRule(topic.fault)
 
     # Clients
 
@@ -104,7 +144,7 @@ class Gate(GateState):
     def leave(self, actor: Actor) -> None:
         """Remove a client: release its leases, and withdraw its requests for approval."""
         self._actors.pop(actor.name, None)
-        for topic in tuple(self._topics.values()):
+        for topic in tuple(actor.topics):
             topic.leave(actor, "its holder has left")
         self.approvals.leave(actor)
 
@@ -117,7 +157,7 @@ class Gate(GateState):
     def take_role(self, actor: Actor, role: Role) -> None:
         """Switch a client to another role, which may allow less."""
         actor.rights = role
-        for topic in tuple(self._topics.values()):
+        for topic in tuple(actor.topics):
             if not role.allows("publish", topic.name):
                 topic.leave(actor, "its holder's role may not publish there")
 
@@ -140,24 +180,89 @@ class Gate(GateState):
                 return topic
             if not topic.is_idle:
                 raise GateRefused(f"{name} is of type {topic.type.name} for the gate, not {type.name}")
-        for each in [each for each in self._topics.values() if each is topic or self._is_abandoned(each)]:
-            each.close()
-            del self._topics[each.name]
+            topic.close()
+            del self._topics[name]
+        self._drop_abandoned()
         topic = self._topics[name] = GuardedTopic(self, name, type, self.rules.of("publish", name))
+        self._sweep.append(topic)
         if topic.lease is not None:
             self.leases_changed()
         return topic
 
+    def join_topic(self, actor: Actor, name: str, type: MessageType) -> GuardedTopic:
+        """Return the guarded topic of a name on which a client publishes from now on.
+
+        Raises:
+            GateRefused: as for :meth:`guarded`.
+        """
+        topic = self.guarded(name, type)
+        topic.users.add(actor)
+        actor.topics.add(topic)
+        return topic
+
+    def require_type(self, actor: Actor, name: str, type: MessageType) -> None:
+        """Check that a client does not give a guarded topic its type, unless its role is unrestricted.
+
+        Otherwise a client could give a topic another type before the robot has started: then the robot could
+        not use its own topic, and the stop message would not fit.
+
+        Raises:
+            GateRefused: the type is not that of the rules, or not known yet.
+        """
+        rules = self.rules.of("publish", name)
+        if not rules:
+            return
+        for rule in rules:
+            if rule.type is not None and rule.type.name != type.name:
+                expected = self._graph.registry.type_name(rule.type)
+                raise GateRefused(f"{name} is of type {expected}", f"{rule.key}.type")
+        info, known = self._graph.topic(name), self._topics.get(name)
+        if (info is not None and info.type is not None) or (known is not None and known.type is type):
+            return
+        if actor.rights.unrestricted:
+            topic = self.guarded(name, type)
+            if topic.fault:
+                del self._topics[name]
+                topic.close()
+                raise GateRefused(f"the rules of {name} do not fit {type.name}: {topic.fault}")
+            return
+        needing = next((rule for rule in rules if rule.settings.stop or rule.settings.fields), None)
+        if needing is not None:
+            raise GateRefused(
+                f"no program of the robot uses {name} yet, so that its type is not known:"
+                f" start it first, or set the type in the rule",
+                f"{needing.key}.type",
+            )
+
+    def _drop_abandoned(self) -> None:
+        """Close topics that only the gate uses; examines two, so that the work does not grow with topics."""
+        for _ in range(min(2, len(self._sweep))):
+            topic = self._sweep.popleft()
+            if topic.is_closed:
+                continue
+            if self._is_abandoned(topic):
+                topic.close()
+                del self._topics[topic.name]
+            else:
+                self._sweep.append(topic)
+
     def _is_abandoned(self, topic: GuardedTopic) -> bool:
-        """Return True if only the gate itself uses a topic."""
+        """Return True if only the gate itself uses a topic, whose type no rule states."""
+        if not topic.is_idle or any(rule.type is not None for rule in self.rules.of("publish", topic.name)):
+            return False
         info = self._graph.topic(topic.name)
         others = () if info is None else (*info.publishers, *info.subscribers)
-        return topic.is_idle and all(each.node == GATE_NODE for each in others)
+        return all(each.node == GATE_NODE for each in others)
 
     # Requests and goals
 
     def check(
-        self, actor: Actor, acts: Iterable[tuple[GatedAct, str]], type: MessageType, payload: Payload
+        self,
+        actor: Actor,
+        acts: Iterable[tuple[GatedAct, str]],
+        type: MessageType,
+        payload: Payload,
+        text: str = "",
     ) -> tuple[Payload, list[tuple[GatedAct, str, Rule]]]:
         """Check a client's request or goal.
 
@@ -166,6 +271,7 @@ class Gate(GateState):
             acts: acts and names that it is for; the first is checked for its fields.
             type: type of the payload.
             payload: request or goal.
+            text: value of a parameter as JSON text, if the request has one.
 
         Returns:
             The payload as it may be sent, and the acts that require approval.
@@ -179,15 +285,19 @@ class Gate(GateState):
                 if not rule.holds_for(actor.role):
                     continue
                 self.require_released(rule)
+                if act == "goal" and rule.settings.emergency:
+                    self.note_goal(name)
                 if number == 0:
                     payload = self._checked(actor, act, name, rule, type, payload)
+                elif act == "set_param":
+                    self.require_finite(rule, payload, text)
                 if rule.settings.approval is not None:
                     asked.setdefault((act, rule), []).append(name)
         # One approval of a rule is for all parameters of a call.
         needed = [
             (act, ", ".join(names), rule)
             for (act, rule), names in asked.items()
-            if not self.approvals.take(actor, act, ", ".join(names), rule)
+            if not self._is_approved(actor, act, ", ".join(names), rule, payload)
         ]
         if not self.is_observing:
             return payload, needed
@@ -195,6 +305,16 @@ class Gate(GateState):
             key = f"{rule.key}.approval"
             self.recorder.note("would refuse", act, name, actor, f"needs a person's yes ({key})", key)
         return payload, []
+
+    def _is_approved(self, actor: Actor, act: GatedAct, name: str, rule: Rule, payload: Payload) -> bool:
+        return self.approvals.take(self.approvals.subject(actor, act, name, rule, payload))
+
+    def _describe(self, act: GatedAct, name: str, payload: Payload) -> str:
+        """Return the fields of a message that rules for its name limit, with their values."""
+        paths = {
+            path: limit for rule in self.rules.of(act, name) for path, limit in rule.settings.fields.items()
+        }
+        return describe_fields(payload, paths)
 
     def _checked(
         self, actor: Actor, act: GatedAct, name: str, rule: Rule, type: MessageType, payload: Payload
@@ -205,7 +325,55 @@ class Gate(GateState):
         taken, changes = checks.check(payload, self.clock.monotonic())
         if changes:
             self.recorder.note("changed", act, name, actor, changes, rule.key)
+            if actor.on_notice is not None and not self.is_observing:
+                actor.on_notice(f"{act} {name}: {changes} ({rule.key})")
         return payload if self.is_observing else taken
+
+    def affected_parameters(self, written: Iterable[str], text: str) -> list[str]:
+        """Return the parameters that a call changes, those above and below them included.
+
+        Raises:
+            GateRefused: there are too many to be checked at once.
+        """
+        if not self.rules.has_parameters:
+            return list(written)
+        found: dict[str, None] = {}
+        for name in written:
+            names = affected_parameters(self._graph.parameters, name, text, _MAX_PARAMETERS)
+            if names is None:
+                raise GateRefused(
+                    f"{name} has more than {_MAX_PARAMETERS} parameters below it: set each by itself"
+                )
+            found.update(dict.fromkeys(names))
+        return list(found)
+
+    def require_finite(self, rule: Rule, payload: Payload, text: str = "") -> None:
+        """Check that all numbers of a message are finite, whose fields the rule's limits are not for.
+
+        Args:
+            rule: rule that requires it, or not.
+            payload: message with the values of parameters, or with a goal in it.
+            text: value of a parameter as JSON text.
+
+        Raises:
+            GateRefused: one is not, or the message is too large to be checked.
+        """
+        if not rule.settings.finite:
+            return
+        checks = self._finite.get((rule, payload.type))
+        if checks is None:
+            if len(self._finite) >= _MAX_TYPES:
+                self._finite.clear()
+            checks = self._finite[rule, payload.type] = FieldChecks(rule, payload.type, limits={})
+        checks.check(payload, 0.0)
+        most_bytes = BYTES_OF_ITEM * rule.settings.largest_items
+        if len(text) > most_bytes:
+            raise GateRefused(
+                f"a value of {len(text)} characters: {most_bytes} is the limit where numbers are checked",
+                f"{rule.key}.largest_items",
+            )
+        if text and not has_finite_numbers(text):
+            raise GateRefused("value: expected finite numbers", f"{rule.key}.finite")
 
     def _checks_of(self, rule: Rule, type: MessageType) -> FieldChecks | str:
         """Return the compiled limits of a rule for requests or goals, or an error text if they do not fit."""
@@ -302,6 +470,7 @@ class Gate(GateState):
                 f"there is no client {to[:80]!r}; each hears its own name from /gate/take_lease"
             )
         self.leased(other, name)
+        self.require_lease_room(other)
         topic.lease.pass_to(other)
 
     def _require_holder(self, topic: GuardedTopic, actor: Actor) -> None:
@@ -311,45 +480,89 @@ class Gate(GateState):
 
     # The emergency stop
 
-    def stop(self, actor: Actor | None, reason: str = "") -> None:
+    def stop(self, actor: Actor | None, reason: str = "") -> str:
         """Press the emergency stop: publish the stop messages, cancel goals, reject commands until release.
+
+        No-op while it is pressed.
 
         Args:
             actor: client that presses it; None: a program of the robot itself.
             reason: reason, in the client's words.
 
+        Returns:
+            The topics that could not be stopped, with the reasons; empty if there are none.
+
         Raises:
             GateRefused: the role may not press it, or no rule is for the emergency stop; or the gate only
                 observes: then the stop messages are published nevertheless.
         """
-        roles = self.settings.emergency.stop_roles
-        if actor is not None and glob_pattern(roles).fullmatch(actor.role) is None:
+        if actor is not None and not self.may_stop(actor.role):
             raise GateRefused(f"role {actor.role!r} may not stop the robot", "gate.emergency.stop_roles")
-        if not any(rule.settings.emergency for rule in self.rules.all):
+        if not self.rules.has_emergency:
             raise GateRefused("no rule says what there is to stop: set gate.rules.NAME.emergency")
-        self._latch(str(actor or "the robot"), reason, actor)
+        if not self.stopped_by:
+            self._latch(str(actor or "the robot"), reason, actor)
         if self.is_observing:
             raise GateRefused(
                 "what moves was told to stop, but the gate only observes and refuses nothing", "gate.mode"
             )
+        return "; ".join(f"{name}: {fault}" for name, fault in list(self.faults.items())[:_MAX_FAULTS])
+
+    def may_stop(self, role: str) -> bool:
+        """Return True if clients of a role may press the emergency stop."""
+        return glob_pattern(self.settings.emergency.stop_roles).fullmatch(role) is not None
+
+    @property
+    def is_stop_due(self) -> bool:
+        """True if the emergency stop can be pressed now: then a press comes before all other messages."""
+        return not self.stopped_by and self.rules.has_emergency
 
     def _latch(self, by: str, reason: str, actor: Actor | None = None) -> None:
+        # From here on every command is rejected, each when it is checked.
         self.stopped_by = self.last_by = by
+        self.presses += 1
         self.stopped_reason = reason[:500]
         self.stopped_ns = self.clock.time_ns()
+        self.stop_path.press()
         self.recorder.note("stop", "stop", "", actor, f"stopped by {by}: {self.stopped_reason}")
-        for info in self._graph.topics():
-            rules = self.rules.of("publish", info.name)
-            if info.type is not None and any(rule.settings.emergency for rule in rules):
-                self.guarded(info.name, info.type)
-        for topic in tuple(self._topics.values()):
-            if topic.is_stopped:
-                topic.emergency_stop()
-        self._cancel_goals()
+        self.stop_path.in_turns(self._rest(self.presses))
         if self.is_observing:
             self.stopped_by = ""  # Nothing is rejected.
         if self.on_stop is not None:
             self.on_stop()
+
+    def _rest(self, press: int) -> Iterator[None]:
+        """Stop, a step each, what no client drove before a press; end the leases, and cancel all goals."""
+        emergencies = {rule.key for rule in self.rules.all if rule.settings.emergency}
+        self.approvals.stop(emergencies, f"the emergency stop is on: stopped by {self.last_by}")
+        for topic in tuple(self._topics.values()):
+            self._stop_topic(topic, press)
+            yield
+        for name in self._graph.action_names():
+            if self._stops("goal", name):
+                self.stop_path.run(name, partial(self.participant.cancel_every_goal, name))
+            yield
+        for name in self._graph.topic_names():
+            if self._stops("publish", name):
+                self.stop_path.run(name, partial(self._stop_topic_named, name, press))
+            # A ROS 1 action that the graph knows by its topics only.
+            action, _, part = name.rpartition("/")
+            if part == "cancel" and self._stops("goal", action):
+                self.stop_path.run(name, self._cancel_of(action))
+            yield
+
+    def _stop_topic(self, topic: GuardedTopic, press: int) -> None:
+        """Stop a topic, unless it was stopped already, or driven after a release meanwhile."""
+        if not topic.is_emergency or topic.is_closed or topic.driven_in >= press:
+            return
+        if topic.stopped_in < press:
+            self.stop_path.run(topic.name, topic.emergency_stop)
+        self.stop_path.run(topic.name, topic.end_lease)
+
+    def _stop_topic_named(self, name: str, press: int) -> None:
+        info = self._graph.topic(name)
+        if name not in self._topics and info is not None and info.type is not None:
+            self._stop_topic(self.guarded(name, info.type), press)
 
     def release(self, actor: Actor | None, reason: str = "") -> None:
         """Release the emergency stop. All leases that it is for are free then.
@@ -372,32 +585,34 @@ class Gate(GateState):
         if self.on_stop is not None:
             self.on_stop()
 
-    def _cancel_goals(self) -> None:
-        """Cancel all goals of the actions that the emergency stop is for, whoever sent them."""
-        for info in self._graph.actions():
-            if self._stops("goal", info.name):
-                self.participant.cancel_every_goal(info.name)
-        for topic in self._graph.topics():
-            # A ROS 1 action that the graph knows by its topics only.
-            action, _, part = topic.name.rpartition("/")
-            if topic.type is None or (part, topic.type.name) != ("cancel", "actionlib_msgs/GoalID"):
-                continue
-            if self._stops("goal", action):
-                self._publish_once(topic.name, topic.type)
+    def note_goal(self, action: str) -> None:
+        """Note an action to which a client sends goals: the emergency stop cancels them first."""
+        self.stop_path.note_goal(action, partial(self._cancel_of, action))
+
+    def _cancel_of(self, action: str) -> Callable[[], None]:
+        """Return a function that cancels all goals of an action, whoever sent them."""
+        info = self._graph.topic(f"{action}/cancel")
+        if self._graph.action(action) is not None or info is None or info.type is None:
+            return partial(self.participant.cancel_every_goal, action)
+        if info.type.name != "actionlib_msgs/GoalID":
+            return lambda: None
+        # Advertised before it is needed: over a network, discovery takes a while.
+        publisher = self._cancels.get(info.name)
+        if publisher is None:
+            if len(self._cancels) >= _MAX_CANCELS:
+                self._cancels.pop(next(iter(self._cancels))).close()
+            publisher = self._cancels[info.name] = self.participant.advertise(info.name, info.type)
+        return partial(publisher.publish, Payload.from_value(info.type, {}))
 
     def _stops(self, act: GatedAct, name: str) -> bool:
         return any(rule.settings.emergency for rule in self.rules.of(act, name))
-
-    def _publish_once(self, topic: str, type: MessageType) -> None:
-        """Publish one message with default values."""
-        publisher = self.participant.advertise(topic, type)
-        publisher.publish(Payload.from_value(type, {}))
-        publisher.close()
 
     # Closing
 
     def close(self) -> None:
         """Leave the graph, and flush the audit file."""
+        self.stop_path.close()
+        self.wake_watch.close()
         for topic in self._topics.values():
             topic.close()
         self._topics.clear()
@@ -409,3 +624,8 @@ class Gate(GateState):
     def dropped_lines(self) -> int:
         """Number of audit lines that could not be written."""
         return 0 if self._file is None else self._file.dropped
+
+
+def _is_name(glob: str) -> bool:
+    """Return True if a glob matches one name only."""
+    return re.search(r"[*?\[]", glob) is None

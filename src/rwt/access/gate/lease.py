@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from rwt.access.errors import GateRefused
 
@@ -13,6 +13,56 @@ if TYPE_CHECKING:
     from rwt.access.settings.gate import LeaseSettings
     from rwt_graph.clock import Clock
     from rwt_participant.timers import Timer
+
+
+#: Interval at which suspension is looked for, and the shortest one that is noticed, in seconds.
+_WATCH_SECONDS: Final = 0.05
+_SUSPENDED_SECONDS: Final = 0.1
+
+#: Seconds after the end of a lease at which it was noticed so late that the process must have been paused.
+_LATE_SECONDS: Final = 0.25
+
+#: Seconds for which a lease whose end was noticed late cannot be taken.
+_BARRED_SECONDS: Final = 0.25
+
+
+class WakeWatch:
+    """Detection of the machine's suspension, while there is something to watch for.
+
+    Timers do not run on while a machine is suspended, so a lease would last for its rest after the wake-up.
+
+    Args:
+        clock: clock of the graph.
+        look: called with True after the machine was suspended, otherwise with False; returns False if nothing
+            is left to watch for.
+    """
+
+    __slots__ = ("_clock", "_look", "_offset", "_timer")
+
+    def __init__(self, clock: Clock, look: Callable[[bool], bool]) -> None:
+        self._clock = clock
+        self._look = look
+        self._offset = 0.0
+        self._timer: Timer | None = None
+
+    def begin(self) -> None:
+        """Watch from now on; no-op if it does already."""
+        if self._timer is None:
+            self._offset = self._clock.boottime() - self._clock.monotonic()
+            self._timer = self._clock.call_urgently(_WATCH_SECONDS, self._check)
+
+    def _check(self) -> None:
+        offset = self._clock.boottime() - self._clock.monotonic()
+        was_suspended, self._offset = offset - self._offset > _SUSPENDED_SECONDS, offset
+        self._timer = None
+        if self._look(was_suspended):
+            self._timer = self._clock.call_urgently(_WATCH_SECONDS, self._check)
+
+    def close(self) -> None:
+        """Watch no more."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
 
 
 class Lease:
@@ -27,6 +77,10 @@ class Lease:
     A message starts no timer: the only timer checks, when it expires, how long the holder has been silent.
     It runs while the lease is held.
 
+    The end of a lease may be noticed late: the process was paused (SIGSTOP, a migration), or the machine was
+    suspended. The first that happens then is the release, also if a message comes before the timer. Messages
+    of the time before are read next; so the lease cannot be taken for a moment.
+
     Attributes:
         settings: settings of the lease.
         holder: client that holds the lease; None while it is free.
@@ -39,10 +93,12 @@ class Lease:
         clock: clock of the graph.
         on_change: called after each change of the holder, with a description of the change, the holder and
             the holder before.
+        require_room: raises GateRefused if a client may hold no more leases.
     """
 
     __slots__ = (
-        "_clock", "_key", "_on_change", "_renewed_at", "_timer", "_topic", "holder", "settings", "since_ns",
+        "_barred_until", "_clock", "_key", "_on_change", "_renewed_at", "_require_room", "_timer", "_topic",
+        "holder", "settings", "since_ns",
     )  # fmt: skip
 
     def __init__(
@@ -52,14 +108,17 @@ class Lease:
         settings: LeaseSettings,
         clock: Clock,
         on_change: Callable[[str, Actor | None, Actor | None], None],
+        require_room: Callable[[Actor], None],
     ) -> None:
         self._topic = topic
         self._key = key
         self.settings = settings
         self._clock = clock
         self._on_change = on_change
+        self._require_room = require_room
         self._timer: Timer | None = None
-        self._renewed_at = 0.0
+        self._renewed_at = 0.0  # By the clock that includes suspension, as below.
+        self._barred_until = 0.0
         self.holder: Actor | None = None
         self.since_ns = clock.time_ns()
 
@@ -70,7 +129,9 @@ class Lease:
             GateRefused: another client holds the lease, or it is only given on request.
         """
         if client is self.holder:
-            return
+            if self._clock.boottime() - self._renewed_at <= self.settings.seconds:
+                return
+            self.check_silence()
         self._require_free(client)
         if self.settings.take == "service":
             raise GateRefused(
@@ -82,6 +143,13 @@ class Lease:
         holder = self.holder
         if holder is not None and self._rank(client) >= self._rank(holder):
             raise GateRefused(f"{self._topic} is held by {holder}", self._key)
+        if self._clock.boottime() < self._barred_until:
+            raise GateRefused(
+                f"the lease of {self._topic} ended while this server was paused:"
+                f" commands of that time are not executed, send them again in {_BARRED_SECONDS:g} s",
+                self._key,
+            )
+        self._require_room(client)
 
     def _rank(self, client: Actor) -> int:
         order = self.settings.precedence
@@ -89,7 +157,7 @@ class Lease:
 
     def renew(self, client: Actor) -> None:
         """Give or extend the lease: a message for which :meth:`require` passed was published."""
-        self._renewed_at = self._clock.monotonic()
+        self._renewed_at = self._clock.boottime()
         if client is not self.holder:
             self._give(client, "taken")
 
@@ -105,7 +173,7 @@ class Lease:
 
     def pass_to(self, client: Actor) -> None:
         """Give the lease to another client, which then has to publish like any holder."""
-        self._renewed_at = self._clock.monotonic()
+        self._renewed_at = self._clock.boottime()
         if client is not self.holder:
             self._give(client, "passed on")
 
@@ -119,18 +187,23 @@ class Lease:
         before, self.holder = self.holder, client
         self.since_ns = self._clock.time_ns()
         if client is not None and self._timer is None:
-            self._timer = self._clock.call_later(self.settings.seconds, self._check_silence)
+            self._timer = self._clock.call_urgently(self.settings.seconds, self.check_silence)
         self._on_change(change, client, before)
 
-    def _check_silence(self) -> None:
-        """Free the lease if the holder has been silent for too long."""
-        self._timer = None
-        left = self._renewed_at + self.settings.seconds - self._clock.monotonic()
+    def check_silence(self) -> None:
+        """Free the lease if the holder has been silent for too long; otherwise check again later."""
+        self._stop_timer()
+        if self.holder is None:
+            return
+        now = self._clock.boottime()
+        left = self._renewed_at + self.settings.seconds - now
         # Sums of floats round: a timer of less than a microsecond would expire at once, again and again.
         if left > 1e-6:
-            self._timer = self._clock.call_later(left, self._check_silence)
-        else:
-            self.release(None, f"lost by {self.settings.seconds:g} s of silence")
+            self._timer = self._clock.call_urgently(left, self.check_silence)
+            return
+        if -left > _LATE_SECONDS:
+            self._barred_until = now + _BARRED_SECONDS
+        self.release(None, f"lost by {self.settings.seconds:g} s of silence")
 
     def _stop_timer(self) -> None:
         if self._timer is not None:

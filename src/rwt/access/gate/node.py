@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rwt.access.errors import GateRefused
 from rwt.access.gate.record import CALLER
-from rwt.access.graph_view import canonical
+from rwt.access.graph_view import STOP, canonical
 from rwt_interfaces.payload import Payload
 from rwt_participant.qos import LATCHED
 
@@ -26,14 +26,11 @@ APPROVALS: Final = "/gate/approvals"
 TOPICS: Final = frozenset({LEASES, STOPPED, APPROVALS})
 """Latched topics on which the gate publishes its state; clients cannot publish on them."""
 
-STOP_TOPIC: Final = "/gate/stop"
-"""Topic on which any message, `std_msgs/Empty`, presses the emergency stop."""
-
 SERVICES: Final = {
     "/gate/take_lease": "rwt_gate_msgs/Lease",
     "/gate/release_lease": "rwt_gate_msgs/Lease",
     "/gate/pass_lease": "rwt_gate_msgs/PassLease",
-    "/gate/stop": "rwt_gate_msgs/Stop",
+    STOP: "rwt_gate_msgs/Stop",
     "/gate/release_stop": "rwt_gate_msgs/Stop",
     "/gate/approve": "rwt_gate_msgs/Approve",
 }
@@ -67,14 +64,14 @@ class GateNode:
             "/gate/take_lease": self._take_lease,
             "/gate/release_lease": self._release_lease,
             "/gate/pass_lease": self._pass_lease,
-            "/gate/stop": self._stop,
+            STOP: self._stop,
             "/gate/release_stop": self._release_stop,
             "/gate/approve": self._approve,
         }
         for name, handler in handlers.items():
             type = graph.registry.service(SERVICES[name])
             participant.advertise_service(name, type, _answering(type, handler))
-        participant.subscribe(STOP_TOPIC, self._on_stop, graph.registry.message("std_msgs/Empty"))
+        participant.subscribe(STOP, self._on_stop, graph.registry.message("std_msgs/Empty"))
         gate.on_leases = lambda: self._publish_soon(LEASES)
         gate.on_stop = lambda: self._publish_soon(STOPPED)
         gate.on_approvals = lambda: self._publish_soon(APPROVALS)
@@ -142,7 +139,7 @@ class GateNode:
 
     def _on_stop(self, sample: Sample) -> None:
         try:
-            self._gate.stop(None, f"by a message of {sample.node or 'another process'} on {STOP_TOPIC}")
+            self._gate.stop(None, f"by a message of {sample.node or 'another process'} on {STOP}")
         except GateRefused as refused:
             logger.error("gate: %s", refused)
 
@@ -166,7 +163,9 @@ class GateNode:
         held = [
             each.lease.holder for each in self._gate.topics if each.lease and each.name == canonical(topic)
         ]
-        holder = held[0].name if held and held[0] else ""
+        # As for subscribers of the topic of leases: only roles that may see a topic see who holds it.
+        sees = client.rights.sees_topic(canonical(topic))
+        holder = held[0].name if sees and held and held[0] else ""
         may = client.rights.allows("publish", canonical(topic))
         seconds = self._gate.lease_seconds(client.rights, topic) if may else None
         return {
@@ -183,8 +182,7 @@ class GateNode:
         return {"success": True, "message": f"{to} holds it now"}
 
     def _stop(self, actor: Actor | None, request: Any) -> dict[str, object]:
-        self._gate.stop(actor, request.reason)
-        return {"success": True, "message": "stopped; nothing moves the robot until it is released"}
+        return _press(self._gate, actor, request)
 
     def _release_stop(self, actor: Actor | None, request: Any) -> dict[str, object]:
         self._gate.release(actor, request.reason)
@@ -195,6 +193,23 @@ class GateNode:
             request.id, approve=request.approve, by=actor, seconds=request.seconds
         )
         return {"success": True, "message": what}
+
+
+def stop_response(gate: Gate, actor: Actor, request: Payload, type: ServiceType) -> Payload:
+    """Press the emergency stop for a client, and return the response of the service."""
+    try:
+        answer = _press(gate, actor, request.value())
+    except GateRefused as refused:
+        answer = {"success": False, "message": str(refused)}
+    return Payload.from_value(type.response, answer)
+
+
+def _press(gate: Gate, actor: Actor | None, request: Any) -> dict[str, object]:
+    undelivered = gate.stop(actor, request.reason)
+    if undelivered:
+        text = f"clients' commands are rejected until the release, but these were not stopped: {undelivered}"
+        return {"success": False, "message": text}
+    return {"success": True, "message": "stopped; nothing moves the robot until it is released"}
 
 
 def _client(actor: Actor | None) -> Actor:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import logging
 from contextvars import ContextVar
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Final, Literal, get_args
+from typing import TYPE_CHECKING, Final, Literal, Protocol, get_args
 
 from rwt.access.audit import one_line
 from rwt.access.quotas import RateLimit
+from rwt_transports.http.addresses import network_of
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rwt.access.audit import Audit
     from rwt.access.gate.audit_file import AuditFile
     from rwt.access.roles import Role
@@ -37,6 +40,15 @@ _LINES_PER_SECOND: Final = 20
 _LINES_BURST: Final = 200
 
 
+class ActorTopic(Protocol):
+    """Guarded topic, as its clients know it."""
+
+    name: str
+
+    def leave(self, client: Actor, why: str) -> None:
+        """Remove a client that no longer publishes here, and release its lease."""
+
+
 class Actor:
     """Client as the gate knows it.
 
@@ -46,9 +58,11 @@ class Actor:
         address: network address; empty if unknown.
         lines: limit on the audit lines that its rejections cause.
         left_out: number of lines over the limit since the last one that was written.
+        topics: guarded topics that it publishes on or has held.
+        on_notice: called with what the gate did to its command, such as clamping; None: it is not told.
     """
 
-    __slots__ = ("address", "left_out", "lines", "name", "rights")
+    __slots__ = ("address", "left_out", "lines", "name", "on_notice", "rights", "topics")
 
     def __init__(self, name: str, rights: Role, address: str) -> None:
         self.name = name
@@ -56,11 +70,18 @@ class Actor:
         self.address = address
         self.lines = RateLimit(_LINES_PER_SECOND, _LINES_BURST)
         self.left_out = 0
+        self.topics: set[ActorTopic] = set()
+        self.on_notice: Callable[[str], None] | None = None
 
     @property
     def role(self) -> str:
         """Name of the present role."""
         return self.rights.name
+
+    @property
+    def owner(self) -> str:
+        """Identity whose clients share limits: the name of the credential, or the address without one."""
+        return self.rights.credential or f"@{network_of(self.address)}"
 
     def __str__(self) -> str:
         return f"{self.name} (role {self.role})"

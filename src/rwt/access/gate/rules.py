@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from rwt.access.settings.gate import GateRule
+    from rwt_interfaces.structs import MessageType
 
 GatedAct = Literal["publish", "call", "goal", "set_param"]
 """Act with gate rules; for every other act the role alone decides."""
@@ -32,13 +33,15 @@ class Rule:
     Attributes:
         key: key in the settings, such as `gate.rules.drive`.
         settings: requirements of the rule.
+        type: type of the rule's topics; None if the robot alone decides. Set by the gate.
     """
 
-    __slots__ = ("_patterns", "_roles", "key", "settings")
+    __slots__ = ("_patterns", "_roles", "key", "settings", "type")
 
     def __init__(self, name: str, settings: GateRule) -> None:
         self.key = f"gate.rules.{name}"
         self.settings = settings
+        self.type: MessageType | None = None
         self._patterns: dict[GatedAct, re.Pattern[str]] = {
             act: glob_pattern(absolute_globs(getattr(settings, key))) for act, key in _KEYS.items()
         }
@@ -57,10 +60,18 @@ class Rule:
 
 
 class Rules:
-    """All rules of a gate, in the order of the settings."""
+    """All rules of a gate, in the order of the settings.
+
+    Attributes:
+        all: the rules.
+        has_emergency: True if the emergency stop is for any of them.
+        has_parameters: True if any of them is about parameters.
+    """
 
     def __init__(self, settings: Mapping[str, GateRule]) -> None:
         self.all = tuple(Rule(name, rule) for name, rule in settings.items())
+        self.has_emergency = any(rule.settings.emergency for rule in self.all)
+        self.has_parameters = any(rule.settings.parameters for rule in self.all)
         self._found: dict[tuple[GatedAct, str], tuple[Rule, ...]] = {}
 
     def of(self, act: GatedAct, name: str) -> tuple[Rule, ...]:

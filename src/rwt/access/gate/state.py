@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import TYPE_CHECKING, Final
 
 from rwt.access.errors import GateRefused
 from rwt.access.gate.approvals import Approvals
 from rwt.access.gate.audit_file import AuditFile
+from rwt.access.gate.lease import WakeWatch
 from rwt.access.gate.record import Recorder
+from rwt.access.gate.stop_path import StopPath
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rwt.access.audit import Audit
+    from rwt.access.gate.lease import Lease
     from rwt.access.gate.record import Actor
     from rwt.access.gate.rules import Rule
     from rwt.access.settings.gate import GateSettings
     from rwt_graph.api import Graph
     from rwt_interfaces.payload import Payload
+
+MAX_LEASES: Final = 64
+"""Maximum number of leases held by the clients of one credential, or of one address without credentials."""
 
 GATE_NODE: Final = "/gate"
 """Node as which the gate publishes stop messages and its own state."""
@@ -32,7 +39,9 @@ class GateState:
     Attributes by purpose:
 
     * Environment: ``settings``, ``is_observing``, ``clock``, ``participant``, ``recorder``.
-    * Emergency stop: ``stopped_by``, and of its last change ``last_by``, ``stopped_reason``, ``stopped_ns``.
+    * Emergency stop: ``stop_path``, ``presses``, ``faults``, ``stopped_by``, and of its last change
+      ``last_by``, ``stopped_reason``, ``stopped_ns``.
+    * Leases: ``leases_held``, ``held``, ``wake_watch``.
     * Human approval: ``approvals``.
     * Listeners, set by the gate's node: ``on_leases``, ``on_stop``, ``on_approvals``.
 
@@ -43,6 +52,12 @@ class GateState:
         participant: the gate's node in the graph.
         recorder: record of what happens.
         approvals: requests for approval.
+        stop_path: stop messages of all topics.
+        presses: number of times that the emergency stop was pressed.
+        faults: topics that cannot be stopped, with the reason.
+        leases_held: number of leases by identity, see :attr:`rwt.access.gate.record.Actor.owner`.
+        held: the same leases.
+        wake_watch: ends them after a suspension of the machine.
         stopped_by: client or program that pressed the emergency stop; empty while it is released.
         stopped_reason: reason for the last press or release, in the words of the client.
         stopped_ns: ROS time of the last press or release.
@@ -66,6 +81,12 @@ class GateState:
         self.recorder = Recorder(self._file, audit, graph.clock)
         self.participant = graph.participant(GATE_NODE)
         self.approvals = Approvals(graph.clock, self.recorder, self._approvals_changed)
+        self.stop_path = StopPath(graph.clock, self._not_stopped)
+        self.presses = 0
+        self.faults: dict[str, str] = {}
+        self.leases_held: Counter[str] = Counter()
+        self.held: set[Lease] = set()
+        self.wake_watch = WakeWatch(graph.clock, self._look)
         self.stopped_by = ""
         self.stopped_reason = ""
         self.stopped_ns = graph.clock.time_ns()
@@ -85,20 +106,55 @@ class GateState:
                 f"the emergency stop is on: stopped by {self.stopped_by}", f"{rule.key}.emergency"
             )
 
-    def require_approval(self, topic: str, rule: Rule, client: Actor, payload: Payload) -> None:
+    def require_approval(
+        self, topic: str, rule: Rule, client: Actor, payload: Payload, *, is_stop: bool = False
+    ) -> None:
         """Use up the approval for a message, or request one.
+
+        Args:
+            topic: absolute name of the topic.
+            rule: rule that requires approval.
+            client: client that publishes.
+            payload: message as it will reach the robot.
+            is_stop: True for the stop message, which needs none while another message is approved.
 
         Raises:
             GateRefused: the message is not approved yet.
         """
-        if self.approvals.take(client, "publish", topic, rule):
+        approvals = self.approvals
+        subject = approvals.subject(client, "publish", topic, rule, payload)
+        if approvals.take(subject) or (is_stop and approvals.has_lasting(subject)):
             return
         text = f"publishing on {topic} needs a person's yes"
         if not self.is_observing:
-            request = self.approvals.find(client, "publish", topic, rule)
-            request = request or self.approvals.ask(client, "publish", topic, rule, payload)
-            text += f", which was asked for under id {request.id}: send it again when it is there"
+            request = approvals.find(subject)
+            if request is not None and request.subject != subject:
+                text += f", and another message waits for it under id {request.id}"
+            else:
+                request = request or approvals.ask(subject, rule, payload)
+                text += f", which was asked for under id {request.id}: send it again when it is there"
         raise GateRefused(text, f"{rule.key}.approval")
+
+    def _not_stopped(self, name: str, error: Exception) -> None:
+        text = f"{type(error).__name__}: {error}"
+        if self.faults.get(name) != text:  # Recorded once: the stop message is repeated.
+            self.faults[name] = text
+            self.recorder.note("stop", "stop", name, None, f"not stopped: {text}")
+
+    def require_lease_room(self, client: Actor) -> None:
+        """Check that a client may hold one more lease: all leases may end at the same time.
+
+        Raises:
+            GateRefused: clients of its credential hold the maximum.
+        """
+        if self.leases_held[client.owner] >= MAX_LEASES:
+            raise GateRefused(f"clients of this credential hold {MAX_LEASES} leases, which is the limit")
+
+    def _look(self, was_suspended: bool) -> bool:
+        if was_suspended:
+            for lease in tuple(self.held):
+                lease.check_silence()
+        return bool(self.held)
 
     def leases_changed(self) -> None:
         """Report that a lease has another holder."""

@@ -22,15 +22,24 @@ if TYPE_CHECKING:
     from rwt.access.gate.state import GateState
     from rwt_graph.api import Publisher
     from rwt_interfaces.structs import MessageType
-    from rwt_participant.timers import Timer
 
 logger: Final = logging.getLogger("rwt.bridge")
 
-#: Interval of the stop message while it is repeated, in seconds.
-_REPEAT_SECONDS: Final = 0.1
+#: Tolerance in seconds, since sums of floats round.
+_ROUNDING: Final = 1e-6
 
 #: Seconds of silence required of a client that kept publishing while the robot was stopped.
 _PAUSE_SECONDS: Final = 1.0
+
+
+#: Number of paused identities above which old ones are dropped.
+_MAX_PAUSED: Final = 1000
+
+#: Types whose zeros stop a robot, if the rules state no stop message.
+_STOPPED_BY_ZEROS: Final = frozenset({"geometry_msgs/Twist", "geometry_msgs/TwistStamped"})
+
+#: Maximum size of a message that is compared with the stop message, in bytes.
+_MAX_STOP_BYTES: Final = 64 * 1024
 
 
 class _CompiledRule(NamedTuple):
@@ -78,11 +87,16 @@ class GuardedTopic:
     Attributes by purpose:
 
     * Rules: ``_rules``, ``_compiled``, ``_by_role`` (compiled for each role on first use), ``fault``.
-    * Lease and clients: ``lease``, ``users``, ``_paused_at`` (paused clients, with the time of the last
-      rejected message).
+    * Lease and clients: ``lease``, ``_lease_owner`` (identity that it counts for), ``users``, ``_paused_at``
+      (identities of paused clients, with the time of the last rejected message: another connection or
+      advertisement of the same credential is paused, too).
     * Rates: ``_motion`` (values last passed on).
-    * Stop message: ``_stop`` (its rule), ``_neutral`` (its value), ``_publisher``, ``_repeat_for`` (seconds),
-      ``_repeat_until`` (steady clock), ``_repeat`` (timer; None while idle).
+    * Stop message: ``_stop`` (its rule), ``_neutral`` (its value; ``_zeros`` without it), ``_publisher``,
+      ``_repeat_for`` (seconds), ``_repeat_until`` (steady clock), ``_is_repeated`` (True while the gate's
+      stop path repeats it), ``_prepared`` (payload made in advance), ``_is_stamped`` (True if it has a
+      header).
+    * Emergency stops: ``is_emergency``, ``driven_in`` and ``stopped_in`` (numbers of the last press before a
+      client's message passed, and that stopped the topic).
 
     Attributes:
         name: absolute name.
@@ -90,6 +104,9 @@ class GuardedTopic:
         lease: lease of the topic; None if no rule requires one.
         fault: description of what is wrong with the rules; empty if they fit.
         users: clients that publish on the topic.
+        is_emergency: True if the emergency stop is for the topic.
+        driven_in: number of the last press of the emergency stop when a client last drove.
+        stopped_in: number of the press that stopped the topic last.
         is_closed: True after :meth:`close`: the gate has another object for the topic, or none.
 
     Args:
@@ -109,7 +126,8 @@ class GuardedTopic:
         self._rules = tuple(rules)
         self._compiled: tuple[_CompiledRule, ...] = ()
         self._by_role: dict[str, _RoleRules] = {}
-        self._paused_at: dict[Actor, float] = {}
+        self._lease_owner = ""
+        self._paused_at: dict[str, float] = {}
         self._motion = Motion()
         stops = [(rule, rule.settings.stop) for rule in self._rules if rule.settings.stop is not None]
         self._stop = stops[0][0] if stops else None
@@ -117,15 +135,21 @@ class GuardedTopic:
         self._publisher: Publisher | None = None
         self._repeat_for = max((stop.repeat_seconds for _, stop in stops), default=0.0)
         self._repeat_until = 0.0
-        self._repeat: Timer | None = None
+        self._is_repeated = False
+        self._prepared: Payload | None = None
+        self._zeros = Payload.from_value(type, {}).value() if type.name in _STOPPED_BY_ZEROS else None
+        self._is_stamped = False
+        self.is_emergency = any(rule.settings.emergency for rule in self._rules)
+        self.driven_in = self.stopped_in = -1
         try:
-            stop_message = self._make_stop()
-            self._neutral = None if stop_message is None else stop_message.value()
+            self._prepare_stop()
             self._compiled = tuple(self._compile(rule) for rule in self._rules)
         except NoSuchField as wrong:
             self.fault = f"{wrong} ({self.type.name}, {name})"
         self.lease = self._make_lease()
         if self.fault:
+            if self.is_emergency:
+                gate.faults[name] = self.fault
             logger.error("the gate lets nothing through on %s: %s", name, self.fault)
         elif self._stop is not None:
             # Before it is needed: over a network, discovery by the subscribers takes a while.
@@ -143,30 +167,52 @@ class GuardedTopic:
         if not found:
             return None
         settings, rule = min(found, key=lambda each: each[0].seconds)
-        return Lease(self.name, f"{rule.key}.lease", settings, self._gate.clock, self._lease_changed)
+        return Lease(
+            self.name,
+            f"{rule.key}.lease",
+            settings,
+            self._gate.clock,
+            self._lease_changed,
+            self._gate.require_lease_room,
+        )
 
-    def _make_stop(self) -> Payload | None:
-        """Return the stop message, stamped now; None if there is none."""
-        if self._stop is None or self._stop.settings.stop is None:
-            return None
+    def _prepare_stop(self) -> None:
+        """Make the stop message in advance, and find out if it is stamped.
+
+        Raises:
+            NoSuchField: it does not fit the type.
+        """
+        if self._stop is None:
+            return
         try:
-            # A copy: from_value() completes the header in place.
-            return Payload.from_value(
-                self.type, dict(self._stop.settings.stop.message), self._gate.clock.time_ns
-            )
+            one, other = self._make_stop(lambda: 0), self._make_stop(lambda: 1)
         except InterfaceError as error:
             raise NoSuchField(f"`{self._stop.key}.stop.message`: {error}") from None
+        self._is_stamped = one.value() != other.value()
+        self._neutral = one.value()
+        self._prepared = one
+
+    def _make_stop(self, now: Callable[[], int]) -> Payload:
+        assert self._stop is not None and self._stop.settings.stop is not None  # Only called with one.
+        # A copy: from_value() completes the header in place.
+        return Payload.from_value(self.type, dict(self._stop.settings.stop.message), now)
 
     @property
     def is_idle(self) -> bool:
         """True if closing the topic loses no state."""
-        held = self.lease is not None and self.lease.holder is not None
-        return not (self.users or held or self._repeat or self.is_stopped)
+        if self._paused_at and not self.is_stopped:
+            self._drop_old_pauses(self._gate.clock.monotonic())
+        return not (self.users or self.is_held or self._is_repeated or self.is_stopped or self._paused_at)
+
+    @property
+    def is_held(self) -> bool:
+        """True if a client holds the lease."""
+        return self.lease is not None and self.lease.holder is not None
 
     @property
     def is_stopped(self) -> bool:
         """True while the emergency stop is pressed, if it is for this topic."""
-        return bool(self._gate.stopped_by) and any(rule.settings.emergency for rule in self._rules)
+        return self.is_emergency and bool(self._gate.stopped_by)
 
     @property
     def lease_rule(self) -> str:
@@ -208,8 +254,12 @@ class GuardedTopic:
         self._motion.passed(now)
         if rules.lease is not None:
             rules.lease.renew(client)
-        if self._repeat is not None:
+        if self._is_repeated:
             self._end_repeats()
+        if self.driven_in != gate.presses:
+            self.driven_in = gate.presses
+            if self.is_emergency:
+                gate.stop_path.note_topic(self)
         forward(payload if gate.is_observing else passed)
 
     def _rules_of(self, role: str) -> _RoleRules:
@@ -243,10 +293,13 @@ class GuardedTopic:
                 )
         # Last, so that only what passes every other rule is approved, or uses up an approval.
         for rule in rules.approvals:
-            self._gate.require_approval(self.name, rule, client, payload)
+            self._gate.require_approval(self.name, rule, client, payload, is_stop=self._is_stop(payload))
         if changed:
             first = rules.compiled[0].rule.key
-            self._gate.recorder.note("changed", "publish", self.name, client, "; ".join(changed), first)
+            text = "; ".join(changed)
+            self._gate.recorder.note("changed", "publish", self.name, client, text, first)
+            if client.on_notice is not None and not self._gate.is_observing:
+                client.on_notice(f"publish {self.name}: {text} ({first})")
         return payload
 
     def _require_moving(self, client: Actor, rule: Rule, payload: Payload, now: float) -> None:
@@ -256,82 +309,121 @@ class GuardedTopic:
             GateRefused: it is pressed, or the client kept publishing across the release.
         """
         if self._gate.stopped_by:
-            self._paused_at[client] = now
+            self._pause(client, now)
             self._gate.require_released(rule)
-        refused_at = self._paused_at.get(client)
+        refused_at = self._paused_at.get(client.owner)
         if refused_at is None:
             return
-        if now - refused_at < _PAUSE_SECONDS and not _is_equal(payload.value(), self._neutral):
-            self._paused_at[client] = now
+        if now - refused_at < _PAUSE_SECONDS and not self._is_stop(payload):
+            self._pause(client, now)
             raise GateRefused(
                 "the emergency stop was released while this client went on publishing:"
                 f" be silent for {_PAUSE_SECONDS:g} s, or send the stop message first",
                 f"{rule.key}.emergency",
             )
-        del self._paused_at[client]
+        del self._paused_at[client.owner]
+
+    def _pause(self, client: Actor, now: float) -> None:
+        if len(self._paused_at) >= _MAX_PAUSED:
+            self._drop_old_pauses(now)
+        self._paused_at[client.owner] = now
+
+    def _drop_old_pauses(self, now: float) -> None:
+        self._paused_at = {key: at for key, at in self._paused_at.items() if now - at < _PAUSE_SECONDS}
+
+    def _is_stop(self, payload: Payload) -> bool:
+        """Return True for the stop message; a large message is not decoded to find out."""
+        neutral = self._neutral or self._zeros
+        if neutral is None:
+            return False
+        is_small = payload.is_decoded or payload.kept_size <= _MAX_STOP_BYTES
+        return is_small and _is_equal(payload.value(), neutral)
 
     # Stopping
 
     def _lease_changed(self, change: str, holder: Actor | None, before: Actor | None) -> None:
         gate = self._gate
-        gate.recorder.note("lease", "publish", self.name, holder or before, change, self.lease_rule)
-        # A client that takes the lease by publishing says itself how the robot moves.
-        if before is not None and change != "taken" and not gate.is_observing:
+        # A client that takes the lease by publishing says itself how the robot moves. An emergency stop has
+        # published the stop message already.
+        if before is not None and change != "taken" and not gate.is_observing and not self._has_just_stopped:
             self.halt()
+        assert self.lease is not None  # It has changed.
+        gate.held.discard(self.lease)
+        if self._lease_owner:
+            gate.leases_held[self._lease_owner] -= 1
+        self._lease_owner = "" if holder is None else holder.owner
+        if holder is not None:
+            holder.topics.add(self)
+            gate.leases_held[self._lease_owner] += 1
+            gate.held.add(self.lease)
+            if gate.clock.is_real:
+                gate.wake_watch.begin()
+        gate.recorder.note("lease", "publish", self.name, holder or before, change, self.lease_rule)
         gate.leases_changed()
 
+    @property
+    def _has_just_stopped(self) -> bool:
+        return self.is_stopped and self.stopped_in == self._gate.presses
+
     def emergency_stop(self) -> None:
-        """Publish the stop message, and release the lease."""
-        if self.lease is None or self.lease.holder is None or self._gate.is_observing:
-            self.halt()
-        else:
-            self.lease.release(None, "lost by the emergency stop")  # _lease_changed() calls halt().
+        """Publish the stop message, and repeat it; :meth:`end_lease` follows when the stop is recorded."""
+        self.stopped_in = self._gate.presses
+        self.halt()
+
+    def end_lease(self) -> None:
+        """Release the lease after an emergency stop."""
+        if self.lease is not None and not self._gate.is_observing:
+            self.lease.release(None, "lost by the emergency stop")
 
     def halt(self) -> None:
         """Publish the stop message now, and repeat it until the robot's own timeout has expired."""
         if self._publisher is None or self.fault:
             return
         self._motion.reset()
-        self._repeat_until = self._gate.clock.monotonic() + self._repeat_for
-        self._publish_stop()
+        self._repeat_until = self._gate.clock.monotonic() + self._repeat_for + _ROUNDING
+        # First, so that a failure is repaired by the next repetition.
+        self._is_repeated = True
+        self._gate.stop_path.repeat(self)
+        self.publish_stop()
 
-    def _publish_stop(self) -> None:
-        self._end_repeats()
-        publisher = self._publisher
-        message = self._make_stop()
-        if publisher is None or message is None:
-            return
-        clock = self._gate.clock
-        if self.is_stopped or clock.monotonic() + _REPEAT_SECONDS <= self._repeat_until:
-            self._repeat = clock.call_later(_REPEAT_SECONDS, self._publish_stop)
-        publisher.publish(message)
+    @property
+    def wants_repeat(self) -> bool:
+        """True if the stop message has to be published once more."""
+        self._is_repeated = self.is_stopped or self._gate.clock.monotonic() <= self._repeat_until
+        return self._is_repeated
+
+    def publish_stop(self) -> None:
+        """Publish the stop message."""
+        if self._publisher is not None and self._prepared is not None:
+            stamped = self._make_stop(self._gate.clock.time_ns) if self._is_stamped else self._prepared
+            self._publisher.publish(stamped)
+            if self._gate.faults:
+                self._gate.faults.pop(self.name, None)
 
     def _end_repeats(self) -> None:
-        if self._repeat is not None:
-            self._repeat.cancel()
-            self._repeat = None
+        self._is_repeated = False
+        self._gate.stop_path.end_repeats(self)
 
     # Clients
 
     def leave(self, client: Actor, why: str) -> None:
         """Remove a client that no longer publishes here, and release its lease."""
         self.users.discard(client)
-        self._paused_at.pop(client, None)
+        client.topics.discard(self)
         if self.lease is not None:
             self.lease.release(client, why)
 
     def close(self) -> None:
         """Close the topic's publisher."""
         self.is_closed = True
+        self._gate.faults.pop(self.name, None)
         self._end_repeats()
         if self._publisher is not None:
             self._publisher.close()
             self._publisher = None
 
 
-def _is_equal(one: msgspec.Struct, other: msgspec.Struct | None) -> bool:
+def _is_equal(one: msgspec.Struct, other: msgspec.Struct) -> bool:
     """Return True if two messages of one type are equal, headers apart."""
-    if other is None:
-        return False
     names = (name for name in one.__struct_fields__ if name != "header")
     return all(getattr(one, name) == getattr(other, name) for name in names)

@@ -122,6 +122,13 @@ class GateRule(Table):
     """Rule for the names that the globs match. If several rules match, all apply."""
 
     topics: Annotated[Globs, Field(description="topics that clients publish on")] = ()
+    type: Annotated[
+        str | None,
+        Field(
+            description="message type of `topics`; not set: that of the robot's programs, before which only"
+            " roles that may do everything can advertise them"
+        ),
+    ] = None
     services: Annotated[Globs, Field(description="services that clients call")] = ()
     actions: Annotated[Globs, Field(description="actions that clients send goals to")] = ()
     parameters: Annotated[
@@ -139,6 +146,13 @@ class GateRule(Table):
     largest_bytes: Annotated[
         CountOrNone, Field(description="largest message, request or goal in bytes; 0: no limit")
     ] = 0
+    largest_items: Annotated[
+        Count,
+        Field(
+            description="items in all lists of the largest message whose fields or numbers are checked, and"
+            " 32 times as many bytes: checking them holds the event loop"
+        ),
+    ] = 10_000
     messages_per_second: Annotated[
         CountOrNone,
         Field(description="messages per second on each topic, of all clients together; 0: no limit"),
@@ -150,7 +164,7 @@ class GateRule(Table):
         if not (self.topics or self.services or self.actions or self.parameters):
             raise ValueError("expected one of `topics`, `services`, `actions` and `parameters`")
         if not self.topics:
-            for name in ("lease", "stop", "messages_per_second"):
+            for name in ("type", "lease", "stop", "messages_per_second"):
                 if getattr(self, name):
                     raise ValueError(f"`{name}` is about topics: expected `topics`")
             if any(limit.rate is not None for limit in self.fields.values()):

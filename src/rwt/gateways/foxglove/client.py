@@ -7,11 +7,13 @@ from functools import partial
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from rwt.access.errors import AccessError
+from rwt.access.graph_view import STOP
 from rwt.delivery.counters import UNKNOWN
+from rwt.delivery.drop_notices import NoticeFlow
 from rwt.gateways.base import ConnectedClient
 from rwt.gateways.foxglove.assets import Assets
 from rwt.gateways.foxglove.catalogue import Connections
-from rwt.gateways.foxglove.errors import FoxgloveError, NotPossible
+from rwt.gateways.foxglove.errors import FoxgloveError, InvalidFrame, NotPossible
 from rwt.gateways.foxglove.parameters import ParameterRequests
 from rwt.gateways.foxglove.playback import PlaybackControl
 from rwt.gateways.foxglove.publications import ClientChannels
@@ -19,7 +21,7 @@ from rwt.gateways.foxglove.replies import StatusLane
 from rwt.gateways.foxglove.services import ServiceCalls
 from rwt.gateways.foxglove.subscriptions import Subscriptions
 from rwt.gateways.foxglove.wire import client_messages as said
-from rwt.gateways.foxglove.wire.server_messages import Level
+from rwt.gateways.foxglove.wire.server_messages import Level, status
 from rwt_participant.errors import RobotError
 from rwt_transports.endpoint import FlowRules
 
@@ -76,6 +78,8 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
         self.time = sink.flow("time", FlowRules(depth=1, notes=True))
         self.subscriptions = Subscriptions(graph, replies)
         self.publications = ClientChannels(graph, replies, structure)
+        self._gate_notices, self._gate_notice = NoticeFlow(sink, "commands"), ""
+        graph.tell_notices(self._tell_notice)
         self.services = ServiceCalls(graph, replies, structure, gateway.call_timeout)
         self.parameters = ParameterRequests(graph, replies, settings.parameter_names, gateway.turns)
         self.assets = None if pages is None else Assets(graph, replies, pages, settings, info.address)
@@ -147,6 +151,22 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
         except Exception as error:
             self._failed(op, error)
 
+    def _tell_notice(self, text: str) -> None:
+        """Send what the gate did to a command, unless it is the same as for the one before."""
+        if text != self._gate_notice:
+            self._gate_notice = text
+            self._gate_notices.send(status(Level.WARNING, f"gate: {text}", "gate"))
+
+    def _presses_stop(self, data: bytes, binary: bool) -> bool:
+        try:
+            message = said.parse_binary(data) if binary else None
+        except InvalidFrame:
+            return False
+        if isinstance(message, said.ServiceCallRequest):
+            service = self.listing.services.get(message.service_id)
+            return service is not None and service.name == STOP
+        return isinstance(message, said.MessageData) and self.publications.topic_of(message) == STOP
+
     def _run(self, steps: Iterator[None]) -> None:
         for _ in steps:
             if not self._has_time():
@@ -212,6 +232,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
 
     def _releases(self) -> Iterator[None]:
         self.time.close()
+        self._gate_notices.close()
         self.subscriptions.close()
         self.parameters.close()
         if self.assets is not None:

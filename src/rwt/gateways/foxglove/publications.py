@@ -80,6 +80,11 @@ class ClientChannels:
         self._publish(announced, payload, len(message.data))
         return None
 
+    def topic_of(self, message: MessageData) -> str:
+        """Return the topic of a message; empty if the client has no such channel."""
+        announced = self._by_id.get(message.channel_id)
+        return "" if announced is None else announced.topic
+
     def _of(self, message: MessageData) -> _Announced:
         announced = self._by_id.get(message.channel_id)
         if announced is None:

@@ -63,6 +63,7 @@ class HttpGoal:
         self._feedback: Payload | None = None
         self._result: Payload | None = None
         self._reason = ""
+        self._notices: list[str] = []
         self._charges: dict[str, Charge] = {}
         self._timer: Timer | None = None
         client.hold()
@@ -77,7 +78,8 @@ class HttpGoal:
 
         events = GoalEvents(self._on_result, self._on_feedback, self._on_accepted)
         try:
-            self._sent = self.client.graph.send_goal(self.action, goal_of, events)
+            with self.client.graph.notices() as self._notices:
+                self._sent = self.client.graph.send_goal(self.action, goal_of, events)
         except BaseException:
             self.client.release()
             raise
@@ -95,6 +97,7 @@ class HttpGoal:
             "feedback": self._feedback,
             "result": self._result,
             "reason": self._reason,
+            **({"gate": self._notices} if self._notices else {}),
         }
 
     def _on_accepted(self) -> None:

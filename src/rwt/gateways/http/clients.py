@@ -1,4 +1,4 @@
-"""HTTP clients: those of one role and address share one view of the graph, and their quotas."""
+"""HTTP clients: those of one credential, role and address share one view of the graph, and their quotas."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from rwt_transports.http.routes import HttpResponse
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
     from rwt.access.graph_view import GraphView
+    from rwt.access.roles import Role
     from rwt.gateways.base import Gateway
     from rwt_transports.endpoint import DropReason, PeerInfo
     from rwt_transports.http.routes import HttpRequest
@@ -52,7 +53,7 @@ class ReaderStream(ABC):
 
 
 class HttpClient(Visitor):
-    """Clients of one role and one address; see :class:`~rwt.gateways.visitors.Visitor` for the life cycle.
+    """Clients of one credential, role and address, with the life cycle of a :class:`Visitor`.
 
     Quotas apply to all of them together. When the client leaves, its publishers and leases are released.
 
@@ -107,7 +108,7 @@ class Clients(Visitors[HttpClient]):
             graph = gateway.access.client(gateway.shared, role, address, f"{gateway.name}:{self._count}")
             return HttpClient(clients, key, graph)
 
-        client = self.find((role.name, network_of(address)), make)
+        client = self.find((role.name, role.credential, network_of(address)), make)
         client.hold()
         try:
             yield client
@@ -122,16 +123,21 @@ class Clients(Visitors[HttpClient]):
             name = client.graph.role.name
             role = admission.roles.get(name)
             if role is not None:
-                client.graph.take_role(role)
+                client.graph.take_role(role.given_by(client.graph.role.credential))
                 client.graph.withdraw_refused()
             for stream, info in tuple(client.streams.items()):
-                if role is None or not self._still_has(info, name) or not stream.allowed(client.graph):
+                if (
+                    role is None
+                    or not self._still_has(info, client.graph.role)
+                    or not stream.allowed(client.graph)
+                ):
                     stream.queue.close()
             client.release()
 
-    def _still_has(self, info: PeerInfo, role: str) -> bool:
+    def _still_has(self, info: PeerInfo, role: Role) -> bool:
         try:
-            return self._gateway.access.admission.role_now(info, None).name == role
+            now = self._gateway.access.admission.role_now(info, None)
+            return (now.name, now.credential) == (role.name, role.credential)
         except Refused:
             return False
 

@@ -9,9 +9,11 @@ from importlib.metadata import version
 from importlib.resources import files
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
+from urllib.parse import unquote
 
 import msgspec
 
+from rwt.access.graph_view import STOP, canonical
 from rwt.access.settings import LINGER_SECONDS
 from rwt.gateways.base import Gateway
 from rwt.gateways.http import actions, openapi, parameters, services, topics
@@ -118,7 +120,7 @@ class HttpGateway(Gateway):
         )
         for method, path, kind, handler in rows:
             counted = partial(self._counted, page(handler), (kind, method))
-            yield Route(path, counted, Audience.ADMITTED, method, refusal)
+            yield Route(path, counted, Audience.ADMITTED, method, refusal, _presses_stop)
 
     def _counted(
         self, handler: Handler, row: tuple[str, str], request: HttpRequest, reader: GraphView
@@ -192,6 +194,14 @@ class HttpGateway(Gateway):
 
 _MAX_DOCUMENTS: Final = 50
 """Maximum number of cached documents, one for each role and prefix."""
+
+
+def _presses_stop(request: HttpRequest) -> bool:
+    """Return True for a request that presses the emergency stop: a call of its service, or a message."""
+    if request.method != "POST":
+        return False
+    _, _, path = request.path.removeprefix("/api/").partition("/")
+    return canonical(f"/{unquote(path).strip('/')}") == STOP
 
 
 def _unknown(request: HttpRequest, reader: GraphView) -> HttpResponse:

@@ -12,6 +12,8 @@ from rwt.gateways.http.requests import Query, name_and_type, name_below, payload
 from rwt_participant.errors import CallFailed, ProviderNotFound
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from rwt.access.client_graph import ClientGraph
     from rwt.access.graph_view import GraphView
     from rwt.gateways.http.clients import Clients
@@ -19,6 +21,9 @@ if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import ServiceType
     from rwt_transports.http.routes import HttpRequest, HttpResponse
+
+NOTICE: Final = "Gate-Notice"
+"""Header of a response: what the gate did to the request, such as clamping."""
 
 PATH: Final = "/api/services/"
 
@@ -59,11 +64,23 @@ class ServicePages:
             if service is None:
                 raise ProviderNotFound(f"no service {name} is here")
             payload = await payload_of(service.type.request, request, graph.clock.time_ns)
-            return payload_response(request, await call(graph, name, payload, seconds))
+            notices: list[str] = []
+            answer = await call(graph, name, payload, seconds, notices)
+            return payload_response(request, answer, notice_headers(notices))
 
 
-async def call(graph: ClientGraph, name: str, payload: Payload, seconds: float) -> Payload:
-    """Call a service and return its response. Raises what `ClientGraph.call_service` does, and CallFailed."""
+def notice_headers(notices: Sequence[str]) -> Mapping[str, str]:
+    """Return the headers that tell what the gate did to a request."""
+    return {NOTICE: "; ".join(notices).encode("ascii", "backslashreplace").decode()} if notices else {}
+
+
+async def call(
+    graph: ClientGraph, name: str, payload: Payload, seconds: float, notices: list[str] | None = None
+) -> Payload:
+    """Call a service and return its response; `notices` gets what the gate did to the request.
+
+    Raises what `ClientGraph.call_service` does, and CallFailed.
+    """
     outcomes: list[Payload | CallFailed] = []
     answered = anyio.Event()
 
@@ -76,7 +93,10 @@ async def call(graph: ClientGraph, name: str, payload: Payload, seconds: float) 
             raise HttpProblem("conflict", f"the type of {name} has changed meanwhile", instead="ask again")
         return payload
 
-    graph.call_service(name, request_of, on_reply, seconds)
+    with graph.notices() as found:
+        graph.call_service(name, request_of, on_reply, seconds)
+    if notices is not None:
+        notices += found
     if not outcomes:
         await answered.wait()
     outcome = outcomes[0]

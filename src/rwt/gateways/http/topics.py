@@ -121,10 +121,12 @@ class TopicPages:
             if len(request.body) >= IN_STEPS:
                 # That took turns: the role may be another one by now, and the publisher replaced.
                 publisher = _publisher(client.graph, name, payload.type.name, is_latched)
-            publisher.publish(payload)
+            with client.graph.notices() as notices:
+                publisher.publish(payload)
             publisher.counts.received += 1
             publisher.counts.received_bytes += len(request.body)
-        return HttpResponse(status=204)
+        # A command that the gate has changed is no plain success.
+        return value_response(request, {"gate": notices}) if notices else HttpResponse(status=204)
 
 
 def _publisher(graph: ClientGraph, name: str, type: str | None, is_latched: bool) -> ClientPublisher:

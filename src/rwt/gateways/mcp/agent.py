@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, Protocol
 
 from rwt.gateways.mcp.content.images import show
@@ -59,7 +59,8 @@ class Agent:
     """Agent during one request.
 
     Attributes:
-        owner: owner of the goals that the agent may ask about; agents of one role at one address share it.
+        owner: owner of the goals that the agent may ask about; agents of one credential and role at one
+            address share it.
         acts: rights to change something; the tools that need others are not offered.
         how_to_act: advice for people on how to give the agent more rights.
         advertise: advertises a topic; the publisher raises what the robot's server rejects.
@@ -69,6 +70,7 @@ class Agent:
             returns True if it was given.
         confirm: asks the person at the agent's program to confirm an act; raises
             :exc:`~rwt.gateways.mcp.errors.ToolError` if that is refused.
+        notices: what the gate did to the agent's commands, such as clamping.
     """
 
     owner: str
@@ -85,6 +87,7 @@ class Agent:
     pass_gate: Callable[[float], Awaitable[bool]] = _no_approval
     confirm: Callable[[Act, str, str], Awaitable[None]] = _no_confirmation
     recordings: Recordings | None = None
+    notices: list[str] = field(default_factory=list)
     report_progress: ReportProgress = _no_progress
 
     def bounded_seconds(self, seconds: float, what: str) -> float:

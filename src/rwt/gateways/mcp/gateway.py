@@ -15,15 +15,17 @@ from typing import TYPE_CHECKING, Any, Final
 
 import anyio
 import anyio.to_thread
+import msgspec
 from mcp.server.auth.middleware.bearer_auth import AuthenticatedUser
 from mcp.server.auth.provider import AccessToken
 from mcp.server.streamable_http_manager import StreamableHTTPSessionManager
 from mcp_types.version import HANDSHAKE_PROTOCOL_VERSIONS
 
 from rwt.access.audit import LineRate, one_line
+from rwt.access.graph_view import STOP, canonical
 from rwt.access.roles import glob_pattern
 from rwt.access.settings import LINGER_SECONDS
-from rwt.gateways.base import Gateway
+from rwt.gateways.base import MAX_STOP_BYTES, Gateway
 from rwt.gateways.mcp.agent import Agent
 from rwt.gateways.mcp.asgi import Exchange
 from rwt.gateways.mcp.client_robot import ClientRobot
@@ -32,6 +34,7 @@ from rwt.gateways.mcp.goals import GoalTable
 from rwt.gateways.mcp.person import Questions
 from rwt.gateways.mcp.server import make_server
 from rwt.gateways.mcp.tools import TOOLS
+from rwt.gateways.mcp.tools.acting import CALL_SERVICE
 from rwt.gateways.visitors import Visitor, Visitors, peer_of, url_of
 from rwt_transports.errors import Refused
 from rwt_transports.http.addresses import network_of
@@ -64,6 +67,9 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
+#: Maximum number of different notices of the gate in one result.
+_MAX_NOTICES: Final = 10
+
 PATH: Final = "/mcp"
 """Path at which agents are served."""
 
@@ -89,19 +95,21 @@ class _Caller:
     Attributes:
         role: role by its token, or that of agents without a token. May change while the request is served.
         is_stream: True if the request only opens a stream of events.
+        presses_stop: True if the request presses the emergency stop.
         at_end: callbacks of what runs for the request, called when nobody reads the response any more.
     """
 
     info: PeerInfo
     role: Role
     is_stream: bool = False
+    presses_stop: bool = False
     at_end: list[Callable[[], object]] = field(default_factory=list)
     clients: set[ClientGraph] = field(default_factory=set)
 
     @property
     def owner(self) -> str:
-        """Identity of the agent: agents of one role at one address count as one."""
-        return f"{self.role.name}@{network_of(self.info.address)}"
+        """Identity of the agent: agents of one credential and role at one address count as one."""
+        return f"{self.role.credential}:{self.role.name}@{network_of(self.info.address)}"
 
     def leave(self) -> None:
         """Cancel the work of the request."""
@@ -171,7 +179,10 @@ class McpGateway(Gateway):
             max_sessions=settings.sessions,
         )
         self.http = HttpExtension(
-            tuple(Route(PATH, self._page, Audience.ADMITTED, method) for method in ("POST", "GET", "DELETE")),
+            tuple(
+                Route(PATH, self._page, Audience.ADMITTED, method, presses_stop=presses_stop)
+                for method in ("POST", "GET", "DELETE")
+            ),
             self._section,
             self._metrics,
         )
@@ -211,14 +222,15 @@ class McpGateway(Gateway):
         info = peer_of(request)
         try:
             role = self._role(info)
-            self._check_room(request)
+            if not (self.access.is_stop_due(role) and presses_stop(request)):
+                self._check_room(request)
         except Refused as refused:
             self._refused += 1
             return _refusal(refused)
         await self._is_up.wait()
         if self._tasks is None:
             return _refusal(Refused(503, "this server is closing"))
-        caller = _Caller(info, role, request.method == "GET")
+        caller = _Caller(info, role, request.method == "GET", presses_stop(request))
         self._callers.add(caller)
         visitor = self._visitors.find(caller.owner, Visitor)
         visitor.hold()
@@ -307,7 +319,7 @@ class McpGateway(Gateway):
         """Whoever sent a request, until its answer is there or nobody hears it any more."""
         caller = _caller_of(context)
         running = sum(len(each.clients) for each in self._callers)
-        if running >= self.settings.requests:
+        if running >= self.settings.requests and not caller.presses_stop:
             raise ToolError(f"{running} agents are being served now (mcp.requests): try again in a moment")
         name = f"mcp:{_name_of(context)}"
         client = self.access.client(self.shared, caller.role, caller.info.address, name)
@@ -315,6 +327,8 @@ class McpGateway(Gateway):
         if gate is not None and allow is not None:
             leave = partial(self._ask_for_leave, gate, client, caller, allow)
         robot = ClientRobot(self.shared.graph, client, NODE, leave)
+        notices: list[str] = []
+        client.tell_notices(partial(_note_once, notices))
         caller.clients.add(client)
         with anyio.CancelScope() as scope:
             caller.at_end.append(scope.cancel)
@@ -333,6 +347,7 @@ class McpGateway(Gateway):
                     lease_seconds=robot.lease_seconds,
                     pass_gate=robot.pass_gate,
                     recordings=self._recordings,
+                    notices=notices,
                 )
             finally:
                 caller.at_end.remove(scope.cancel)
@@ -438,6 +453,37 @@ def _opens_session(request: HttpRequest) -> bool:
     spoken = request.headers.get("mcp-protocol-version")
     older = spoken is None or spoken in HANDSHAKE_PROTOCOL_VERSIONS
     return request.method == "POST" and older and "mcp-session-id" not in request.headers
+
+
+def _note_once(notices: list[str], text: str) -> None:
+    """Note what the gate does to a command; a command may be repeated many times a second."""
+    if text not in notices and len(notices) < _MAX_NOTICES:
+        notices.append(text)
+
+
+def presses_stop(request: HttpRequest) -> bool:
+    """Return True for a request that presses the emergency stop: a call of its service by a tool."""
+    if len(request.body) > MAX_STOP_BYTES or b"gate" not in request.body:
+        return False
+    try:
+        call = msgspec.json.decode(request.body, type=_ToolCall)
+    except (msgspec.DecodeError, UnicodeDecodeError):
+        return False
+    params = call.params
+    is_call = (call.method, params.name) == ("tools/call", CALL_SERVICE.name)
+    return is_call and canonical(str(params.arguments.get("service"))) == STOP
+
+
+class _ToolParams(msgspec.Struct):
+    name: str
+    arguments: dict[str, object] = {}
+
+
+class _ToolCall(msgspec.Struct):
+    """Request that calls a tool."""
+
+    method: str
+    params: _ToolParams
 
 
 def _refusal(refused: Refused) -> HttpResponse:

@@ -110,6 +110,8 @@ class _Handlers:
                     report_progress=context.session.report_progress,
                 )
                 answer = await Metered(tool(heard, given), agent.charge, time.monotonic)
+                if agent.notices:
+                    answer = (*answer, "the gate: " + "; ".join(agent.notices))
         except AnswerNeeded as needed:
             self._host.count(tool.name, "asked")
             return asked(needed)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import logging
+import re
 from contextlib import suppress
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from rwt.access.errors import AccessError, NotAuthenticated
+from rwt.access.graph_view import STOP, canonical
 from rwt.delivery.counters import UNKNOWN
 from rwt.gateways.base import ALONE_BYTES, Arriving, ConnectedClient, UnreadFrame
 from rwt.gateways.rosbridge.numpy_loading import LARGE_BYTES
@@ -32,6 +34,10 @@ if TYPE_CHECKING:
     from rwt_protocol.dispatcher import Steps
     from rwt_protocol.session import Session
     from rwt_transports.endpoint import PeerInfo, Sink
+
+
+#: Frames with any other name cannot press the emergency stop. JSON may escape the slash.
+_find_stop: Final = re.compile(rb"gate\\?/stop").search
 
 
 class _Work(NamedTuple):
@@ -73,10 +79,14 @@ class Peer(ConnectedClient[_Waiting]):
         self._dispatch = bridge.dispatcher.dispatch
         self._unfinished: Op | None = None
         self.topics = PeerTopics(graph, replies, bridge.encoding_of, limits.data_bytes)
+        graph.tell_notices(self._tell_notice)
         self.services = PeerServices(
             graph, replies, info.address, bridge.service_offers, settings.default_call_service_timeout
         )
         self.actions = PeerActions(graph, replies, info.address, bridge.action_offers, bridge.orphans)
+
+    def _tell_notice(self, text: str) -> None:
+        self.replies.send(Status(level="warning", msg=f"gate: {text}"))
 
     def receive(self, data: bytes, binary: bool) -> None:
         """Read one frame, run its messages, and reply to those that are rejected.
@@ -100,14 +110,16 @@ class Peer(ConnectedClient[_Waiting]):
             or self._turns.is_full
             or self._worked - self._turn_began > CLIENT_SECONDS
         ) and self._must_wait(len(data)):
-            self._wait_unread(data, binary)
+            if not self._stop_ahead(data, binary):
+                self._wait_unread(data, binary)
             return
         now = self._began = self._monotonic()
-        self.messages += 1
-        if (self._rate is None or self._may_send(now)) and (
-            binary or not self._session.is_quick or not self._run_usual(data)
-        ):
-            self._decode(data, binary, now)
+        if self._rate is not None:
+            self._read(data, binary, now)
+        else:
+            self.messages += 1
+            if binary or not self._session.is_quick or not self._run_usual(data):
+                self._decode(data, binary, now)
         self._worked += self._monotonic() - now
         if self._worked - self._counted > CLIENT_SECONDS:
             self._count_work()
@@ -133,6 +145,15 @@ class Peer(ConnectedClient[_Waiting]):
             assert isinstance(op, Op)  # The frame was found to hold one before the handler ran.
             self._after(op, self._bridge.dispatcher.refused(self, op, error))
         return True
+
+    def _presses_stop(self, data: bytes, binary: bool) -> bool:
+        if _find_stop(data) is None:
+            return False
+        members = self._session.peek(data, binary)
+        if members is None:
+            return False
+        key = {"call_service": "service", "publish": "topic"}.get(str(members.get("op")))
+        return key is not None and canonical(str(members.get(key))) == STOP
 
     def _decode(self, data: bytes, binary: bool, now: float) -> None:
         if binary and len(data) > LARGE_BYTES:

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from rwt.access.access import Access
     from rwt.access.client_graph import ClientGraph
     from rwt.access.graph_view import GraphView
+    from rwt.access.roles import Role
     from rwt_graph.api import Graph
     from rwt_transports.endpoint import Sink
     from rwt_transports.http.routes import HttpRequest
@@ -181,7 +182,7 @@ class IncomingMedia:
         """Apply new settings to every client, and end those that may no longer publish."""
         for sender, info in tuple(self._senders.items()):
             try:
-                sender.take_role(self._access.admission.role_now(info, None).name, self._access)
+                sender.take_role(self._access.admission.role_now(info, None))
             except (Refused, AccessError, RobotError) as error:
                 sender.end(str(error))
         self._publish_senders()
@@ -266,9 +267,9 @@ class MediaSender:
             for kind, sink in self._sinks.items():
                 yield Sending(sink.topic, kind, self._name, role, self._since_ns)
 
-    def take_role(self, name: str, access: Access) -> None:
+    def take_role(self, role: Role) -> None:
         """Switch to another role. Raises AccessError if it may not publish."""
-        self._client.take_role(access.admission.roles[name])
+        self._client.take_role(role)
         for sink in self._sinks.values():
             sink.renew()
 

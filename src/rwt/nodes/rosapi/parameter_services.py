@@ -161,7 +161,7 @@ def _failed(node: Node, reason: str) -> Answer:
 SERVICES: Final = (
     Service("get_param_names", "GetParamNames", get_param_names, (Lists("parameter", ("names",)),)),
     Service("get_param", "GetParam", get_param, (Reads("name"),)),
-    Service("set_param", "SetParam", set_param, (Writes("name"),)),
+    Service("set_param", "SetParam", set_param, (Writes("name", json="value"),)),
     Service("has_param", "HasParam", has_param, (AsksAbout("parameter", "name"),)),
     Service("delete_param", "DeleteParam", delete_param, (Writes("name"),)),
     Service("search_param", "SearchParam", search_param, (Lists("parameter", ("global_name",)),)),

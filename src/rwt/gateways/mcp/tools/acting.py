@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 from pydantic import Field
 
 from rwt.access.errors import AccessError
+from rwt.access.graph_view import STOP, canonical
 from rwt.gateways.mcp.content.answer import Answer, as_text
 from rwt.gateways.mcp.errors import ToolError
 from rwt.gateways.mcp.tools.tool import Arguments, Name, Seconds, Tool
@@ -133,7 +134,8 @@ class CallServiceArguments(Arguments):
 
 async def _call_service(agent: Agent, asked: CallServiceArguments) -> Answer:
     timeout = agent.bounded_seconds(asked.timeout, "timeout")
-    await agent.confirm("call", asked.service, f"call {asked.service} with {as_text(asked.request)}")
+    if canonical(asked.service) != STOP:
+        await agent.confirm("call", asked.service, f"call {asked.service} with {as_text(asked.request)}")
     response = await agent.robot.call(asked.service, asked.request, timeout=timeout)
     return await agent.show(response, "")
 

@@ -1,0 +1,158 @@
+"""Safety path of the gate: stop messages at once where clients drove, the rest in turns, one timer for all.
+
+Nothing here waits for clients, and no exception of one receiver keeps the stop from the next.
+"""
+
+from __future__ import annotations
+
+import logging
+from functools import partial
+from typing import TYPE_CHECKING, Final, Protocol
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from rwt_graph.clock import Clock
+    from rwt_participant.timers import Timer
+
+logger: Final = logging.getLogger("rwt.bridge")
+
+REPEAT_SECONDS: Final = 0.1
+"""Interval of the stop message while it is repeated, in seconds."""
+
+#: Maximum number of topics, and of actions, that are stopped before anything else when the stop is pressed.
+MAX_DRIVEN: Final = 64
+
+#: Seconds of one turn, and number of steps, for stopping what nobody drove since the last stop.
+_TURN_SECONDS: Final = 0.002
+_TURN_STEPS: Final = 256
+
+
+class Stoppable(Protocol):
+    """Topic that the gate stops."""
+
+    name: str
+
+    @property
+    def is_held(self) -> bool:
+        """True if a client holds the lease."""
+
+    @property
+    def wants_repeat(self) -> bool:
+        """True if the stop message has to be published once more."""
+
+    def emergency_stop(self) -> None:
+        """Publish the stop message, and repeat it."""
+
+    def publish_stop(self) -> None:
+        """Publish the stop message."""
+
+
+class StopPath:
+    """Stop messages of one gate.
+
+    Attributes by purpose:
+
+    * Driven since the last stop, at most :data:`MAX_DRIVEN` each: ``_topics``, and ``_actions`` with the
+      function that cancels their goals.
+    * Repetition: ``_repeated`` (topics whose stop message is repeated), ``_timer`` (None without any),
+      ``_is_repeating`` (True until every topic has had its turn).
+    * ``failed``: called with the name of what could not be stopped, and the error.
+
+    Args:
+        clock: clock of the graph.
+        failed: see above.
+    """
+
+    def __init__(self, clock: Clock, failed: Callable[[str, Exception], None]) -> None:
+        self._clock = clock
+        self._failed = failed
+        self._topics: dict[Stoppable, None] = {}
+        self._actions: dict[str, Callable[[], None]] = {}
+        self._repeated: dict[Stoppable, None] = {}
+        self._timer: Timer | None = None
+        self._is_repeating = False
+
+    # Driven since the last stop
+
+    def note_topic(self, topic: Stoppable) -> None:
+        """Note a topic that a client drives; beyond the limit it is stopped in turns."""
+        if len(self._topics) < MAX_DRIVEN:
+            self._topics[topic] = None
+
+    def note_goal(self, action: str, make_cancel: Callable[[], Callable[[], None]]) -> None:
+        """Note an action to which a client sends goals.
+
+        Args:
+            action: absolute name of the action.
+            make_cancel: returns the function that cancels its goals; called once, before it is needed.
+        """
+        if action not in self._actions and len(self._actions) < MAX_DRIVEN:
+            self._actions[action] = make_cancel()
+
+    # Stopping
+
+    def press(self) -> None:
+        """Stop what was driven since the last stop, held leases first, then goals."""
+        topics = sorted(self._topics, key=lambda topic: not topic.is_held)
+        actions = self._actions
+        self._topics, self._actions = {}, {}
+        for topic in topics:
+            self.run(topic.name, topic.emergency_stop)
+        for action, cancel in actions.items():
+            self.run(action, cancel)
+
+    def run(self, name: str, act: Callable[[], None]) -> None:
+        """Run a step of stopping; its exception is reported and ends nothing else."""
+        try:
+            act()
+        except Exception as error:
+            logger.exception("the gate could not stop %s", name)
+            self._failed(name, error)
+
+    def in_turns(self, steps: Iterator[None]) -> None:
+        """Take steps for a share of this turn, and the others in later turns."""
+        until = self._clock.monotonic() + _TURN_SECONDS
+        for count, _ in enumerate(steps, 1):
+            if count >= _TURN_STEPS or self._clock.monotonic() > until:
+                self._clock.call_later(0.0, partial(self.in_turns, steps))
+                return
+
+    # Repetition
+
+    def repeat(self, topic: Stoppable) -> None:
+        """Repeat the stop message of a topic while it wants that."""
+        self._repeated[topic] = None
+        if self._timer is None:
+            self._timer = self._clock.call_urgently(REPEAT_SECONDS, self._repeat_all)
+
+    def end_repeats(self, topic: Stoppable) -> None:
+        """End the repetition for a topic; no-op if there is none."""
+        self._repeated.pop(topic, None)
+
+    def _repeat_all(self) -> None:
+        self._timer = None
+        if self._repeated:
+            self._timer = self._clock.call_urgently(REPEAT_SECONDS, self._repeat_all)
+            if not self._is_repeating:
+                self.in_turns(self._repeat_each())
+
+    def _repeat_each(self) -> Iterator[None]:
+        self._is_repeating = True
+        for topic in tuple(self._repeated):
+            if topic in self._repeated:
+                if topic.wants_repeat:
+                    self.run(topic.name, topic.publish_stop)
+                else:
+                    del self._repeated[topic]
+            yield
+        self._is_repeating = False
+
+    def close(self) -> None:
+        """Forget everything."""
+        self._topics.clear()
+        self._actions.clear()
+        self._repeated.clear()
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None

@@ -1,0 +1,111 @@
+"""A guarded parameter is not set through its parents or children, by any service or route."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import anyio
+import pytest
+
+from rwt.gateways.http.gateway import HttpGateway
+from rwt.gateways.http.settings import HttpSettings
+from rwt.gateways.visitors import peer_of
+from rwt.nodes.rosapi import Rosapi
+from rwt_transports.http.routes import HttpRequest
+from tests.rwt.access.gated_robot import GatedRobot, call, token
+from tests.rwt.gateways.rosbridge.recording_client import Client
+
+GUARDED = "/robot/max_speed"
+CHANGES = (
+    (GUARDED, "9.0"),
+    ("/robot", '{"max_speed": 9.0}'),
+    ("/robot", "{}"),
+    ("/robot", "1"),
+    ("/", '{"robot": {"max_speed": 9.0}}'),
+    ("/", "{}"),
+    ("robot", '{"max_speed": 9.0}'),
+    ("//robot/", '{"max_speed": 9.0}'),
+    ("/robot/max_speed/x", "9.0"),
+    ("/robot", None),
+    (GUARDED, None),
+    ("/", None),
+)
+"""Names with new values; None deletes."""
+HARMLESS = (("/robot/other", "2.0"), ("/rob", "1"), ("/other", '{"max_speed": 9.0}'), ("/robot/other", None))
+
+
+class TreeRobot(GatedRobot):
+    """A robot of ROS 1 that is stopped, with a parameter that is guarded meanwhile."""
+
+    def __init__(self, glob: str = GUARDED) -> None:
+        rules = {"speed": {"parameters": [glob], "emergency": True}}
+        super().__init__(rules, "noetic", emergency={"at_start": True})
+        Rosapi(self.graph)
+        self.graph.parameters.set(GUARDED, 1.0)
+        self.graph.parameters.set("/robot/other", 1.0)
+
+    @property
+    def tree(self) -> Any:
+        """All parameters."""
+        return self.graph.parameters.get("/")
+
+
+def _change(client: Client, name: str, value: str | None) -> str:
+    service = "delete_param" if value is None else "set_param"
+    args = {"name": name} if value is None else {"name": name, "value": value}
+    client.say("call_service", service=f"/rosapi/{service}", args=args)
+    return str(client.heard())
+
+
+@pytest.mark.parametrize("glob", [GUARDED, "*max_speed", "/robot/m*"])
+@pytest.mark.parametrize(("name", "value"), CHANGES)
+def test_by_rosapi(name: str, value: str | None, glob: str) -> None:
+    robot = TreeRobot(glob)
+    before = robot.tree
+    answer = _change(robot.client("admin"), name, value)
+    assert robot.tree == before
+    assert "gate.rules.speed.emergency" in answer or "not a valid name" in answer
+
+
+@pytest.mark.parametrize(("name", "value"), HARMLESS)
+def test_others_are_not_guarded(name: str, value: str | None) -> None:
+    robot = TreeRobot()
+    before = robot.tree
+    assert "gate.rules" not in _change(robot.client("admin"), name, value)
+    assert robot.tree != before
+
+
+def test_reading_is_not_guarded() -> None:
+    client = TreeRobot().client()
+    assert (
+        call(client, "/rosapi/get_param", name="/robot", default="")["value"]
+        == '{"max_speed": 1.0, "other": 1.0}'
+    )
+    assert call(client, "/rosapi/has_param", name=GUARDED)["exists"]
+
+
+@pytest.mark.parametrize(("name", "value"), CHANGES)
+def test_by_http(name: str, value: str | None) -> None:
+    robot = TreeRobot()
+    before = robot.tree
+    gateway = HttpGateway(robot.graph, robot.access, HttpSettings())
+    method = "DELETE" if value is None else "PUT"
+    route = next(
+        each for each in gateway.http.routes if "parameters/*" in each.path and each.method == method
+    )
+    headers = {"authorization": f"Bearer {token('admin')}", "content-type": "application/json"}
+    path = f"/api/parameters/{name.lstrip('/')}"
+    request = HttpRequest(method, path, "", headers, (value or "").encode(), address="127.0.0.1")
+
+    async def ask() -> int:
+        answer: Any = route.page(request, robot.access.reader(peer_of(request)))
+        return int((await answer).status if hasattr(answer, "__await__") else answer.status)
+
+    assert anyio.run(ask) in (403, 404)
+    assert robot.tree == before
+
+
+def test_a_branch_with_very_many_parameters_is_not_set_at_once() -> None:
+    robot = TreeRobot()
+    robot.graph.parameters.set("/many", {str(number): 1 for number in range(2000)})
+    assert "more than 1000 parameters below it" in _change(robot.client("admin"), "/many", "{}")
