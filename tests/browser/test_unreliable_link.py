@@ -125,11 +125,11 @@ async def test_after_a_stall_the_robot_moves_only_with_a_new_grip(
             link.resume()
             await page.wait(f"{text('.state')}.startsWith('Connected')")
             await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
-            after = time.monotonic()
             for _ in range(10):
                 await grip.keep()
                 await anyio.sleep(0.1)
-            assert robot.moved_since(after) == []
+            # The lease and a turn; on a busy machine the test's own loop is late as well.
+            assert robot.moved_since(stalled + LEASE + 0.5) == []
             await grip.release()
             await anyio.sleep(0.1)
             await grip.hold()
