@@ -205,6 +205,24 @@ class Page:
         """Wait until an expression is true."""
         return await self._ask("wait", script=script, timeout=PATIENCE * 1000)
 
+    async def calm(self) -> None:
+        """Wait until the page's thread has not been blocked for a second.
+
+        A page that was blocked for half a second lets go of every control that drives the robot.
+        """
+        await self.evaluate(
+            """new Promise((resolve) => {
+              let last = performance.now();
+              let since = last;
+              const timer = setInterval(() => {
+                const now = performance.now();
+                if (now - last > 200) since = now;
+                last = now;
+                if (now - since > 1000) resolve(clearInterval(timer) ?? true);
+              }, 20);
+            })"""
+        )
+
     async def inspect(self, method: str, **params: object) -> Any:
         """Ask Chromium itself, by its DevTools protocol."""
         return await self._ask("inspect", method=method, params=params)

@@ -72,6 +72,7 @@ async def test_it_is_driven_by_keys_while_they_are_held(browser: Browser, distro
         speeds: list[float] = []
         served.node.subscribe("/odom", lambda odom: speeds.append(odom.twist.twist.linear.x))
         await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
+        await page.calm()
         await page.evaluate("document.querySelector('.drive-left').focus()")
         await page.keyboard("down", "ArrowUp")
         await until(lambda: bool(speeds) and speeds[-1] == pytest.approx(0.4))
@@ -84,6 +85,7 @@ async def test_a_stick_and_buttons_drive_only_while_they_are_held(browser: Brows
         sent: list[tuple[float, float]] = []
         served.node.subscribe("/cmd_vel", lambda twist: sent.append((twist.linear.x, twist.angular.z)))
         await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
+        await page.calm()
         box = await page.evaluate(
             "(({x, y, width}) => [x, y, width])(document.querySelector('.stick').getBoundingClientRect())"
         )
@@ -158,6 +160,7 @@ async def test_the_robot_stops_when_the_tab_or_the_network_goes_while_it_drives(
         served.node.subscribe("/odom", lambda odom: speeds.append(odom.twist.twist.linear.x))
         async with browser.page(url, **SIZE) as page:
             await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
+            await page.calm()
             await page.evaluate("document.querySelector('.drive-left').focus()")
             await page.keyboard("down", "ArrowUp")
             await until(lambda: bool(speeds) and speeds[-1] == pytest.approx(0.4))
@@ -334,6 +337,7 @@ async def test_all_is_restored_after_the_server_was_away(browser: Browser) -> No
             heard: list[float] = []
             second.node("test").subscribe("/cmd_vel", lambda twist: heard.append(twist.linear.x))
             await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
+            await page.calm()
             await page.evaluate("document.querySelector('.drive-left').focus()")
             await page.keyboard("down", "ArrowUp")
             await until(lambda: 0.4 in [round(each, 2) for each in heard])
@@ -378,6 +382,7 @@ async def test_it_works_with_a_server_that_speaks_the_text_of_ros_1(browser: Bro
             lambda seen: seen.count((245, 245, 249), 8) > 20_000 and seen.count((185, 140, 50), 45) > 3_000,
         )
         await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
+        await page.calm()
         await page.evaluate("document.querySelector('.drive-left').focus()")
         await page.keyboard("down", "w")
         await until(lambda: bool(heard) and heard[-1] == pytest.approx(0.4))
@@ -398,6 +403,7 @@ async def test_a_phone_shows_one_panel_at_a_time_and_is_driven_by_a_thumb(browse
         await page.click("[role=tab] >> text=Drive")
         await page.wait("document.querySelectorAll('.panel').length === 1")
         await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
+        await page.calm()
         box = await page.evaluate(
             "(({x, y, width, height}) => [x + width / 2, y + height / 2, width, height])"
             "(document.querySelector('.drive-forward').getBoundingClientRect())"

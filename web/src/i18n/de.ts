@@ -128,6 +128,7 @@ export const de: Record<TextKey, string> = {
   "camera.stream": "MJPEG",
   "camera.compressed": "Komprimierte Nachrichten",
   "camera.raw": "Rohe Nachrichten",
+  "camera.old": "Das Bild ist {seconds} s alt",
   "camera.still": "Standbild sichern",
   "scene.title": "3D",
   "scene.keys":

@@ -125,6 +125,7 @@ export const en = {
   "camera.stream": "MJPEG",
   "camera.compressed": "Compressed messages",
   "camera.raw": "Raw messages",
+  "camera.old": "The image is {seconds} s old",
   "camera.still": "Save a still",
   "scene.title": "3D",
   "scene.keys": "3D view; arrow keys move it, with Shift they turn it, + and - zoom",

@@ -3,6 +3,7 @@
 import { type Signal, signal } from "@preact/signals-core";
 import { bytesOf } from "../decode/bytes";
 import type { Pixels } from "../decode/protocol";
+import { Delay } from "./delay";
 import { readParts } from "./mjpeg";
 import { seconds, shortType } from "./names";
 import type { RobotSession } from "./session";
@@ -51,13 +52,12 @@ export class Camera {
   readonly way: Signal<CameraWay | null> = signal(null);
   /** Pictures a second, over the last ones. */
   readonly rate = signal(0);
-  /** When the last picture came, by this page's clock in milliseconds; 0 before. */
-  readonly at = signal(0);
-  /** When it was taken, in seconds by the robot's clock; NaN where that is not known. */
-  readonly stamp = signal(Number.NaN);
+  /** When the last picture was taken, in milliseconds by this page's clock, as far as its stamp says; 0 before. */
+  readonly takenAt = signal(0);
   readonly problem = signal("");
 
   private readonly arrivals: number[] = [];
+  private delay = new Delay();
   private viewer: WhepViewer | null = null;
   private attempts = 0;
   private retry: ReturnType<typeof setTimeout> | undefined;
@@ -95,7 +95,7 @@ export class Camera {
     this.viewer = new WhepViewer(
       this.session,
       this.topic,
-      (picture, width, height) => this.watched(picture, width, height),
+      (picture, width, height, time) => this.watched(picture, width, height, time),
       (error) => {
         this.viewer = null;
         clearTimeout(this.silence);
@@ -109,15 +109,15 @@ export class Camera {
     );
   }
 
-  private watched(picture: CanvasImageSource, width: number, height: number): void {
+  private watched(picture: CanvasImageSource, width: number, height: number, time: number): void {
     if (this.ended) return;
     this.end?.();
     this.end = null;
     this.attempts = 0;
     if (this.way.peek() !== "webrtc") this.arrivals.length = 0;
-    this.way.value = "webrtc";
+    this.comeBy("webrtc");
     this.problem.value = "";
-    this.count(Number.NaN);
+    this.count(time, Number.NaN);
     this.expectPicture(Math.max(SILENCE, 3000 / (this.rate.peek() || 1)));
     this.show(picture, width, height);
   }
@@ -144,7 +144,7 @@ export class Camera {
     const onPart = ({ type, body, stamp }: { type: string; body: Uint8Array; stamp: number }) => {
       seen = true;
       clearTimeout(late);
-      this.way.value = "stream";
+      this.comeBy("stream");
       void this.decode(new Blob([body as BlobPart], { type }), stamp);
     };
     readParts(url, this.session.httpHeaders, onPart, control.signal)
@@ -168,7 +168,7 @@ export class Camera {
     const type = this.session.graph.peek().topics.get(this.topic) ?? "";
     const isCompressed = shortType(type) === "sensor_msgs/CompressedImage";
     const listener = (message: Message) => {
-      this.way.value = isCompressed ? "compressed" : "raw";
+      this.comeBy(isCompressed ? "compressed" : "raw");
       const stamp = seconds((message.header as Message | undefined)?.stamp);
       if (typeof message.$error === "string") this.problem.value = message.$error;
       else if (message.$pixels) {
@@ -190,12 +190,13 @@ export class Camera {
     // A picture that comes while another is being decoded is passed over.
     if (this.busy || this.ended) return;
     this.busy = true;
+    const arrived = this.session.robotTime / 1000;
     try {
       const picture = await createImageBitmap(source);
       // WebRTC may have taken over meanwhile.
       if (!this.ended && this.end) {
         this.problem.value = "";
-        this.count(stamp);
+        this.count(stamp, arrived);
         this.show(picture, picture.width, picture.height);
       }
       picture.close();
@@ -206,13 +207,23 @@ export class Camera {
     }
   }
 
-  private count(stamp: number): void {
+  /** Each way has its own clock for the pictures, and its own delay. */
+  private comeBy(way: CameraWay): void {
+    if (this.way.peek() !== way) this.delay = new Delay();
+    this.way.value = way;
+  }
+
+  /**
+   * @param stamp of the picture in seconds, by the robot's clock or one of the way's own
+   * @param robot seconds by the robot's clock when it arrived; NaN where the stamp is of another clock
+   */
+  private count(stamp: number, robot: number): void {
     const now = Date.now();
+    const delay = this.delay.of(stamp, performance.now() / 1000, robot);
     this.arrivals.push(now);
     if (this.arrivals.length > WINDOW) this.arrivals.shift();
     const first = this.arrivals[0] as number;
     this.rate.value = now > first ? ((this.arrivals.length - 1) * 1000) / (now - first) : 0;
-    this.at.value = now;
-    this.stamp.value = stamp;
+    this.takenAt.value = now - delay * 1000;
   }
 }

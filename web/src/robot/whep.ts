@@ -8,6 +8,14 @@ const FRAGMENT = "application/trickle-ice-sdpfrag";
 const ANSWER = 5000;
 const CONNECT = 8000;
 
+/** Ticks a second of the media clock of video, and those after which its timestamps begin anew. */
+const RTP_RATE = 90_000;
+const RTP_RANGE = 2 ** 32;
+
+interface FrameOfConnection extends VideoFrame {
+  metadata?(): { rtpTimestamp?: number };
+}
+
 /** What a server said to an offer that it refused. */
 export class WhepRefused extends Error {
   constructor(
@@ -43,17 +51,25 @@ export class WhepViewer {
   private location: URL | null = null;
   private patience: ReturnType<typeof setTimeout> | undefined;
   private over = false;
+  private lastRtp = 0;
+  private rtpRounds = 0;
 
   /**
    * @param session the robot
    * @param topic of pictures
-   * @param onPicture is called with each picture while it can be drawn
+   * @param onPicture is called with each picture while it can be drawn, and its time in seconds by the sender's media
+   *   clock; NaN where the browser does not tell
    * @param onEnd is called once, where it ends by itself or does not come about
    */
   constructor(
     private readonly session: RobotSession,
     topic: string,
-    private readonly onPicture: (picture: CanvasImageSource, width: number, height: number) => void,
+    private readonly onPicture: (
+      picture: CanvasImageSource,
+      width: number,
+      height: number,
+      time: number,
+    ) => void,
     private readonly onEnd: (error: Error) => void,
   ) {
     this.connection = new RTCPeerConnection();
@@ -161,9 +177,9 @@ export class WhepViewer {
     const { video } = this;
     video.srcObject = new MediaStream([track]);
     video.play().catch((error: Error) => this.fail(error));
-    const shown = () => {
+    const shown = (_: number, { rtpTimestamp }: VideoFrameCallbackMetadata) => {
       if (this.over) return;
-      this.show(video, video.videoWidth, video.videoHeight);
+      this.show(video, video.videoWidth, video.videoHeight, rtpTimestamp);
       video.requestVideoFrameCallback(shown);
     };
     video.requestVideoFrameCallback(shown);
@@ -179,14 +195,23 @@ export class WhepViewer {
         await frames.cancel();
         return;
       }
-      this.show(frame, frame.displayWidth, frame.displayHeight);
+      // Chromium tells it for frames of a connection; TypeScript does not know.
+      const { rtpTimestamp } = (frame as FrameOfConnection).metadata?.() ?? {};
+      this.show(frame, frame.displayWidth, frame.displayHeight, rtpTimestamp);
       frame.close();
     }
   }
 
-  private show(picture: CanvasImageSource, width: number, height: number): void {
+  private show(picture: CanvasImageSource, width: number, height: number, rtp?: number): void {
     clearTimeout(this.patience);
-    this.onPicture(picture, width, height);
+    this.onPicture(picture, width, height, rtp === undefined ? Number.NaN : this.mediaTime(rtp));
+  }
+
+  /** The seconds of an RTP timestamp, which begins anew after 2^32 ticks. */
+  private mediaTime(rtp: number): number {
+    if (rtp < this.lastRtp - RTP_RANGE / 2) this.rtpRounds++;
+    this.lastRtp = rtp;
+    return (this.rtpRounds * RTP_RANGE + rtp) / RTP_RATE;
   }
 
   private changed(): void {

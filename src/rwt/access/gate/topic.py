@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 from rwt.access.errors import GateRefused
 from rwt.access.gate.fields import FieldChecks, Motion, NoSuchField
+from rwt.access.gate.freshness import Freshness
 from rwt.access.gate.lease import Lease
 from rwt.access.quotas import RateLimit
 from rwt_interfaces.errors import InterfaceError
@@ -86,6 +87,7 @@ class GuardedTopic:
 
     Attributes by purpose:
 
+    * Stalled connections: ``_freshness`` (of the commands; None without a lease).
     * Rules: ``_rules``, ``_compiled``, ``_by_role`` (compiled for each role on first use), ``fault``.
     * Lease and clients: ``lease``, ``_lease_owner`` (identity that it counts for), ``users``, ``_paused_at``
       (identities of paused clients, with the time of the last rejected message: another connection or
@@ -147,6 +149,7 @@ class GuardedTopic:
         except NoSuchField as wrong:
             self.fault = f"{wrong} ({self.type.name}, {name})"
         self.lease = self._make_lease()
+        self._freshness = None if self.lease is None else Freshness(self.lease.settings.seconds)
         if self.fault:
             if self.is_emergency:
                 gate.faults[name] = self.fault
@@ -280,6 +283,7 @@ class GuardedTopic:
             self._require_moving(client, rules.emergency, payload, now)
         if rules.lease is not None:
             rules.lease.require(client)
+            self._require_fresh(client, rules.lease, payload, now)
         changed: list[str] = []
         for rule, checks, rate in rules.compiled:
             if checks is not None:
@@ -301,6 +305,20 @@ class GuardedTopic:
             if client.on_notice is not None and not self._gate.is_observing:
                 client.on_notice(f"publish {self.name}: {text} ({first})")
         return payload
+
+    def _require_fresh(self, client: Actor, lease: Lease, payload: Payload, now: float) -> None:
+        """Check that a command did not wait in a stalled connection; the robot stops if one did.
+
+        Raises:
+            GateRefused: it did, or the client has not begun anew since.
+        """
+        if self._freshness is None or self._neutral is None:
+            return
+        why = self._freshness.check(client, payload.value(), self._neutral, now, self._gate.clock)
+        if why:
+            if not self._gate.is_observing:
+                lease.release(client, "lost by a stalled connection")
+            raise GateRefused(why, f"{self.lease_rule}.lease")
 
     def _require_moving(self, client: Actor, rule: Rule, payload: Payload, now: float) -> None:
         """Check that the emergency stop is released, and that the client is not paused.

@@ -10,6 +10,14 @@ canvas {
   object-fit: contain;
   background: #000000;
 }
+.old {
+  filter: grayscale(1) brightness(0.7);
+}
+.image-age {
+  position: absolute;
+  top: 0.4em;
+  left: 0.4em;
+}
 .waiting {
   visibility: hidden;
   height: 0;

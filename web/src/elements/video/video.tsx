@@ -7,6 +7,7 @@ import { CAMERA_TYPES, Camera, cameraTopics } from "../../robot/camera";
 import { flag, text } from "../base/attributes";
 import { COMMON, defineElement, RobotElement, type ViewProps } from "../base/element";
 import { chooseTopic, NoTopic } from "../base/topic";
+import { OldAge, useOldAge } from "./age";
 import { style } from "./style";
 
 export class VideoElement extends RobotElement {
@@ -69,6 +70,7 @@ function Picture(props: Omit<ViewProps<VideoElement>, "stop"> & { topic: string 
   );
   useEffect(() => () => camera.dispose(), [camera]);
   const way = camera.way.value;
+  const age = useOldAge(camera);
   return (
     <>
       {camera.problem.value && (
@@ -77,11 +79,12 @@ function Picture(props: Omit<ViewProps<VideoElement>, "stop"> & { topic: string 
       {way === null && !camera.problem.value && <p part="status">{t("panel.waiting", { name: topic })}</p>}
       <canvas
         part="picture"
-        class={way === null ? "waiting" : "shown"}
+        class={way === null ? "waiting" : age.value ? "shown old" : "shown"}
         ref={canvas}
         role="img"
         aria-label={element.label || t("camera.picture", { topic })}
       />
+      <OldAge age={age} />
       {element.details && way && (
         <p part="details" class="faint">
           {t(`camera.${way}`)} · {camera.rate.value.toFixed(1)} Hz

@@ -1,14 +1,12 @@
 /** A camera: the best stream that the robot has, with its age and rate, and stills of it. */
 
 import { useEffect, useMemo, useRef } from "preact/hooks";
+import { OldAge, useOldAge } from "../../elements/video/age";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { CAMERA_TYPES, Camera, cameraTopics } from "../../robot/camera";
-import { componentPanel, now, Refusal, TopicChoice } from "../component";
+import { componentPanel, Refusal, TopicChoice } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
-
-/** Seconds without a picture after which its age is said loudly. */
-const STALE = 2;
 
 export const camera: PanelKind = {
   name: "camera",
@@ -35,7 +33,9 @@ function CameraPanel({ context }: { context: PanelContext }) {
           config.value = { ...config.value, topic: chosen };
         }}
       />
-      {visible.value && session.connections.value > 0 && <View key={topic} context={context} topic={topic} />}
+      {visible.value && session.connections.value > 0 && session.hasAsked && (
+        <View key={topic} context={context} topic={topic} />
+      )}
     </div>
   );
 }
@@ -55,11 +55,18 @@ function View({ context, topic }: { context: PanelContext; topic: string }) {
     [context.session, topic],
   );
   useEffect(() => () => camera.dispose(), [camera]);
-  const age = camera.at.value ? Math.max(0, (now.value - camera.at.value) / 1000) : Number.NaN;
+  const age = useOldAge(camera);
   const way = camera.way.value;
   return (
     <>
-      <canvas ref={canvas} width={4} height={3} role="img" aria-label={t("camera.picture", { topic })} />
+      <canvas
+        class={age.value ? "old" : ""}
+        ref={canvas}
+        width={4}
+        height={3}
+        role="img"
+        aria-label={t("camera.picture", { topic })}
+      />
       {camera.problem.value && <Problem text={camera.problem.value} />}
       <p class="camera-state">
         {way ? (
@@ -67,9 +74,7 @@ function View({ context, topic }: { context: PanelContext; topic: string }) {
             <span>
               {t(`camera.${way}`)} · {camera.rate.value.toFixed(1)} Hz
             </span>
-            <span class={age > STALE ? "problem" : "faint"}>
-              {t("topics.age")} {age.toFixed(0)} s
-            </span>
+            <OldAge age={age} />
             <button type="button" onClick={() => canvas.current && saveStill(canvas.current, topic)}>
               {t("camera.still")}
             </button>

@@ -1,0 +1,201 @@
+"""Detection of commands that waited in a stalled connection, and drive the robot when it recovers."""
+
+from __future__ import annotations
+
+from enum import Enum, auto
+from math import inf
+from typing import TYPE_CHECKING, Final
+
+from rwt_interfaces.times import NANOSECONDS
+
+if TYPE_CHECKING:
+    import msgspec
+
+    from rwt.access.gate.record import Actor
+    from rwt_graph.clock import Clock
+
+#: Maximum number of clients per topic; beyond it, the one that has been silent for longest is forgotten.
+_MAX_CLIENTS: Final = 64
+
+#: Commands without a gap that make a stream. A client that sends fewer at a time holds no control.
+_STREAM: Final = 3
+
+#: Commands that arrive in a fraction of their usual time before they count as queued.
+_BURST: Final = 3
+
+#: Commands at their usual pace, after a pause, that prove that a stalled client does not send queued ones.
+_PROBES: Final = 4
+
+#: Pace of a client whose own is unknown, in seconds. Faster ones arrive together without being queued.
+_LEAST_PACE: Final = 0.02
+
+#: Allowed drift between the clocks of a client and of the server, in seconds per second.
+_DRIFT: Final = 1e-4
+
+
+class _State(Enum):
+    RELEASED = auto()
+    DRIVING = auto()
+    STALLED = auto()
+    PROBING = auto()
+
+
+class _Delay:
+    """Delay of one client's commands, relative to the fastest one.
+
+    The absolute delay is unknown, because the clocks of the client and the server may differ.
+    """
+
+    __slots__ = ("_at", "_least")
+
+    def __init__(self) -> None:
+        self._least = inf
+        self._at = 0.0
+
+    def of(self, difference: float, now: float) -> float:
+        """Return the delay of a command that arrived so many seconds after its stamp."""
+        self._least = min(difference, self._least + (now - self._at) * _DRIFT)
+        self._at = now
+        return difference - self._least
+
+
+class _Stream:
+    """Commands of one client.
+
+    Attributes:
+        state: see :class:`Freshness`.
+        at: arrival of the last command.
+        since: arrival of the first command after the last gap.
+        count: commands since then.
+        had_gap: True after the first gap. The first commands of a client were not queued during one.
+        pace: usual interval between two commands, in seconds; 0 until it is known.
+        was_neutral: True if the last command was the stop message.
+        delays: delays in real time and in ROS time. A simulation's clock may run at another speed.
+    """
+
+    __slots__ = ("at", "count", "delays", "had_gap", "pace", "since", "state", "was_neutral")
+
+    def __init__(self, now: float) -> None:
+        self.state = _State.RELEASED
+        self.at = self.since = now
+        self.count = 0
+        self.had_gap = False
+        self.pace = 0.0
+        self.was_neutral = True
+        self.delays = (_Delay(), _Delay())
+
+
+class Freshness:
+    """Freshness of the commands on one topic.
+
+    States of a client::
+
+        released ──command──> driving ──gap while streaming, burst, or late stamp──> stalled
+           ^                     │                                                    │  ^
+           └────stop message─────┘       the stop message, then a command <───────────┤  │ burst
+                                                 (driving)                            │  │
+                                         4 commands at the usual pace <── probing <───┘──┘
+                                                 (driving)                pause
+
+    A *gap* is longer than the dead-man timeout. A client that was streaming commands and had not sent the
+    stop message did not release its control: what follows a gap was queued, or is meant for a robot whose
+    state its user could not see. A *burst* is the delivery of queued commands: several in a quarter of the
+    time that they usually take.
+
+    Commands of a stalled client are rejected until it sends the stop message and, not together with it, a
+    command, or pauses for longer than the timeout.
+
+    Args:
+        seconds: dead-man timeout.
+    """
+
+    __slots__ = ("_seconds", "_streams")
+
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+        self._streams: dict[Actor, _Stream] = {}
+
+    def check(
+        self, client: Actor, command: msgspec.Struct, neutral: msgspec.Struct, now: float, clock: Clock
+    ) -> str:
+        """Return why a command must not move the robot; empty if it may.
+
+        Args:
+            client: client that sent the command.
+            command: value of the message.
+            neutral: value of the stop message.
+            now: monotonic time.
+            clock: clock of the graph.
+        """
+        is_neutral = _is_equal(command, neutral)
+        stream = self._streams.get(client)
+        if stream is None:
+            stream = self._add(client, now)
+        gap = now - stream.at
+        was_neutral, stream.was_neutral = stream.was_neutral, is_neutral
+        streamed = stream.count >= _STREAM
+        stream.at = now
+        if gap > self._seconds:
+            stream.since, stream.count, stream.had_gap = now, 0, True
+        elif streamed and stream.state is _State.DRIVING:
+            stream.pace += ((gap - stream.pace) / 8) if stream.pace else gap
+        stream.count += 1
+        late = 0.0
+        if "header" in command.__struct_fields__ and (stamp := _stamp_of(command)):
+            times = (now, clock.time_ns() / NANOSECONDS)
+            late = min(delay.of(time - stamp, now) for delay, time in zip(stream.delays, times, strict=True))
+        if is_neutral:
+            if stream.state is _State.DRIVING:
+                stream.state = _State.RELEASED
+            return ""
+        stream.state = self._next(stream, gap, late, streamed=streamed, was_neutral=was_neutral)
+        if stream.state in (_State.RELEASED, _State.DRIVING):
+            return ""
+        return (
+            f"commands of this client waited in a stalled connection for more than {self._seconds:g} s:"
+            " send the stop message, or pause for as long, and begin again"
+        )
+
+    def _next(self, stream: _Stream, gap: float, late: float, *, streamed: bool, was_neutral: bool) -> _State:
+        """Return the state after a command that moves the robot."""
+        if late > self._seconds:
+            return _State.STALLED
+        taken = stream.at - stream.since
+        is_burst = (
+            stream.had_gap
+            and stream.count >= _BURST
+            and not 0 < stream.pace < _LEAST_PACE
+            and taken < (stream.count - 1) * max(stream.pace, _LEAST_PACE) / 4
+        )
+        state = stream.state
+        if state in (_State.RELEASED, _State.DRIVING):
+            is_gap = state is _State.DRIVING and gap > self._seconds and streamed
+            return _State.STALLED if is_gap or is_burst else _State.DRIVING
+        if was_neutral and gap > max(stream.pace, _LEAST_PACE) / 2:
+            return _State.DRIVING
+        if state is _State.PROBING and not is_burst:
+            return _State.DRIVING if stream.count >= _PROBES else state
+        return _State.PROBING if gap > self._seconds else _State.STALLED
+
+    def _add(self, client: Actor, now: float) -> _Stream:
+        if len(self._streams) >= _MAX_CLIENTS:
+            del self._streams[min(self._streams, key=lambda each: self._streams[each].at)]
+        stream = self._streams[client] = _Stream(now)
+        return stream
+
+
+def _is_equal(one: msgspec.Struct, other: msgspec.Struct) -> bool:
+    """Return True if two messages of one type are equal, headers apart."""
+    for name in one.__struct_fields__:  # No generator, because it runs for every command.
+        if name != "header" and getattr(one, name) != getattr(other, name):
+            return False
+    return True
+
+
+def _stamp_of(message: msgspec.Struct) -> float:
+    """Return the time in a message's header in seconds; 0 if it has no stamp."""
+    stamp: msgspec.Struct | None = getattr(message.header, "stamp", None)  # type: ignore[attr-defined]
+    if stamp is None:
+        return 0.0
+    seconds, nanoseconds = (getattr(stamp, name) for name in stamp.__struct_fields__)
+    return float(seconds + nanoseconds / NANOSECONDS)
