@@ -476,13 +476,13 @@ class Graph(GraphListings):
     def nodes(self) -> tuple[NodeInfo, ...]:
         """Return all nodes, sorted by name."""
 
-    @abstractmethod
     def topic_names(self) -> Sequence[str]:
-        """Return the names of all topics, unsorted: cheaper than :meth:`topics` after a change."""
+        """Return the names of all topics, unsorted; some backends do so faster than :meth:`topics`."""
+        return tuple(topic.name for topic in self.topics())
 
-    @abstractmethod
     def action_names(self) -> Sequence[str]:
-        """Return the names of all actions, cheaper than :meth:`actions` after a change."""
+        """Return the names of all actions, unsorted; some backends do so faster than :meth:`actions`."""
+        return tuple(action.name for action in self.actions())
 
     def observe_calls(self, observer: CallObserver | None) -> bool:
         """Let `observer` observe every call and goal from now on; None ends that.
