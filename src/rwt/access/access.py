@@ -80,7 +80,7 @@ class Access:
         self._reserved: set[str] = set()
 
     def _gate_of(self, graph: Graph, settings: GateSettings) -> Gate | None:
-        if not settings.rules and settings.audit.file is None:
+        if not settings.rules and not settings.audit.is_on:
             return None
         # Imported here: servers without a gate do not load it.
         from rwt.access.gate.gate import BadRule, Gate

@@ -90,7 +90,7 @@ COMMANDS: Final = (
     ),
     Command("stop", "press or release a robot's emergency stop", "gate"),
     Command("approve", "list or answer requests for approval", "gate"),
-    Command("audit", "read the audit log of a robot's gate", "gate.audit"),
+    Command("audit", "read and verify the audit log of a robot's gate: show, verify", "gate.audit"),
     Command("bag", "recordings: record, play, info, recover"),
     Command("mcp", "give an agent tools for a robot, over standard input and output"),
     Command("doctor", "diagnose a connection"),

@@ -167,7 +167,7 @@ def _write_gate(page: PrometheusText, gate: Gate) -> None:
     )  # fmt: skip
     page.single("rwt_gate_stopped", "gauge", "1 while the emergency stop is on.", int(bool(gate.stopped_by)))
     help_ = "Lines of the audit that were not written: its queue was full, or the disk."
-    page.single("rwt_gate_audit_dropped_lines_total", "counter", help_, gate.dropped_lines)
+    page.single("rwt_gate_audit_dropped_lines_total", "counter", help_, gate.recorder.dropped_lines)
 
 
 def _write_dials(page: PrometheusText, dials: Iterable[RelayStatus]) -> None:

@@ -327,6 +327,6 @@ class Settings(BridgeSettings):
 
     @model_validator(mode="after")
     def _one_gate(self) -> Settings:
-        if self.workers > 1 and (self.gate.rules or self.gate.audit.file):
+        if self.workers > 1 and (self.gate.rules or self.gate.audit.is_on):
             raise ValueError("`gate`: each process would have a gate of its own: expected `workers = 1`")
         return self

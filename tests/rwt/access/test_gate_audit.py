@@ -5,23 +5,39 @@ from __future__ import annotations
 import json
 import stat
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from rwt.access.gate.audit_file import AuditFile, numbered, read_audit
-from rwt.access.gate.record import DECISIONS
-from rwt.access.settings import SettingsError
+from rwt.access.audit import Audit
+from rwt.access.gate.audit_check import verify_audit
+from rwt.access.gate.audit_file import AuditFile, encode, hash_of, numbered, read_audit, traffic_file
+from rwt.access.gate.record import DECISIONS, Actor, Recorder
+from rwt.access.roles import Role
+from rwt.access.settings import RoleSettings, SettingsError
 from rwt.access.settings.gate import AuditSettings
-from tests.rwt.access.gated_robot import DRIVE, GatedRobot, call, drive
+from rwt_graph import SimulatedClock
+from rwt_transports.endpoint import PeerInfo
+from tests.rwt.access.gated_robot import DRIVE, GatedRobot, call, drive, token
 
 
 def _lines(robot: GatedRobot, file: Path) -> list[Mapping[str, Any]]:
-    """What is in the file when the server has ended."""
+    """Return the lines when the server has ended, without the first and the last, which say that it ran."""
     robot.access.close()
-    return list(read_audit(file))
+    lines = list(read_audit(file))
+    assert [lines[0]["decision"], lines[-1]["decision"]] == ["opened", "closed"]
+    return lines[1:-1]
+
+
+def _write(audit: AuditFile, **line: object) -> None:
+    audit.write(encode(line))
+
+
+def _plain(line: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a line without what chains it."""
+    return {key: value for key, value in line.items() if key not in ("sequence", "line", "previous")}
 
 
 def _events(lines: list[Mapping[str, Any]]) -> list[tuple[str, ...]]:
@@ -65,10 +81,11 @@ def test_it_says_who_did_what_and_which_rule_decided(tmp_path: Path) -> None:
     assert (refused["rule"], refused["role"], refused["address"]) == (
         "gate.rules.drive.lease", "agent", "127.0.0.1",
     )  # fmt: skip
+    assert "sequence" in refused
     assert refused["time"] == "2023-11-14T22:13:20.000Z"
     assert "held by rosbridge:1" in refused["text"]
     assert "roles.viewer.call" in lines[8]["text"]
-    assert file.read_bytes().count(b"\n") == len(lines)
+    assert verify_audit(file).faults == []
     assert stat.S_IMODE(file.stat().st_mode) == 0o600
     assert {line["decision"] for line in lines} <= set(DECISIONS)
 
@@ -91,36 +108,201 @@ def test_an_audit_alone_needs_no_rules_and_offers_nothing(tmp_path: Path) -> Non
     ]
 
 
-def test_who_is_refused_again_and_again_causes_few_lines_and_their_number(tmp_path: Path) -> None:
+def test_repeated_events_are_counted(tmp_path: Path) -> None:
     file = tmp_path / "audit.jsonl"
     robot = GatedRobot({"drive": DRIVE}, audit={"file": file})
     drive(robot.client(), 0.1)
     client = robot.client()
-    for _ in range(1000):
+    for _ in range(313):
         drive(client, 0.2)
     robot.clock.advance(0.4)
-    drive(client, 0.2)
+    robot.clock.advance(10)
+    lines = [line for line in _lines(robot, file) if line["decision"] == "refused"]
+    assert [line.get("repeated") for line in lines] == [None, 312]
+    assert lines[1]["text"] == "repeated 312 times in 10 s"
+    assert (lines[1]["rule"], lines[1]["client"]) == ("gate.rules.drive.lease", "rosbridge:2")
+
+
+def test_a_viewer_cannot_rotate_away_what_others_did(tmp_path: Path) -> None:
+    """Attack: reconnect again and again, and be refused under ever new names."""
+    file = tmp_path / "audit.jsonl"
+    robot = GatedRobot({"drive": DRIVE}, audit={"file": file, "file_bytes": 128 * 1024, "files": 2})
+    drive(robot.client(), 0.1)
+    robot.clock.advance(1)
+    for attempt in range(300):
+        viewer = robot.client("agent")
+        viewer.peer.graph.take_role(robot.access.admission.roles["viewer"].given_by("viewer"))
+        for number in range(10):
+            viewer.say("publish", topic=f"/x{attempt}/{number}", type="std_msgs/Empty", msg={})
+            viewer.heard()
+        viewer.peer.closed(1000, "")
+        robot.clock.advance(0.5)
     lines = _lines(robot, file)
-    assert 200 < len(lines) < 215
-    (left_out,) = (line for line in lines if line["decision"] == "left out")
-    refused = sum(line["decision"] == "refused" for line in lines)
-    assert left_out["text"] == f"{1001 - refused} lines about this client"
+    assert lines[0]["name"] == "/cmd_vel", "the operator's first event has disappeared"
+    assert any(line["decision"] == "lease" and line["role"] == "operator" for line in lines)
+    left_out = [line for line in lines if line["decision"] == "left out"]
+    written = sum(line["decision"] == "refused" for line in lines)
+    counted = sum(int(line["text"].removeprefix("over the budget: ").split()[0]) for line in left_out)
+    assert written + counted == 3000
+    assert len(list(tmp_path.iterdir())) <= 4
+    assert verify_audit(file).faults == []
+
+
+def test_allowed_traffic_does_not_rotate_events_away(tmp_path: Path) -> None:
+    file = tmp_path / "audit.jsonl"
+    robot = GatedRobot({"drive": DRIVE}, audit={"file": file, "file_bytes": 4096, "files": 2})
+    for number in range(200):
+        robot.node.advertise_service(f"/s{number}", "std_srvs/Trigger", lambda _: {"success": True})
+    drive(robot.client(), 0.1)
+    robot.clock.advance(1)
+    client = robot.client("agent")
+    for number in range(200):
+        call(client, f"/s{number}")
+    robot.access.close()
+    events = [line["decision"] for line in map(json.loads, file.read_text().splitlines())]
+    assert events == ["opened", "lease", "lease", "closed"]
+    assert traffic_file(file).exists()
+
+
+def test_a_line_names_the_token_and_values_before_and_after(tmp_path: Path) -> None:
+    file = tmp_path / "audit.jsonl"
+    settings = AuditSettings(file=file)
+    recorder = Recorder(settings, Audit(), SimulatedClock(0))
+    role = Role("pilot", RoleSettings()).given_by("joystick")
+    actor = Actor("rosbridge:1", role, "192.0.2.7")
+    recorder.note(
+        "changed", "publish", "/cmd_vel", actor, "clamped", "gate.rules.drive", before=3.0, after=0.8
+    )
+    recorder.note("allowed", "call", "/x\ud800", actor, "text\udcff", before="x" * 5000)
+    recorder.close()
+    _, line, odd, _ = read_audit(file)
+    assert _plain(line) == {
+        "time": "1970-01-01T00:00:00.000Z", "decision": "changed", "act": "publish", "name": "/cmd_vel",
+        "client": "rosbridge:1", "role": "pilot", "address": "192.0.2.7", "credential": "joystick",
+        "rule": "gate.rules.drive", "text": "clamped", "before": 3.0, "after": 0.8,
+    }  # fmt: skip
+    assert (odd["name"], odd["text"], len(str(odd["before"]))) == ("/x\\ud800", "text\\udcff", 2001)
+
+
+def test_credentials_come_with_the_role(tmp_path: Path) -> None:
+    robot = GatedRobot({})
+    admission = robot.access.admission
+    info = PeerInfo("websocket", "192.0.2.7", 1, "/", {"authorization": f"Bearer {token('operator')}"})
+    role = admission.role_of(info)
+    assert role is not None
+    assert (role.name, role.credential) == ("operator", "operator")
+    assert admission.roles["operator"].credential == ""
+    assert role.answers is admission.roles["operator"].answers
+
+
+def _audit_of(path: Path, count: int = 8) -> list[bytes]:
+    """Write an audit of some lines, and return them."""
+    audit = AuditFile(AuditSettings(file=path))
+    for number in range(count):
+        _write(audit, number=number)
+    audit.close()
+    return path.read_bytes().splitlines(keepends=True)
+
+
+@pytest.mark.parametrize(
+    "attack, expected",
+    [
+        (lambda lines: [*lines[:2], lines[2].replace(b":2,", b":9,"), *lines[3:]], (3, "changed")),
+        (lambda lines: [*lines[:2], *lines[5:]], (3, "3 lines were removed before this one")),
+        (lambda lines: [*lines[:3], lines[2], *lines[3:]], (3, "inserted")),
+        (lambda lines: [*lines[:3], b'{"number":7}\n', *lines[3:]], (4, "inserted")),
+        (lambda lines: [*lines[:3], b"no JSON\n", *lines[3:]], (4, "inserted")),
+    ],
+)  # fmt: skip
+def test_verification_finds_the_line(
+    tmp_path: Path, attack: Callable[[list[bytes]], list[bytes]], expected: tuple[int, str]
+) -> None:
+    path = tmp_path / "audit.jsonl"
+    lines = _audit_of(path)
+    assert verify_audit(path).faults == []
+    path.write_bytes(b"".join(attack(lines)))
+    line, text = expected
+    assert any(each.line == line and each.text.startswith(text) for each in verify_audit(path).faults)
+
+
+def test_verification_of_an_end_needs_a_hash_or_the_other_file(tmp_path: Path) -> None:
+    path = tmp_path / "audit.jsonl"
+    audit = AuditFile(AuditSettings(file=path))
+    for number in range(9):
+        audit.write(encode({"number": number}), is_traffic=number > 6)
+    audit.close()
+    report = verify_audit(path)
+    (_, last), _ = report.heads.values()
+    assert verify_audit(path, last).has_line
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join(lines[:-2]))
+    report = verify_audit(path, last)
+    assert not report.has_line
+    assert [each.text for each in report.faults] == [
+        "lines with the sequence numbers 6 to 7 were removed at an end"
+    ]
+    traffic_file(path).unlink()
+    assert verify_audit(path).faults == []  # Without the other file and a hash, an end looks like any other.
+
+
+def test_a_chain_continues_after_rotation_restart_and_power_failure(tmp_path: Path) -> None:
+    path = tmp_path / "audit.jsonl"
+    settings = AuditSettings(file=path, file_bytes=1024, files=9)
+    for start in range(3):
+        audit = AuditFile(settings)
+        for number in range(12):
+            _write(audit, number=number, text="x" * 50)
+            while audit.waiting:
+                threading.Event().wait(0.001)
+        audit.close()
+        if start == 1:
+            with path.open("ab") as file:
+                file.write(b'{"sequence":25,"li')
+    report = verify_audit(path)
+    assert report.faults == []
+    assert report.lines == 37
+    assert numbered(path, 2).exists()
+    numbered(path, 1).unlink()
+    numbered(path, 2).rename(numbered(path, 1))
+    faults = verify_audit(path).faults
+    assert any("removed before this one" in each.text for each in faults)
+
+
+def test_files_are_rotated_by_age(tmp_path: Path) -> None:
+    path = tmp_path / "audit.jsonl"
+    settings = AuditSettings(file=path, file_days=1.0)
+    path.write_text('{"time": "2020-01-01T00:00:00Z", "line": 1, "sequence": 1}\n')
+    audit = AuditFile(settings)
+    _write(audit, number=1)
+    audit.close()
+    assert numbered(path, 1).read_text().startswith('{"time": "2020')
+    assert verify_audit(path).faults == []
+
+
+def test_lines_go_to_standard_output(capfd: pytest.CaptureFixture[str]) -> None:
+    audit = AuditFile(AuditSettings(stdout=True))
+    _write(audit, decision="stop")
+    audit.write(encode({"decision": "allowed"}), is_traffic=True)
+    audit.close()
+    first, second = map(json.loads, capfd.readouterr().out.splitlines())
+    assert (first["decision"], first["sequence"], second["sequence"]) == ("stop", 1, 2)
+    assert second["previous"] == hash_of(encode(first))
 
 
 def test_files_are_rotated_and_the_oldest_deleted(tmp_path: Path) -> None:
     path = tmp_path / "audit.jsonl"
     audit = AuditFile(AuditSettings(file=path, file_bytes=1024, files=3, queue_bytes=1024 * 1024))
     for number in range(200):
-        audit.write({"number": number, "text": "x" * 100})
+        _write(audit, number=number, text="x" * 100)
         while audit.waiting:
             threading.Event().wait(0.001)
     audit.close()
     files = sorted(each.name for each in tmp_path.iterdir())
-    assert files == ["audit.jsonl", "audit.jsonl.1", "audit.jsonl.2"]
+    assert files == ["audit.jsonl", "audit.jsonl.1", "audit.jsonl.2", "audit.traffic.jsonl"]
     assert all(each.stat().st_size <= 1024 for each in tmp_path.iterdir())
     numbers = [line["number"] for line in read_audit(path)]
     assert numbers == list(range(200 - len(numbers), 200))
-    assert len(numbers) > 15
+    assert len(numbers) >= 9
 
 
 def test_a_disk_that_is_slower_than_the_events_costs_lines_and_never_the_server(
@@ -131,35 +313,37 @@ def test_a_disk_that_is_slower_than_the_events_costs_lines_and_never_the_server(
     is_writing, go_on = threading.Event(), threading.Event()
     put = audit._put
 
-    def slowly(lines: list[bytes], unsaid: int) -> None:
+    def slowly(lines: list[tuple[bytes, bool]], unsaid: int) -> None:
         is_writing.set()
         go_on.wait(20)
         put(lines, unsaid)
 
     monkeypatch.setattr(audit, "_put", slowly)
-    audit.write({"number": 0})
+    _write(audit, number=0)
     assert is_writing.wait(20)
     for number in range(1, 200):
-        audit.write({"number": number})
+        _write(audit, number=number)
     assert audit.waiting <= 1024
     dropped = audit.dropped
     assert dropped > 100
     go_on.set()
     audit.close()
     lines = list(read_audit(path))
-    assert lines[-1] == {"decision": "left out", "text": f"{dropped} lines were dropped"}
+    assert _plain(lines[-1]) == {"decision": "left out", "text": f"{dropped} lines were dropped"}
     assert [line["number"] for line in lines[:-1]] == list(range(200 - dropped))
 
 
 def test_a_full_disk_is_counted_and_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     if not Path("/dev/full").exists():
         pytest.skip("there is no /dev/full here")
-    audit = AuditFile(AuditSettings(file=Path("/dev/full")))
+    path = tmp_path / "full.jsonl"
+    path.symlink_to("/dev/full")
+    audit = AuditFile(AuditSettings(file=path))
     for number in range(3):
-        audit.write({"number": number})
+        _write(audit, number=number)
     audit.close()
     assert audit.dropped == 3
-    assert caplog.text.count("the audit cannot be written: /dev/full: No space left") == 1
+    assert caplog.text.count(f"the audit cannot be written: {path}: No space left") == 1
 
 
 def test_a_file_that_cannot_be_opened_is_an_error_of_the_settings(tmp_path: Path) -> None:

@@ -136,17 +136,21 @@ def test_audit(run_as: RunAs, folder: Path) -> None:
     file = str(folder / "audit.jsonl")
     lines: list[dict[str, object]] = []
     for _ in range(200):  # A thread writes them.
-        lines = run_as("operator", "audit", file, "--json").records
+        lines = run_as("operator", "audit", "show", file, "--json").records
         if lines and lines[-1]["act"] == "release":
             break
-    stops = run_as("operator", "audit", file, "--decision", "stop", "--since", "1h").out
+    stops = run_as("operator", "audit", "show", file, "--decision", "stop", "--since", "1h").out
     assert "stop by rosbridge:" in stops and "for the audit" in stops
-    refused = run_as("operator", "audit", file, "--decision", "refused", "--name", "/cmd_*", "--json").records
+    refused = run_as(
+        "operator", "audit", "show", file, "--decision", "refused", "--name", "/cmd_*", "--json"
+    ).records
     assert refused and all(line["rule"] == "gate.rules.drive.emergency" for line in refused)
-    assert run_as("operator", "audit", file, "--role", "admin", "--act", "release").out.count("\n") >= 1
-    assert run_as("operator", "audit", file, "--rule", "gate.rules.none*").out == ""
-    assert run_as("operator", "audit", file, "--since", "2999-01-01T00:00Z").out == ""
-    missing = run_as("operator", "audit", str(folder / "missing"))
+    assert (
+        run_as("operator", "audit", "show", file, "--role", "admin", "--act", "release").out.count("\n") >= 1
+    )
+    assert run_as("operator", "audit", "show", file, "--rule", "gate.rules.none*").out == ""
+    assert run_as("operator", "audit", "show", file, "--since", "2999-01-01T00:00Z").out == ""
+    missing = run_as("operator", "audit", "show", str(folder / "missing"))
     assert (missing.code, "cannot be read" in missing.err) == (2, True)
     assert json.loads((folder / "audit.jsonl").read_text().splitlines()[0])["time"].endswith("Z")
 

@@ -1,14 +1,20 @@
-"""The audit's file: a JSON object a line, written by a thread, rotated and bounded."""
+"""Audit files: JSON lines that are chained by hash, written by a thread, rotated and bounded."""
 
 from __future__ import annotations
 
+import hashlib
+import heapq
 import logging
 import os
+import sys
 import threading
+import time
 from collections import deque
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import msgspec
 
@@ -19,60 +25,160 @@ if TYPE_CHECKING:
 
 logger: Final = logging.getLogger("rwt.bridge")
 
-_encode: Final = msgspec.json.Encoder().encode
+encode: Final = msgspec.json.Encoder().encode
+
+#: Hash that the first line of a new audit names as that of the line before.
+NO_LINE: Final = "0" * 64
+
+#: Bytes at the end of a file in which its last line is found; lines are shorter.
+_TAIL_BYTES: Final = 256 * 1024
+
+_DAY_SECONDS: Final = 86_400.0
+
+
+class _Head(NamedTuple):
+    """Last line of a file: its number, its sequence number and its hash."""
+
+    line: int
+    sequence: int
+    hash: str
+
+
+_NO_HEAD: Final = _Head(0, 0, NO_LINE)
+
+
+class _ChainedFile:
+    """Audit file with its older files; used by one thread at a time.
+
+    Attributes:
+        head: last line that was written.
+
+    Args:
+        path: newest file; the one before is ``NAME.1``, and so on.
+        settings: settings of the audit.
+    """
+
+    def __init__(self, path: Path, settings: AuditSettings) -> None:
+        self.path = path
+        self.head = _NO_HEAD
+        self._max_bytes = settings.file_bytes
+        self._max_seconds = settings.file_days * _DAY_SECONDS
+        self._files = settings.files
+        self._began = 0.0
+        self._file: BinaryIO | None = None
+        self._open()
+
+    def _open(self) -> BinaryIO:
+        # Readable by the owner only: it names clients and what they did.
+        descriptor = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+        file = self._file = os.fdopen(descriptor, "ab", buffering=0)
+        self._began = _begun_at(self.path)
+        if file.tell() and (cut := _tail(self.path).rpartition(b"\n")[2]):
+            file.write(b"\n")
+            logger.warning("the audit %s has an incomplete line: %d bytes", self.path, len(cut))
+        self.head = _last_head(self.path) or self.head
+        return file
+
+    def write(self, lines: list[bytes], sequence: int) -> bytes:
+        """Write lines with consecutive sequence numbers; return them as written.
+
+        Raises:
+            OSError: nothing was written, or an incomplete line at the end.
+        """
+        file = self._file or self._open()
+        size = file.tell()
+        if size and (size + sum(map(len, lines)) > self._max_bytes or self._is_old()):
+            file = self._rotate()
+            size = 0
+        data, head = chained(lines, sequence, self.head)
+        rest = data
+        try:
+            while rest:
+                rest = rest[file.write(rest) :]
+        except OSError:
+            with suppress(OSError):
+                os.ftruncate(file.fileno(), size)
+            self.close()  # Opened again for the next lines, which finds what was left of these.
+            raise
+        self.head = head
+        return data
+
+    def _is_old(self) -> bool:
+        return 0 < self._max_seconds <= time.time() - self._began
+
+    def _rotate(self) -> BinaryIO:
+        self.close()
+        for number in range(self._files - 1, 0, -1):
+            older = numbered(self.path, number - 1)
+            if older.exists():
+                older.replace(numbered(self.path, number))
+        if self._files == 1:
+            self.path.unlink(missing_ok=True)
+        self.say_head("continues in a new file after")
+        return self._open()
+
+    def say_head(self, what: str) -> None:
+        """Log the last line's number and hash, against which the file can be checked later."""
+        logger.info("the audit %s %s line %d, hash %s", self.path, what, self.head.line, self.head.hash)
+
+    def close(self) -> None:
+        """Close the file; the next line opens it again."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
 
 
 class AuditFile:
-    """Audit file, written by a thread in the order of the calls.
+    """Audit, written by a thread in the order of the calls.
 
-    The queue is limited in bytes. Lines over the limit are dropped, and a line about their number is written
-    later. A file of maximum size is renamed to `NAME.1`, an older one from `NAME.1` to `NAME.2`, and so on.
+    Security events and allowed traffic have separate files, so that traffic never rotates events away
+    (:func:`traffic_file`). Each line has a ``sequence`` number over both files, the number of the ``line`` in
+    its own, and in ``previous`` the SHA-256 of the line before. The chain continues across rotations and
+    restarts.
 
-    ``_changed`` guards the queue (``_queue``, ``_queued_bytes``), the counts and ``_is_closing``. The file
-    and ``_is_torn`` belong to the thread.
+    The queue is limited in bytes, and traffic may use half of it. Lines over the limit are dropped, and a
+    line about their number is written later.
+
+    ``_changed`` guards the queue (``_queue``, ``_queued_bytes``), the counts and ``_is_closing``. The files
+    and ``_sequence`` belong to the thread.
 
     Attributes:
         dropped: number of lines that were not written: the queue was full, or writing failed.
 
     Args:
-        settings: settings of the audit, with a file.
+        settings: settings of the audit, with a file or with standard output.
 
     Raises:
-        OSError: the file cannot be opened.
+        OSError: a file cannot be opened.
     """
 
     def __init__(self, settings: AuditSettings) -> None:
-        assert settings.file is not None  # Checked by the caller.
-        self._path = settings.file
-        self._max_bytes = settings.file_bytes
-        self._files = settings.files
+        path = settings.file
+        paths = () if path is None else (path, traffic_file(path))
+        self._files = tuple(_ChainedFile(each, settings) for each in paths)
+        self._sequence = max((each.head.sequence for each in self._files), default=0)
+        self._head = _NO_HEAD  # Of the chain on standard output, where there is no file.
+        self._to_stdout = settings.stdout
         self._max_queued_bytes = settings.queue_bytes
-        self._queue: deque[bytes] = deque()
+        self._queue: deque[tuple[bytes, bool]] = deque()
         self._queued_bytes = 0
         self._unreported = 0
         self.dropped = 0
         self._is_closing = False
-        self._is_torn = False  # The last line may be incomplete.
         self._changed = threading.Condition()
-        self._file = self._open()
         self._thread = threading.Thread(target=self._run, name="rwt audit", daemon=True)
         self._thread.start()
 
-    def _open(self) -> BinaryIO:
-        # Readable by the owner only: it names clients and what they did.
-        descriptor = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
-        return os.fdopen(descriptor, "ab", buffering=0)
-
-    def write(self, line: Mapping[str, object]) -> None:
-        """Queue a line; never blocks."""
-        data = _encode(line) + b"\n"
+    def write(self, line: bytes, *, is_traffic: bool = False) -> None:
+        """Queue a line, a JSON object; never blocks."""
+        limit = self._max_queued_bytes // 2 if is_traffic else self._max_queued_bytes
         with self._changed:
-            if self._is_closing or self._queued_bytes + len(data) > self._max_queued_bytes:
+            if self._is_closing or self._queued_bytes + len(line) > limit:
                 self.dropped += 1
                 self._unreported += 1
                 return
-            self._queue.append(data)
-            self._queued_bytes += len(data)
+            self._queue.append((line, is_traffic))
+            self._queued_bytes += len(line)
             self._changed.notify()
 
     @property
@@ -92,47 +198,67 @@ class AuditFile:
             with self._changed:
                 while not (self._queue or self._is_closing):
                     self._changed.wait()
-                lines = list(self._queue)
+                queued = list(self._queue)
                 written = self._queued_bytes
                 unreported, self._unreported = self._unreported, 0
                 self._queue.clear()
-                is_last = self._is_closing and not lines
-            self._put(lines, unreported)
+                is_last = self._is_closing and not queued
+            if unreported:
+                report = {"decision": "left out", "text": f"{unreported} lines were dropped"}
+                queued.append((encode(report), False))
+            self._put(queued, unreported)
             with self._changed:
                 self._queued_bytes -= written
             if is_last:
-                self._file.close()
+                for file in self._files:
+                    file.say_head("ends with")
+                    file.close()
                 return
 
-    def _put(self, lines: list[bytes], unreported: int) -> None:
-        """Write lines, followed by one about the number of dropped ones."""
-        report = {"decision": "left out", "text": f"{unreported} lines were dropped"}
-        data = b"".join([b"\n"] * self._is_torn + lines + [_encode(report) + b"\n"] * bool(unreported))
-        try:
-            if self._file.closed:  # A rotation failed halfway.
-                self._file = self._open()
-            if self._file.tell() and self._file.tell() + len(data) > self._max_bytes:
-                self._rotate()
-            while data:
-                data = data[self._file.write(data) :]
-            self._is_torn = False
-        except OSError as error:
-            self._is_torn = True
-            with self._changed:
-                if not self.dropped:
-                    logger.error("the audit cannot be written: %s: %s", self._path, error.strerror)
-                self.dropped += len(lines)
-                self._unreported += unreported + len(lines)
+    def _put(self, queued: list[tuple[bytes, bool]], unreported: int) -> None:
+        """Write lines; the last one may be about dropped lines."""
+        while queued:
+            is_traffic = queued[0][1]
+            count = next((i for i, each in enumerate(queued) if each[1] != is_traffic), len(queued))
+            lines, queued = [line for line, _ in queued[:count]], queued[count:]
+            try:
+                if self._files:
+                    written = self._files[is_traffic].write(lines, self._sequence + 1)
+                else:
+                    written, self._head = chained(lines, self._sequence + 1, self._head)
+                self._sequence += len(lines)
+                if self._to_stdout:
+                    sys.stdout.buffer.write(written)
+                    sys.stdout.flush()
+            except OSError as error:
+                with self._changed:
+                    if not self.dropped:
+                        logger.error(
+                            "the audit cannot be written: %s: %s", self._name(is_traffic), error.strerror
+                        )
+                    has_report = bool(unreported) and not queued
+                    self.dropped += len(lines) - has_report
+                    self._unreported += unreported * has_report + len(lines) - has_report
 
-    def _rotate(self) -> None:
-        self._file.close()
-        for number in range(self._files - 1, 0, -1):
-            older = numbered(self._path, number - 1)
-            if older.exists():
-                older.replace(numbered(self._path, number))
-        if self._files == 1:
-            self._path.unlink(missing_ok=True)
-        self._file = self._open()
+    def _name(self, is_traffic: bool) -> str:
+        return str(self._files[is_traffic].path) if self._files else "standard output"
+
+
+def chained(lines: list[bytes], sequence: int, head: _Head) -> tuple[bytes, _Head]:
+    """Return lines with their numbers and hashes, and the new head of the chain."""
+    written = []
+    for number, line in enumerate(lines):
+        data = b'{"sequence":%d,"line":%d,%s,"previous":"%s"}' % (
+            sequence + number, head.line + 1, line[1:-1], head.hash.encode(),
+        )  # fmt: skip
+        head = _Head(head.line + 1, sequence + number, hash_of(data))
+        written.append(data + b"\n")
+    return b"".join(written), head
+
+
+def hash_of(line: bytes) -> str:
+    """Return the hash of a line, without its line break."""
+    return hashlib.sha256(line).hexdigest()
 
 
 def numbered(path: Path, number: int) -> Path:
@@ -140,19 +266,71 @@ def numbered(path: Path, number: int) -> Path:
     return path.with_name(f"{path.name}.{number}") if number else path
 
 
+def traffic_file(path: Path) -> Path:
+    """Return the path of the file with allowed traffic, such as ``audit.traffic.jsonl``."""
+    return path.with_name(f"{path.stem}.traffic{path.suffix}")
+
+
+def files_of(path: Path) -> list[Path]:
+    """Return a file with its older files, oldest first."""
+    older: list[Path] = []
+    while (file := numbered(path, len(older) + 1)).exists():
+        older.append(file)
+    return [*reversed(older), path]
+
+
 def read_audit(path: Path) -> Iterator[Mapping[str, object]]:
-    """Iterate over the lines of an audit and of its older files, oldest first; skip invalid lines.
+    """Return the lines of an audit, its traffic and their older files, oldest first; skip invalid lines.
 
     Raises:
         OSError: the newest file cannot be read.
     """
-    older: list[Path] = []
-    while (file := numbered(path, len(older) + 1)).exists():
-        older.append(file)
-    for file in (*reversed(older), path):
+    traffic = traffic_file(path)
+    return heapq.merge(_lines_of(path), _lines_of(traffic) if traffic.exists() else (), key=_sequence_of)
+
+
+def _sequence_of(line: Mapping[str, object]) -> int:
+    sequence = line.get("sequence")
+    return sequence if isinstance(sequence, int) else 0
+
+
+def _lines_of(path: Path) -> Iterator[Mapping[str, object]]:
+    for file in files_of(path):
         with file.open("rb") as lines:
             for line in lines:
-                try:
+                with suppress(msgspec.MsgspecError):  # Truncated by a power failure.
                     yield msgspec.json.decode(line, type=dict[str, object])
-                except msgspec.MsgspecError:
-                    continue  # Truncated by a power failure.
+
+
+def _tail(path: Path) -> bytes:
+    """Return the last bytes of a regular file; none of a device."""
+    with path.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        file.seek(max(0, size - _TAIL_BYTES))
+        return file.read(_TAIL_BYTES) if size else b""
+
+
+def _begun_at(path: Path) -> float:
+    """Return the time of the first line of a file, in seconds since 1970; that of a new file is now."""
+    with path.open("rb") as file:
+        first = file.readline(_TAIL_BYTES) if os.fstat(file.fileno()).st_size else b""
+    try:
+        return datetime.fromisoformat(
+            str(msgspec.json.decode(first, type=dict[str, object])["time"])
+        ).timestamp()
+    except (msgspec.MsgspecError, KeyError, ValueError):
+        return time.time()
+
+
+def _last_head(path: Path) -> _Head | None:
+    """Return the last line of an audit that is continued; None if it has none.
+
+    An incomplete line, which a power failure has cut, is hashed like every other.
+    """
+    for file in (path, numbered(path, 1)):
+        lines = _tail(file).split(b"\n")[:-1] if file.exists() else []
+        for line in reversed(lines):
+            with suppress(msgspec.MsgspecError, KeyError, ValueError):
+                values = msgspec.json.decode(line, type=dict[str, object])
+                return _Head(int(str(values["line"])), _sequence_of(values), hash_of(lines[-1]))
+    return None

@@ -617,13 +617,7 @@ class Gate(GateState):
             topic.close()
         self._topics.clear()
         self.participant.close()
-        if self._file is not None:
-            self._file.close()
-
-    @property
-    def dropped_lines(self) -> int:
-        """Number of audit lines that could not be written."""
-        return 0 if self._file is None else self._file.dropped
+        self.recorder.close()
 
 
 def _is_name(glob: str) -> bool:

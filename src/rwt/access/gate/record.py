@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import logging
+from collections import Counter
 from contextvars import ContextVar
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Final, Literal, Protocol, get_args
 
 from rwt.access.audit import one_line
-from rwt.access.quotas import RateLimit
+from rwt.access.gate.audit_budget import AuditBudget
+from rwt.access.gate.audit_file import AuditFile, encode
 from rwt_transports.http.addresses import network_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from rwt.access.audit import Audit
-    from rwt.access.gate.audit_file import AuditFile
+    from rwt.access.gate.audit_budget import Source
     from rwt.access.roles import Role
+    from rwt.access.settings.gate import AuditSettings
     from rwt_graph.clock import Clock
+    from rwt_participant.timers import Timer
 
 Decision = Literal[
     "allowed",
@@ -29,15 +33,44 @@ Decision = Literal[
     "denied",
     "lease",
     "stop",
+    "reload",
     "left out",
+    "opened",
+    "closed",
 ]
-"""Outcome of an act at the gate; `lease` and `stop`: a change of state."""
+"""Outcome of an act at the gate; `lease`, `stop` and `reload`: a change of state; the last three are
+about the audit itself."""
 
 DECISIONS: Final[tuple[Decision, ...]] = get_args(Decision)
 
-#: Limit on lines about rejections and changes caused by one client: sustained rate, and burst.
-_LINES_PER_SECOND: Final = 20
-_LINES_BURST: Final = 200
+#: Decisions that say what was let through. They have a file of their own.
+_TRAFFIC: Final = frozenset({"allowed", "changed"})
+
+#: Decisions of which repetitions are counted, instead of a line for each.
+_COUNTED: Final = frozenset({"allowed", "changed", "refused", "would refuse"})
+
+_LOGGED: Final = frozenset({"would refuse", "lease", "stop", "approved", "denied"})
+
+#: Interval in seconds at which repeated events are written with their number.
+_REPEAT_SECONDS: Final = 10.0
+
+#: Maximum number of different events whose repetitions are counted, of all clients and of one source.
+_MAX_REPEATED: Final = 4000
+_MAX_REPEATED_OF_SOURCE: Final = 200
+
+#: Seconds for which no client can rotate away what others did: security events, and traffic.
+_KEEP_EVENTS_SECONDS: Final = 7 * 86_400.0
+_KEEP_TRAFFIC_SECONDS: Final = 86_400.0
+
+#: Bytes that the numbers and hashes add to a line.
+_CHAIN_BYTES: Final = 140
+
+#: Size of a line about events that were left out, in bytes.
+_LEFT_OUT_BYTES: Final = 500
+
+_MAX_NAME: Final = 500
+_MAX_TEXT: Final = 2000
+_MAX_VALUE_BYTES: Final = 2000
 
 
 class ActorTopic(Protocol):
@@ -56,20 +89,16 @@ class Actor:
         name: unique name on this server, such as `rosbridge:3`.
         rights: present role.
         address: network address; empty if unknown.
-        lines: limit on the audit lines that its rejections cause.
-        left_out: number of lines over the limit since the last one that was written.
         topics: guarded topics that it publishes on or has held.
         on_notice: called with what the gate did to its command, such as clamping; None: it is not told.
     """
 
-    __slots__ = ("address", "left_out", "lines", "name", "on_notice", "rights", "topics")
+    __slots__ = ("address", "name", "on_notice", "rights", "topics")
 
     def __init__(self, name: str, rights: Role, address: str) -> None:
         self.name = name
         self.rights = rights
         self.address = address
-        self.lines = RateLimit(_LINES_PER_SECOND, _LINES_BURST)
-        self.left_out = 0
         self.topics: set[ActorTopic] = set()
         self.on_notice: Callable[[str], None] | None = None
 
@@ -83,6 +112,11 @@ class Actor:
         """Identity whose clients share limits: the name of the credential, or the address without one."""
         return self.rights.credential or f"@{network_of(self.address)}"
 
+    @property
+    def credential(self) -> str:
+        """Name of the token that gave the role, or `rosauth`; empty for a client without credentials."""
+        return self.rights.credential
+
     def __str__(self) -> str:
         return f"{self.name} (role {self.role})"
 
@@ -91,30 +125,63 @@ CALLER: Final[ContextVar[Actor | None]] = ContextVar("caller of the gate", defau
 """Client on whose behalf a service of the gate runs; None: a program of the robot itself."""
 
 
+class _Repeated:
+    """Repetitions of one event since its last line."""
+
+    __slots__ = ("count", "line", "since", "source")
+
+    def __init__(self, line: dict[str, object], source: Source, since: float) -> None:
+        self.line = line
+        self.source = source
+        self.since = since
+        self.count = 0
+
+
 class Recorder:
-    """Record of what happens at the gate: the audit file, if there is one, the server's log, and counters.
+    """Record of what happens at the gate: the audit, if there is one, the server's log, and counters.
+
+    The first event of a kind is written at once. Its repetitions of the same source within 10 seconds are
+    counted, and written as one line. Each source, a credential at an address, has a budget of bytes
+    (:class:`rwt.access.gate.audit_budget.AuditBudget`).
 
     Attributes:
         counts: number of events by decision.
 
     Args:
-        file: audit file; None for none.
+        settings: settings of the audit.
         audit: log of the server.
         clock: clock of the graph.
+
+    Raises:
+        OSError: the audit file cannot be opened.
     """
 
-    __slots__ = ("_audit", "_clock", "_file", "counts")
+    __slots__ = ("_audit", "_budgets", "_clock", "_file", "_of_source", "_repeated", "_timer", "counts")
 
-    def __init__(self, file: AuditFile | None, audit: Audit, clock: Clock) -> None:
-        self._file = file
+    def __init__(self, settings: AuditSettings, audit: Audit, clock: Clock) -> None:
+        self._file = AuditFile(settings) if settings.is_on else None
         self._audit = audit
         self._clock = clock
+        self._budgets = tuple(
+            AuditBudget(settings.file_bytes, settings.files, seconds)
+            for seconds in (_KEEP_EVENTS_SECONDS, _KEEP_TRAFFIC_SECONDS)
+        )
+        self._repeated: dict[tuple[object, ...], _Repeated] = {}
+        self._of_source: Counter[Source] = Counter()
+        self._timer: Timer | None = None
         self.counts: dict[Decision, int] = dict.fromkeys(DECISIONS, 0)
+        if self._file is not None:
+            self._file.write(encode(self._line("opened", "audit", "")))
 
     @property
     def keeps_all(self) -> bool:
         """True if acts without a rule are recorded, too."""
         return self._file is not None
+
+    @property
+    def dropped_lines(self) -> int:
+        """Number of lines that could not be written."""
+        return 0 if self._file is None else self._file.dropped
 
     def note(
         self,
@@ -124,6 +191,10 @@ class Recorder:
         client: Actor | None,
         text: str = "",
         rule: str = "",
+        *,
+        before: object = None,
+        after: object = None,
+        about: Actor | None = None,
     ) -> None:
         """Record one event.
 
@@ -134,38 +205,119 @@ class Recorder:
             client: client that acted; None: a program of the robot itself, or the gate.
             text: reason, or what changed.
             rule: key of the rule that decided.
+            before: value before the event, if any.
+            after: value after it.
+            about: client that caused what the gate does itself; its budget is charged.
         """
         self.counts[decision] += 1
-        is_bounded = decision in ("refused", "would refuse", "changed")
-        if is_bounded and client is not None:
-            if not client.lines.take(self._clock.monotonic()):
-                client.left_out += 1
-                return
-            if client.left_out:
-                left_out, client.left_out = client.left_out, 0
-                self._write("left out", act, name, client, f"{left_out} lines about this client", "")
-        self._write(decision, act, name, client, text, rule)
-        if decision == "would refuse" or decision in ("lease", "stop", "approved", "denied"):
+        if self._file is not None:
+            self._write(decision, act, name, client, text, rule, before, after, about)
+        if decision in _LOGGED:
             who = "the robot" if client is None else str(client)
             self._audit.write(
                 logging.WARNING if decision in ("stop", "would refuse") else logging.INFO,
-                "gate: %s: %s by %s: %s", decision, f"{act} {name}".rstrip(), who, one_line(text),
+                "gate: %s: %s by %s: %s",
+                decision, one_line(f"{act} {name}".rstrip()), one_line(who), one_line(text),
             )  # fmt: skip
 
-    def _write(self, decision: str, act: str, name: str, client: Actor | None, text: str, rule: str) -> None:
-        if self._file is None:
+    def _write(
+        self,
+        decision: Decision,
+        act: str,
+        name: str,
+        client: Actor | None,
+        text: str,
+        rule: str,
+        before: object,
+        after: object,
+        about: Actor | None,
+    ) -> None:
+        """Write a line within the budget of the source, or count the event."""
+        payer = client or about
+        source = ("", "the robot") if payer is None else (payer.credential, network_of(payer.address))
+        key = (source, decision, act, name, rule)
+        if decision in _COUNTED and (repeated := self._repeated.get(key)) is not None:
+            repeated.count += 1
             return
-        moment = datetime.fromtimestamp(self._clock.time_ns() / 1e9, UTC)
-        line: dict[str, object] = {
-            "time": moment.isoformat(timespec="milliseconds").replace("+00:00", "Z"),
-            "decision": decision,
-            "act": act,
-            "name": name,
-        }
+        line = self._line(decision, act, _text(name, _MAX_NAME))
         if client is not None:
-            line |= {"client": client.name, "role": client.role, "address": client.address}
+            line |= {"client": _text(client.name, _MAX_NAME), "role": client.role, "address": client.address}
+            if client.credential:
+                line["credential"] = client.credential
         if rule:
             line["rule"] = rule
         if text:
-            line["text"] = text[:2000]
-        self._file.write(line)
+            line["text"] = _text(text, _MAX_TEXT)
+        for what, value in (("before", before), ("after", after)):
+            if value is not None:
+                line[what] = _bounded(value)
+        is_written = self._put(line, decision, source)
+        if is_written and decision in _COUNTED and len(name) <= _MAX_NAME:
+            is_full = len(self._repeated) >= _MAX_REPEATED
+            if not is_full and self._of_source[source] < _MAX_REPEATED_OF_SOURCE:
+                self._repeated[key] = _Repeated(line, source, self._clock.monotonic())
+                self._of_source[source] += 1
+        if self._timer is None and (self._repeated or any(each.has_left_out for each in self._budgets)):
+            self._timer = self._clock.call_later(_REPEAT_SECONDS, self._flush)
+
+    def _line(self, decision: Decision, act: str, name: str) -> dict[str, object]:
+        return {"time": self._time(), "decision": decision, "act": act, "name": name}
+
+    def _time(self) -> str:
+        moment = datetime.fromtimestamp(self._clock.time_ns() / 1e9, UTC)
+        return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+    def _put(self, line: Mapping[str, object], decision: str, source: Source, count: int = 1) -> bool:
+        """Write a line if the budget of its source admits it; otherwise count its events."""
+        assert self._file is not None  # Checked by the caller.
+        data = encode(line)
+        is_traffic = decision in _TRAFFIC
+        budget = self._budgets[is_traffic]
+        if not budget.take(source, len(data) + _CHAIN_BYTES, self._clock.monotonic()):
+            budget.leave_out(source, decision, count)
+            return False
+        self._file.write(data, is_traffic=is_traffic)
+        return True
+
+    def _flush(self, *, at_end: bool = False) -> None:
+        """Write the numbers of repeated events and of those over the budget."""
+        assert self._file is not None  # Only then events are counted.
+        self._timer = None
+        now = self._clock.monotonic()
+        repeated, self._repeated = self._repeated, {}
+        self._of_source.clear()
+        for each in repeated.values():
+            if each.count:
+                seconds = round(now - each.since, 1)
+                text = f"repeated {each.count} times in {seconds:g} s"
+                moment = self._time()
+                line = {**each.line, "time": moment, "text": text, "repeated": each.count}
+                self._put(line, str(each.line["decision"]), each.source, each.count)
+        for is_traffic, budget in enumerate(self._budgets):
+            for (credential, network), counts in budget.take_left_out(_LEFT_OUT_BYTES, now, at_end=at_end):
+                line = self._line("left out", "", "")
+                text = ", ".join(f"{count} {decision}" for decision, count in counts.items())
+                line |= {"credential": credential, "address": network, "text": f"over the budget: {text}"}
+                self._file.write(encode(line), is_traffic=bool(is_traffic))
+        if not at_end and any(each.has_left_out for each in self._budgets):
+            self._timer = self._clock.call_later(_REPEAT_SECONDS, self._flush)
+
+    def close(self) -> None:
+        """Write what was counted, and flush the audit file."""
+        if self._timer is not None:
+            self._timer.cancel()
+        if self._file is not None:
+            self._flush(at_end=True)
+            self._file.write(encode(self._line("closed", "audit", "")))
+            self._file.close()
+
+
+def _text(text: str, limit: int) -> str:
+    """Return a text as it is written: truncated, and valid in UTF-8."""
+    return text[:limit].encode(errors="backslashreplace").decode()
+
+
+def _bounded(value: object) -> object:
+    """Return a value as it is written: as JSON, truncated if it is long."""
+    text = encode(value)
+    return value if len(text) <= _MAX_VALUE_BYTES else f"{text[:_MAX_VALUE_BYTES].decode(errors='ignore')}…"

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Final
 
 from rwt.access.errors import GateRefused
 from rwt.access.gate.approvals import Approvals
-from rwt.access.gate.audit_file import AuditFile
 from rwt.access.gate.lease import WakeWatch
 from rwt.access.gate.record import Recorder
 from rwt.access.gate.stop_path import StopPath
@@ -77,8 +76,7 @@ class GateState:
         self.settings = settings
         self.is_observing = settings.mode == "observe"
         self.clock = graph.clock
-        self._file = AuditFile(settings.audit) if settings.audit.file is not None else None
-        self.recorder = Recorder(self._file, audit, graph.clock)
+        self.recorder = Recorder(settings.audit, audit, graph.clock)
         self.participant = graph.participant(GATE_NODE)
         self.approvals = Approvals(graph.clock, self.recorder, self._approvals_changed)
         self.stop_path = StopPath(graph.clock, self._not_stopped)

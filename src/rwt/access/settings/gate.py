@@ -189,14 +189,36 @@ class EmergencySettings(Table):
 class AuditSettings(Table):
     """Audit log: one JSON object per line, read by `rwt audit`."""
 
-    file: Annotated[Path | None, Field(description="the file; not set: no audit")] = None
+    file: Annotated[
+        Path | None,
+        Field(
+            description="file of security events, for example `audit.jsonl`; allowed requests are written to"
+            " `audit.traffic.jsonl` beside it; not set: no file"
+        ),
+    ] = None
+    stdout: Annotated[
+        bool, Field(description="also write the lines to standard output, for example for journald")
+    ] = False
     file_bytes: Annotated[Bytes, Field(description="size in bytes at which a new file is started")] = 10 * MIB
+    file_days: Annotated[
+        float,
+        Field(ge=0, le=36_500, description="age in days at which a new file is started; 0: by size only"),
+    ] = 0.0
     files: Annotated[
-        Count, Field(le=1000, description="files to keep; the newest has no number, older ones are deleted")
+        Count,
+        Field(
+            le=1000,
+            description="files to keep of each kind; the newest has no number, older ones are deleted",
+        ),
     ] = 5
     queue_bytes: Annotated[
         Bytes, Field(description="bytes queued for the disk; beyond it, lines are dropped and counted")
     ] = MIB
+
+    @property
+    def is_on(self) -> bool:
+        """True if lines are written."""
+        return self.file is not None or self.stdout
 
 
 class GateSettings(Table):

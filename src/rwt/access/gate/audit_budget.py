@@ -1,0 +1,116 @@
+"""Budgets of the audit: bytes that one source may fill, and repeated events that are counted."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+Source = tuple[str, str]
+"""Source of events: the name of a credential, and a network address."""
+
+OTHERS: Final[Source] = ("", "others")
+"""Source that is charged for those above the maximum number."""
+
+#: Maximum number of sources with a budget of their own.
+_MAX_SOURCES: Final = 1000
+
+#: Share of a file that one source may fill at once, as a divisor; a credential may fill four times as much.
+_SHARE: Final = 8
+_SOURCES_OF_CREDENTIAL: Final = 4
+
+#: Smallest burst in bytes, where files are tiny.
+_MIN_BURST_BYTES: Final = 16 * 1024
+
+
+class _Bucket:
+    """Bytes that may be written: a burst, and a rate."""
+
+    __slots__ = ("_at", "_bytes", "burst", "rate")
+
+    def __init__(self, burst: float, rate: float) -> None:
+        self.burst = burst
+        self.rate = rate
+        self._bytes = burst
+        self._at = 0.0
+
+    def level(self, now: float) -> float:
+        """Return the bytes that may be written now."""
+        self._bytes = min(self.burst, self._bytes + (now - self._at) * self.rate) if self._at else self._bytes
+        self._at = now
+        return self._bytes
+
+    def take(self, size: int) -> None:
+        """Use up bytes; :meth:`level` was at least as much."""
+        self._bytes -= size
+
+
+class AuditBudget:
+    """Budget of one kind of lines, for each source and for each credential.
+
+    A source gets an eighth of a file at once, then so little that it needs several times `keep_seconds` to
+    fill all files: it cannot rotate away what others did. What exceeds the budget is counted by decision.
+
+    Args:
+        file_bytes: size of a file.
+        files: number of files.
+        keep_seconds: time for which the events of others stay, even if two credentials write all they may.
+    """
+
+    def __init__(self, file_bytes: int, files: int, keep_seconds: float) -> None:
+        self._burst = max(file_bytes / _SHARE, _MIN_BURST_BYTES)
+        self._rate = file_bytes * max(files - 1, 0.5) / keep_seconds / _SHARE
+        self._sources: dict[Source, _Bucket] = {}
+        self._credentials: dict[str, _Bucket] = {}
+        self._left_out: dict[Source, Counter[str]] = {}
+
+    def take(self, source: Source, size: int, now: float) -> bool:
+        """Return True if a line of this size may be written; `now` in seconds on a monotonic clock."""
+        bucket = self._bucket_of(source, now)
+        credential = self._credentials.get(source[0])
+        if credential is None:
+            times = _SOURCES_OF_CREDENTIAL
+            credential = self._credentials[source[0]] = _Bucket(self._burst * times, self._rate * times)
+        if min(bucket.level(now), credential.level(now)) < size:
+            return False
+        bucket.take(size)
+        credential.take(size)
+        return True
+
+    def _bucket_of(self, source: Source, now: float) -> _Bucket:
+        bucket = self._sources.get(source)
+        if bucket is None and len(self._sources) >= _MAX_SOURCES:
+            self._sources = {
+                each: left for each, left in self._sources.items() if left.level(now) < left.burst
+            }
+            if len(self._sources) >= _MAX_SOURCES:
+                source = OTHERS
+                bucket = self._sources.get(source)
+        if bucket is None:
+            bucket = self._sources[source] = _Bucket(self._burst, self._rate)
+        return bucket
+
+    def leave_out(self, source: Source, decision: str, count: int = 1) -> None:
+        """Count events that are over the budget."""
+        if source not in self._left_out and len(self._left_out) >= _MAX_SOURCES:
+            source = OTHERS
+        self._left_out.setdefault(source, Counter())[decision] += count
+
+    @property
+    def has_left_out(self) -> bool:
+        """True if events were counted that no line states yet."""
+        return bool(self._left_out)
+
+    def take_left_out(self, size: int, now: float, *, at_end: bool) -> Iterator[tuple[Source, Counter[str]]]:
+        """Yield the counted events of each source whose budget admits a line again.
+
+        Args:
+            size: size of such a line.
+            now: seconds on a monotonic clock.
+            at_end: True to yield all of them: the audit is closed.
+        """
+        for source in tuple(self._left_out):
+            if at_end or self.take(source, size, now):
+                yield source, self._left_out.pop(source)
