@@ -185,6 +185,47 @@ def test_what_is_refused(data: bytes, status: int) -> None:
     assert browser.sent == b""
 
 
+HEAD = b"POST /set HTTP/1.1\r\nHost: robot\r\n"
+BODY = b"3\r\nabc\r\n0\r\n\r\n"
+HIDDEN = b"GET / HTTP/1.1\r\nHost: robot\r\n\r\n"
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        pytest.param(HEAD + b"Content-Length: 3\r\nTransfer-Encoding: chunked\r\n", id="both lengths"),
+        pytest.param(HEAD + b"Transfer-Encoding: chunked\r\nContent-Length: 13\r\n", id="both, in turn"),
+        pytest.param(HEAD.replace(b"1.1", b"1.0") + b"Transfer-Encoding: chunked\r\n", id="chunked in 1.0"),
+        pytest.param(HEAD + b"Content-Length: 3\r\nContent-Length: 4\r\n", id="two sizes"),
+        pytest.param(HEAD + b"Content-Length: 3, 4\r\n", id="a list of sizes"),
+        pytest.param(HEAD + b"Content-Length: +3\r\n", id="a sign"),
+        pytest.param(HEAD + b"Content-Length: 0x3\r\n", id="hexadecimal"),
+        pytest.param(HEAD + b"Content-Length : 3\r\n", id="space before the colon"),
+        pytest.param(HEAD + b"X: a\rContent-Length: 3\r\n", id="bare CR"),
+        pytest.param(HEAD + b"X: a\r\r\n", id="CR at the end"),
+        pytest.param(HEAD + b"X: a\0b\r\n", id="NUL"),
+        pytest.param(HEAD + b": a\r\n", id="no name"),
+        pytest.param(HEAD + b"Host: other\r\n", id="two hosts"),
+        pytest.param(HEAD.replace(b"\r\nHost", b"\r\n Host"), id="fold of the request line"),
+    ],
+)
+def test_a_head_that_a_proxy_may_read_otherwise_is_rejected(head: bytes) -> None:
+    browser = Browser()
+    status, headers, _ = browser.get(head + b"\r\n" + BODY + HIDDEN)
+    assert status == 400
+    assert headers["connection"] == "close"
+    assert browser.hung_up
+    assert browser.sent.count(b"HTTP/1.1 ") == 1, "the hidden request was answered"
+
+
+def test_a_folded_header_is_one_line() -> None:
+    """RFC 9112 section 5.2: a server either rejects it, or replaces the fold by a space."""
+    head = HEAD + b"Transfer-Encoding:\r\n chunked\r\n\r\n"
+    assert Browser().get(head + BODY)[0] == 200
+    both = HEAD + b"Content-Length: 3\r\nTransfer-Encoding:\r\n\tchunked\r\n\r\n"
+    assert Browser().get(both + BODY)[0] == 400
+
+
 def test_a_failing_handler_is_logged_and_answered(caplog: pytest.LogCaptureFixture) -> None:
     def fail(request: HttpRequest) -> HttpResponse:
         raise RuntimeError("secret")

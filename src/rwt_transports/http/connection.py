@@ -240,6 +240,8 @@ class HttpConnection(UnbufferedCallbacks):
                 self._body = bytearray()
                 if _size(event) > self._limits.http_header_bytes:
                     self._fail(431)
+                elif _has_doubtful_length(event):
+                    self._fail(400)
             elif isinstance(event, h11.Data):
                 self._body += event.data
                 if len(self._body) > self._most_body():
@@ -548,6 +550,17 @@ _BROKEN = {
 def _size(request: h11.Request) -> int:
     """Return the size of the request line and the headers; h11 limits only those that arrive in pieces."""
     return len(request.target) + sum(len(name) + len(value) + 4 for name, value in request.headers)
+
+
+def _has_doubtful_length(request: h11.Request) -> bool:
+    """Return True if a proxy may see the end of a request elsewhere (RFC 9112 section 6.1).
+
+    Such a request may hide another one; h11 itself lets Transfer-Encoding win.
+    """
+    names = {name for name, _ in request.headers}
+    if b"transfer-encoding" not in names:
+        return False
+    return b"content-length" in names or request.http_version < b"1.1"
 
 
 async def close_iterator(chunks: AsyncIterator[bytes]) -> None:

@@ -38,8 +38,8 @@ def _add_verify(commands: Commands) -> None:
         help="check that no line was changed, inserted or removed",
         description="Check the hash chain of an audit log, with its traffic and its older files. Exit code 1:"
         " a line was changed, inserted or removed.\nNot detected: removal of the newest lines of all files,"
-        " and of the oldest ones; a chain that was computed anew.\nFor these, keep the hash that is printed (or"
-        " logged by the server) elsewhere, and pass it with --hash.",
+        " and of the oldest ones; a chain that was computed anew.\nFor these, keep the hash that is printed"
+        " (or logged by the server) elsewhere, and pass it with --hash.",
         epilog=epilog(
             "rwt audit verify audit.jsonl\nrwt audit verify audit.jsonl --hash 9f86d081…",
             '{"ok": false, "lines": 812, "faults": [{"file": "audit.jsonl", "line": 7, "text": "…"}],\n'
