@@ -458,6 +458,7 @@ class Server:
         if self._worker is not None:
             await stack.enter_async_context(self._worker.metrics.serve(metrics.text))
         self._warn_of_strangers(access, listeners)
+        self._warn_of_readable_tokens(listeners)
         return _Running(bridge, tuple(reload_roles), metrics, tuple(listeners), tls, stack.pop_all())
 
     def _start_gateways(
@@ -486,6 +487,18 @@ class Server:
             logger.warning(
                 "NO AUTHENTICATION: everybody who reaches %s may drive this robot. Set `auth.tokens`, or"
                 " `auth.default_role` to a role that may less, or listen on 127.0.0.1.",
+                " and ".join(open_at),
+            )
+
+    def _warn_of_readable_tokens(self, listeners: Iterable[Listener]) -> None:
+        """Warn if clients send tokens over networks without encryption, unless a proxy may encrypt them."""
+        urls = [each.url for each in listeners if each.url.startswith("ws://")]
+        open_at = [url for url in urls if not is_loopback_listener(url)]
+        is_first = self._worker is None or self._worker.number == 1
+        if open_at and self.settings.auth.tokens and not self.settings.proxies and is_first:
+            logger.warning(
+                "UNENCRYPTED TOKENS: everybody on the network can read the tokens that clients send to %s."
+                " Use `--tls auto` or a certificate (tls.certfile), or a reverse proxy with TLS (proxies).",
                 " and ".join(open_at),
             )
 

@@ -136,7 +136,7 @@ class Tokens:
     """Known bearer tokens, and the roles that they give."""
 
     def __init__(self, tokens: Mapping[str, TokenSettings], roles: Mapping[str, Role]) -> None:
-        self._known = [(_hash_of(token), roles[token.role].given_by(name)) for name, token in tokens.items()]
+        self._known = [(token.digest, roles[token.role].given_by(name)) for name, token in tokens.items()]
 
     def __bool__(self) -> bool:
         return bool(self._known)
@@ -184,13 +184,6 @@ def _in_query(info: PeerInfo) -> list[str]:
 def _in_subprotocols(info: PeerInfo) -> list[str]:
     offered = (name.strip() for name in info.headers.get("sec-websocket-protocol", "").split(","))
     return [name.removeprefix(_SUBPROTOCOL_TOKEN) for name in offered if name.startswith(_SUBPROTOCOL_TOKEN)]
-
-
-def _hash_of(token: TokenSettings) -> bytes:
-    if token.sha256 is not None:
-        return bytes.fromhex(token.sha256.get_secret_value())
-    plain = token.token.get_secret_value() if token.token else ""
-    return hashlib.sha256(plain.encode()).digest()
 
 
 def rosauth_of(

@@ -47,6 +47,11 @@ def is_list(key: Sequence[str]) -> bool:
     return get_origin(plain_type(annotation_at(Settings, key))) is tuple
 
 
+def kind_of(key: Sequence[str]) -> object:
+    """Return the plain type of a setting; None if there is none."""
+    return plain_type(annotation_at(Settings, key))
+
+
 def is_secret(key: Sequence[str]) -> bool:
     """Return True if the value must not be shown."""
     return plain_type(annotation_at(Settings, key)) is SecretStr

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import builtins
+import re
 import tomllib
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -11,8 +14,9 @@ from typing import Final
 from pydantic import ValidationError
 
 from rwt.access.settings import SettingsError
-from rwt.settings.errors import Key, explain, is_list
+from rwt.settings.errors import Key, explain, is_list, kind_of
 from rwt.settings.models import Settings
+from rwt.settings.places import line_of
 
 ENVIRONMENT_PREFIX: Final = "RWT_"
 FILE_VARIABLE: Final = "RWT_CONFIG"
@@ -22,6 +26,9 @@ CLIENT_VARIABLES: Final = frozenset({"RWT_URL", "RWT_TOKEN"})
 """Variables of the commands that connect to a robot; they are not settings of a server."""
 
 DEFAULT: Final = "default"
+
+#: Keys of settings that an error text names.
+_NAMED: Final = re.compile(r"`([A-Za-z0-9_-]+(?:\.[A-Za-z0-9_-]+)+)`")
 
 _DEEPEST: Final = 16
 """Maximum nesting of tables; no setting is as deep."""
@@ -88,7 +95,7 @@ def load_settings(
         settings = Settings.model_validate(values)
     except ValidationError as error:
         key, text = explain(error)
-        raise SettingsError(f"{_where(key, sources)}: {text}") from None
+        raise SettingsError(f"{_where(key, text, sources, file)}: {text}") from None
     return LoadedSettings(settings, sources)
 
 
@@ -134,13 +141,24 @@ def from_text(dotted: str, text: str, source: str) -> Given:
 
 def _from_text(key: Key, text: str, source: str) -> Given:
     if not is_list(key):
-        return Given(key, text, source)
+        return Given(key, _plain_value(key, text), source)
     if not text.lstrip().startswith("["):
         return Given(key, [item.strip() for item in text.split(",") if item.strip()], source)
     try:
         return Given(key, tomllib.loads(f"list = {text}")["list"], source)
     except (ValueError, RecursionError) as error:
         raise SettingsError(f"{source}: `{'.'.join(key)}`: not a list as TOML writes it: {error}") from error
+
+
+def _plain_value(key: Key, text: str) -> object:
+    """Return the boolean or number that a text stands for; the text itself for other types."""
+    match kind_of(key):
+        case builtins.bool:
+            return {"true": True, "1": True, "false": False, "0": False}.get(text.strip().lower(), text)
+        case builtins.int | builtins.float as kind:
+            with suppress(ValueError):
+                return kind(text)
+    return text
 
 
 def _in_file(path: Path) -> Iterator[Given]:
@@ -184,10 +202,29 @@ def _put(values: dict[str, object], key: Key, value: object) -> None:
         values[name] = value
 
 
-def _where(key: Key, sources: Mapping[Key, str]) -> str:
-    """Return the source of an invalid value at `key`: its own, that of a nested value, or all."""
-    for length in range(len(key), 0, -1):
-        if key[:length] in sources:
-            return sources[key[:length]]
+def _where(key: Key, text: str, sources: Mapping[Key, str], file: Path | None) -> str:
+    """Return the places of an invalid value: its own, those of named settings, or all sources."""
+    named = (tuple(each.split(".")) for each in _NAMED.findall(text))
+    for each in [[key], [*named]]:
+        places = [place for one in each if (place := _place(one, sources, file))]
+        if places:
+            return ", ".join(dict.fromkeys(places))
     within = [source for known, source in sources.items() if known[: len(key)] == key]
     return ", ".join(dict.fromkeys(within or sources.values()))
+
+
+def _place(key: Key, sources: Mapping[Key, str], file: Path | None) -> str:
+    """Return where a setting or the table of a missing one is set; empty if unknown."""
+    for length in range(len(key), 0, -1):
+        if key[:length] in sources:
+            return placed(key[:length], sources[key[:length]], file)
+    return placed(key, str(file), file) if len(key) > 1 and file is not None else ""
+
+
+def placed(key: Key, source: str, file: Path | None) -> str:
+    """Return the source of a setting, with the line if it is a file."""
+    if file is None or source != str(file):
+        return source
+    lines = (line_of(file, key[:length]) for length in range(len(key), 1, -1))
+    line = next((each for each in lines if each is not None), line_of(file, key[:1]))
+    return source if line is None else f"{source}:{line}"

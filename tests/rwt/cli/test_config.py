@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
+import re
 import tomllib
 from pathlib import Path
 
@@ -15,6 +17,7 @@ from rwt.cli import main
 from rwt.cli.commands.config import show
 from rwt.settings.errors import known_settings
 from rwt.settings.models import Settings
+from rwt.settings.places import line_of
 from rwt.settings.sources import Given, load_settings, read_settings
 from rwt_protocol.error_text import annotation_of, expected
 
@@ -35,7 +38,7 @@ def _file(folder: Path, text: str) -> Path:
 def test_the_command_line_wins_over_the_environment_and_that_over_the_file(tmp_path: Path) -> None:
     path = _file(tmp_path, "distro = 'noetic'\n[limits]\nconnections = 1\nsubscriptions = 1\ncalls = 1\n")
     environment = {"RWT_LIMITS__SUBSCRIPTIONS": "2", "RWT_LIMITS__CALLS": "2", "HOME": "/"}
-    loaded = load_settings(path, environment, (Given(("limits", "calls"), "3", "command line"),))
+    loaded = load_settings(path, environment, (Given(("limits", "calls"), 3, "command line"),))
     limits = loaded.settings.limits
     assert (limits.connections, limits.subscriptions, limits.calls) == (1, 2, 3)
     assert loaded.settings.distro == "noetic"
@@ -125,10 +128,115 @@ def test_what_is_wrong_is_said_with_the_place_and_what_is_expected(
     path = _file(tmp_path, text)
     with pytest.raises(SettingsError) as refused:
         read_settings(path)
-    assert str(refused.value).startswith(f"{path}: ")
+    assert re.match(rf"{re.escape(str(path))}(:\d+)?: ", str(refused.value))
     assert expected_text in str(refused.value)
     assert "\n" not in str(refused.value)
     assert "pydantic" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected_text"),
+    [
+        ("demo = 'yes'", ":1: `demo`: expected true or false, got 'yes'"),
+        ("demo = 1", "`demo`: expected true or false, got 1"),
+        (
+            "# a comment\n\n[roles.a]\nread_only = 'on'",
+            ":4: `roles.a.read_only`: expected true or false, got 'on'",
+        ),
+        ("[limits]\ncalls = '20'", ":2: `limits.calls`: expected a whole number"),
+        ("[limits]\ncalls = true", "`limits.calls`: expected a whole number"),
+        ("[limits]\ncalls = 20.0", "`limits.calls`: expected a whole number"),
+        ("[limits]\nping_seconds = '3'", "`limits.ping_seconds`: expected a number"),
+        ("[gate.emergency]\nat_start = 'no'", "`gate.emergency.at_start`: expected true or false, got 'no'"),
+        (
+            "[gate.rules.a]\ntopics = ['/x']\nfinite = 0",
+            "`gate.rules.a.finite`: expected true or false, got 0",
+        ),
+        (
+            "[gate.rules.a]\ntopics = ['/x']\n[gate.rules.a.fields.x]\nmax = '1'",
+            ":4: `gate.rules.a.fields.x.max`",
+        ),
+        (
+            (
+                f"[auth.tokens.a]\ntoken = '{TOKEN}'\nrole = 'admin'\n\n"
+                f"[auth.tokens.b]\ntoken = '{TOKEN}'\nrole = 'viewer'"
+            ),
+            "`auth.tokens.b` and `auth.tokens.a` are the same token",
+        ),
+        (
+            (
+                f"[auth.tokens.a]\ntoken = '{TOKEN}'\nrole = 'admin'\n[auth.tokens.b]\n"
+                f"sha256 = '{hashlib.sha256(TOKEN.encode()).hexdigest()}'\nrole = 'viewer'"
+            ),
+            "`auth.tokens.b` and `auth.tokens.a` are the same token",
+        ),
+        *(
+            (f"[origins]\nhosts = ['{host}']", "`origins.hosts`: '")
+            for host in ("robot:9090", "http://robot", "robot name", "robot_", "-a", "", "[::1]", "a..b")
+        ),
+        *(
+            (f"[origins]\nallow = ['{origin}']", "`origins.allow`: '")
+            for origin in (
+                "ui.example.com",
+                "https://",
+                "https://a b",
+                "https://a/path",
+                "https://a:x",
+                "https://-a",
+            )
+        ),
+    ],
+)
+def test_loosely_typed_and_malformed_values_are_rejected(
+    tmp_path: Path, text: str, expected_text: str
+) -> None:
+    with pytest.raises(SettingsError) as refused:
+        read_settings(_file(tmp_path, text))
+    assert expected_text in str(refused.value)
+
+
+def test_both_places_of_a_token_are_named(tmp_path: Path) -> None:
+    token = f"token = '{TOKEN}'\nrole = 'viewer'\n"
+    with pytest.raises(SettingsError, match=r"rwt.toml:6, .*rwt.toml:1: "):
+        read_settings(_file(tmp_path, f"[auth.tokens.a]\n{token}\n# again\n[auth.tokens.b]\n{token}"))
+
+
+@pytest.mark.parametrize("host", ["robot", "*.example.com", "*", "192.0.2.7", "2001:db8::1", "robot-?.local"])
+def test_names_of_hosts(tmp_path: Path, host: str) -> None:
+    assert read_settings(_file(tmp_path, f"[origins]\nhosts = ['{host}']")).origins.hosts == (host,)
+
+
+@pytest.mark.parametrize(
+    "origin",
+    [
+        "https://a.example",
+        "https://*.a.example",
+        "http://[::1]:8080",
+        "*",
+        "null",
+        "http://a:*",
+        "*://a",
+        "app://x",
+    ],
+)
+def test_origins(tmp_path: Path, origin: str) -> None:
+    assert read_settings(_file(tmp_path, f"[origins]\nallow = ['{origin}']")).origins.allow == (origin,)
+
+
+@pytest.mark.parametrize(("text", "demo"), [("true", True), ("0", False), ("False", False), ("1", True)])
+def test_text_stands_for_booleans_and_numbers_in_the_environment(text: str, demo: bool) -> None:
+    settings = load_settings(environment={"RWT_DEMO": text, "RWT_LIMITS__CALLS": "7"}).settings
+    assert (settings.demo, settings.limits.calls) == (demo, 7)
+    with pytest.raises(SettingsError, match="RWT_DEMO: `demo`: expected true or false, got 'yes'"):
+        load_settings(environment={"RWT_DEMO": "yes"})
+
+
+def test_the_line_of_a_setting(tmp_path: Path) -> None:
+    path = _file(
+        tmp_path, 'demo = true\n\n[a]\nlist = [\n  1,\n  2,\n]\ntext = """\n[b]\n"""\n[b]\nc.d = 1\n'
+    )
+    keys = [("demo",), ("a",), ("a", "list"), ("a", "text"), ("b",), ("b", "c", "d"), ("b", "x")]
+    assert [line_of(path, key) for key in keys] == [1, 3, 4, 8, 11, 12, None]
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,7 +18,9 @@ from rwt.access.settings.types import (
     Count,
     CountOrNone,
     Globs,
+    HostGlobs,
     HostName,
+    OriginGlobs,
     Seconds,
     SecondsOrNone,
     Table,
@@ -175,6 +178,14 @@ class TokenSettings(Table):
             raise ValueError("expected exactly one of `token` and `sha256`")
         return self
 
+    @property
+    def digest(self) -> bytes:
+        """SHA-256 of the token."""
+        if self.sha256 is not None:
+            return bytes.fromhex(self.sha256.get_secret_value())
+        plain = self.token.get_secret_value() if self.token else ""
+        return hashlib.sha256(plain.encode()).digest()
+
 
 class AuthSettings(Table):
     """Authentication. Without tokens and without a secret, every client gets `default_role`."""
@@ -208,6 +219,17 @@ class AuthSettings(Table):
         default_factory=dict, description="bearer tokens, each under a name of its own"
     )
 
+    @model_validator(mode="after")
+    def _tokens_differ(self) -> AuthSettings:
+        names: dict[bytes, str] = {}
+        for name, token in self.tokens.items():
+            other = names.setdefault(token.digest, name)
+            if other != name:
+                raise ValueError(
+                    f"`auth.tokens.{name}` and `auth.tokens.{other}` are the same token: expected two"
+                )
+        return self
+
 
 class RoleSettings(Table):
     """Permissions of a role: globs of resolved names, in which `*` also matches `/`. All else is rejected."""
@@ -240,7 +262,7 @@ class OriginSettings(Table):
     """Web pages that may connect, and accepted host names. Requests without an origin are not checked."""
 
     allow: Annotated[
-        Globs,
+        OriginGlobs,
         Field(
             description="further origins that may connect, for example `https://ui.example.com` or"
             ' `https://*.example.com`; `"null"`: pages from files, and with them sandboxed'
@@ -248,7 +270,7 @@ class OriginSettings(Table):
         ),
     ] = ()
     hosts: Annotated[
-        Globs,
+        HostGlobs,
         Field(
             description="accepted host names of this server, for example `robot.example.com`, beside those"
             " of this machine. Not set: no others on a loopback address, all elsewhere"

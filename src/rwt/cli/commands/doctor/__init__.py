@@ -77,6 +77,14 @@ class Finding:
     advice: str = ""
 
 
+_READABLE_TOKEN: Final = Finding(
+    "encryption",
+    "warning",
+    "the token is sent without encryption: everybody on the network can read it",
+    "use wss:// (`rwt serve --tls auto`, or a reverse proxy with TLS), and replace the token",
+)
+
+
 def add_doctor_command(commands: Commands) -> None:
     """Add `doctor` to the command line."""
     parser = commands.add_parser(
@@ -152,6 +160,8 @@ async def _examine(arguments: Arguments, report: Callable[[Finding], None]) -> N
         probe = WireProbe()
         async with connect(url, probe.accept, headers=headers, timeout=limit, tls=tls) as connection:
             report(_connected(url, bool(token_of(arguments)), connection.path))
+            if token_of(arguments) and _is_readable(url):
+                report(_READABLE_TOKEN)
             examination = _Examination(probe, min(limit, _PATIENCE), binary=carries_binary(url))
             async for finding in examination.findings():
                 report(finding)
@@ -210,6 +220,16 @@ def _ice_finding(seen: Probe) -> Finding:
 def _connected(url: str, token: bool, path: str) -> Finding:
     text = f"connected to {url}" + (f" {path}" if path else "")
     return Finding("connection", "ok", f"{text}; the token was accepted" if token else text)
+
+
+def _is_readable(url: str) -> bool:
+    """Return True if a network between this machine and the robot can read what is sent."""
+    from urllib.parse import urlsplit
+
+    from rwt_transports.http.routes import is_local
+
+    parts = urlsplit(url)
+    return parts.scheme in ("ws", "webrtc+http") and not is_local(parts.hostname or "")
 
 
 def _how_to_connect(cause: ConnectCause, token: bool) -> str:

@@ -1,0 +1,48 @@
+"""Tokens that clients send without encryption: a warning at start, and one of `rwt doctor`."""
+
+from __future__ import annotations
+
+import logging
+
+import pytest
+
+from rwt import Server, Settings
+from rwt.cli.commands.doctor import _is_readable
+
+AUTH = {"tokens": {"me": {"token": "a-token-of-some-length", "role": "viewer"}}}
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize(
+    ("url", "changes", "warns"),
+    [
+        ("ws://0.0.0.0:0", {}, True),
+        ("ws://127.0.0.1:0", {}, False),
+        ("ws://0.0.0.0:0", {"proxies": ["192.0.2.1"]}, False),
+        ("tcp://0.0.0.0:0", {}, False),
+    ],
+)
+async def test_the_server_warns_once(
+    url: str, changes: dict[str, object], warns: bool, caplog: pytest.LogCaptureFixture
+) -> None:
+    settings = Settings.model_validate({"auth": AUTH, "nodes": [], "gateways": [], **changes})
+    with caplog.at_level(logging.WARNING):
+        async with Server(url, settings=settings) as server:
+            server.reload()
+    assert caplog.text.count("UNENCRYPTED TOKENS") == warns
+    assert "a-token" not in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("url", "is_readable"),
+    [
+        ("ws://robot:9090", True),
+        ("webrtc+http://192.0.2.7:9090", True),
+        ("wss://robot:9090", False),
+        ("ws://127.0.0.1:9090", False),
+        ("ws://[::1]:9090", False),
+        ("ws://localhost:9090", False),
+    ],
+)
+def test_the_doctor_knows_which_urls_are_readable(url: str, is_readable: bool) -> None:
+    assert _is_readable(url) is is_readable
