@@ -90,6 +90,7 @@ COMMANDS: Final = (
     ),
     Command("stop", "press or release a robot's emergency stop", "gate"),
     Command("approve", "list or answer requests for approval", "gate"),
+    Command("gate", "roles and gate rules of a server: explain, check", "gate.check"),
     Command("audit", "read and verify the audit log of a robot's gate: show, verify", "gate.audit"),
     Command("bag", "recordings: record, play, info, recover"),
     Command("mcp", "give an agent tools for a robot, over standard input and output"),

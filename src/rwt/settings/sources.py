@@ -56,14 +56,24 @@ class LoadedSettings:
     Attributes:
         settings: the outcome.
         sources: for each key that was set, where; all others have their defaults.
+        file: TOML file; None without one.
     """
 
     settings: Settings
     sources: Mapping[Key, str]
+    file: Path | None = None
 
     def source(self, key: Key) -> str:
         """Where the value of a setting came from."""
         return self.sources.get(key, DEFAULT)
+
+    def place(self, key: Key) -> str:
+        """Return where a setting or a table comes from, with the line in a file."""
+        for part in (key, key[:-1]) if len(key) > 2 else (key,):  # The table of a default.
+            for known, source in self.sources.items():
+                if known[: len(part)] == part:
+                    return placed(part, source, self.file)
+        return DEFAULT
 
 
 def load_settings(
@@ -96,7 +106,7 @@ def load_settings(
     except ValidationError as error:
         key, text = explain(error)
         raise SettingsError(f"{_where(key, text, sources, file)}: {text}") from None
-    return LoadedSettings(settings, sources)
+    return LoadedSettings(settings, sources, file)
 
 
 def with_changes(settings: Settings | None, changes: Mapping[str, object]) -> Settings:

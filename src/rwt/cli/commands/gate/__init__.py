@@ -1,4 +1,4 @@
-"""`rwt stop`, `rwt approve` and, in :mod:`rwt.cli.commands.gate.audit`, `rwt audit`."""
+"""`rwt stop` and `rwt approve`; `rwt audit` and `rwt gate` in modules of their own."""
 
 from __future__ import annotations
 

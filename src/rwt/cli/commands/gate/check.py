@@ -1,0 +1,292 @@
+"""`rwt gate`: explain the rules of a configuration, and check a single request against them."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from rwt.cli.console.message_argument import read_message, read_value
+from rwt.cli.console.output import Output, Style, standard_output
+from rwt.cli.errors import CALLED_WRONGLY, FAILED, CommandError
+from rwt.cli.parser import Commands, add_commands
+from rwt.cli.verbs import epilog
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from rwt.access.roles import Role
+    from rwt.access.settings.gate import GateRule
+    from rwt.cli.commands.gate.trial import Outcome
+    from rwt.settings import LoadedSettings
+
+VERBS: Final = ("publish", "subscribe", "call", "goal", "set_param", "get_param", "provide")
+_WITH_MESSAGE: Final = ("publish", "call", "goal", "set_param")
+_STYLES: Final[dict[str, Style]] = {"allowed": "good", "changed": "warning", "denied": "bad"}
+
+
+def add_gate_command(commands: Commands) -> None:
+    """Add `gate` to the command line."""
+    parser = commands.add_parser(
+        "gate", description="Explain and check the roles and gate rules of a server."
+    )
+    verbs = add_commands(parser)
+    _add_explain(verbs)
+    _add_check(verbs)
+
+
+def _add_file(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "config", type=Path, metavar="CONFIG", help="TOML file with the settings of the server"
+    )
+
+
+def _add_explain(commands: Commands) -> None:
+    parser = commands.add_parser(
+        "explain",
+        help="print who may do what, with the rules that apply",
+        description="Print what each role may do, with the gate rules that apply. Everything else is denied.",
+        epilog=epilog(
+            "rwt gate explain robot.toml\nrwt gate explain robot.toml --role operator",
+            '[{"role": "operator", "verb": "publish", "resource": "/cmd_vel", "rules": ["drive"],\n'
+            '"limits": "lease 0.5 s, linear.x -0.3 to 0.8 (clamp)", "places": ["robot.toml:5"]}, …]',
+        ),
+    )
+    _add_file(parser)
+    parser.add_argument("--role", metavar="NAME", help="only this role")
+    parser.add_argument("--json", action="store_true", help="print the table as JSON")
+    parser.set_defaults(run=_explain)
+
+
+def _add_check(commands: Commands) -> None:
+    parser = commands.add_parser(
+        "check",
+        help="decide one request as a server with this configuration would",
+        description="Decide one request as a server with this configuration would, at rest:\n"
+        "no lease is held, nothing is approved, and no stop is pressed.\n"
+        "Exit code 0: allowed, perhaps with changed values; 1: denied, or needs approval; 2: incorrect use.",
+        epilog=epilog(
+            "rwt gate check robot.toml --as phone publish /cmd_vel '{linear: {x: 2}}'"
+            " --type geometry_msgs/msg/Twist\n"
+            "rwt gate check robot.toml --role viewer call /reset --type std_srvs/srv/Trigger",
+            '{"decision": "denied", "text": "linear.x: expected -0.3 to 0.8, got 2 (…)", "role": "op",\n'
+            '"rule": "gate.rules.drive.fields", "place": "robot.toml:11", "credential": "phone",\n'
+            '"rules": {"gate.rules.drive": "robot.toml:5"}, "sent": ""}',
+        ),
+    )
+    _add_file(parser)
+    parser.add_argument(
+        "--as",
+        dest="token",
+        metavar="TOKEN",
+        help="name of a token in auth.tokens, or the token (default: a client without credentials)",
+    )
+    parser.add_argument("--role", metavar="NAME", help="a client with this role, instead of --as")
+    parser.add_argument("verb", choices=VERBS, metavar="VERB", help=f"one of {', '.join(VERBS)}")
+    parser.add_argument("name", metavar="NAME", help="topic, service, action or parameter")
+    parser.add_argument(
+        "message",
+        metavar="MESSAGE",
+        nargs="?",
+        help="message, request or goal as YAML or JSON (default: zeros)",
+    )
+    parser.add_argument(
+        "--type",
+        metavar="TYPE",
+        help="type of the topic, service or action, for example geometry_msgs/msg/Twist",
+    )
+    parser.add_argument("--json", action="store_true", help="print the decision as JSON")
+    parser.set_defaults(run=_check)
+
+
+def _load(path: Path) -> LoadedSettings:
+    from rwt.access.settings import SettingsError
+    from rwt.settings import load_settings
+
+    try:
+        return load_settings(path, os.environ)
+    except SettingsError as error:
+        raise CommandError(str(error), CALLED_WRONGLY) from error
+
+
+# -- check -------------------------------------------------------------------------------------------------
+
+
+def _check(arguments: argparse.Namespace) -> int:
+    from rwt.cli.commands.gate.trial import Trial  # `--help` does not need a graph
+
+    if arguments.token is not None and arguments.role is not None:
+        raise CommandError("expected one of --as and --role", CALLED_WRONGLY)
+    if arguments.message is not None and arguments.verb not in _WITH_MESSAGE:
+        raise CommandError(f"{arguments.verb} has no message", CALLED_WRONGLY)
+    loaded = _load(arguments.config)
+    message: object = {}
+    if arguments.message is not None:
+        read = partial(read_value, what="the value") if arguments.verb == "set_param" else read_message
+        message = read(arguments.message)
+    trial = Trial(loaded.settings)
+    role = trial.role_of(arguments.token, arguments.role)
+    outcome = trial.decide(role, arguments.verb, arguments.name, message, arguments.type)
+    output = standard_output(json=arguments.json)
+    _print(outcome, loaded, output)
+    return 0 if outcome.decision in ("allowed", "changed") else FAILED
+
+
+def _print(outcome: Outcome, loaded: LoadedSettings, output: Output) -> None:
+    place = loaded.place(tuple(outcome.rule.split("."))) if outcome.rule else ""
+    places = {rule: loaded.place(tuple(rule.split("."))) for rule in outcome.rules}
+    if output.json:
+        output.record(
+            {
+                "decision": outcome.decision,
+                "text": outcome.text,
+                "rule": outcome.rule,
+                "place": place,
+                "role": outcome.role,
+                "credential": outcome.credential,
+                "rules": places,
+                "sent": outcome.sent,
+            }
+        )
+        return
+    who = f"role {outcome.role or 'none'}" + (f", token {outcome.credential}" if outcome.credential else "")
+    output.line(f"{output.styled(outcome.decision, _STYLES.get(outcome.decision, 'warning'))} ({who})")
+    if outcome.text:
+        output.line(f"  {output.escape_terminal(outcome.text)}")
+    if outcome.sent:
+        output.line(f"  sent to the robot: {output.escape_terminal(outcome.sent)}")
+    if outcome.rule:
+        output.line(f"  decided by {outcome.rule} ({output.escape_terminal(place)})")
+    for rule, at in places.items():
+        output.line(f"  checked by {rule} ({output.escape_terminal(at)})")
+
+
+# -- explain -----------------------------------------------------------------------------------------------
+
+
+def _explain(arguments: argparse.Namespace) -> int:
+    from rwt.access.roles import roles
+
+    loaded = _load(arguments.config)
+    known = roles(loaded.settings)
+    if arguments.role is not None and arguments.role not in known:
+        raise CommandError(
+            f"{arguments.config}: no role {arguments.role!r}; known are {', '.join(known)}", CALLED_WRONGLY
+        )
+    wanted = [known[arguments.role]] if arguments.role else list(known.values())
+    rows = [row for role in wanted for row in _rows(loaded, role)]
+    output = standard_output(json=arguments.json)
+    if output.json:
+        output.record(rows)
+        return 0
+    table = [("ROLE", "VERB", "RESOURCE", "RULES", "LIMITS")]
+    for row in rows:
+        rules = [f"{rule} ({place})" for rule, place in zip(row["rules"], row["places"], strict=True)]
+        table.append(
+            (str(row["role"]), str(row["verb"]), str(row["resource"]), ", ".join(rules), str(row["limits"]))
+        )
+    output.columns(table, ("name", None, "type", None, None))
+    for line in _credentials(loaded):
+        output.line(output.escape_terminal(line))
+    return 0
+
+
+def _rows(loaded: LoadedSettings, role: Role) -> Iterator[dict[str, Sequence[str] | str]]:
+    """Return what a role may do. A glob is decided like a name: a narrower one has a row of its own."""
+    from rwt.access.gate.rules import Rules
+    from rwt.access.roles import ACTS, absolute_globs
+
+    gate = loaded.settings.gate
+    rules = Rules(gate.rules)
+    for act in ACTS:
+        verb = "goal" if act == "goals" else act
+        resources = list(role.globs[act])
+        key = _RULE_KEYS.get(verb)
+        if key is not None:
+            for rule in gate.rules.values():
+                resources += absolute_globs(getattr(rule, key))
+        for resource in dict.fromkeys(resources):
+            if not role.allows(act, resource):
+                continue
+            found = rules.of(verb, resource) if key is not None else ()  # type: ignore[arg-type]
+            applied = [rule for rule in found if rule.holds_for(role.name)]
+            yield {
+                "role": role.name,
+                "verb": verb,
+                "resource": resource,
+                "rules": [rule.key.removeprefix("gate.rules.") for rule in applied],
+                "limits": "; ".join(filter(None, (limits_of(rule.settings) for rule in applied))),
+                "places": [loaded.place(tuple(rule.key.split("."))) for rule in applied],
+            }
+    if gate.rules:
+        yield from _emergency_rows(loaded, role)
+
+
+def _emergency_rows(loaded: LoadedSettings, role: Role) -> Iterator[dict[str, Sequence[str] | str]]:
+    from rwt.access.roles import glob_pattern
+
+    emergency = loaded.settings.gate.emergency
+    for verb, roles in (("stop", emergency.stop_roles), ("release_stop", emergency.release_roles)):
+        if glob_pattern(roles).fullmatch(role.name):
+            place = loaded.place(("gate", "emergency", f"{verb.removesuffix('_stop')}_roles"))
+            yield {
+                "role": role.name, "verb": verb, "resource": "/gate", "rules": ["emergency"], "limits": "",
+                "places": [place],
+            }  # fmt: skip
+    for name, rule in loaded.settings.gate.rules.items():
+        if rule.approval is not None and glob_pattern(rule.approval.roles).fullmatch(role.name):
+            place = loaded.place(("gate", "rules", name, "approval"))
+            yield {
+                "role": role.name, "verb": "approve", "resource": name, "rules": [name], "limits": "",
+                "places": [place],
+            }  # fmt: skip
+
+
+_RULE_KEYS: Final = {"publish": "topics", "call": "services", "goal": "actions", "set_param": "parameters"}
+
+
+def limits_of(rule: GateRule) -> str:
+    """Return what a rule requires, in words."""
+    words = []
+    if rule.approval is not None:
+        words.append(f"approval by {' or '.join(rule.approval.roles)}")
+    if rule.lease is not None:
+        words.append(f"lease {rule.lease.seconds:g} s")
+    if rule.emergency:
+        words.append("emergency stop")
+    for path, limit in rule.fields.items():
+        if limit.one_of:
+            words.append(f"{path} one of {', '.join(limit.one_of)}")
+            continue
+        low = "" if limit.min is None else f"{limit.min:g}"
+        high = "" if limit.max is None else f"{limit.max:g}"
+        span = (
+            f"{low} to {high}"
+            if low and high
+            else f"at least {low}"
+            if low
+            else f"at most {high}"
+            if high
+            else ""
+        )
+        rate = "" if limit.rate is None else f"{limit.rate:g} per s"
+        words.append(f"{path} {', '.join(filter(None, (span, rate)))} ({limit.beyond})")
+    if rule.largest_bytes:
+        words.append(f"{rule.largest_bytes} bytes")
+    if rule.messages_per_second:
+        words.append(f"{rule.messages_per_second} messages per s")
+    return ", ".join(words)
+
+
+def _credentials(loaded: LoadedSettings) -> Iterator[str]:
+    """Return lines about who has which role."""
+    auth = loaded.settings.auth
+    for name, token in auth.tokens.items():
+        yield f"token {name}: role {token.role} ({loaded.place(('auth', 'tokens', name))})"
+    is_open = not auth.tokens and auth.rosauth_secret_file is None
+    role = auth.default_role or ("admin" if is_open else "")
+    yield f"without credentials: {f'role {role}' if role else 'refused'}"
+    if loaded.settings.gate.mode == "observe":
+        yield "the gate only observes (gate.mode): nothing is denied by a rule"
