@@ -43,7 +43,7 @@ from rwt.gateways.visitors import counted
 from rwt.nodes.rosapi import DISCLOSURES
 from rwt.observability.metrics import ServerMetrics
 from rwt.observability.supervision import READY, STOPPING, Heartbeat, tell, tell_reloading
-from rwt.settings.sources import with_changes
+from rwt.settings.sources import LoadedSettings, with_changes
 from rwt.signals import HANGUP, STOP_SIGNALS, Stopped, on_signals, stopped_by_signals, terminal_is_gone
 from rwt.tls.tls import renew_server_tls, server_tls
 from rwt_graph.api import Graph
@@ -78,6 +78,10 @@ Middleware = Callable[["Accept"], "Accept"]
 
 Main = Callable[["Server"], Awaitable[object]] | Callable[["BlockingNode"], object]
 """Robot program: a coroutine function on the server's event loop, or a plain function beside it."""
+
+
+#: Settings that :meth:`Server.reload` replaces.
+_RELOADED = frozenset({"auth", "roles", "origins", "tls", "gate"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,8 +142,8 @@ class Server:
         name: name of the node that a ``with`` block gets.
         loop: event loop that :meth:`run` and a ``with`` block start.
         worker: context of this worker process; set by :meth:`run`.
-        reload: reads the settings again for :meth:`reload`; default: only the files that the settings name
-            are read again.
+        reload: reads the settings again for :meth:`reload`, if possible with their places for errors;
+            default: only the files that the settings name are read again.
         changes: settings by name, overriding `settings`: ``Server(demo=True, distro="noetic")``.
 
     Attributes:
@@ -169,7 +173,7 @@ class Server:
         name: str = "robot",
         loop: Loop = "asyncio",
         worker: WorkerContext | None = None,
-        reload: Callable[[], Settings] | None = None,
+        reload: Callable[[], Settings | LoadedSettings] | None = None,
         **changes: object,
     ) -> None:
         if urls and "listen" in changes:
@@ -188,6 +192,7 @@ class Server:
                     own_gateways.append(each)
             changes["gateways"] = names
         self.settings = with_changes(settings, changes)
+        self._started_with = self.settings if reload is None or settings is None else settings
         self._registry = registry
         self._clock = clock
         self._extra_nodes = tuple(extra_nodes)
@@ -333,24 +338,39 @@ class Server:
                 tell(READY)
 
     def reload(self) -> None:
-        """Reload certificate, tokens, roles, origins and the secret of rosauth, as on SIGHUP.
+        """Reload certificate, tokens, roles, origins, gate rules and the secret of rosauth, as on SIGHUP.
 
-        Clients stay connected unless they are no longer admitted. Other settings require a restart. Call on
-        the server's event loop.
+        Clients stay connected unless they are no longer admitted, and keep their leases if the rules allow
+        it. Other settings require a restart; a warning names those that differ. Call on the server's event
+        loop.
 
         Raises:
-            SettingsError: a value is invalid; nothing has changed.
+            SettingsError: a value is invalid, or a change requires a restart; nothing has changed.
             NotRunning: the server does not run.
         """
         running = self._while_running
-        settings = self._read_settings()
-        server_tls(settings.tls)  # Raises before anything changes.
-        running.bridge.access.reload(settings)
+        read = self._read_settings()
+        settings = read.settings if isinstance(read, LoadedSettings) else read
+        try:
+            server_tls(settings.tls)  # Raises before anything changes.
+            running.bridge.access.reload(settings)
+        except SettingsError as error:
+            if not isinstance(read, LoadedSettings):
+                raise
+            raise SettingsError(read.with_places(str(error))) from None
         for reload_roles in running.reload_roles:
             reload_roles()
         if running.tls is not None:
             renew_server_tls(running.tls, settings.tls)
         self._warn_of_strangers(running.bridge.access, running.listeners)
+        started = self._started_with
+        changed = [
+            name
+            for name in type(settings).model_fields
+            if name not in _RELOADED and getattr(settings, name) != getattr(started, name)
+        ]
+        if changed:
+            logger.warning("changed, but without effect until a restart: %s", ", ".join(changed))
 
     def _on_hangup(self) -> None:
         tell_reloading()
@@ -359,7 +379,7 @@ class Server:
         except SettingsError as error:
             logger.error("the settings stay as they were: %s", error)
         else:
-            logger.info("certificate, tokens, roles and origins were read again")
+            logger.info("certificate, tokens, roles, origins and gate rules were read again")
         tell(READY)
 
     async def ended(self) -> None:

@@ -97,15 +97,29 @@ class Access:
         return gate
 
     def reload(self, settings: AccessSettings) -> None:
-        """Replace tokens, roles and origins, and end the open responses that they no longer allow.
+        """Replace tokens, roles, origins and gate rules, and end open responses that are no longer allowed.
 
         Gateways review their own clients (:meth:`rwt.gateways.base.Gateway.reload_roles`).
 
         Raises:
-            SettingsError: the settings are invalid; then nothing changes.
+            SettingsError: the settings are invalid, or require a restart; then nothing changes.
         """
-        self.admission.reload(settings)
+        replace = self.admission.prepare(settings)
+        self._reload_gate(settings.gate)
+        replace()
         self._open_responses.review()
+
+    def _reload_gate(self, settings: GateSettings) -> None:
+        if self.gate is None:
+            if settings.rules or settings.audit.is_on:
+                raise SettingsError("`gate.rules`: a server without a gate requires a restart for one")
+            return
+        from rwt.access.gate.gate import BadRule
+
+        try:
+            self.gate.replace_rules(settings)
+        except BadRule as wrong:
+            raise SettingsError(str(wrong)) from None
 
     def close(self) -> None:
         """Leave the graph, and flush the audit file."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from functools import partial
 from typing import TYPE_CHECKING
 
 from rwt.access.audit import LineRate
@@ -65,9 +66,21 @@ class Admission:
         Raises:
             SettingsError: the rosauth secret cannot be read; then nothing changes.
         """
+        self.prepare(settings)()
+
+    def prepare(self, settings: AccessSettings) -> Callable[[], None]:
+        """Return the function that replaces tokens, roles, origins and the rosauth secret; it does not fail.
+
+        Raises:
+            SettingsError: the rosauth secret cannot be read.
+        """
         auth = settings.auth
         known: Mapping[str, Role] = roles(settings)
         rosauth = rosauth_of(auth, known, bool(settings.roles), self._now)
+        return partial(self._replace, settings, known, rosauth)
+
+    def _replace(self, settings: AccessSettings, known: Mapping[str, Role], rosauth: Rosauth | None) -> None:
+        auth = settings.auth
         if rosauth is not None and self.rosauth is not None:
             rosauth.take_used_macs(self.rosauth)
         self.roles = known

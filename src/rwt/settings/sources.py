@@ -28,7 +28,8 @@ CLIENT_VARIABLES: Final = frozenset({"RWT_URL", "RWT_TOKEN"})
 DEFAULT: Final = "default"
 
 #: Keys of settings that an error text names.
-_NAMED: Final = re.compile(r"`([A-Za-z0-9_-]+(?:\.[A-Za-z0-9_-]+)+)`")
+_NAMED: Final = re.compile(r'`([A-Za-z0-9_-]+(?:\.(?:[A-Za-z0-9_-]+|"[^"`]*"))+)`')
+_PART: Final = re.compile(r'"([^"]*)"|([A-Za-z0-9_-]+)')
 
 _DEEPEST: Final = 16
 """Maximum nesting of tables; no setting is as deep."""
@@ -67,12 +68,18 @@ class LoadedSettings:
         """Where the value of a setting came from."""
         return self.sources.get(key, DEFAULT)
 
+    def with_places(self, text: str) -> str:
+        """Return an error text with the places of the settings that it names."""
+        places = [self.place(key) for key in _named_in(text)]
+        found = list(dict.fromkeys(place for place in places if place != DEFAULT))
+        return f"{', '.join(found)}: {text}" if found else text
+
     def place(self, key: Key) -> str:
         """Return where a setting or a table comes from, with the line in a file."""
-        for part in (key, key[:-1]) if len(key) > 2 else (key,):  # The table of a default.
+        for length in range(len(key), min(len(key), 2) - 1, -1):  # A default has the place of its table.
             for known, source in self.sources.items():
-                if known[: len(part)] == part:
-                    return placed(part, source, self.file)
+                if known[:length] == key[:length]:
+                    return placed(key[:length], source, self.file)
         return DEFAULT
 
 
@@ -214,13 +221,17 @@ def _put(values: dict[str, object], key: Key, value: object) -> None:
 
 def _where(key: Key, text: str, sources: Mapping[Key, str], file: Path | None) -> str:
     """Return the places of an invalid value: its own, those of named settings, or all sources."""
-    named = (tuple(each.split(".")) for each in _NAMED.findall(text))
-    for each in [[key], [*named]]:
+    for each in ([key], _named_in(text)):
         places = [place for one in each if (place := _place(one, sources, file))]
         if places:
             return ", ".join(dict.fromkeys(places))
     within = [source for known, source in sources.items() if known[: len(key)] == key]
     return ", ".join(dict.fromkeys(within or sources.values()))
+
+
+def _named_in(text: str) -> list[Key]:
+    """Return the keys of the settings that an error text names."""
+    return [tuple(quoted or plain for quoted, plain in _PART.findall(key)) for key in _NAMED.findall(text)]
 
 
 def _place(key: Key, sources: Mapping[Key, str], file: Path | None) -> str:

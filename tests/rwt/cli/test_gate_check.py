@@ -57,7 +57,7 @@ def config(tmp_path: Path) -> Path:
     [
         ((*PHONE, "publish", "/cmd_vel", "{linear: {x: 0.5}}", *TWIST), 0, "allowed", "", 0),
         ((*PHONE, "publish", "cmd_vel", "{linear: {x: 2}}", *TWIST), 0, "changed", "", 0),
-        (("--as", TOKEN, "publish", "cmd_vel", "{linear: {y: 2}}", *TWIST), 1, "denied", f"{DRIVE}.fields", 18),
+        (("--as", TOKEN, "publish", "cmd_vel", "linear: {y: 2}", *TWIST), 1, "denied", f"{DRIVE}.fields", 18),
         ((*PHONE, "publish", "cmd_vel", "{linear: {y: .nan}}", *TWIST), 1, "denied", f"{DRIVE}.finite", 12),
         ((*PHONE, "publish", "/other", *TWIST), 1, "denied", "roles.operator.publish", 7),
         ((*PHONE, "subscribe", "/other"), 1, "denied", "roles.operator.subscribe", 6),

@@ -289,6 +289,7 @@ class Approvals:
             by,
             f"{approval.id} of {approval.client}: {why}",
             approval.rule.key,
+            about=approval.client,
         )
         if approval.refuse is not None:
             approval.refuse(f"{approval.act} {approval.name}: {why} ({approval.rule.key}.approval)")
@@ -323,6 +324,17 @@ class Approvals:
         for approval in [each for each in self._pending.values() if each.rule.key in rules]:
             self._deny(approval, None, why)
         self._granted = {key: held for key, held in self._granted.items() if key.rule not in rules}
+
+    def review(self, unchanged: Collection[str], why: str) -> None:
+        """Deny the requests and drop the approvals of rules that were replaced.
+
+        Args:
+            unchanged: keys of the rules that stay.
+            why: reason for the clients.
+        """
+        for approval in [each for each in self._pending.values() if each.rule.key not in unchanged]:
+            self._deny(approval, None, why)
+        self._granted = {key: held for key, held in self._granted.items() if key[3] in unchanged}
 
     def _forget_expired(self) -> None:
         now = self._clock.monotonic()

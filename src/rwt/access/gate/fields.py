@@ -85,6 +85,11 @@ class Motion:
         """Discard the values of the current message, which was rejected."""
         self._next.clear()
 
+    def take_over(self, other: Motion) -> None:
+        """Continue the values of another topic object, whose rules were replaced."""
+        self.at = other.at
+        self._values.update(other._values)
+
     def reset(self) -> None:
         """Forget all values: the robot was told to stop."""
         self.at = -math.inf

@@ -20,7 +20,7 @@ from rwt.access.gate.fields import (
 from rwt.access.gate.record import Actor
 from rwt.access.gate.rules import Rules
 from rwt.access.gate.state import GATE_NODE, GateState
-from rwt.access.gate.topic import GuardedTopic
+from rwt.access.gate.topic import LOST_BY_RELOAD, GuardedTopic
 from rwt.access.graph_view import canonical
 from rwt.access.roles import absolute_globs, glob_pattern
 from rwt_interfaces.errors import InterfaceError
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from rwt.access.audit import Audit
     from rwt.access.gate.rules import GatedAct, Rule
     from rwt.access.roles import Role
-    from rwt.access.settings.gate import GateSettings
+    from rwt.access.settings.gate import GateRule, GateSettings
     from rwt_graph.api import Graph, Publisher
     from rwt_interfaces.structs import MessageType
 
@@ -129,6 +129,80 @@ class Gate(GateState):
     def _require_fit(topic: GuardedTopic) -> None:
         if topic.fault:
             raise BadRule(topic.fault)
+
+    def replace_rules(self, settings: GateSettings) -> None:
+        """Replace the rules, the mode, and the roles of the emergency stop while clients are connected.
+
+        Either everything changes or nothing. A lease stays with its holder if rules and role still allow it;
+        otherwise the robot is stopped there. Requests and approvals of changed rules are denied. The
+        emergency stop stays pressed. Gateways have to request their publishers again.
+
+        Raises:
+            BadRule: a rule does not fit the graph, the emergency stop would end somewhere, or the change
+                requires a restart. Nothing has changed.
+        """
+        before = self.settings
+        if (settings.rules, settings.mode, settings.emergency) == (
+            before.rules,
+            before.mode,
+            before.emergency,
+        ):
+            self._require_same_audit(settings)
+            return
+        self._require_reloadable(settings)
+        old = self.rules, self._topics, self._sweep, self._checks, dict(self.faults)
+        topics = self._topics
+        self.rules, self._topics, self._sweep, self._checks = Rules(settings.rules), {}, deque(), {}
+        try:
+            self._check_rules()
+            for topic in topics.values():
+                if self.rules.of("publish", topic.name):
+                    self._require_fit(self.guarded(topic.name, topic.type))
+        except (BadRule, GateRefused) as wrong:
+            for topic in self._topics.values():
+                topic.close()
+            self.rules, self._topics, self._sweep, self._checks, self.faults = old
+            raise BadRule(str(wrong)) from None
+        self.settings = settings
+        self.is_observing = settings.mode == "observe"
+        for topic in topics.values():
+            if self.rules.of("publish", topic.name):
+                self.guarded(topic.name, topic.type).take_over(topic)
+            else:
+                topic.end_lease(LOST_BY_RELOAD)
+            topic.close()
+        unchanged = {
+            rule.key for rule in old[0].all if settings.rules.get(rule.key.split(".", 2)[2]) == rule.settings
+        }
+        self.approvals.review(unchanged, "the settings have changed")
+        changed = sorted({rule.key for rule in (*old[0].all, *self.rules.all)} - unchanged)
+        text = f"rules replaced; changed are {', '.join(changed) or 'none'}"
+        self.recorder.note("reload", "reload", "", None, text, before=before.mode, after=settings.mode)
+        self.leases_changed()
+
+    def _require_same_audit(self, settings: GateSettings) -> None:
+        if settings.audit != self.settings.audit:
+            raise BadRule("`gate.audit`: cannot change while the server runs: restart it")
+
+    def _require_reloadable(self, settings: GateSettings) -> None:
+        """Check a change that does not depend on the graph.
+
+        Raises:
+            BadRule: it requires a restart, or would end the emergency stop somewhere.
+        """
+        self._require_same_audit(settings)
+        if bool(settings.rules) != bool(self.settings.rules):
+            raise BadRule("`gate.rules`: the first and the last rule require a restart of the server")
+        if not self.stopped_by:
+            return
+        if settings.mode != self.settings.mode:
+            raise BadRule("`gate.mode`: the emergency stop is on: release it first")
+        for name, rule in self.settings.rules.items():
+            now = settings.rules.get(name)
+            if rule.emergency and (now is None or not _stops_the_same(rule, now)):
+                raise BadRule(
+                    f"`gate.rules.{name}`: the change would end the emergency stop: release it first"
+                )
 
     # Clients
 
@@ -618,6 +692,16 @@ class Gate(GateState):
         self._topics.clear()
         self.participant.close()
         self.recorder.close()
+
+
+def _stops_the_same(before: GateRule, now: GateRule) -> bool:
+    """Return True if an emergency stop that a rule is for would not change with another version of it."""
+    names = ("topics", "services", "actions", "parameters")
+    return (
+        now.emergency
+        and (now.roles, now.stop, now.type) == (before.roles, before.stop, before.type)
+        and all(set(getattr(before, each)) <= set(getattr(now, each)) for each in names)
+    )
 
 
 def _is_name(glob: str) -> bool:

@@ -177,6 +177,15 @@ class Lease:
         if client is not self.holder:
             self._give(client, "passed on")
 
+    def take_over(self, other: Lease) -> None:
+        """Continue another lease, whose settings were replaced: its holder keeps it, silence included."""
+        self.holder, other.holder = other.holder, None
+        self.since_ns = other.since_ns
+        self._renewed_at = other._renewed_at
+        other._stop_timer()
+        if self.holder is not None:
+            self._check_silence()
+
     def release(self, client: Actor | None, why: str) -> None:
         """Free the lease if `client` holds it; None: whoever holds it."""
         if self.holder is not None and client in (None, self.holder):

@@ -80,6 +80,10 @@ class StopPath:
         if len(self._topics) < MAX_DRIVEN:
             self._topics[topic] = None
 
+    def forget_topic(self, topic: Stoppable) -> None:
+        """Forget a topic that is closed."""
+        self._topics.pop(topic, None)
+
     def note_goal(self, action: str, make_cancel: Callable[[], Callable[[], None]]) -> None:
         """Note an action to which a client sends goals.
 

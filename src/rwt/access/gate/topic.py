@@ -42,6 +42,8 @@ _STOPPED_BY_ZEROS: Final = frozenset({"geometry_msgs/Twist", "geometry_msgs/Twis
 #: Maximum size of a message that is compared with the stop message, in bytes.
 _MAX_STOP_BYTES: Final = 64 * 1024
 
+LOST_BY_RELOAD: Final = "lost by a reload of the settings"
+
 
 class _CompiledRule(NamedTuple):
     """Rule compiled for the topic's type."""
@@ -388,10 +390,10 @@ class GuardedTopic:
         self.stopped_in = self._gate.presses
         self.halt()
 
-    def end_lease(self) -> None:
-        """Release the lease after an emergency stop."""
+    def end_lease(self, why: str = "lost by the emergency stop") -> None:
+        """Release the lease, after an emergency stop unless the gate says otherwise."""
         if self.lease is not None and not self._gate.is_observing:
-            self.lease.release(None, "lost by the emergency stop")
+            self.lease.release(None, why)
 
     def halt(self) -> None:
         """Publish the stop message now, and repeat it until the robot's own timeout has expired."""
@@ -431,9 +433,41 @@ class GuardedTopic:
         if self.lease is not None:
             self.lease.release(client, why)
 
+    def take_over(self, before: GuardedTopic) -> None:
+        """Continue the topic under other rules: clients, lease, rates, stop messages and pauses.
+
+        The robot is stopped if the holder of the lease may not keep it.
+        """
+        gate = self._gate
+        for client in tuple(before.users):
+            self.users.add(client)
+            client.topics.add(self)
+        self._paused_at.update(before._paused_at)
+        self._motion.take_over(before._motion)
+        self.driven_in, self.stopped_in = before.driven_in, before.stopped_in
+        if self.is_emergency and self.driven_in == gate.presses:
+            gate.stop_path.note_topic(self)
+        if before._is_repeated and self._publisher is not None:
+            self._repeat_until = before._repeat_until
+            self._is_repeated = True
+            gate.stop_path.repeat(self)
+        holder = None if before.lease is None else before.lease.holder
+        if holder is None or before.lease is None:
+            return
+        holder.topics.discard(before)
+        if self.lease is not None and self._rules_of(holder.role).lease is not None:
+            holder.topics.add(self)
+            self.lease.take_over(before.lease)
+        else:
+            before.end_lease(LOST_BY_RELOAD)
+            self.halt()
+
     def close(self) -> None:
         """Close the topic's publisher."""
         self.is_closed = True
+        self._gate.stop_path.forget_topic(self)
+        for client in tuple(self.users):
+            client.topics.discard(self)
         self._gate.faults.pop(self.name, None)
         self._end_repeats()
         if self._publisher is not None:

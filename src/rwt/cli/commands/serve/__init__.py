@@ -7,6 +7,7 @@ import gc
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal
@@ -21,7 +22,7 @@ from rwt_transports.schemes import url_forms
 
 if TYPE_CHECKING:
     from rwt.server import Server
-    from rwt.settings.models import Settings
+    from rwt.settings.sources import LoadedSettings
 
 _EXAMPLES = """\
 examples:
@@ -155,14 +156,14 @@ def _run(arguments: argparse.Namespace) -> int:
 
     log_to_stderr(arguments.log_format, verbose=arguments.verbose)
 
-    def read_again() -> Settings:
+    def read_again() -> LoadedSettings:
         try:
             return _settings(arguments)
         except CommandError as error:
             raise SettingsError(str(error)) from error
 
     with command_errors():
-        settings = _settings(arguments)
+        settings = _settings(arguments).settings
         server = Server(
             settings=settings,
             reload=read_again,
@@ -198,7 +199,7 @@ def _in_worker(number: int, serve: Callable[[], None]) -> int:
     return reported(act)
 
 
-def _settings(arguments: argparse.Namespace) -> Settings:
+def _settings(arguments: argparse.Namespace) -> LoadedSettings:
     given: dict[str, object] = {
         "listen": tuple(arguments.url) or None,
         "demo": arguments.demo,
@@ -216,12 +217,12 @@ def _settings(arguments: argparse.Namespace) -> Settings:
         "zenoh.config": arguments.zenoh_config,
         "zenoh.domain": arguments.domain,
     }
-    settings = settings_of(arguments, given).settings
+    loaded = settings_of(arguments, given)
     if arguments.tls is None:
-        return settings
+        return loaded
     from rwt.cli.commands.serve.tls import encrypted  # `--help` does not need it
 
-    return encrypted(settings)
+    return replace(loaded, settings=encrypted(loaded.settings))
 
 
 def _on_up(server: Server) -> str:
