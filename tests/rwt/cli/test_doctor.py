@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import socket
 import threading
 from collections.abc import Iterator
@@ -15,7 +16,7 @@ from websockets.sync.client import connect
 from websockets.sync.server import ServerConnection, serve
 
 from rwt import Server
-from rwt.cli.commands.doctor import encodings
+from rwt.cli.commands.doctor import encodings, stop_finding
 from tests.rwt.cli.conftest import Rwt, demo_server
 
 
@@ -173,3 +174,21 @@ def test_a_server_that_never_answers(rwt: Rwt) -> None:
         ended = rwt("doctor", url, "--timeout", "0.2", "--json")
     verdicts = _verdicts(ended.json)
     assert (ended.code, verdicts["rosapi"], verdicts["encoding json"]) == (1, "problem", "problem")
+
+
+def test_the_stop_latency_of_this_machine(rwt: Rwt) -> None:
+    """The time itself is not asserted: the machine may be busy."""
+    ended = rwt("doctor", "--stop-latency", "--json")
+    told = ended.json
+    assert (ended.code, told["ok"], told["url"]) == (0, True, "")
+    stop, lease = told["findings"]
+    assert (stop["name"], lease["name"]) == ("stop latency", "lease latency")
+    assert re.match(r"p50 \d+\.\d ms, p99 \d+\.\d ms, max \d+\.\d ms of 200, .*guarantee 20 ms", stop["text"])
+    assert {stop["verdict"], lease["verdict"]} <= {"ok", "warning"}
+    assert rwt("doctor", "--stop-latency", "ws://robot:9090").code == 2
+
+
+def test_the_verdict_on_latencies() -> None:
+    assert stop_finding("x", [0.001] * 99 + [0.019], "since").verdict == "ok"
+    slow = stop_finding("x", [0.001] * 99 + [0.021], "since")
+    assert (slow.verdict, "p50 1.0 ms, p99 21.0 ms, max 21.0 ms of 100" in slow.text) == ("warning", True)

@@ -38,6 +38,7 @@ _PATIENCE: Final = 3.0
 """Timeout of each question in seconds, unless ``--timeout`` is shorter."""
 _QUESTIONS: Final = 10
 _SLOW_SECONDS: Final = 0.2
+_GUARANTEE_SECONDS: Final = 0.02
 _WRONG_SECONDS: Final = 0.5
 """Clock difference that is reported: transforms and delays are wrong by as much."""
 _STYLES: Final[dict[Verdict, Style]] = {"ok": "good", "note": "faint", "warning": "warning", "problem": "bad"}
@@ -92,12 +93,17 @@ def add_doctor_command(commands: Commands) -> None:
         description="Connect to a rosbridge server, this one or any other, and report what is wrong and what"
         " to do:\nversion, clock, latency, encodings, rosapi, permissions.",
         epilog=epilog(
-            "rwt doctor ws://robot:9090",
+            "rwt doctor ws://robot:9090\nrwt doctor --stop-latency",
             '{"url": "ws://robot:9090", "ok": true, "findings": [{"name": "latency", "verdict": "ok",\n'
             '"text": …, "advice": ""}, …]}; a verdict is "ok", "note", "warning" or "problem"',
         ),
     )
     parser.add_argument("target", metavar="URL", nargs="?", help="URL of the robot, like --url")
+    parser.add_argument(
+        "--stop-latency",
+        action="store_true",
+        help="instead, measure how fast a gate on this machine stops a robot, with a server in this process",
+    )
     add_robot_options(parser)
     parser.set_defaults(run=_run)
 
@@ -105,6 +111,8 @@ def add_doctor_command(commands: Commands) -> None:
 def _run(arguments: Arguments) -> int:
     if arguments.target and arguments.url:
         raise CommandError("expected one URL: --url is the same as the argument", CALLED_WRONGLY)
+    if arguments.stop_latency and (arguments.target or arguments.url):
+        raise CommandError("--stop-latency is about this machine: expected no URL", CALLED_WRONGLY)
     arguments.url = arguments.target or arguments.url
     output = standard_output(json=arguments.json)
     findings: list[Finding] = []
@@ -115,13 +123,13 @@ def _run(arguments: Arguments) -> int:
             if not output.json:
                 _print(finding, output)
 
-        await _examine(arguments, report)
+        await (_measure_stops(report) if arguments.stop_latency else _examine(arguments, report))
 
     run_async(program)
     problems = [finding for finding in findings if finding.verdict == "problem"]
     if output.json:
         record = {
-            "url": url_of(arguments),
+            "url": "" if arguments.stop_latency else url_of(arguments),
             "ok": not problems,
             "findings": [asdict(each) for each in findings],
         }
@@ -220,6 +228,38 @@ def _ice_finding(seen: Probe) -> Finding:
 def _connected(url: str, token: bool, path: str) -> Finding:
     text = f"connected to {url}" + (f" {path}" if path else "")
     return Finding("connection", "ok", f"{text}; the token was accepted" if token else text)
+
+
+async def _measure_stops(report: Callable[[Finding], None]) -> None:
+    from rwt.cli.commands.doctor.stop_latency import measure
+    from rwt.errors import ServerError
+    from rwt_transports.errors import TransportError
+
+    try:
+        found = await measure()
+    except (TimeoutError, ServerError, TransportError) as error:
+        text = f"cannot be measured: {error or 'the robot was not stopped'}"
+        report(Finding("stop latency", "problem", text, "see the log, and report this"))
+        return
+    report(stop_finding("stop latency", found.stops, "from a client's call over loopback"))
+    report(stop_finding("lease latency", found.leases, "from the end of a lease"))
+
+
+def stop_finding(name: str, latencies: list[float], since: str) -> Finding:
+    """Judge sorted latencies in seconds against the guarantee of the gate."""
+    middle = latencies[len(latencies) // 2]
+    high = latencies[min(len(latencies) - 1, len(latencies) * 99 // 100)]
+    text = (
+        f"p50 {middle * 1000:.1f} ms, p99 {high * 1000:.1f} ms, max {latencies[-1] * 1000:.1f} ms of"
+        f" {len(latencies)}, {since} to the stop message in the robot's code; guarantee"
+        f" {_GUARANTEE_SECONDS * 1000:.0f} ms plus one turn"
+    )
+    if latencies[-1] <= _GUARANTEE_SECONDS:
+        return Finding(name, "ok", text)
+    advice = (
+        "the process got no processor time: reduce the load, raise its priority, and put a watchdog below"
+    )
+    return Finding(name, "warning", text, advice)
 
 
 def _is_readable(url: str) -> bool:
