@@ -639,13 +639,13 @@ class ClientGraph(GraphView):
             if now is not None and now.type is not info.type:
                 raise GateRefused(f"{info.name} is of another type now: call it again")
             self.role.require("call", info.name)
-            gate.note_call(info.name, written)
+            gate.note_call(info.name, written, kept)
             return self._send(info, kept, call, timeout)
 
         if needed:
             call.pending = gate.call(needed, payload, send, call)
         else:
-            gate.note_call(info.name, written)
+            gate.note_call(info.name, written, payload)
             call.pending = self._send(info, payload, call, timeout)
 
     def advertise_service(

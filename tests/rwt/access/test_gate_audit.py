@@ -85,9 +85,29 @@ def test_it_says_who_did_what_and_which_rule_decided(tmp_path: Path) -> None:
     assert refused["time"] == "2023-11-14T22:13:20.000Z"
     assert "held by rosbridge:1" in refused["text"]
     assert "roles.viewer.call" in lines[8]["text"]
+    assert [(lines[at]["before"], lines[at]["after"]) for at in (1, 9, 10)] == [
+        ("", "rosbridge:1"), ("released", "stopped"), ("rosbridge:1", ""),
+    ]  # fmt: skip
+    assert lines[4]["after"]["parameters"][0]["value"]["double_value"] == 2.0
+    assert [line.get("credential") for line in lines[:8]] == [
+        "operator", "operator", "agent", "agent", "operator", "agent", "supervisor", "agent",
+    ]  # fmt: skip
     assert verify_audit(file).faults == []
     assert stat.S_IMODE(file.stat().st_mode) == 0o600
     assert {line["decision"] for line in lines} <= set(DECISIONS)
+
+
+def test_a_clamped_message_has_its_values_before_and_after(tmp_path: Path) -> None:
+    file = tmp_path / "audit.jsonl"
+    fields = {"linear.x": {"max": 0.8, "beyond": "clamp"}, "linear.y": {"min": -1, "beyond": "clamp"}}
+    robot = GatedRobot({"drive": {"topics": ["/cmd_vel"], "fields": fields}}, audit={"file": file})
+    client = robot.client()
+    for _ in range(3):
+        drive(client, 3.0, y=-2.5)
+    changed, repeated = (line for line in _lines(robot, file) if line["decision"] == "changed")
+    assert changed["before"] == {"linear.x": 3.0, "linear.y": -2.5}
+    assert changed["after"] == {"linear.x": 0.8, "linear.y": -1.0}
+    assert (repeated["repeated"], "before" in repeated) == (2, False)
 
 
 def test_an_audit_alone_needs_no_rules_and_offers_nothing(tmp_path: Path) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import re
 from contextvars import copy_context
+from functools import partial
 from typing import TYPE_CHECKING, Final, Protocol, TypeVar
 from uuid import uuid4
 
@@ -43,6 +45,9 @@ _GOAL_TOPIC: Final = re.compile(r"(?P<action>/.+)/goal")
 
 #: Wildcard of a glob.
 _WILDCARD: Final = re.compile(r"[*?]|\[[^\]]*\]")
+
+#: Maximum size of a request that the audit shows.
+_MAX_SHOWN_BYTES: Final = 2000
 
 #: Maximum number of topics per client whose first publication is not recorded again; then all are forgotten.
 _MAX_RECORDED: Final = 1000
@@ -446,12 +451,14 @@ class ClientGate:
             _refuse(gate, self._actor, "call", service, refused)
             return request, []
 
-    def note_call(self, service: str, written: list[str]) -> None:
-        """Record a call that is sent."""
+    def note_call(self, service: str, written: list[str], request: Payload) -> None:
+        """Record a call that is sent, with the request if it sets parameters."""
         recorder = self._gate.recorder
         if recorder.keeps_all:
             for name in written:
-                recorder.note("allowed", "set_param", name, self._actor, f"by {service}")
+                recorder.note(
+                    "allowed", "set_param", name, self._actor, f"by {service}", after=partial(_shown, request)
+                )
             if not written:
                 recorder.note("allowed", "call", service, self._actor)
 
@@ -577,6 +584,12 @@ class ClientGate:
 def _names_like(glob: str) -> tuple[str, ...]:
     """Return names that a glob matches, of different lengths."""
     return tuple({_WILDCARD.sub(text, glob) for text in ("x", "yz", "a/b/c")})
+
+
+def _shown(request: Payload) -> object:
+    """Return a request as the audit has it; a large one by its size."""
+    size = request.kept_size
+    return json.loads(bytes(request.json())) if size <= _MAX_SHOWN_BYTES else f"{size} bytes"
 
 
 def _require_plain_goal(gate: Gate, actor: Actor, action: str, payload: Payload) -> None:

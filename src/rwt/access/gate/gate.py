@@ -598,7 +598,15 @@ class Gate(GateState):
         self.stopped_reason = reason[:500]
         self.stopped_ns = self.clock.time_ns()
         self.stop_path.press()
-        self.recorder.note("stop", "stop", "", actor, f"stopped by {by}: {self.stopped_reason}")
+        self.recorder.note(
+            "stop",
+            "stop",
+            "",
+            actor,
+            f"stopped by {by}: {self.stopped_reason}",
+            before="released",
+            after="stopped",
+        )
         self.stop_path.in_turns(self._rest(self.presses))
         if self.is_observing:
             self.stopped_by = ""  # Nothing is rejected.
@@ -655,7 +663,15 @@ class Gate(GateState):
         self.last_by = str(actor or "the robot")
         self.stopped_reason = reason[:500]
         self.stopped_ns = self.clock.time_ns()
-        self.recorder.note("stop", "release", "", actor, f"released by {self.last_by}: {self.stopped_reason}")
+        self.recorder.note(
+            "stop",
+            "release",
+            "",
+            actor,
+            f"released by {self.last_by}: {self.stopped_reason}",
+            before="stopped",
+            after="released",
+        )
         if self.on_stop is not None:
             self.on_stop()
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections import Counter
+from collections.abc import Callable
 from contextvars import ContextVar
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Final, Literal, Protocol, get_args
@@ -80,6 +82,13 @@ class ActorTopic(Protocol):
 
     def leave(self, client: Actor, why: str) -> None:
         """Remove a client that no longer publishes here, and release its lease."""
+
+
+Value = object | Callable[[], object]
+"""Value of an audit line, or a function that returns it."""
+
+#: Description of a clamped number: `linear.x: 0.8 in place of 3`.
+_CLAMPED: Final = re.compile(r"([^;:]+): (\S+) in place of ([^;\s]+)")
 
 
 class Actor:
@@ -192,8 +201,8 @@ class Recorder:
         text: str = "",
         rule: str = "",
         *,
-        before: object = None,
-        after: object = None,
+        before: Value = None,
+        after: Value = None,
         about: Actor | None = None,
     ) -> None:
         """Record one event.
@@ -205,7 +214,7 @@ class Recorder:
             client: client that acted; None: a program of the robot itself, or the gate.
             text: reason, or what changed.
             rule: key of the rule that decided.
-            before: value before the event, if any.
+            before: value before the event, or a function that returns it, called only if it is written.
             after: value after it.
             about: client that caused what the gate does itself; its budget is charged.
         """
@@ -228,15 +237,16 @@ class Recorder:
         client: Actor | None,
         text: str,
         rule: str,
-        before: object,
-        after: object,
+        before: Value,
+        after: Value,
         about: Actor | None,
     ) -> None:
         """Write a line within the budget of the source, or count the event."""
         payer = client or about
         source = ("", "the robot") if payer is None else (payer.credential, network_of(payer.address))
         key = (source, decision, act, name, rule)
-        if decision in _COUNTED and (repeated := self._repeated.get(key)) is not None:
+        is_counted = decision in _COUNTED and act != "set_param"  # Each value of a parameter matters.
+        if is_counted and (repeated := self._repeated.get(key)) is not None:
             repeated.count += 1
             return
         line = self._line(decision, act, _text(name, _MAX_NAME))
@@ -248,11 +258,14 @@ class Recorder:
             line["rule"] = rule
         if text:
             line["text"] = _text(text, _MAX_TEXT)
+        if decision == "changed" and before is None:
+            before, after = _clamped(text)
         for what, value in (("before", before), ("after", after)):
-            if value is not None:
-                line[what] = _bounded(value)
+            given = value() if callable(value) else value
+            if given is not None:
+                line[what] = _bounded(given)
         is_written = self._put(line, decision, source)
-        if is_written and decision in _COUNTED and len(name) <= _MAX_NAME:
+        if is_written and is_counted and len(name) <= _MAX_NAME:
             is_full = len(self._repeated) >= _MAX_REPEATED
             if not is_full and self._of_source[source] < _MAX_REPEATED_OF_SOURCE:
                 self._repeated[key] = _Repeated(line, source, self._clock.monotonic())
@@ -292,6 +305,8 @@ class Recorder:
                 text = f"repeated {each.count} times in {seconds:g} s"
                 moment = self._time()
                 line = {**each.line, "time": moment, "text": text, "repeated": each.count}
+                line.pop("before", None)  # Those of the first event.
+                line.pop("after", None)
                 self._put(line, str(each.line["decision"]), each.source, each.count)
         for is_traffic, budget in enumerate(self._budgets):
             for (credential, network), counts in budget.take_left_out(_LEFT_OUT_BYTES, now, at_end=at_end):
@@ -310,6 +325,16 @@ class Recorder:
             self._flush(at_end=True)
             self._file.write(encode(self._line("closed", "audit", "")))
             self._file.close()
+
+
+def _clamped(changes: str) -> tuple[dict[str, float] | None, dict[str, float] | None]:
+    """Return the numbers before and after, by field, from a description of clamped numbers."""
+    found = [(path.strip(), after, before) for path, after, before in _CLAMPED.findall(changes)]
+    if not found:
+        return None, None
+    return {path: float(before) for path, _, before in found}, {
+        path: float(after) for path, after, _ in found
+    }
 
 
 def _text(text: str, limit: int) -> str:

@@ -378,7 +378,10 @@ class GuardedTopic:
             gate.held.add(self.lease)
             if gate.clock.is_real:
                 gate.wake_watch.begin()
-        gate.recorder.note("lease", "publish", self.name, holder or before, change, self.lease_rule)
+        gate.recorder.note(
+            "lease", "publish", self.name, holder or before, change, self.lease_rule,
+            before="" if before is None else before.name, after="" if holder is None else holder.name,
+        )  # fmt: skip
         gate.leases_changed()
 
     @property
