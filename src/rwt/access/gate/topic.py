@@ -460,6 +460,7 @@ class GuardedTopic:
         holder.topics.discard(before)
         if self.lease is not None and self._rules_of(holder.role).lease is not None:
             holder.topics.add(self)
+            self._lease_owner, before._lease_owner = before._lease_owner, ""
             self.lease.take_over(before.lease)
         else:
             before.end_lease(LOST_BY_RELOAD)
