@@ -56,6 +56,9 @@ _LOGGED: Final = frozenset({"would refuse", "lease", "stop", "approved", "denied
 #: Interval in seconds at which repeated events are written with their number.
 _REPEAT_SECONDS: Final = 10.0
 
+#: Number of events of a kind that are written at once; the others of the interval are counted.
+_MAX_LINES: Final = 5
+
 #: Maximum number of different events whose repetitions are counted, of all clients and of one source.
 _MAX_REPEATED: Final = 4000
 _MAX_REPEATED_OF_SOURCE: Final = 200
@@ -137,21 +140,22 @@ CALLER: Final[ContextVar[Actor | None]] = ContextVar("caller of the gate", defau
 class _Repeated:
     """Repetitions of one event since its last line."""
 
-    __slots__ = ("count", "line", "since", "source")
+    __slots__ = ("count", "line", "lines", "since", "source")
 
     def __init__(self, line: dict[str, object], source: Source, since: float) -> None:
         self.line = line
         self.source = source
         self.since = since
+        self.lines = 1
         self.count = 0
 
 
 class Recorder:
     """Record of what happens at the gate: the audit, if there is one, the server's log, and counters.
 
-    The first event of a kind is written at once. Its repetitions of the same source within 10 seconds are
-    counted, and written as one line. Each source, a credential at an address, has a budget of bytes
-    (:class:`rwt.access.gate.audit_budget.AuditBudget`).
+    The first events of a kind are written at once: their texts may differ. Further ones of the same source
+    within 10 seconds are counted, and written as one line. Each source, a credential at an address, has a
+    budget of bytes (:class:`rwt.access.gate.audit_budget.AuditBudget`).
 
     Attributes:
         counts: number of events by decision.
@@ -246,9 +250,12 @@ class Recorder:
         source = ("", "the robot") if payer is None else (payer.credential, network_of(payer.address))
         key = (source, decision, act, name, rule)
         is_counted = decision in _COUNTED and act != "set_param"  # Each value of a parameter matters.
-        if is_counted and (repeated := self._repeated.get(key)) is not None:
-            repeated.count += 1
-            return
+        repeated = self._repeated.get(key) if is_counted else None
+        if repeated is not None:
+            repeated.lines += 1
+            if repeated.lines > _MAX_LINES:
+                repeated.count += 1
+                return
         line = self._line(decision, act, _text(name, _MAX_NAME))
         if client is not None:
             line |= {"client": _text(client.name, _MAX_NAME), "role": client.role, "address": client.address}
@@ -265,7 +272,7 @@ class Recorder:
             if given is not None:
                 line[what] = _bounded(given)
         is_written = self._put(line, decision, source)
-        if is_written and is_counted and len(name) <= _MAX_NAME:
+        if is_written and is_counted and repeated is None and len(name) <= _MAX_NAME:
             is_full = len(self._repeated) >= _MAX_REPEATED
             if not is_full and self._of_source[source] < _MAX_REPEATED_OF_SOURCE:
                 self._repeated[key] = _Repeated(line, source, self._clock.monotonic())
@@ -302,7 +309,8 @@ class Recorder:
         for each in repeated.values():
             if each.count:
                 seconds = round(now - each.since, 1)
-                text = f"repeated {each.count} times in {seconds:g} s"
+                times = "once" if each.count == 1 else f"{each.count} times"
+                text = f"repeated {times} in {seconds:g} s"
                 moment = self._time()
                 line = {**each.line, "time": moment, "text": text, "repeated": each.count}
                 line.pop("before", None)  # Those of the first event.
