@@ -204,6 +204,17 @@ def test_a_line_names_the_token_and_values_before_and_after(tmp_path: Path) -> N
     assert (odd["name"], odd["text"], len(str(odd["before"]))) == ("/x\\ud800", "text\\udcff", 2001)
 
 
+def test_clients_without_credentials_do_not_use_up_the_budget_of_the_gate_itself(tmp_path: Path) -> None:
+    file = tmp_path / "audit.jsonl"
+    recorder = Recorder(AuditSettings(file=file, file_bytes=1024), Audit(), SimulatedClock(0))
+    for number in range(2000):
+        actor = Actor(f"http:{number}", Role("admin", RoleSettings()), f"192.0.2.{number % 200}")
+        recorder.note("refused", "publish", f"/x{number}", actor)
+    recorder.note("stop", "stop", "", None, "by the robot")
+    recorder.close()
+    assert any(line["decision"] == "stop" for line in read_audit(file))
+
+
 def test_credentials_come_with_the_role(tmp_path: Path) -> None:
     robot = GatedRobot({})
     admission = robot.access.admission

@@ -73,6 +73,9 @@ _CHAIN_BYTES: Final = 140
 #: Size of a line about events that were left out, in bytes.
 _LEFT_OUT_BYTES: Final = 500
 
+#: Source of what the robot's own programs and the gate itself do; no client shares its budget.
+_ROBOT: Final = ("/gate", "")
+
 _MAX_NAME: Final = 500
 _MAX_TEXT: Final = 2000
 _MAX_VALUE_BYTES: Final = 2000
@@ -247,7 +250,7 @@ class Recorder:
     ) -> None:
         """Write a line within the budget of the source, or count the event."""
         payer = client or about
-        source = ("", "the robot") if payer is None else (payer.credential, network_of(payer.address))
+        source = _ROBOT if payer is None else (payer.credential, network_of(payer.address))
         key = (source, decision, act, name, rule)
         is_counted = decision in _COUNTED and act != "set_param"  # Each value of a parameter matters.
         repeated = self._repeated.get(key) if is_counted else None
