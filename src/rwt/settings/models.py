@@ -326,6 +326,14 @@ class Settings(BridgeSettings):
         return self
 
     @model_validator(mode="after")
+    def _one_output(self) -> Settings:
+        if self.gate.audit.stdout and any(url.lower().startswith("stdio:") for url in self.listen):
+            raise ValueError(
+                '`gate.audit.stdout`: standard output carries the protocol of `listen = ["stdio:"]`'
+            )
+        return self
+
+    @model_validator(mode="after")
     def _one_gate(self) -> Settings:
         if self.workers > 1 and (self.gate.rules or self.gate.audit.is_on):
             raise ValueError("`gate`: each process would have a gate of its own: expected `workers = 1`")

@@ -170,6 +170,10 @@ def test_what_is_wrong_is_said_with_the_place_and_what_is_expected(
             ),
             "`auth.tokens.b` and `auth.tokens.a` are the same token",
         ),
+        (
+            "listen = ['stdio:']\n[gate.audit]\nstdout = true",
+            ":3: `gate.audit.stdout`: standard output carries",
+        ),
         *(
             (f"[origins]\nhosts = ['{host}']", "`origins.hosts`: '")
             for host in ("robot:9090", "http://robot", "robot name", "robot_", "-a", "", "[::1]", "a..b")
