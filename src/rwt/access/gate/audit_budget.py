@@ -50,13 +50,14 @@ class _Bucket:
 class AuditBudget:
     """Budget of one kind of lines, for each source and for each credential.
 
-    A source gets an eighth of a file at once, then so little that it needs several times `keep_seconds` to
-    fill all files: it cannot rotate away what others did. What exceeds the budget is counted by decision.
+    A source gets an eighth of a file at once, then an eighth of all files in `keep_seconds`; a credential four
+    times as much. So one credential needs nearly twice that time to rotate away what others did. What exceeds
+    the budget is counted by decision.
 
     Args:
         file_bytes: size of a file.
         files: number of files.
-        keep_seconds: time for which the events of others stay, even if two credentials write all they may.
+        keep_seconds: time in which two credentials that write all they may fill the files.
     """
 
     def __init__(self, file_bytes: int, files: int, keep_seconds: float) -> None:
