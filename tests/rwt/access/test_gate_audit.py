@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from rwt.access.audit import Audit
+from rwt.access.gate.audit_budget import AuditBudget
 from rwt.access.gate.audit_check import verify_audit
 from rwt.access.gate.audit_file import AuditFile, encode, hash_of, numbered, read_audit, traffic_file
 from rwt.access.gate.record import DECISIONS, Actor, Recorder
@@ -202,6 +203,22 @@ def test_a_line_names_the_token_and_values_before_and_after(tmp_path: Path) -> N
         "rule": "gate.rules.drive", "text": "clamped", "before": 3.0, "after": 0.8,
     }  # fmt: skip
     assert (odd["name"], odd["text"], len(str(odd["before"]))) == ("/x\\ud800", "text\\udcff", 2001)
+
+
+@pytest.mark.parametrize(("credentials", "days"), [(1, 12), (2, 5)])
+def test_the_files_last_for_days_against_credentials_that_write_all_they_may(
+    credentials: int, days: int
+) -> None:
+    """Attack: many addresses each, one line after the other."""
+    file_bytes, files, line = 10 * 1024 * 1024, 5, 400
+    budget = AuditBudget(file_bytes, files, 7 * 86_400.0)
+    written = 0
+    for now in range(0, days * 86_400, 3600):
+        for credential in range(credentials):
+            for address in range(20):
+                while budget.take((f"token{credential}", f"192.0.2.{address}"), line, float(now)):
+                    written += line
+    assert 0.5 < written / (file_bytes * (files - 1)) < 1
 
 
 def test_clients_without_credentials_do_not_use_up_the_budget_of_the_gate_itself(tmp_path: Path) -> None:

@@ -50,9 +50,9 @@ class _Bucket:
 class AuditBudget:
     """Budget of one kind of lines, for each source and for each credential.
 
-    A source gets an eighth of a file at once, then an eighth of all files in `keep_seconds`; a credential four
-    times as much. So one credential needs nearly twice that time to rotate away what others did. What exceeds
-    the budget is counted by decision.
+    A source gets an eighth of a file at once, then an eighth of all files in `keep_seconds`; a credential
+    four times as much. So one credential needs nearly twice that time to rotate away what others did. What
+    exceeds the budget is counted by decision.
 
     Args:
         file_bytes: size of a file.

@@ -63,7 +63,7 @@ _MAX_LINES: Final = 5
 _MAX_REPEATED: Final = 4000
 _MAX_REPEATED_OF_SOURCE: Final = 200
 
-#: Time in which two credentials that write all they may fill the files: of security events, and of traffic.
+#: Time in which two credentials that write all they may fill the files: those of events, and of traffic.
 _KEEP_EVENTS_SECONDS: Final = 7 * 86_400.0
 _KEEP_TRAFFIC_SECONDS: Final = 86_400.0
 
