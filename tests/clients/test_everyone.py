@@ -18,7 +18,7 @@ from fastapi import FastAPI
 from prometheus_client.parser import text_string_to_metric_families
 
 from rwt import Server, connect
-from rwt.access.gate.audit_file import read_audit
+from rwt.access.gate.audit.file import read_audit
 from tests.rwt.gateways.mcp.agents import agent_at
 from tests.waiting import until
 

@@ -54,6 +54,13 @@ RULES: Final = (
     Rule("age of a credential", "access.rosauth", r"t is \d+ s off", "t is AGE s off"),
     Rule("random id", ".*", r"[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}", "UUID"),
     Rule("random id without hyphens", "http.*|mcp.*", r"\b[0-9a-f]{32}\b", "UUID"),
+    Rule("hash of the audit line before", "access.gate", r'"previous":"[0-9a-f]{64}"', '"previous":"HASH"'),
+    Rule(
+        "interval of repeated events",
+        "access.gate",
+        r"(repeated \S+(?: times)? in) [\d.]+ s",
+        r"\1 SECONDS s",
+    ),
     Rule("time of an audit line", "access.gate", r'"(time|at)":\s?("[^"]*"|[\d.]+)', r'"\1":"TIME"'),
     Rule("temporary folder", ".*", r"/(?:[\w.-]+/)*traces-[\w]+", "FOLDER"),
 )

@@ -71,7 +71,7 @@ class Oracle:
         except (_Beyond, InvalidMessage) as error:
             return "refused", f"{error} (gate.rules.it.fields)"
         self.passed_at = now
-        self.last |= seen
+        self.last = seen or self.last
         return text, "; ".join(changes)
 
     def _limit(

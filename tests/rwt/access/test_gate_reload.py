@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from rwt import Server, SettingsError
-from rwt.access.gate.audit_file import read_audit
+from rwt.access.gate.audit.file import read_audit
 from rwt.settings import load_settings
 from tests.rwt.access.gated_robot import CLIENT, DRIVE, GATE, GatedRobot, call, drive, settings_of
 
@@ -185,7 +185,7 @@ def test_requests_for_approval_of_changed_rules_are_denied(tmp_path: Path) -> No
         client.say("call_service", service=name, args={})
     reload(robot, {"asked": {**asked, "largest_bytes": 9}, "other": other}, audit={"file": file})
     assert [each.name for each in robot.gate.approvals.pending] == ["/wink"]
-    (answer,) = client.heard()
+    (answer,) = (each for each in client.heard() if each["op"] == "service_response")
     assert (answer["result"], "the settings have changed" in answer["values"]) == (False, True)
     robot.access.close()
     (line,) = (each for each in read_audit(file) if each["decision"] == "reload")

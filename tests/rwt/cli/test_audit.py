@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from collections.abc import Mapping
 from contextlib import redirect_stdout
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -12,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt.access.gate.audit_file import AuditFile, encode
+from rwt.access.gate.audit.file import AuditFile, encode
 from rwt.access.settings.gate import AuditSettings
 from rwt.cli import main
 
@@ -21,7 +22,7 @@ FORGED = (
 )
 
 
-def _written(folder: Path, *lines: dict[str, object]) -> Path:
+def _written(folder: Path, *lines: Mapping[str, object]) -> Path:
     path = folder / "audit.jsonl"
     audit = AuditFile(AuditSettings(file=path))
     for line in lines:

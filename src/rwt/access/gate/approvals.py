@@ -334,7 +334,7 @@ class Approvals:
         """
         for approval in [each for each in self._pending.values() if each.rule.key not in unchanged]:
             self._deny(approval, None, why)
-        self._granted = {key: held for key, held in self._granted.items() if key[3] in unchanged}
+        self._granted = {key: held for key, held in self._granted.items() if key.rule in unchanged}
 
     def _forget_expired(self) -> None:
         now = self._clock.monotonic()

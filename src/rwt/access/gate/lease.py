@@ -181,10 +181,10 @@ class Lease:
         """Continue another lease, whose settings were replaced: its holder keeps it, silence included."""
         self.holder, other.holder = other.holder, None
         self.since_ns = other.since_ns
-        self._renewed_at = other._renewed_at
+        self._renewed_at, self._barred_until = other._renewed_at, other._barred_until
         other._stop_timer()
         if self.holder is not None:
-            self._check_silence()
+            self.check_silence()
 
     def release(self, client: Actor | None, why: str) -> None:
         """Free the lease if `client` holds it; None: whoever holds it."""

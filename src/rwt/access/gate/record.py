@@ -11,15 +11,15 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Final, Literal, Protocol, get_args
 
 from rwt.access.audit import one_line
-from rwt.access.gate.audit_budget import AuditBudget
-from rwt.access.gate.audit_file import AuditFile, encode
+from rwt.access.gate.audit.budget import AuditBudget
+from rwt.access.gate.audit.file import AuditFile, encode
 from rwt_transports.http.addresses import network_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from rwt.access.audit import Audit
-    from rwt.access.gate.audit_budget import Source
+    from rwt.access.gate.audit.budget import Source
     from rwt.access.roles import Role
     from rwt.access.settings.gate import AuditSettings
     from rwt_graph.clock import Clock
@@ -158,7 +158,7 @@ class Recorder:
 
     The first events of a kind are written at once: their texts may differ. Further ones of the same source
     within 10 seconds are counted, and written as one line. Each source, a credential at an address, has a
-    budget of bytes (:class:`rwt.access.gate.audit_budget.AuditBudget`).
+    budget of bytes (:class:`rwt.access.gate.audit.budget.AuditBudget`).
 
     Attributes:
         counts: number of events by decision.

@@ -447,6 +447,9 @@ class GuardedTopic:
             client.topics.add(self)
         self._paused_at.update(before._paused_at)
         self._motion.take_over(before._motion)
+        leases = self.lease, before.lease
+        if None not in leases and len({lease.settings.seconds for lease in leases if lease}) == 1:
+            self._freshness = before._freshness  # Commands that waited are still rejected.
         self.driven_in, self.stopped_in = before.driven_in, before.stopped_in
         if self.is_emergency and self.driven_in == gate.presses:
             gate.stop_path.note_topic(self)
@@ -461,6 +464,8 @@ class GuardedTopic:
         if self.lease is not None and self._rules_of(holder.role).lease is not None:
             holder.topics.add(self)
             self._lease_owner, before._lease_owner = before._lease_owner, ""
+            gate.held.discard(before.lease)
+            gate.held.add(self.lease)
             self.lease.take_over(before.lease)
         else:
             before.end_lease(LOST_BY_RELOAD)

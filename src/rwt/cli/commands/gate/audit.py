@@ -16,7 +16,7 @@ from rwt.cli.parser import Commands, add_commands
 from rwt.cli.verbs import epilog
 
 if TYPE_CHECKING:
-    from rwt.access.gate.audit_check import AuditReport, Finding
+    from rwt.access.gate.audit.verification import AuditReport, Finding
 
 #: Words that are printed as they are; everything else is quoted.
 _WORD: Final = re.compile(r"[\w./:~%+-]+|would refuse|left out", re.ASCII)
@@ -55,7 +55,7 @@ def _add_verify(commands: Commands) -> None:
 
 
 def _verify(arguments: argparse.Namespace) -> int:
-    from rwt.access.gate.audit_check import Finding, verify_audit  # `--help` does not need it
+    from rwt.access.gate.audit.verification import Finding, verify_audit  # `--help` does not need it
 
     output = standard_output(json=arguments.json)
     is_intact = True
@@ -153,7 +153,7 @@ def _since(text: str) -> datetime:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    from rwt.access.gate.audit_file import read_audit  # `--help` does not need it
+    from rwt.access.gate.audit.file import read_audit  # `--help` does not need it
 
     output = standard_output(json=arguments.json)
     try:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import msgspec
 
-from rwt.access.gate.audit_file import NO_LINE, files_of, hash_of, traffic_file
+from rwt.access.gate.audit.file import NO_LINE, files_of, hash_of, traffic_file
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
