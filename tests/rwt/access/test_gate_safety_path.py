@@ -144,7 +144,7 @@ def test_what_the_lease_holder_drives_is_stopped_first() -> None:
     for name in ("/cmd_vel", *(f"/free/{number}" for number in range(2 * MAX_DRIVEN))):
         robot.graph.participant("/base").subscribe(name, note, robot.graph.registry.message(TWIST))
     attacker, driver = robot.client("admin"), robot.client()
-    for number in range(MAX_DRIVEN - 1):
+    for number in range(2 * MAX_DRIVEN):
         drive(attacker, 0.1, f"/free/{number}")
     drive(driver, 0.5)
     order.clear()

@@ -76,9 +76,16 @@ class StopPath:
     # Driven since the last stop
 
     def note_topic(self, topic: Stoppable) -> None:
-        """Note a topic that a client drives; beyond the limit it is stopped in turns."""
-        if len(self._topics) < MAX_DRIVEN:
-            self._topics[topic] = None
+        """Note a topic that a client drives; beyond the limit it is stopped in turns.
+
+        A topic with a lease takes the place of one without, which an attacker could have driven before.
+        """
+        if len(self._topics) >= MAX_DRIVEN:
+            unheld = next((each for each in self._topics if not each.is_held), None)
+            if unheld is None or not topic.is_held:
+                return
+            del self._topics[unheld]
+        self._topics[topic] = None
 
     def forget_topic(self, topic: Stoppable) -> None:
         """Forget a topic that is closed."""
