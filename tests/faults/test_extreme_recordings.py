@@ -281,7 +281,7 @@ def test_chunks_are_as_large_as_they_are_let(
         parsed = _PARSER.parse_args(arguments)
         assert parsed.run(parsed) == (count != 3)
         assert f"{count} messages of 1 topics" in capsys.readouterr().out
-    assert "1000000 are the most; --chunk-bytes allows more" in caplog.text
+    assert "more than 1000000 bytes; --chunk-bytes allows more" in caplog.text
 
 
 Damage = Callable[[bytes], bytes]

@@ -1,4 +1,4 @@
-"""Reader of bags: `.bag` files of ROS 1 and folders of rosbag2 with sqlite3 or MCAP.
+"""Reader of bags: `.bag` files of ROS 1 and folders of rosbag2 with sqlite3.
 
 Imported only to read a bag, because it needs rosbags (extra ``mcap``).
 """
@@ -11,11 +11,19 @@ from typing import TYPE_CHECKING, Final
 
 from rosbags.interfaces import ConnectionExtRosbag1, MessageDefinitionFormat, QosDurability, QosReliability
 from rosbags.interfaces import QosHistory as BagHistory
-from rosbags.rosbag1 import Reader as Reader1
+from rosbags.rosbag1 import Reader
+from rosbags.rosbag1.reader import Chunk, IndexData, decompressors
 from rosbags.rosbag2 import Reader as Reader2
 
 from rwt.nodes.recording.errors import RecordingUnreadable
-from rwt.nodes.recording.recording import RecordedMessage, RecordedTopic, Recording, merged_topics
+from rwt.nodes.recording.recording import (
+    CHUNK_BYTES,
+    RecordedMessage,
+    RecordedTopic,
+    Recording,
+    merged_topics,
+)
+from rwt.nodes.recording.unpacking import too_large, unpack
 from rwt_interfaces.distro import JAZZY, NOETIC
 from rwt_participant.qos import LATCHED, MOST_DEPTH, Durability, History, QoS, Reliability
 
@@ -26,15 +34,48 @@ if TYPE_CHECKING:
 _END_OF_TIMES_NS: Final = 2**64
 
 
+_COMPRESSIONS: Final = {function: name for name, function in decompressors.items()}
+
+
+class Reader1(Reader):
+    """Reader of ROS 1 bags that limits chunks by their contents, and the index by the size of the file."""
+
+    def __init__(self, path: Path, chunk_bytes: int) -> None:
+        super().__init__(path)
+        self._chunk_bytes = chunk_bytes
+        self._index_bytes = path.stat().st_size
+
+    def read_chunk(self) -> Chunk:
+        """Return the chunk at the current position, with a decompressor that has a limit."""
+        chunk = super().read_chunk()
+        compression = _COMPRESSIONS[chunk.decompressor]
+        if chunk.datasize > self._chunk_bytes:
+            raise too_large(self._chunk_bytes)
+        return chunk._replace(decompressor=lambda data: bytes(unpack(data, compression, self._chunk_bytes)))
+
+    def read_index_data(self, pos: int, indexes: dict[int, list[IndexData]]) -> None:
+        """Add the index at the current position, unless the same bytes are read again and again."""
+        assert self.bio is not None  # Called by open().
+        begin = self.bio.tell()
+        super().read_index_data(pos, indexes)
+        self._index_bytes -= self.bio.tell() - begin
+        if self._index_bytes < 0:
+            raise ValueError("its index is larger than the file")
+
+
 class BagRecording(Recording):
     """Bag opened for reading.
+
+    Args:
+        chunk_bytes: maximum size of a chunk of a ROS 1 bag, as stored and unpacked.
 
     Raises:
         RecordingUnreadable: it is not a bag, or was not ended properly.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, chunk_bytes: int = CHUNK_BYTES) -> None:
         self.paths = (path,)
+        self._chunk_bytes = chunk_bytes
         self._is_ros1 = path.suffix == ".bag" and not path.is_dir()
         self.distro = NOETIC if self._is_ros1 else JAZZY
         try:
@@ -49,7 +90,7 @@ class BagRecording(Recording):
 
     def _opened(self) -> Reader1 | Reader2:
         """Return a new reader: sqlite3 must be used by the thread that opened it."""
-        return Reader1(self.paths[0]) if self._is_ros1 else Reader2(self.paths[0])
+        return Reader1(self.paths[0], self._chunk_bytes) if self._is_ros1 else Reader2(self.paths[0])
 
     def _describe(self, reader: Reader1 | Reader2) -> None:
         self.topics = merged_topics([self._topic(connection) for connection in reader.connections])

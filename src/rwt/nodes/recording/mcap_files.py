@@ -7,26 +7,35 @@ from __future__ import annotations
 
 import logging
 import os
-import struct
 import time
-from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass
-from enum import Enum, auto
+from collections.abc import Collection, Iterator
 from heapq import heapify, heappop, heappush
-from io import SEEK_END, BufferedReader, BytesIO, FileIO
+from io import BufferedReader, FileIO
 from pathlib import Path
 from typing import IO, Final
 
 from mcap import records
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.reader import SeekingReader
-from mcap.stream_reader import breakup_chunk
-from mcap.summary import Summary
 
 from rwt.nodes.recording.channels import DEFINITION, TYPE, ChannelForm, Encoding, read_offered_qos
 from rwt.nodes.recording.errors import RecordingNotWritten, RecordingUnreadable
+from rwt.nodes.recording.mcap_index import (
+    MAGIC,
+    ChannelMessage,
+    MessageFilter,
+    MessagePositions,
+    RecoveryReport,
+    chunk_content,
+    data_records,
+    file_records,
+    message_positions,
+    read_content,
+    read_index,
+    read_message,
+    read_metadata,
+    rebuild_index,
+    unchunked_positions,
+)
 from rwt.nodes.recording.recording import (
     CHUNK_BYTES,
     MessageEncoding,
@@ -40,49 +49,11 @@ from rwt_interfaces.distro import JAZZY, NOETIC, Distro, closest_distro
 
 logger = logging.getLogger(__name__)
 
-MAGIC: Final = b"\x89MCAP0\r\n"
-
 _ENCODINGS: Final[dict[str, MessageEncoding]] = {"cdr": "cdr", "ros1": "ros1", "json": "json"}
-_Found = tuple[records.Schema | None, records.Channel, records.Message]
-
-_HEAD: Final = struct.Struct("<BQ")
 _MOST_WAITING: Final = 64 * 1024 * 1024
 
 #: Bytes from which on a reading is compared with what the file still has.
 _MUCH: Final = 64 * 1024
-_KINDS: Final[dict[int, Callable[[ReadDataStream], records.McapRecord]]] = {
-    Opcode.HEADER: records.Header.read,
-    Opcode.SCHEMA: records.Schema.read,
-    Opcode.CHANNEL: records.Channel.read,
-    Opcode.CHUNK: records.Chunk.read,
-    Opcode.METADATA: records.Metadata.read,
-}
-
-
-class _Damaged(Enum):
-    """Mark of a record that cannot be read."""
-
-    DAMAGED = auto()
-
-
-DAMAGED: Final = _Damaged.DAMAGED
-
-
-@dataclass(frozen=True, slots=True)
-class RecoveryReport:
-    """Contents of a file without a usable index.
-
-    Attributes:
-        summary: the index that the file should have had.
-        damaged: chunks and records that could not be read.
-        lost_bytes: bytes at the end that belong to no whole record.
-        is_unchunked: True if messages stand in the file itself rather than in chunks.
-    """
-
-    summary: Summary
-    damaged: int
-    lost_bytes: int
-    is_unchunked: bool
 
 
 class McapRecording(Recording):
@@ -93,7 +64,8 @@ class McapRecording(Recording):
         index: the file's, or the one that was found by searching.
 
     Args:
-        chunk_bytes: what a chunk may have unpacked; one that says more is left out.
+        chunk_bytes: maximum unpacked size of a chunk, of all chunks that overlap in time, and of a message
+            outside of chunks. Larger ones are left out.
 
     Raises:
         RecordingUnreadable: it is not an MCAP file.
@@ -107,26 +79,16 @@ class McapRecording(Recording):
         self._damaged: set[int] = set()  # by where the chunk begins
         self._file = _opened(path)
         try:
-            self.index = self._indexed()
+            index = read_index(self._file, chunk_bytes)
+            if index is None:
+                self.recovery = rebuild_index(self._file, chunk_bytes)
+                index = self.recovery.summary
+            self.index = index
             self.complete = self.recovery is None
             self._describe()
         except BaseException:
             self._file.close()
             raise
-
-    def _indexed(self) -> Summary:
-        """Return the file's index, or one made by reading all of it."""
-        try:
-            self._file.seek(0)
-            summary = SeekingReader(self._file).get_summary()
-        except (McapError, OSError, ValueError, OverflowError, struct.error, MemoryError):
-            # What a cut file holds where its footer should be can be anything.
-            summary = None
-        counted = None if summary is None else summary.statistics
-        if summary is None or counted is None or (counted.message_count and not summary.chunk_indexes):
-            self.recovery = rebuild_index(self._file, self._chunk_bytes)
-            return self.recovery.summary
-        return summary
 
     def _describe(self) -> None:
         summary, statistics = self.index, self.index.statistics
@@ -143,11 +105,13 @@ class McapRecording(Recording):
 
     def _distro(self) -> Distro:
         """Return the distribution from the file's metadata, or else from its profile and channels."""
-        for _, record in walk(self._file):
-            if isinstance(record, records.Metadata) and record.name == METADATA:
-                note = record.metadata
-                return closest_distro(note.get("distro", ""), 1 if note.get("ros_version") == "1" else 2)
-            if not isinstance(record, records.Header):
+        for head in data_records(self._file):
+            if head[0] == Opcode.METADATA:
+                note = read_metadata(read_content(self._file, head, self._chunk_bytes))
+                if note is not None and note.name == METADATA:
+                    ros1 = note.metadata.get("ros_version") == "1"
+                    return closest_distro(note.metadata.get("distro", ""), 1 if ros1 else 2)
+            elif head[0] != Opcode.HEADER:
                 break
         encodings = {channel.message_encoding for channel in self.index.channels.values()}
         return NOETIC if "ros1" in encodings else JAZZY
@@ -164,71 +128,104 @@ class McapRecording(Recording):
 
     def channel_messages(
         self, file: IO[bytes], topics: Collection[str] | None, start_ns: int, end_ns: int | None
-    ) -> Iterator[_Found]:
-        """The messages as the file has them, with their channels."""
-        if self.recovery is not None and self.recovery.is_unchunked:
-            return iter(self._unchunked(file, topics, start_ns, end_ns))
-        return self._chunked(file, topics, start_ns, end_ns)
+    ) -> Iterator[ChannelMessage]:
+        """Yield the messages as the file has them, by log time, with their channels."""
+        channels = {
+            id: channel
+            for id, channel in self.index.channels.items()
+            if topics is None or channel.topic in topics
+        }
+        wanted = MessageFilter(channels, start_ns, end_ns)
+        is_unchunked = self.recovery is not None and self.recovery.is_unchunked
+        for message in (self._unchunked if is_unchunked else self._chunked)(file, wanted):
+            channel = channels[message.channel_id]
+            yield self.index.schemas.get(channel.schema_id), channel, message
 
-    def _chunked(
-        self, file: IO[bytes], topics: Collection[str] | None, start_ns: int, end_ns: int | None
-    ) -> Iterator[_Found]:
+    def _chunked(self, file: IO[bytes], wanted: MessageFilter) -> Iterator[records.Message]:
         """Yield the messages of all readable chunks by log time; chunks are opened when due."""
-        channels, schemas = self.index.channels, self.index.schemas
+        start_ns, end_ns = wanted.start_ns, wanted.end_ns
         # Sorted by time, and then as they are in the file. A chunk stands before its own messages.
-        due: list[tuple[int, int, int, records.ChunkIndex | _Found]] = [
+        due: list[tuple[int, int, int, records.ChunkIndex | _OpenChunk]] = [
             (chunk.message_start_time, chunk.chunk_start_offset, -1, chunk)
             for chunk in self.index.chunk_indexes
             if chunk.message_end_time >= start_ns and (end_ns is None or chunk.message_start_time < end_ns)
         ]
         heapify(due)
+        open_bytes = 0
         while due:
-            _, begin, _, item = heappop(due)
-            if isinstance(item, tuple):
-                yield item
-                continue
-            for number, message in enumerate(self._opened(file, item)):
-                channel = channels.get(message.channel_id) if isinstance(message, records.Message) else None
-                if channel is None or not isinstance(message, records.Message):
+            _, offset, number, item = heappop(due)
+            if isinstance(item, _OpenChunk):
+                yield item.message
+            else:
+                opened = self._opened(file, item, self._chunk_bytes - open_bytes, wanted)
+                if opened is None:
                     continue
-                in_time = start_ns <= message.log_time and (end_ns is None or message.log_time < end_ns)
-                if in_time and (topics is None or channel.topic in topics):
-                    found = (schemas.get(channel.schema_id), channel, message)
-                    heappush(due, (message.log_time, begin, number, found))
+                item = opened
+                open_bytes += item.size
+            if item.advance():
+                heappush(due, (item.log_time, offset, number + 1, item))
+            else:
+                open_bytes -= item.size
 
-    def _opened(self, file: IO[bytes], chunk: records.ChunkIndex) -> list[records.McapRecord]:
-        """Return the messages of a chunk; none if it is damaged, which is noted."""
-        begin = chunk.chunk_start_offset
+    def _opened(
+        self, file: IO[bytes], chunk: records.ChunkIndex, most_bytes: int, wanted: MessageFilter
+    ) -> _OpenChunk | None:
+        """Unpack a chunk. Returns None if it is damaged, which is noted."""
+        offset = chunk.chunk_start_offset
         try:
-            file.seek(begin + _HEAD.size)
-            return _contents(records.Chunk.read(ReadDataStream(file)), self._chunk_bytes)
+            head = next(file_records(file, offset), None)
+            if head is None or head[0] != Opcode.CHUNK or head[2] - offset != chunk.chunk_length:
+                raise ValueError("the index is wrong")
+            content = chunk_content(read_content(file, head, self._chunk_bytes), most_bytes)
+            return _OpenChunk(content, message_positions(content, wanted))
         except Exception as error:
             # A damaged chunk fails in as many ways as there are compressions; the next one may be whole.
-            if begin not in self._damaged:
-                self._damaged.add(begin)
-                logger.warning("%s: the chunk at byte %d is left out: %s", self._path, begin, error)
-            return []
+            if offset not in self._damaged:
+                self._damaged.add(offset)
+                logger.warning("%s: the chunk at byte %d is left out: %s", self._path, offset, error)
+            return None
 
     @property
     def damaged(self) -> int:
         """Chunks and records that could not be read, as far as the file was read."""
         return len(self._damaged) + (0 if self.recovery is None else self.recovery.damaged)
 
-    def _unchunked(
-        self, file: IO[bytes], topics: Collection[str] | None, start_ns: int, end_ns: int | None
-    ) -> list[_Found]:
-        found: list[_Found] = []
-        for _, message in walk(file):
-            if isinstance(message, records.Message) and message.channel_id in self.index.channels:
-                channel = self.index.channels[message.channel_id]
-                in_time = start_ns <= message.log_time and (end_ns is None or message.log_time < end_ns)
-                if in_time and (topics is None or channel.topic in topics):
-                    found.append((self.index.schemas.get(channel.schema_id), channel, message))
-        return sorted(found, key=lambda each: each[2].log_time)
+    def _unchunked(self, file: IO[bytes], wanted: MessageFilter) -> Iterator[records.Message]:
+        for _, begin, end in unchunked_positions(file, wanted, self._chunk_bytes).in_order():
+            yield read_message(read_content(file, (Opcode.MESSAGE, begin, end), self._chunk_bytes))
 
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+
+
+class _OpenChunk:
+    """Unpacked chunk, and its next message.
+
+    Attributes:
+        size: bytes of the content.
+        message: the next message, after :meth:`advance`.
+    """
+
+    message: records.Message
+
+    def __init__(self, content: bytes | bytearray, positions: MessagePositions) -> None:
+        self.size = len(content)
+        self._content = memoryview(content)
+        self._positions = positions.in_order()
+
+    @property
+    def log_time(self) -> int:
+        return self.message.log_time
+
+    def advance(self) -> bool:
+        """Go to the next message. Returns False at the end."""
+        position = next(self._positions, None)
+        if position is None:
+            return False
+        _, begin, end = position
+        self.message = read_message(self._content[begin:end])
+        return True
 
 
 class _File(BufferedReader):
@@ -270,116 +267,6 @@ def _topic(channel: records.Channel, schema: records.Schema | None, count: int) 
 
 def _type_name(channel: records.Channel, schema: records.Schema | None) -> str:
     return channel.metadata.get(TYPE) or ("" if schema is None else schema.name)
-
-
-# -- files without an index ----------------------------------------------------------------------------------
-
-
-def walk(file: IO[bytes]) -> Iterator[tuple[int, records.McapRecord | _Damaged | None]]:
-    """Yield the records up to the index or the last complete one, chunks unopened, with their end positions.
-
-    Unused kinds of records are None, and invalid records :data:`DAMAGED`.
-    """
-    size = file.seek(0, SEEK_END)
-    end = len(MAGIC)
-    while end + _HEAD.size <= size:
-        begin = end
-        file.seek(begin)
-        opcode, length = _HEAD.unpack(file.read(_HEAD.size))
-        end = begin + _HEAD.size + length
-        if end > size or opcode in (Opcode.DATA_END, Opcode.FOOTER):
-            return
-        is_wanted = opcode in _KINDS or opcode == Opcode.MESSAGE
-        yield end, _record(opcode, file.read(length)) if is_wanted else None
-
-
-def _record(opcode: int, content: bytes) -> records.McapRecord | _Damaged:
-    stream = ReadDataStream(BytesIO(content))
-    try:
-        if opcode != Opcode.MESSAGE:
-            return _KINDS[opcode](stream)
-        message: records.McapRecord = records.Message.read(stream, len(content))
-        return message
-    except (McapError, ValueError, struct.error):
-        return DAMAGED
-
-
-def _contents(chunk: records.Chunk, most_bytes: int) -> list[records.McapRecord]:
-    if chunk.uncompressed_size > most_bytes:
-        raise ValueError(
-            f"it would have {chunk.uncompressed_size} bytes unpacked, and {most_bytes} are the most;"
-            " --chunk-bytes allows more"
-        )
-    return breakup_chunk(chunk, validate_crc=True)
-
-
-def rebuild_index(file: IO[bytes], chunk_bytes: int = CHUNK_BYTES) -> RecoveryReport:
-    """Rebuild the index of a file by reading all of it; see :class:`McapRecording`."""
-    summary, counts, unchunked = Summary(), dict[int, int](), list[int]()
-    damaged, whole = 0, len(MAGIC)
-    for whole, record in walk(file):
-        if record is None:
-            continue
-        if isinstance(record, _Damaged):
-            damaged += 1
-            continue
-        if isinstance(record, records.Message):
-            unchunked.append(record.log_time)
-        if not isinstance(record, records.Chunk):
-            _note(summary, [record], counts)
-            continue
-        try:
-            inner = _contents(record, chunk_bytes)
-        except Exception as error:
-            # A damaged chunk fails in as many ways as there are compressions; the next one may be whole.
-            logger.warning("the chunk before byte %d is left out: %s", whole, error)
-            damaged += 1
-            continue
-        _note(summary, inner, counts)
-        summary.chunk_indexes.append(_chunk_index(record, whole))
-    times = [chunk.message_start_time for chunk in summary.chunk_indexes] + unchunked
-    times += [chunk.message_end_time for chunk in summary.chunk_indexes]
-    summary.statistics = _statistics(summary, counts, times)
-    return RecoveryReport(summary, damaged, file.seek(0, SEEK_END) - whole, bool(unchunked))
-
-
-def _note(summary: Summary, found: list[records.McapRecord], counts: dict[int, int]) -> None:
-    for record in found:
-        if isinstance(record, records.Schema):
-            summary.schemas[record.id] = record
-        elif isinstance(record, records.Channel):
-            summary.channels[record.id] = record
-        elif isinstance(record, records.Message):
-            counts[record.channel_id] = counts.get(record.channel_id, 0) + 1
-
-
-def _chunk_index(chunk: records.Chunk, end: int) -> records.ChunkIndex:
-    length = _HEAD.size + 8 + 8 + 8 + 4 + 4 + len(chunk.compression.encode()) + 8 + len(chunk.data)
-    return records.ChunkIndex(
-        chunk_length=length,
-        chunk_start_offset=end - length,
-        compression=chunk.compression,
-        compressed_size=len(chunk.data),
-        message_end_time=chunk.message_end_time,
-        message_index_length=0,
-        message_index_offsets={},
-        message_start_time=chunk.message_start_time,
-        uncompressed_size=chunk.uncompressed_size,
-    )
-
-
-def _statistics(summary: Summary, counts: dict[int, int], times: list[int]) -> records.Statistics:
-    return records.Statistics(
-        attachment_count=0,
-        channel_count=len(summary.channels),
-        channel_message_counts=counts,
-        chunk_count=len(summary.chunk_indexes),
-        message_count=sum(counts.values()),
-        message_end_time=max(times, default=0),
-        message_start_time=min(times, default=0),
-        metadata_count=0,
-        schema_count=len(summary.schemas),
-    )
 
 
 def recover(

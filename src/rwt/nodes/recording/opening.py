@@ -14,7 +14,7 @@ def open_recording(paths: Sequence[Path], chunk_bytes: int = CHUNK_BYTES) -> Rec
     """Open a recording: MCAP files, ROS 1 bags, or folders of rosbag2; several are played together.
 
     Args:
-        chunk_bytes: what a chunk of an MCAP file may have unpacked; one that says more is left out.
+        chunk_bytes: maximum unpacked size of a chunk or of a compressed message.
 
     Raises:
         RecordingUnreadable: one is not a recording, or they speak different versions of ROS.
@@ -35,19 +35,46 @@ def open_recording(paths: Sequence[Path], chunk_bytes: int = CHUNK_BYTES) -> Rec
 def _open(path: Path, chunk_bytes: int) -> Recording:
     if not path.exists():
         raise RecordingUnreadable(f"{path}: there is no such file")
-    if path.is_dir() and not (path / "metadata.yaml").exists():
-        raise RecordingUnreadable(f"{path} is no recording: a folder of rosbag2 has a file metadata.yaml")
-    if path.is_dir() or path.suffix == ".bag":
-        require("rosbags")
-        from rwt.nodes.recording.bags import BagRecording
-
-        return BagRecording(path)
+    if path.is_dir():
+        return _open_folder(path, chunk_bytes)
+    if path.suffix == ".bag":
+        return _open_bag(path, chunk_bytes)
     if path.suffix == ".db3":
         raise RecordingUnreadable(f"{path} is a part of a rosbag2 recording: name its folder instead")
+    return _open_mcap(path, chunk_bytes)
+
+
+def _open_bag(path: Path, chunk_bytes: int) -> Recording:
+    require("rosbags")
+    from rwt.nodes.recording.bags import BagRecording
+
+    return BagRecording(path, chunk_bytes)
+
+
+def _open_mcap(path: Path, chunk_bytes: int) -> Recording:
     require("mcap")
     from rwt.nodes.recording.mcap_files import McapRecording
 
     return McapRecording(path, chunk_bytes)
+
+
+def _open_folder(path: Path, chunk_bytes: int) -> Recording:
+    if not (path / "metadata.yaml").exists():
+        raise RecordingUnreadable(f"{path} is no recording: a folder of rosbag2 has a file metadata.yaml")
+    require("rosbags")
+    from rwt.nodes.recording.rosbag2_folders import FolderRecording, Rosbag2Folder
+
+    folder = Rosbag2Folder(path, chunk_bytes)
+    try:
+        if folder.storage == "mcap":
+            files = [_open_mcap(file, chunk_bytes) for file in folder.files]
+            recording = _Together(files) if len(files) != 1 else files[0]
+        else:
+            recording = _open_bag(folder.path, chunk_bytes)
+    except BaseException:
+        folder.close()
+        raise
+    return FolderRecording(path, recording, folder, chunk_bytes)
 
 
 class _Together(Recording):

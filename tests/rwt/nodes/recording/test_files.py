@@ -30,7 +30,8 @@ from rwt.nodes.recording import (
     record_graph,
 )
 from rwt.nodes.recording.channels import json_schema
-from rwt.nodes.recording.mcap_files import MAGIC, McapRecording, recover
+from rwt.nodes.recording.mcap_files import McapRecording, recover
+from rwt.nodes.recording.mcap_index import MAGIC
 from rwt_graph import Node
 from rwt_interfaces import JAZZY, Registry
 from tests.rwt.nodes.recording.robots import OWN, START_NS, graph_at, record_robot, rows

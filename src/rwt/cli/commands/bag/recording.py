@@ -47,7 +47,7 @@ def add_chunk_bytes(parser: argparse.ArgumentParser) -> None:
         "--chunk-bytes",
         type=number_within("a number of bytes", 1024, 2**40),
         metavar="N",
-        help="skip chunks of MCAP files with more uncompressed bytes (default 128 MiB)",
+        help="maximum uncompressed size of a chunk, or of several that overlap in time (default 128 MiB)",
     )
 
 
