@@ -13,7 +13,7 @@ from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
 from enum import Enum
 from ssl import SSLContext
-from typing import Final, Protocol, runtime_checkable
+from typing import Final, Literal, Protocol, runtime_checkable
 
 from anyio.abc import TaskGroup
 
@@ -126,6 +126,26 @@ class StepTaking(Protocol):
 
     def take_steps(self, steps: Iterator[None], may_go_on: Callable[[], bool]) -> None:
         """Take steps, see :data:`TakeSteps`."""
+
+
+@runtime_checkable
+class HoldingWire(Protocol):
+    """Endpoint that gets no more messages from the moment it pauses its connection, even of the same read."""
+
+    @property
+    def holds_wire(self) -> Literal[True]:
+        """True."""
+
+
+@runtime_checkable
+class HoldableWire(Protocol):
+    """Wire that can stop between two messages of a read."""
+
+    def hold(self) -> None:
+        """Keep what comes, and deliver nothing."""
+
+    def go_on(self) -> None:
+        """Deliver what was kept."""
 
 
 class Wire(Protocol):

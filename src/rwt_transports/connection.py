@@ -19,6 +19,8 @@ from rwt_transports.api import (
     Framing,
     HangUp,
     HangUpAware,
+    HoldableWire,
+    HoldingWire,
     Link,
     OversizeAware,
     StepTaking,
@@ -234,9 +236,9 @@ class Connection:
     Attributes by purpose:
 
     * Wiring: ``_state``, ``_listener``, ``_link``, ``_hang_up_aware`` (the link again, if it can tell),
-      ``_wire``, ``_inflating`` (the wire again, if it inflates messages), ``_endpoint``, ``outbox``, and what
-      the driver calls on the wire and the outbox directly: ``get_buffer``, ``take``, ``take_pieces``,
-      ``put_back``.
+      ``_wire``, ``_inflating`` (the wire again, if it inflates messages), ``_holdable`` (the wire again, if
+      a pause holds it), ``_endpoint``, ``outbox``, and what the driver calls on the wire and the outbox
+      directly: ``get_buffer``, ``take``, ``take_pieces``, ``put_back``.
     * Peer: ``address``, ``_port``.
     * Closing: ``_closed_with`` (code and reason of :meth:`close`), ``_deadline`` (monotonic time to cut the
       link).
@@ -247,9 +249,9 @@ class Connection:
     """
 
     __slots__ = (
-        "_closed_with", "_deadline", "_endpoint", "_hang_up_aware", "_heard", "_inflating", "_is_alive",
-        "_is_paused", "_is_pinged", "_is_probed", "_link", "_listener", "_port", "_state", "_wire", "address",
-        "get_buffer", "outbox", "put_back", "take", "take_pieces",
+        "_closed_with", "_deadline", "_endpoint", "_hang_up_aware", "_heard", "_holdable", "_inflating",
+        "_is_alive", "_is_paused", "_is_pinged", "_is_probed", "_link", "_listener", "_port", "_state",
+        "_wire", "address", "get_buffer", "outbox", "put_back", "take", "take_pieces",
     )  # fmt: skip
 
     def __init__(
@@ -261,6 +263,7 @@ class Connection:
         self._link = link
         self._hang_up_aware = link if isinstance(link, HangUpAware) else None
         self._inflating = None if terms is None else deflate_server(terms, self, limits, state.buffers)
+        self._holdable: HoldableWire | None = self._inflating
         self._wire: Wire = self._inflating or state.make_wire(self, limits, state.buffers)
         self._endpoint: Endpoint | None = None
         self.outbox = _ConnectionSink(self, self._wire.framing, limits, link.wake)
@@ -340,7 +343,7 @@ class Connection:
         self.outbox.discard()
         self._end_endpoint(ABNORMAL, "the connection was lost")
         # Break the cycles: they would live until a full garbage collection.
-        self._wire, self._inflating = _NO_WIRE, None
+        self._wire, self._inflating, self._holdable = _NO_WIRE, None, None
         self.get_buffer = _NO_WIRE.get_buffer
 
     # -- the endpoint's side -------------------------------------------------------------------------------
@@ -364,16 +367,16 @@ class Connection:
         self._is_paused = True
         self._listener.buffers.keep_unread(self._wire)
         self._link.pause()
-        if self._inflating is not None:
-            self._inflating.hold()
+        if self._holdable is not None:
+            self._holdable.hold()
 
     def resume(self) -> None:
         self._is_paused = False
         self._listener.buffers.is_read(self._wire)
         self._link.resume()
-        if self._inflating is not None and self._endpoint is not None:
+        if self._holdable is not None and self._endpoint is not None:
             try:
-                self._inflating.go_on()
+                self._holdable.go_on()
             except Exception:
                 self._broken_inside()
 
@@ -427,6 +430,8 @@ class Connection:
 
     def _set_endpoint(self, endpoint: Endpoint) -> None:
         self._endpoint = endpoint
+        if isinstance(endpoint, HoldingWire) and isinstance(self._wire, HoldableWire):
+            self._holdable = self._wire
         if isinstance(endpoint, FlowControlled):
             endpoint.set_flow_control(self)
         if self._inflating is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import AsyncIterator, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -115,6 +116,10 @@ async def test_what_waits_for_clients_that_read_nothing_is_bounded() -> None:
         {"status": 10**30, "content_type": "text/plain"},
         {"status": 1e308, "content_type": "text/plain"},
         {"status": True, "content_type": None, "headers": []},
+        {"status": 204, "content_type": "text/plain"},
+        {"status": 304, "content_type": "text/plain"},
+        {"status": 200, "content_type": " text/plain"},
+        {"status": 200, "content_type": "text/plain", "headers": {"x": " y "}},
     ],
 )
 async def test_a_hostile_robots_page_is_answered_by_the_hub(head: dict[str, Any]) -> None:
@@ -133,6 +138,40 @@ async def test_a_hostile_robots_page_is_answered_by_the_hub(head: dict[str, Any]
             answer = await asking.get(f"{hub.url.replace('ws:', 'http:', 1)}/liar/page")
             assert answer.status_code == 502, answer
         failures.check()
+
+
+async def test_a_page_of_a_silent_robot_ends_with_a_timeout() -> None:
+    with Failures() as failures:
+        async with (
+            open_hub("ws://127.0.0.1:0", limits=SHORT, page_seconds=0.2) as hub,
+            connect(f"{hub.url}/robots/silent", Mailbox, limits=SHORT),
+            httpx.AsyncClient(trust_env=False, timeout=PATIENCE) as asking,
+        ):
+            await until(lambda: hub.robots)
+            answer = await asking.get(f"{hub.url.replace('ws:', 'http:', 1)}/silent/page")
+            assert (answer.status_code, answer.text) == (504, "the robot did not answer within 0.2 s\n")
+            await until(lambda: not hub.robots or not hub.robots[0].pairs)
+        failures.check()
+
+
+async def test_a_robot_that_floods_its_viewer_has_a_share_of_each_turn() -> None:
+    program, count = Program(), 2000
+    async with (
+        open_hub("ws://127.0.0.1:0", limits=SHORT) as hub,
+        robot(hub, program),
+        client(hub, "/rosie") as viewer,
+    ):
+        await until(lambda: program.clients)
+        seconds = itertools.count(0, 0.0005)  # Each look at the clock takes half a millisecond.
+        hub.turns.monotonic = lambda: next(seconds)
+        for _ in range(count):
+            program.clients[0].sink.send(Frame(b"x"))
+        most, before = 0, hub.bytes
+        with anyio.fail_after(PATIENCE):
+            while len(viewer.heard) < count:
+                await anyio.lowlevel.checkpoint()
+                most, before = max(most, hub.bytes - before), hub.bytes
+        assert most <= 20, "the robot's share of a turn, and one message beyond it"
 
 
 async def test_a_page_that_breaks_off_is_no_failure_of_the_hub() -> None:

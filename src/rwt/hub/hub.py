@@ -18,7 +18,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iter
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from ssl import SSLContext
-from typing import Final, Literal
+from typing import ClassVar, Final, Literal
 
 import anyio
 
@@ -51,6 +51,7 @@ from rwt_transports.relay.protocol import (
     is_robot_name,
     split_client_path,
 )
+from rwt_transports.turns import CLIENT_SECONDS, CLIENTS_SECONDS, Turns, loop_turns, no_turns
 from rwt_transports.websocket.close_codes import (
     GOING_AWAY,
     POLICY,
@@ -68,6 +69,8 @@ PATIENCE_SECONDS = 10.0
 """Maximum time that a client waits for a connection of its robot."""
 GRACE_SECONDS = 3.0
 """Time for which a robot without a connection stays listed: it may be about to open the next one."""
+PAGE_SECONDS: Final = 120.0
+"""Default timeout of a robot's answer to a request for a page. Calls of services wait for at most 60 s."""
 MAX_IDLE = 16
 """Maximum number of idle connections per robot."""
 MAX_WAITING = 256
@@ -109,6 +112,8 @@ class Hub:
         grace: seconds for which a robot without a connection stays listed.
         addresses: counter of connections per address; a robot's own connections are not counted.
         waiting_bytes: limit per client address, see :class:`~rwt.hub.waiting_bytes.WaitingBytes`.
+        page_seconds: timeout of the head of a robot's page.
+        turns: turns in which messages are passed on, shared by all connections.
 
     Attributes:
         url: URL at which it listens, with the actual port; empty until it is open.
@@ -123,8 +128,12 @@ class Hub:
         grace: float = GRACE_SECONDS,
         addresses: AddressCount | None = None,
         waiting_bytes: int = ADDRESS_BYTES,
+        page_seconds: float = PAGE_SECONDS,
+        turns: Turns | None = None,
     ) -> None:
         self.url = ""
+        self.turns = turns or no_turns()
+        self._page_seconds = page_seconds
         self._grace = grace
         self.waiting = WaitingBytes(waiting_bytes)
         self.addresses = addresses or AddressCount()
@@ -280,7 +289,7 @@ class Hub:
         robot.waiting.append(reader)
         self.pages += 1
         self.match(robot)
-        return reader.inbox.response(reader.closed, head_only=request.method == "HEAD")
+        return reader.inbox.response(reader.closed, self._page_seconds, head_only=request.method == "HEAD")
 
     def match(self, robot: DialedRobot) -> None:
         """Assign idle connections to waiting clients."""
@@ -291,7 +300,13 @@ class Hub:
 
 
 class _RelayEnd(ABC):
-    """One of two connections that the hub joins. A robot without a client has its own address."""
+    """One of two connections that the hub joins. A robot without a client has its own address.
+
+    Reading stops while the other side has not taken what was passed on (``_is_full``), and once this
+    connection has used its share of a turn of the event loop, until another turn (``_is_late``).
+    """
+
+    holds_wire: ClassVar[Literal[True]] = True
 
     def __init__(self, hub: Hub, robot: DialedRobot, sink: Sink | PageInbox, address: str) -> None:
         self.address = address
@@ -302,6 +317,9 @@ class _RelayEnd(ABC):
         self.other: _RelayEnd | None = None
         self._early: list[Frame] = []
         self._passed = 0
+        self._is_full = self._is_late = False
+        self._received = -1
+        self._turn_began = 0.0
 
     def set_flow_control(self, flow_control: FlowControl) -> None:
         """Set the flow control of the connection. Called before it opens."""
@@ -309,11 +327,33 @@ class _RelayEnd(ABC):
         self.hub.match(self.robot)
 
     def receive(self, data: bytes, binary: bool) -> None:
+        turns = self.hub.turns
+        now = turns.monotonic()
+        if self.sink.received != self._received:  # Another read, and therefore another turn.
+            self._received = self.sink.received
+            self._turn_began = now
         frame = Frame(data, binary=binary)
         if self.other is None:
             self.too_early(frame)
         else:
             self._pass_on(frame, self.other)
+        used = turns.monotonic() - self._turn_began
+        if (used > CLIENT_SECONDS or turns.is_full) and not self._is_late and self.flow_control is not None:
+            turns.note(used)
+            self._is_late = True
+            self.flow_control.pause()
+            turns.wait(self._go_on)
+
+    def _go_on(self) -> None:
+        """Read on, in another turn."""
+        self._is_late = False
+        self._turn_began = self.hub.turns.monotonic()
+        self.resume()
+
+    def resume(self) -> None:
+        """Read on, unless there is another reason to wait."""
+        if self.flow_control is not None and not (self._is_late or self._is_full):
+            self.flow_control.resume()
 
     def too_early(self, frame: Frame) -> None:
         """Keep a message that arrived before the other end was assigned."""
@@ -334,14 +374,15 @@ class _RelayEnd(ABC):
         self.hub.bytes += frame.size
         if self._passed >= PASS_BYTES and self.flow_control is not None and other.flow_control is not None:
             passed, self._passed = self._passed, 0
+            self._is_full = True
             self.flow_control.pause()
             other.flow_control.when_empty(self._taken)
             self.hub.waiting.take(self, passed)
 
     def _taken(self) -> None:
         self.hub.waiting.give_back(self)
-        if self.flow_control is not None:
-            self.flow_control.resume()
+        self._is_full = False
+        self.resume()
 
     def cut(self, reason: str) -> None:
         """Close both connections: too many bytes wait."""
@@ -364,10 +405,10 @@ class _RelayEnd(ABC):
 
     def hang_up(self, code: int, reason: str) -> None:
         """Close this end, even if it is held back."""
-        if self.flow_control is not None:
-            # Resume reading, to receive the reply to the close.
-            self.flow_control.resume()
         self.sink.close(code, reason)
+        if self.flow_control is not None:
+            # Resume reading, to receive the reply to the close. Messages are dropped now.
+            self.flow_control.resume()
 
     @abstractmethod
     def end(self, code: int, reason: str) -> None:
@@ -396,8 +437,7 @@ class _RobotEnd(_RelayEnd):
         self.sink.send(Frame(client.assignment))
         self.join(client)
         client.join(self)
-        if client.flow_control is not None:
-            client.flow_control.resume()
+        client.resume()
 
     def closed(self, code: int, reason: str) -> None:
         super().closed(code, reason)
@@ -470,6 +510,7 @@ async def open_hub(
     access_log: bool = False,
     metrics_page: MetricsPage | None = None,
     waiting_bytes: int = ADDRESS_BYTES,
+    page_seconds: float = PAGE_SECONDS,
 ) -> AsyncIterator[Hub]:
     """Relay between robots and clients at `url` within the block; leaving it closes all with 1001.
 
@@ -484,13 +525,14 @@ async def open_hub(
         access_log: True to log each HTTP request to ``rwt_transports.access``.
         metrics_page: formatter of ``/metrics``; None: no such page.
         waiting_bytes: limit per client address, see :class:`Hub`.
+        page_seconds: timeout of the head of a robot's page.
 
     Raises:
         BadUrl: the URL is not one to listen on.
         ListenError: the address is not available.
     """
     addresses = AddressCount((limits or Limits()).connections_per_address)
-    hub = Hub(tokens, grace, addresses, waiting_bytes)
+    hub = Hub(tokens, grace, addresses, waiting_bytes, page_seconds, loop_turns(CLIENTS_SECONDS))
     async with (
         listen(
             url,

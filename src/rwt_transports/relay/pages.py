@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from rwt_transports.api import FlowControl
     from rwt_transports.endpoint import Sink
 
+WITHOUT_BODY: Final = frozenset({204, 205, 304})
+"""Status codes of responses that never have a body (RFC 9110 section 6.4.1)."""
+
 PIECE_BYTES: Final = 64 * 1024
 """Of a body that is sent at once."""
 
@@ -117,6 +120,9 @@ class PageServer:
 class PageInbox:
     """Receiver of one page, as the sink and flow control of its client."""
 
+    received: Final = 0
+    """Bytes from the client: a request is one message, which has been received."""
+
     def __init__(self) -> None:
         self._frames: deque[Frame] = deque()
         self._changed = anyio.Event()
@@ -161,26 +167,35 @@ class PageInbox:
             await self._changed.wait()
         return self._frames.popleft()
 
-    async def response(self, left: Callable[[int, str], None], *, head_only: bool) -> HttpResponse:
+    async def response(
+        self, left: Callable[[int, str], None], seconds: float, *, head_only: bool
+    ) -> HttpResponse:
         """Return the robot's response, whose body is read as it arrives.
 
         Args:
-            head_only: True if the body is not asked for.
             left: called once nobody reads any more, with a close code and why.
+            seconds: timeout for the head of the response, and for the end of one without a body.
+            head_only: True if the body is not asked for.
         """
         try:
-            head = await self.next()
-            if head is None:
-                reason = self.ended[1]
-                return HttpResponse(f"{reason or 'the robot is gone'}\n".encode(), 503)
-            status, content_type, headers = decode_head(head.data)
+            with anyio.fail_after(seconds):
+                head = await self.next()
+                if head is None:
+                    reason = self.ended[1]
+                    return HttpResponse(f"{reason or 'the robot is gone'}\n".encode(), 503)
+                status, content_type, headers = decode_head(head.data)
+                if status in WITHOUT_BODY and await self.next() is not None:
+                    raise BadAssignment(f"a response of status {status} has no body")
+        except TimeoutError:
+            left(GOING_AWAY, "the page took too long")
+            return HttpResponse(f"the robot did not answer within {seconds:g} s\n".encode(), 504)
         except BadAssignment as error:
             left(PROTOCOL_ERROR, str(error))
             return HttpResponse(b"the robot's answer cannot be read\n", 502)
         except BaseException:
             left(GOING_AWAY, "nobody waits for the page")
             raise
-        if head_only:
+        if head_only or status in WITHOUT_BODY:
             left(NORMAL, "")
             return HttpResponse(b"", status, content_type, end_to_end(headers))
         return HttpResponse(_Body(self, left), status, content_type, end_to_end(headers))

@@ -131,8 +131,8 @@ def decode_head(data: bytes) -> tuple[int, str, dict[str, str]]:
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         raise BadAssignment("expected the head of a page") from None
     texts = (head.content_type, *head.headers.values())
-    if not all(text.isascii() and text.isprintable() for text in texts):
-        raise BadAssignment("expected headers of printable ASCII")
+    if not all(text.isascii() and text.isprintable() and text == text.strip() for text in texts):
+        raise BadAssignment("expected headers of printable ASCII, without spaces around them")
     if not all(_HEADER_NAME.fullmatch(name) for name in head.headers):
         raise BadAssignment("expected the names of headers (RFC 9110 section 5.6.2)")
     if head.status not in _STATUSES:

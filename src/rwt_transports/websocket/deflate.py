@@ -200,15 +200,6 @@ class DeflateWire(WebSocketWire):
             else shared_framing(terms.window_bits)
         )
 
-    def hold(self) -> None:
-        """Inflate nothing more until :meth:`go_on`: what came in one read may be a thousand times as much."""
-        self._is_held = True
-
-    def go_on(self) -> None:
-        """Read what has come meanwhile."""
-        self._is_held = False
-        self.feed(b"")
-
     def _check(self, first: int, size: int, *, masked: bool) -> None:
         if first & _COMPRESSED and first & 0x0F in (TEXT, BINARY):
             first &= ~_COMPRESSED

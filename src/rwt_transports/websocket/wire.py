@@ -261,8 +261,7 @@ class WebSocketWire:
       for speed.
     * Frame: ``_tail``, ``_staged``, ``_skip`` (bytes to skip), ``_skip_last`` (True if that frame ends its
       message).
-    * ``_is_held``: True while nothing more is read, see
-      :class:`~rwt_transports.websocket.deflate.DeflateWire`.
+    * ``_is_held``: True while nothing more is read, see :meth:`hold`.
 
     Args:
         server: True for the server's side: incoming frames must be masked, outgoing ones are not.
@@ -351,6 +350,16 @@ class WebSocketWire:
         except ProtocolViolation as violation:
             self._fail(violation.code, str(violation))
 
+    def hold(self) -> None:
+        """Read nothing more until :meth:`go_on`: one read may have thousands of messages, or inflate to a
+        thousand times its size."""
+        self._is_held = True
+
+    def go_on(self) -> None:
+        """Read what has come meanwhile."""
+        self._is_held = False
+        self.feed(b"")
+
     def get_buffer(self) -> memoryview | None:
         """Return the rest of a large payload's buffer, if receiving there saves a copy."""
         staged = self._staged
@@ -390,7 +399,7 @@ class WebSocketWire:
         """Read whole, masked, small messages, nearly all that clients send. Returns the position of anything
         else, or the end."""
         most = self._max_size
-        while end - position >= _LONGEST_USUAL_HEADER and self._is_usual:
+        while end - position >= _LONGEST_USUAL_HEADER and self._is_usual and not self._is_held:
             first = data[position]
             size = data[position + 1] - 0x80
             start = position + 6
