@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import re
+import stat
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +13,8 @@ from pathlib import Path
 from rwt_interfaces.definitions.parser import LONGEST_TEXT, too_long
 from rwt_interfaces.errors import DefinitionError
 from rwt_interfaces.names import KINDS, Kind, is_word
+
+_MANIFEST_BYTES = 1024 * 1024
 
 _NAME_ELEMENT = re.compile(r"<name>\s*([^<\s]+)\s*</name>")
 
@@ -26,12 +31,13 @@ class InterfaceFile:
     def read(self) -> str:
         """Return the text; raises DefinitionError if it is unreadable, not UTF-8, or too long."""
         try:
-            if self.path.stat().st_size > 4 * LONGEST_TEXT:  # at most four bytes per character
-                raise DefinitionError(too_long(str(self.path)))
-            return self.path.read_text("utf-8-sig")
+            # At most four bytes per character.
+            return _read_file(self.path, 4 * LONGEST_TEXT).decode("utf-8-sig")
         except UnicodeDecodeError:
             raise DefinitionError(f"{self.path}: not UTF-8 text") from None
         except OSError as error:
+            if error.errno == errno.EFBIG:
+                raise DefinitionError(too_long(str(self.path))) from None
             raise DefinitionError(f"{self.path}: cannot be read: {error.strerror}") from None
 
 
@@ -82,7 +88,24 @@ def package_name(folder: Path) -> str:
     """
     manifest = folder / "package.xml"
     if manifest.is_file():
-        found = _NAME_ELEMENT.search(manifest.read_text("utf-8", errors="replace"))
+        found = _NAME_ELEMENT.search(_read_file(manifest, _MANIFEST_BYTES).decode("utf-8", "replace"))
         if found is not None:
             return found[1]
     return folder.name
+
+
+def _read_file(path: Path, most_bytes: int) -> bytes:
+    """Return the content of a regular file; pipes and devices would block, or never end.
+
+    Raises:
+        OSError: it is not a regular file, is too large (EFBIG), or cannot be read.
+    """
+    descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    with open(descriptor, "rb") as file:
+        # Checked on the descriptor, since the path may lead to another file by now.
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            raise OSError(errno.EINVAL, "not a regular file", str(path))
+        content = file.read(most_bytes + 1)
+    if len(content) > most_bytes:
+        raise OSError(errno.EFBIG, f"larger than {most_bytes} bytes", str(path))
+    return content
