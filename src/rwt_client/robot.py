@@ -55,6 +55,7 @@ from rwt_participant.qos import QoS
 from rwt_participant.rosapi_parameters import UNANSWERED, RosapiParameters
 from rwt_participant.timers import PeriodicTimer, RobotClock, Timer
 from rwt_protocol.dispatcher import Dispatcher
+from rwt_protocol.errors import MalformedPayload
 from rwt_protocol.ops import (
     ActionFeedback,
     ActionResult,
@@ -484,7 +485,10 @@ class Robot(RobotApi):
     async def _question(self, question: str, args: Mapping[str, object], patience: float | None) -> Any:
         request = RawJson(msgspec.json.encode(args))
         answer = await self._calls.call(f"{_ROSAPI}/{question}", request, patience)
-        return answer.plain()
+        try:
+            return answer.plain()
+        except MalformedPayload as error:
+            raise ServiceFailed(f"the answer of {_ROSAPI}/{question} cannot be read: {error}") from None
 
     def _options(self, given: SubscribeKeywords) -> SubscribeOptions:
         options: SubscribeKeywords = {"arrays": self._arrays, **given}

@@ -166,8 +166,8 @@ class RosApi:
 
     async def ros_version(self) -> RosVersion:
         """Return the robot's version of ROS; many ROS 1 robots fail this call."""
-        answer = await self._answer("get_ros_version", {}, dict[str, Any])
-        return RosVersion(int(answer.get("version", 0)), str(answer.get("distro", "")))
+        answer = await self._answer("get_ros_version", {}, _Version)
+        return RosVersion(answer.version, answer.distro)
 
     # -- results ---------------------------------------------------------------------------------------------
 
@@ -187,6 +187,13 @@ class RosApi:
     async def _types(self, question: str, type_name: str) -> tuple[TypeInfo, ...]:
         answer = await self._answer(question, {"type": type_name}, dict[str, list[_TypeDef]])
         return tuple(each.info() for each in answer.get("typedefs", ()))
+
+
+class _Version(msgspec.Struct):
+    """Version of ROS (API-05)."""
+
+    version: int = 0
+    distro: str = ""
 
 
 class _TypeDef(msgspec.Struct):

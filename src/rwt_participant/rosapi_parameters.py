@@ -46,7 +46,10 @@ class RosapiParameters(Parameters):
             if isinstance(error, ProviderNotFound):
                 raise  # There is no rosapi to ask.
             raise await self._not_found(name, str(error)) from None
-        value: ParameterValue = json.loads(answer.get("value") or "null")
+        try:
+            value: ParameterValue = json.loads(answer.get("value") or "null")
+        except (ValueError, TypeError, RecursionError):
+            raise ServiceFailed(f"the value of {name} is not JSON") from None
         if value is None and default is None:
             raise await self._not_found(name, f"there is no parameter {name}")
         return default if value is None else value
@@ -80,7 +83,8 @@ class RosapiParameters(Parameters):
         return ""
 
     async def names(self) -> tuple[str, ...]:
-        return tuple(map(str, (await self._asked("get_param_names")).get("names", ())))
+        names = (await self._asked("get_param_names")).get("names")
+        return tuple(map(str, names)) if isinstance(names, list) else ()
 
     async def _asked(
         self, question: str, refused: type[RobotError] = ServiceFailed, **args: object

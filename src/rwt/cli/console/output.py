@@ -19,6 +19,9 @@ Style = Literal["name", "type", "good", "warning", "bad", "faint", "heading"]
 _CODES: Final[dict[Style, str]] = {
     "name": "36", "type": "32", "good": "32", "warning": "33", "bad": "31", "faint": "2", "heading": "1",
 }  # fmt: skip
+#: Maximum length of an error line.
+_ERROR_CHARS: Final = 2000
+
 _UP_AND_CLEAR: Final = "\x1b[{}F\x1b[J"
 
 
@@ -148,8 +151,12 @@ def reported(act: Callable[[], object]) -> int:
 
 
 def failure_line(error: CommandError) -> str:
-    """Return the line on stderr for an error, with line breaks and control characters replaced."""
-    return f"rwt: {printable(' '.join(str(error).splitlines()))}"
+    """Return the line on stderr for an error, with line breaks and control characters replaced.
+
+    A robot may have sent a part of the text, of any length: it is cut.
+    """
+    text = " ".join(str(error).splitlines())
+    return f"rwt: {printable(text if len(text) <= _ERROR_CHARS else f'{text[:_ERROR_CHARS]}…')}"
 
 
 def write_file(path: Path, text: str) -> None:
