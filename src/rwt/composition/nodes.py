@@ -132,7 +132,7 @@ def _mesh_files(settings: Settings) -> MeshFiles:
     from rwt.nodes.mesh_files import MeshFiles, MeshFilesError
 
     try:
-        return MeshFiles(settings.packages)
+        return MeshFiles(settings.packages, follow_links=settings.package_links)
     except MeshFilesError as error:
         raise SettingsError(f"`packages`: {error}") from error
 

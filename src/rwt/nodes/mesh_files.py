@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import AsyncIterator, Iterable, Iterator, Mapping
 from os.path import isfile
 from pathlib import Path
@@ -18,6 +19,8 @@ import anyio.to_thread
 
 from rwt_interfaces.definitions.package_directories import package_name
 from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
+
+logger = logging.getLogger(__name__)
 
 PATH: Final = "/packages/"
 
@@ -58,6 +61,8 @@ class MeshFiles:
         folders: packages (folders with a `package.xml`), or folders that contain packages at any depth. A
             direct subfolder without `package.xml` is a package of its own name. If a name occurs twice, the
             first package counts.
+        follow_links: True to serve files outside of `folders` that links in them lead to, as the workspaces
+            of ``colcon build --symlink-install`` have.
 
     Attributes:
         http: extension for :func:`rwt.serve`.
@@ -66,8 +71,14 @@ class MeshFiles:
         MeshFilesError: a path is not a folder, or is empty.
     """
 
-    def __init__(self, folders: Iterable[Path]) -> None:
+    def __init__(self, folders: Iterable[Path], *, follow_links: bool = False) -> None:
         self._roots: dict[str, Path] = {}
+        folders = tuple(folders)
+        self._within = () if follow_links else tuple(folder.resolve() for folder in folders)
+        if follow_links:
+            logger.warning(
+                "files outside of the folders of packages are served where links lead to them (package_links)"
+            )
         for folder in folders:
             for root in _packages(folder):
                 self._roots.setdefault(package_name(root), root)
@@ -91,6 +102,10 @@ class MeshFiles:
         path = _below(root, rest)
         if path is None or not isfile(path):  # which has no exceptions for names that are too long
             return _refusal(404, f"package {package} has no file {rest!r}")
+        if self._within and not any(path.resolve().is_relative_to(each) for each in self._within):
+            return _refusal(
+                403, f"{rest!r} is a link out of the folders of packages; package_links allows that"
+            )
         content_type = CONTENT_TYPES.get(path.suffix.lower())
         if content_type is None:
             kinds = " ".join(sorted(CONTENT_TYPES))

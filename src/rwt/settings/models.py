@@ -236,6 +236,13 @@ class Settings(BridgeSettings):
         tuple[Path, ...],
         Field(description="folders of ROS packages whose meshes are served under `/packages/`"),
     ] = ()
+    package_links: Annotated[
+        bool,
+        Field(
+            description="serve files outside of the folders of `packages` that links in them lead to, after"
+            " `colcon build --symlink-install`; whoever can write there can publish any mesh or image"
+        ),
+    ] = False
     demo: Annotated[bool, Field(description="add the demo robot")] = False
     nodes: Annotated[
         tuple[str, ...],

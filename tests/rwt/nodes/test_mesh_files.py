@@ -127,9 +127,23 @@ async def test_nothing_else_is_served(share: Path, path: str, status: int, said:
     assert (answer.status, said in answer.body.decode()) == (status, True), answer
 
 
-async def test_a_workspace_of_links_is_served(share: Path, tmp_path: Path) -> None:
+async def test_links_out_of_the_folders_are_served_only_with_the_setting(
+    share: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     (share / "arm/linked.stl").symlink_to(tmp_path / "outside.stl")
-    assert (await get(MeshFiles([share]), "/packages/arm/linked.stl")).body == b"outside"
+    (share / "arm/within.stl").symlink_to(share / "arm/large.stl")
+    (share / "arm/large.stl").write_bytes(b"large")
+    (share / "arm/all").symlink_to(tmp_path)
+    packages = MeshFiles([share])
+    for path in ("linked.stl", "all/outside.stl"):
+        answer = await get(packages, f"/packages/arm/{path}")
+        assert (answer.status, b"package_links allows that" in answer.body) == (403, True)
+    assert (await get(packages, "/packages/arm/within.stl")).body == b"large"
+    assert not caplog.records
+    packages = MeshFiles([share], follow_links=True)
+    assert "package_links" in caplog.text
+    for path in ("linked.stl", "all/outside.stl"):
+        assert (await get(packages, f"/packages/arm/{path}")).body == b"outside"
 
 
 def test_links_in_a_circle_end(share: Path) -> None:
