@@ -56,6 +56,8 @@ export interface SceneElement extends RobotElement {
   follow: boolean;
   /** Whether there is a button for sending the robot somewhere. */
   goals: boolean;
+  /** Origins besides the robot's server that meshes may come from, with blanks between them. */
+  meshOrigins: string;
 }
 
 /** `<rwt-map>`: the robot on its map, from above. */

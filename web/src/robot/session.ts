@@ -68,6 +68,8 @@ export class RobotSession {
   readonly url: string;
   /** Where the same server is asked over HTTP, with a slash at its end. */
   readonly httpBase: string;
+  /** Other origins that meshes and textures may come from; the page that shows the robot adds them. */
+  readonly meshOrigins = new Set<string>();
   readonly state: Signal<ConnectionState> = signal("connecting");
   /** Why there is no connection; empty while there is one. */
   readonly reason = signal("");

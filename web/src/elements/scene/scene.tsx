@@ -24,6 +24,8 @@ export class SceneElement extends RobotElement {
     follow: flag(),
     /** Whether there is a button for sending the robot somewhere. */
     goals: flag(),
+    /** Origins besides the robot's server that meshes may come from, with blanks between them. */
+    meshOrigins: text(),
   };
   static override style = style;
   declare robot: string;
@@ -31,6 +33,7 @@ export class SceneElement extends RobotElement {
   declare frame: string;
   declare follow: boolean;
   declare goals: boolean;
+  declare meshOrigins: string;
 
   /** Whether the camera begins above the robot. */
   readonly fromAbove: boolean = false;
@@ -66,6 +69,9 @@ function SceneView({ element, session, stop }: ViewProps<SceneElement>) {
   const problem = useLater(
     () => import("../../scene/scene"),
     ({ RobotScene }) => {
+      for (const origin of element.meshOrigins.split(/[\s,]+/)) {
+        if (URL.canParse(origin)) session.meshOrigins.add(new URL(origin).origin);
+      }
       const scene = new RobotScene(session, place.current as HTMLElement);
       scene.fromAbove = element.fromAbove;
       const dark = matchMedia("(prefers-color-scheme: dark)");

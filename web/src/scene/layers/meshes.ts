@@ -1,12 +1,33 @@
 /** Meshes by the names that robots give them: `package://…` and URLs, as STL, Collada, OBJ or glTF. */
 
-import { Group, type Material, Mesh, type Object3D } from "three";
+import { Group, LoadingManager, type Material, Mesh, type Object3D } from "three";
 import type { RobotSession } from "../../robot/session";
 
-/** Where a file of a robot is served; only what the robot's own server serves can be loaded. */
+/** Where a file of a robot is served. */
 export function meshUrl(session: RobotSession, resource: string): URL {
   const found = /^package:\/\/(.*)$/.exec(resource);
   return found ? new URL(`packages/${found[1]}`, session.httpBase) : new URL(resource, session.httpBase);
+}
+
+/**
+ * Whether a file may be loaded: of the robot's server, and of the origins that the page allows. A robot could otherwise
+ * have each of its viewers send requests anywhere, with their addresses.
+ */
+export function isAllowed(session: RobotSession, url: URL): boolean {
+  return url.origin === new URL(session.httpBase).origin || session.meshOrigins.has(url.origin);
+}
+
+/** A loading manager for what is within a file, such as textures: what is not allowed is replaced by nothing. */
+function guardedManager(session: RobotSession, base: URL): LoadingManager {
+  const manager = new LoadingManager();
+  manager.setURLModifier((written) => {
+    if (!URL.canParse(written, base)) return "data:,";
+    const url = new URL(written, base);
+    return url.protocol === "data:" || url.protocol === "blob:" || isAllowed(session, url)
+      ? written
+      : "data:,";
+  });
+  return manager;
 }
 
 /** An empty group that the mesh appears in when it has come; `redraw` is called then. */
@@ -17,7 +38,9 @@ export function loadMesh(
   redraw: () => void,
 ): Object3D {
   const group = new Group();
-  readMesh(meshUrl(session, resource), session, material).then(
+  // Also a name that is no URL is reported.
+  const read = async () => readMesh(meshUrl(session, resource), session, material);
+  read().then(
     (mesh) => {
       group.add(mesh);
       redraw();
@@ -27,10 +50,16 @@ export function loadMesh(
   return group;
 }
 
-/** A mesh from the robot's server; `material` is for those that bring none. Throws where there is none that can be read. */
+/** A mesh; `material` is for those that bring none. Throws where it is not allowed, or none that can be read. */
 export async function readMesh(url: URL, session: RobotSession, material: Material): Promise<Object3D> {
-  const response = await fetch(url, { headers: session.httpHeaders });
+  if (!isAllowed(session, url)) {
+    throw new Error(`${url.origin} is not the robot's server; the page can allow it with mesh-origins`);
+  }
+  // The token is for the robot's server alone, and a redirection must not lead elsewhere.
+  const own = url.origin === new URL(session.httpBase).origin;
+  const response = await fetch(url, { headers: own ? session.httpHeaders : {}, redirect: "error" });
   if (!response.ok) throw new Error((await response.text()).trim().slice(0, 200));
+  const manager = guardedManager(session, url);
   const kind = url.pathname.split(".").at(-1)?.toLowerCase();
   if (kind === "stl") {
     const { STLLoader } = await import("three/addons/loaders/STLLoader.js");
@@ -38,7 +67,7 @@ export async function readMesh(url: URL, session: RobotSession, material: Materi
   }
   if (kind === "dae") {
     const { ColladaLoader } = await import("three/addons/loaders/ColladaLoader.js");
-    const collada = new ColladaLoader().parse(await response.text(), new URL(".", url).href);
+    const collada = new ColladaLoader(manager).parse(await response.text(), new URL(".", url).href);
     if (!collada) throw new Error("this is no Collada file");
     return collada.scene;
   }
@@ -52,7 +81,10 @@ export async function readMesh(url: URL, session: RobotSession, material: Materi
   }
   if (kind === "glb" || kind === "gltf") {
     const { GLTFLoader } = await import("three/addons/loaders/GLTFLoader.js");
-    const loaded = await new GLTFLoader().parseAsync(await response.arrayBuffer(), new URL(".", url).href);
+    const loaded = await new GLTFLoader(manager).parseAsync(
+      await response.arrayBuffer(),
+      new URL(".", url).href,
+    );
     return loaded.scene;
   }
   throw new Error("served are .stl, .dae, .obj, .gltf and .glb");
