@@ -1,11 +1,12 @@
 // @vitest-environment happy-dom
 import { expect, test } from "vitest";
-import { readLayout, robotUrl } from "../src/app/state";
+import { App, MOST_PANELS, readLayout, robotUrl } from "../src/app/state";
 import "../src/panels/all";
 import { de } from "../src/i18n/de";
 import { en } from "../src/i18n/en";
 import { chooseLanguage, speak, t, translate } from "../src/i18n/text";
 import { panelKinds } from "../src/panels/registry";
+import type { WorkerPort } from "../src/robot/transport";
 
 const panel = { id: "one", kind: "topics", config: {} };
 
@@ -27,6 +28,33 @@ test.each([
   { version: 1, panels: [{}] },
   { version: 1, panels: [panel, panel] },
 ])("what is no layout is refused: %j", (value) => expect(() => readLayout(value)).toThrow());
+
+test("a layout of more panels than a browser can show is refused, with the limit", () => {
+  const panels = (count: number) =>
+    Array.from({ length: count }, (_, number) => ({ ...panel, id: `panel ${number}` }));
+  expect(readLayout({ version: 1, panels: panels(MOST_PANELS) }).panels).toHaveLength(MOST_PANELS);
+  expect(() => readLayout({ version: 1, panels: panels(3000) })).toThrow(
+    "3000 panels; a layout has at most 64",
+  );
+});
+
+test("a layout that the page did not survive is not opened again", async () => {
+  const settings = { robot: null, layouts: [] };
+  const worker = () =>
+    ({ postMessage: () => undefined, terminate: () => undefined }) as unknown as WorkerPort;
+  const last = JSON.stringify({ version: 1, panels: [panel], dock: null });
+  localStorage.setItem("rwt-last-layoutws://robot", last);
+  const first = new App(settings, "ws://robot", worker);
+  await first.begin(null);
+  expect(first.panels.value).toEqual([panel]);
+  // The page hangs: nothing of it runs any more. It is loaded again.
+  const second = new App(settings, "ws://robot", worker);
+  await second.begin("some layout of the address");
+  expect(second.panels.value).toEqual([]);
+  expect(second.session.notices.value.map(({ text }) => text)).toEqual([t("layout.hung")]);
+  expect(localStorage.getItem("rwt-last-layoutws://robot")).toBeNull();
+  localStorage.clear();
+});
 
 test.each([
   ["http://robot:9090/", null, "ws://robot:9090/"],

@@ -30,9 +30,16 @@ export interface PageSettings {
   layouts: string[];
 }
 
+/** Panels of a layout: more would keep the browser busy for minutes. */
+export const MOST_PANELS = 64;
+
 const TOKEN = "rwt-token ";
 const LAYOUT = "rwt-layout ";
 const LAST = "rwt-last-layout";
+/** Milliseconds for which a layout must not have stopped the page before it counts as opened. */
+const SETTLED = 1000;
+/** Present while a layout is being opened: if it is there at the start, the page did not survive that. */
+const OPENING = "rwt-opening-layout ";
 const THEME = "rwt-theme";
 
 /** Whether a text is the address of a rosbridge server. */
@@ -54,6 +61,9 @@ export function robotUrl(location: Location, settings: PageSettings): string {
 export function readLayout(value: unknown): Layout {
   const { version, panels, dock } = (value ?? {}) as Partial<Layout>;
   if (version !== 1 || !Array.isArray(panels)) throw new Error("version 1 and a list of panels are expected");
+  if (panels.length > MOST_PANELS) {
+    throw new Error(`${panels.length} panels; a layout has at most ${MOST_PANELS}`);
+  }
   const seen = new Set<string>();
   const known = panels.filter((panel) => {
     const isPanel =
@@ -114,7 +124,11 @@ export class App {
 
   /** Show the layout that the address names, the one that was open last, or panels for what is found. */
   async begin(named: string | null): Promise<void> {
-    if (named) await this.openNamed(named);
+    if (localStorage.getItem(OPENING + this.robot) !== null) {
+      localStorage.removeItem(OPENING + this.robot);
+      localStorage.removeItem(LAST + this.robot);
+      this.session.note("error", t("layout.hung"));
+    } else if (named) await this.openNamed(named);
     const last = localStorage.getItem(LAST + this.robot);
     if (!this.opened && last) {
       try {
@@ -146,6 +160,9 @@ export class App {
 
   show(layout: Layout): void {
     this.opened = true;
+    // Removed once the browser has drawn it.
+    localStorage.setItem(OPENING + this.robot, "");
+    setTimeout(() => localStorage.removeItem(OPENING + this.robot), SETTLED);
     this.panels.value = layout.panels;
     this.dock.value = layout.dock;
     this.front.value = layout.panels[0]?.id ?? "";
@@ -175,6 +192,10 @@ export class App {
       .find((panel) => panel.kind === kind && JSON.stringify(panel.config) === JSON.stringify(config));
     if (same) {
       this.bring(same.id);
+      return;
+    }
+    if (this.panels.peek().length >= MOST_PANELS) {
+      this.session.note("warning", t("layout.full", { most: MOST_PANELS }));
       return;
     }
     const taken = new Set(this.panels.peek().map(({ id }) => id));

@@ -54,6 +54,8 @@ export const de: Record<TextKey, string> = {
   "layout.delete": "{name} löschen",
   "layout.bad": "Das ist keine Anordnung: {reason}",
   "layout.missing": "Die Anordnung {name} ist nicht zu haben: {reason}",
+  "layout.hung": "Die zuletzt offene Anordnung hat die Seite angehalten und wird nicht wieder geöffnet.",
+  "layout.full": "{most} Felder sind offen, mehr gehen nicht: erst eines schließen.",
   "panel.close": "{name} schließen",
   "panel.arrange": "Platz von {name}",
   "panel.maximize": "Ganze Seite füllen",

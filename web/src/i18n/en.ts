@@ -51,6 +51,8 @@ export const en = {
   "layout.delete": "Delete {name}",
   "layout.bad": "This is not a layout: {reason}",
   "layout.missing": "The layout {name} cannot be loaded: {reason}",
+  "layout.hung": "The layout that was open last stopped the page, and is not opened again.",
+  "layout.full": "{most} panels are open, which is the limit: close one first.",
   "panel.close": "Close {name}",
   "panel.arrange": "Position of {name}",
   "panel.maximize": "Maximize",
