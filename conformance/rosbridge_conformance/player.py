@@ -7,7 +7,7 @@ import json
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 from rosbridge_conformance.suite.case import (
     Case,
@@ -101,6 +101,16 @@ class Stop(Exception):
 Raw: TypeAlias = str | bytes
 
 
+CASE_FRAMES: Final = 20_000
+"""Maximum number of frames of one connection of a case. A server that sends more fails the case."""
+CASE_BYTES: Final = 64 * 1024 * 1024
+"""Maximum size of these frames."""
+TRANSCRIPT_LINES: Final = 2000
+"""Maximum number of lines of a transcript."""
+
+_TOO_MUCH: Final = 1009  # "message too big", the nearest close code
+
+
 @dataclass(slots=True)
 class _Client:
     """One named connection: what has arrived and not been looked at."""
@@ -114,6 +124,14 @@ class _Client:
     closed: int | None = None
     reader: asyncio.Task[None] | None = None
     probes: int = 0
+    received_frames: int = 0
+    received_bytes: int = 0
+
+    def take(self, raw: Raw) -> bool:
+        """Count a frame. Returns False above the limits."""
+        self.received_frames += 1
+        self.received_bytes += len(raw)
+        return self.received_frames <= CASE_FRAMES and self.received_bytes <= CASE_BYTES
 
 
 async def play(case: Case, target: Target, dial: Dial, pace: Pace, tag: str) -> Played:
@@ -419,6 +437,10 @@ class _Player:
             else:
                 self._note(client.name, "<", show(raw))
                 self._sort(client, raw)
+                if not client.take(raw):
+                    self._note(client.name, "!", f"more than {CASE_FRAMES} frames or {CASE_BYTES} bytes")
+                    client.closed = _TOO_MUCH
+                    await client.wire.close(abruptly=True)
             client.arrived.set()
 
     def _sort(self, client: _Client, raw: Raw) -> None:
@@ -457,7 +479,8 @@ class _Player:
         return queue.popleft()
 
     def _note(self, name: str, way: Literal[">", "<", "!"], text: str) -> None:
-        self.transcript.append(Line(round(self._pace.now() - self.began, 4), name, way, text))
+        if len(self.transcript) < TRANSCRIPT_LINES:
+            self.transcript.append(Line(round(self._pace.now() - self.began, 4), name, way, text))
 
 
 def _is_status(pattern: Json) -> bool:

@@ -15,6 +15,9 @@ from websockets.asyncio.client import connect
 from websockets.asyncio.connection import Connection
 from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus, InvalidURI
 
+MESSAGE_BYTES = 16 * 1024 * 1024
+"""Largest message that is received."""
+
 _READ_SIZE = 65536
 _OPEN_SECONDS = 10.0
 
@@ -100,7 +103,7 @@ class WebSocketWire:
         try:
             connection = await connect(
                 url,
-                max_size=None,
+                max_size=MESSAGE_BYTES,
                 ping_interval=None,
                 compression=None,
                 proxy=None,
@@ -142,6 +145,11 @@ class JsonCutter:
         self._start = 0
         self._quoted = False
         self._escaped = False
+
+    @property
+    def pending(self) -> int:
+        """Characters of an object that has not ended."""
+        return len(self._text)
 
     def feed(self, text: str) -> list[str]:
         """The objects that end in this piece."""
@@ -211,6 +219,9 @@ class StreamWire:
             if not data:
                 raise WireClosed(0)
             self._ready += self._cutter.feed(self._decoder.decode(data))
+            if self._cutter.pending > MESSAGE_BYTES:
+                await self.close(abruptly=True)
+                raise WireClosed(0)
         return self._ready.pop(0)
 
     async def close(self, *, abruptly: bool = False) -> None:
