@@ -56,7 +56,7 @@ async def health_of(url: str, patience: float, tls: ssl.SSLContext | None) -> He
             float(said["work"]),
             int(said["clients_beyond_rate"]),
         )
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
         return Health(status == 200)
 
 

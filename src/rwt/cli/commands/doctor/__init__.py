@@ -351,8 +351,9 @@ class _Examination:
         self._rosapi = True
         topics = await self._probe.call("/rosapi/topics", self._patience)
         values = {} if topics is None else topics.op.get("values")
-        names = values.get("topics", []) if isinstance(values, dict) else []
-        return Finding("rosapi", "ok", f"answers; {len(names)} topics")
+        names = values.get("topics") if isinstance(values, dict) else None
+        count = len(names) if isinstance(names, list) else 0
+        return Finding("rosapi", "ok", f"answers; {count} topics")
 
     async def _look_at_version(self) -> Finding:
         answer = await self._probe.call("/rosapi/get_ros_version", self._patience)
@@ -363,7 +364,7 @@ class _Examination:
         version = 1 if values.get("version", 2) == 1 else 2
         if version == 1:
             self._type = "std_msgs/String"
-        return Finding("ROS", "ok", f"ROS {version} {values.get('distro', '')}".rstrip())
+        return Finding("ROS", "ok", f"ROS {version} {values.get('distro', '')!s:.100}".rstrip())
 
     async def _look_at_time(self) -> list[Finding]:
         """Measure round trips and the clock difference, from the shortest round trip (RFC 5905 section 8)."""

@@ -23,6 +23,11 @@ from rwt_transports.endpoint import PeerInfo, Sink
 _LIMITS: Final = WireLimits(max_depth=64)
 """Maximum nesting depth of a message of the server."""
 
+#: Limits of what a server can make the probe keep.
+_COMPLAINTS: Final = 1000
+_COMPLAINT_CHARS: Final = 500
+_UNREAD_FRAMES: Final = 256
+
 
 @dataclass(frozen=True, slots=True)
 class ReceivedFrame:
@@ -57,7 +62,7 @@ class WireProbe:
         self.complaints: list[str] = []
         self.closed_with: tuple[int, str] | None = None
         self._sink: Sink | None = None
-        self._received: deque[ReceivedFrame] = deque(maxlen=10_000)
+        self._received: deque[ReceivedFrame] = deque(maxlen=_UNREAD_FRAMES)
         self._awake = anyio.Event()
 
     def accept(self, sink: Sink, peer: PeerInfo) -> WireProbe:
@@ -72,7 +77,8 @@ class WireProbe:
         op = _decoded(data, encoding.codec)
         frame = ReceivedFrame(encoding.name, len(data), op, anyio.current_time())
         if frame.is_op("status"):
-            self.complaints.append(str(frame.op.get("msg", "")))
+            if len(self.complaints) < _COMPLAINTS:
+                self.complaints.append(str(frame.op.get("msg", ""))[:_COMPLAINT_CHARS])
         self._received.append(frame)
         self._awake.set()
 
