@@ -1,0 +1,70 @@
+"""Robots that send compression bombs to a client: the command ends with a reason and keeps little memory."""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+import threading
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from websockets.sync.server import ServerConnection, serve
+
+from tests.faults.limited import run_command
+
+MOST_GROWN = 128 * 2**20
+SIDE = 20_000
+"""Pixels of a side: 1.2 GB unpacked, from 1.2 MB."""
+
+
+@contextmanager
+def _robot(handle: Callable[[ServerConnection], None], **options: str) -> Iterator[str]:
+    with serve(handle, "127.0.0.1", 0, **options) as server:  # type: ignore[arg-type]  # one option, a literal
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield f"ws://127.0.0.1:{server.socket.getsockname()[1]}"
+        server.shutdown()
+        thread.join()
+
+
+def _chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def _png_bomb() -> str:
+    packer = zlib.compressobj(9)
+    row = bytes(1 + 3 * SIDE)
+    data = b"".join(packer.compress(row) for _ in range(SIDE)) + packer.flush()
+    head = struct.pack(">IIBBBBB", SIDE, SIDE, 8, 2, 0, 0, 0)
+    content = b"\x89PNG\r\n\x1a\n" + _chunk(b"IHDR", head) + _chunk(b"IDAT", data) + _chunk(b"IEND", b"")
+    return json.dumps({"op": "png", "data": base64.b64encode(content).decode()})
+
+
+def test_a_png_bomb_is_not_unpacked_by_a_client() -> None:
+    bomb = _png_bomb()
+
+    def handle(wire: ServerConnection) -> None:
+        for text in wire:
+            if json.loads(text)["op"] == "subscribe":
+                wire.send(bomb)
+
+    with _robot(handle) as url:
+        words = ["topic", "echo", "--once", "/x", "std_msgs/msg/String", "--url", url, "--timeout", "2"]
+        ended = run_command(words)
+    assert ended.code in (1, 3, 4), ended.output[-500:]
+    assert "Traceback" not in ended.output
+    assert ended.grown_bytes < MOST_GROWN
+
+
+def test_a_robot_cannot_compress_to_a_client_that_did_not_ask() -> None:
+    def handle(wire: ServerConnection) -> None:
+        for _ in wire:
+            wire.send("x" * 2**24)
+
+    with _robot(handle, compression="deflate") as url:
+        ended = run_command(["topic", "list", "--url", url, "--timeout", "2"])
+    assert ended.code in (1, 3, 4), ended.output[-500:]
+    assert "Traceback" not in ended.output
+    assert ended.grown_bytes < MOST_GROWN
