@@ -123,7 +123,8 @@ VERBS: Final = (
     "action send_goal /x example_interfaces/action/Fibonacci {order:\u00a01}", "param list", "param list /x",
     "param get /x y", "param set /x y 1", "param describe /x y", "param delete /x y", "param dump /x",
     "node list", "node info /x", "interface list", "interface show std_msgs/msg/String",
-    "tf tree --timeout 0.3", "tf echo a b --once", "stop --status", "approve --list", "approve", "doctor", "doctor --json",
+    "tf tree --timeout 0.3", "tf echo a b --once", "stop --status", "approve --list", "approve",
+    "doctor", "doctor --json",
 )  # fmt: skip
 
 

@@ -76,9 +76,8 @@ class WireProbe:
         encoding = next((each for each in SELECTABLE if first and first in each.first_bytes), CODECS["none"])
         op = _decoded(data, encoding.codec)
         frame = ReceivedFrame(encoding.name, len(data), op, anyio.current_time())
-        if frame.is_op("status"):
-            if len(self.complaints) < _COMPLAINTS:
-                self.complaints.append(str(frame.op.get("msg", ""))[:_COMPLAINT_CHARS])
+        if frame.is_op("status") and len(self.complaints) < _COMPLAINTS:
+            self.complaints.append(str(frame.op.get("msg", ""))[:_COMPLAINT_CHARS])
         self._received.append(frame)
         self._awake.set()
 
