@@ -92,6 +92,8 @@ def check_packet(data: bytes, source: int, destination: int, tag: int) -> None:
 
 
 def _check_chunk(data: bytes, at: int, kind: int, length: int) -> None:
+    if kind == _DATA and length >= _MIN_BYTES[_DATA]:
+        return  # Most chunks.
     if length < _MIN_BYTES.get(kind, 0) or length != _EXACT_BYTES.get(kind, length):
         raise BadPacket(f"an SCTP chunk of type {kind} with length {length}")
     parameters = _PARAMETERS_AT.get(kind)
