@@ -112,6 +112,12 @@ RTO_SECONDS: Final = 0.3
 too.
 """
 HANDSHAKE_RTO_SECONDS: Final = 1.0
+SACK_PACKETS: Final = 2
+"""Packets with data that one SACK chunk acknowledges (RFC 9260 section 6.2)."""
+SACK_SECONDS: Final = 0.02
+"""Maximum delay of a SACK chunk, in which it can join data of this side. RFC 9260 allows 0.2 s, which would
+reach :data:`RTO_SECONDS` on links of 50 ms each way.
+"""
 
 _OPEN: Final = bytes([DATA_CHANNEL_OPEN])
 _ACK: Final = bytes([DATA_CHANNEL_ACK])
@@ -123,6 +129,8 @@ BURST_BYTES: Final = 4 * USERDATA_MAX_LENGTH
 """Maximum bytes that aiortc sends at once (RFC 9260 section 6.1 D)."""
 
 _DATA_HEADER_BYTES: Final = SCTP_DATA_CHUNK_HEADER_LENGTH
+_SACK_BYTES: Final = 16
+"""Length of a SACK chunk without gap blocks and duplicates."""
 _PACKET_BYTES: Final = SCTP_MAX_PACKET_LENGTH - SCTP_COMMON_HEADER_LENGTH
 
 
@@ -179,6 +187,8 @@ class Association(RTCSctpTransport):
       turns.
     * Incomplete messages are limited, and complete ones are passed on as bytes.
     * Bytes that a paused endpoint has not read reduce the window that the peer is told.
+    * Received data is acknowledged every second packet, with data of this side if possible, and at once after
+      a gap.
     * Packets are validated before aiortc parses them, and chunks by the state of the association. Invalid
       ones are discarded (RFC 9260 sections 5.2 and 8.5).
 
@@ -223,6 +233,9 @@ class Association(RTCSctpTransport):
         self._collecting = False
         self._bundle: list[Chunk] | None = None
         self._bundle_size = 0
+        self._unacknowledged = 0
+        self._sack_at_once = False
+        self._sack_timer: asyncio.TimerHandle | None = None
         self._wakeup = asyncio.Event()
         self._inbound_streams_max = self._outbound_streams_count = STREAMS
         self._rto = HANDSHAKE_RTO_SECONDS
@@ -256,9 +269,8 @@ class Association(RTCSctpTransport):
         """
         self.unread_bytes += change
         self._set_window()
-        if change < 0 and self._association_state == self.State.ESTABLISHED:
-            self._sack_needed = True
-            self._wakeup.set()
+        if change < 0 and self.unread_bytes < WINDOW_BYTES:
+            self._schedule_sack()
 
     def give_up(self, reason: str) -> None:
         """End the peer, which holds most of the bytes of incomplete messages that may wait."""
@@ -270,9 +282,9 @@ class Association(RTCSctpTransport):
             await self._wakeup.wait()
             self._wakeup.clear()
             try:
-                if self._sack_needed and self.unread_bytes < WINDOW_BYTES:
-                    await self._send_sack()
                 await self._fill()
+                if self._sack_at_once and self._association_state == self.State.ESTABLISHED:
+                    await self._send_chunk(self._make_sack())
             except ConnectionError:
                 return  # The peer connection reports it.
             except Exception:
@@ -375,7 +387,13 @@ class Association(RTCSctpTransport):
         if self._bundle and self._bundle_size + size > _PACKET_BYTES:
             full, self._bundle = self._bundle, []
             await super()._send_chunk(_Bundle(full))
-        self._bundle_size = size + (self._bundle_size if self._bundle else 0)
+        if not self._bundle:
+            self._bundle_size = 0
+            can_acknowledge = self._unacknowledged and not self._sack_at_once  # No gaps: the length is fixed.
+            if can_acknowledge and size + _SACK_BYTES <= _PACKET_BYTES:
+                self._bundle.append(self._make_sack())
+                self._bundle_size = _SACK_BYTES
+        self._bundle_size += size
         self._bundle.append(chunk)
 
     async def stop(self) -> None:
@@ -383,6 +401,9 @@ class Association(RTCSctpTransport):
         sender, self._sender = self._sender, None
         if sender is not None:
             sender.cancel()
+        if self._sack_timer is not None:
+            self._sack_timer.cancel()
+            self._sack_timer = None
         for stream in self._inbound_streams.values():
             cast("Reassembly", stream).clear()
         self._buffers.release(self)
@@ -436,6 +457,10 @@ class Association(RTCSctpTransport):
     def _mark_received(self, tsn: int) -> bool:
         # aiortc sorts all numbers after a gap for each fragment.
         last = self._last_received_tsn or 0
+        if tsn == (last + 1) % 2**32 and not self._sack_misordered:
+            self._last_received_tsn = tsn
+            return False
+        self._sack_at_once = True
         if not is_later(tsn, last) or tsn in self._sack_misordered:
             if len(self._sack_duplicates) < DUPLICATES:
                 self._sack_duplicates.append(tsn)
@@ -448,6 +473,26 @@ class Association(RTCSctpTransport):
         return False
 
     async def _send_sack(self) -> None:
+        """Acknowledge a packet with data, or leave that to the next packet."""
+        self._sack_needed = False  # Otherwise aiortc would count packets without data, too.
+        self._unacknowledged += 1
+        if self._sack_at_once or self._unacknowledged >= SACK_PACKETS:
+            await self._send_chunk(self._make_sack())
+        elif self._sack_timer is None:
+            self._sack_timer = asyncio.get_running_loop().call_later(SACK_SECONDS, self._sack_is_due)
+
+    def _sack_is_due(self) -> None:
+        # The timer is not cancelled by a SACK chunk: what came since then is acknowledged sooner.
+        self._sack_timer = None
+        if self._unacknowledged:
+            self._schedule_sack()
+
+    def _schedule_sack(self) -> None:
+        self._sack_at_once = True
+        self._wakeup.set()
+
+    def _make_sack(self) -> SackChunk:
+        """Return a SACK chunk, which is to be sent now."""
         # aiortc's has a block for each gap, and may exceed a datagram.
         last, gaps = self._last_received_tsn or 0, list[tuple[int, int]]()
         for offset in sorted((tsn - last) % 2**32 for tsn in self._sack_misordered):
@@ -460,9 +505,10 @@ class Association(RTCSctpTransport):
         sack = SackChunk()
         sack.cumulative_tsn, sack.advertised_rwnd = last, max(0, self._advertised_rwnd)
         sack.gaps, sack.duplicates = gaps, self._sack_duplicates[:]
-        await self._send_chunk(sack)
         self._sack_duplicates.clear()
-        self._sack_needed = False
+        self._unacknowledged = 0
+        self._sack_at_once = False
+        return sack
 
     async def _reset_deferred_streams(self) -> None:
         request = self._reconfig_deferred
@@ -504,6 +550,10 @@ class Association(RTCSctpTransport):
                 return
         await super()._receive_data_chunk(chunk)
         self._set_window()
+
+    async def _receive_forward_tsn_chunk(self, chunk: ForwardTsnChunk) -> None:
+        self._sack_at_once = True
+        await super()._receive_forward_tsn_chunk(chunk)
 
     async def _receive_sack_chunk(self, chunk: SackChunk) -> None:
         self._peer_window = chunk.advertised_rwnd

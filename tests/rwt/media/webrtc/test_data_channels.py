@@ -6,6 +6,7 @@ import json
 import logging
 
 import pytest
+from aiortc.rtcsctptransport import parse_packet
 
 from rwt_protocol.frames import Frame
 from rwt_transports.api import HEAD_BYTES
@@ -74,6 +75,35 @@ async def test_large_messages_go_whole_both_ways() -> None:
         await until(lambda: heard and side.ends[0].got)
         assert heard == [text.decode()]
         assert side.ends[0].got == [(text, True)]
+
+
+async def test_received_data_is_acknowledged_every_second_packet_or_with_the_response(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async with answering() as side, other_side() as other:
+        channel = other.connection.createDataChannel("x")
+        heard = received(channel)
+        await other.connect(side, channel)
+        sctp = other.connection.sctp
+        assert sctp is not None
+        await until(lambda: not sctp._sent_queue)  # SACK_SECONDS after a lone packet.
+        chunks: list[tuple[str, ...]] = []
+        handle = sctp._handle_data
+
+        async def count(data: bytes) -> None:
+            chunks.append(tuple(type(each).__name__ for each in parse_packet(data)[3]))
+            await handle(data)
+
+        monkeypatch.setattr(sctp, "_handle_data", count)
+        channel.send("x" * 100_000)
+        await until(lambda: side.ends[0].got and not sctp._sent_queue)
+        assert len(chunks) <= 50  # 87 packets.
+        chunks.clear()
+        channel.send("x")
+        await until(lambda: len(side.ends[0].got) == 2)
+        side.ends[0].sink.send(Frame(b"y"))
+        await until(lambda: heard and not sctp._sent_queue)
+        assert chunks == [("SackChunk", "DataChunk")]
 
 
 async def test_a_message_over_the_limit_is_reported_and_the_connection_goes_on() -> None:

@@ -20,6 +20,7 @@ from rwt_transports.webrtc.reassembly import Reassembly
 
 ASYNC = (
     "_handle_data", "_receive", "_receive_data_chunk", "_receive_sack_chunk", "_data_channel_flush",
+    "_receive_forward_tsn_chunk",
     "_data_channel_receive", "_transmit", "_send", "_send_chunk", "_send_sack", "_receive_chunk",
     "_reset_deferred_streams", "stop",
 )  # fmt: skip
