@@ -47,6 +47,7 @@ def test_coroutines_of_the_association(name: str) -> None:
         ("_receive", ["self", "stream_id", "pp_id", "data"]),
         ("_receive_data_chunk", ["self", "chunk"]),
         ("_receive_sack_chunk", ["self", "chunk"]),
+        ("_receive_forward_tsn_chunk", ["self", "chunk"]),
         ("_get_inbound_stream", ["self", "stream_id"]),
         ("_mark_received", ["self", "tsn"]),
         ("_receive_chunk", ["self", "chunk"]),
