@@ -396,11 +396,9 @@ class Gate(GateState):
         checks = self._checks_of(rule, type)
         if isinstance(checks, str):
             raise GateRefused(f"the rules of {name} cannot be applied: {checks}")
-        taken, changes = checks.check(payload, self.clock.monotonic())
-        if changes:
-            self.recorder.note("changed", act, name, actor, changes, rule.key)
-            if actor.on_notice is not None and not self.is_observing:
-                actor.on_notice(f"{act} {name}: {changes} ({rule.key})")
+        taken, clamped = checks.check(payload, self.clock.monotonic())
+        if clamped is not None:
+            self.note_clamped(actor, act, name, clamped, rule.key)
         return payload if self.is_observing else taken
 
     def affected_parameters(self, written: Iterable[str], text: str) -> list[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import re
 from collections import Counter
 from collections.abc import Callable
 from contextvars import ContextVar
@@ -92,9 +91,6 @@ class ActorTopic(Protocol):
 
 Value = object | Callable[[], object]
 """Value of an audit line, or a function that returns it."""
-
-#: Description of a clamped number: `linear.x: 0.8 in place of 3`.
-_CLAMPED: Final = re.compile(r"([^;:]+): (\S+) in place of ([^;\s]+)")
 
 
 class Actor:
@@ -268,8 +264,6 @@ class Recorder:
             line["rule"] = rule
         if text:
             line["text"] = _text(text, _MAX_TEXT)
-        if decision == "changed" and before is None:
-            before, after = _clamped(text)
         for what, value in (("before", before), ("after", after)):
             given = value() if callable(value) else value
             if given is not None:
@@ -336,16 +330,6 @@ class Recorder:
             self._flush(at_end=True)
             self._file.write(encode(self._line("closed", "audit", "")))
             self._file.close()
-
-
-def _clamped(changes: str) -> tuple[dict[str, float] | None, dict[str, float] | None]:
-    """Return the numbers before and after, by field, from a description of clamped numbers."""
-    found = [(path.strip(), after, before) for path, after, before in _CLAMPED.findall(changes)]
-    if not found:
-        return None, None
-    return {path: float(before) for path, _, before in found}, {
-        path: float(after) for path, after, _ in found
-    }
 
 
 def _text(text: str, limit: int) -> str:

@@ -15,9 +15,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rwt.access.audit import Audit
+    from rwt.access.gate.fields import Clamped
     from rwt.access.gate.lease import Lease
     from rwt.access.gate.record import Actor
-    from rwt.access.gate.rules import Rule
+    from rwt.access.gate.rules import GatedAct, Rule
     from rwt.access.settings.gate import GateSettings
     from rwt_graph.api import Graph
     from rwt_interfaces.payload import Payload
@@ -132,6 +133,23 @@ class GateState:
                 request = request or approvals.ask(subject, rule, payload)
                 text += f", which was asked for under id {request.id}: send it again when it is there"
         raise GateRefused(text, f"{rule.key}.approval")
+
+    def note_clamped(self, client: Actor, act: GatedAct, name: str, clamped: Clamped, key: str) -> None:
+        """Record what was clamped, and tell the client.
+
+        Args:
+            client: client that acts.
+            act: act with the message.
+            name: name of the topic, service or action.
+            clamped: numbers that were changed.
+            key: key of the rule.
+        """
+        text = str(clamped)
+        self.recorder.note(
+            "changed", act, name, client, text, key, before=clamped.before, after=clamped.after
+        )
+        if client.on_notice is not None and not self.is_observing:
+            client.on_notice(f"{act} {name}: {text} ({key})")
 
     def _not_stopped(self, name: str, error: Exception) -> None:
         text = f"{type(error).__name__}: {error}"
