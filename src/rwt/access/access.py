@@ -144,6 +144,11 @@ class Access:
             shared, role, quotas, self._disclosures, self._setting_parameters, gate, self._reserved
         )
 
+    def may_latch(self, topic: str) -> bool:
+        """Return True unless a gate rule forbids latched publishers of a topic."""
+        gate = self.gate
+        return gate is None or gate.is_observing or gate.latch_rule(topic) is None
+
     def is_stop_due(self, role: Role) -> bool:
         """True if clients of a role can press the emergency stop now."""
         return self.gate is not None and self.gate.is_stop_due and self.gate.may_stop(role.name)

@@ -89,8 +89,11 @@ class Gateway(ABC):
 
     @abstractmethod
     def reload_roles(self) -> None:
-        """Give each client the role that the settings give it now, after
-        :meth:`rwt.access.admission.Admission.reload`, and withdraw what that role does not allow."""
+        """Give each client the role of the current settings, and withdraw what that role does not allow.
+
+        Called after :meth:`rwt.access.access.Access.reload`. Overriding methods call this one first.
+        """
+        self.shared.publishers.end_latched(self.access.may_latch)
 
     def close(self) -> None:
         """Leave the graph. The clients have been disconnected before."""
@@ -160,6 +163,7 @@ class ConnectionGateway(Gateway, Generic[C]):
 
     def reload_roles(self) -> None:
         """See :meth:`Gateway.reload_roles`. A client that is no longer admitted is disconnected."""
+        super().reload_roles()
         for client in self.clients:
             client.reload_role()
 

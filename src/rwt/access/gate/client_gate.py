@@ -319,17 +319,15 @@ class ClientGate:
 
         Raises:
             NotAllowed: the topic is the gate's own, or the emergency stop, which the role may not press.
-            GateRefused: the QoS is latched, and a rule defines a stop message for the topic: late subscribers
-                would receive the last command even after a stop.
+            GateRefused: the QoS is latched, and a rule defines a stop message for the topic.
         """
         if not self._gate.rules.all:
             return
         if qos is not None and qos.durability is not Durability.VOLATILE:
-            for rule in self._gate.rules.of("publish", topic):
-                if rule.settings.stop is not None:
-                    text = f"{topic} may not be latched: a stop would not end what who subscribes later hears"
-                    _refuse(self._gate, self._actor, "publish", topic, GateRefused(text, f"{rule.key}.stop"))
-                    break
+            rule = self._gate.latch_rule(topic)
+            if rule is not None:
+                text = f"{topic} may not be latched: a stop would not end what who subscribes later hears"
+                _refuse(self._gate, self._actor, "publish", topic, GateRefused(text, f"{rule.key}.stop"))
         if topic in TOPICS:
             raise NotAllowed(f"{topic} is published by the gate alone")
         if topic == STOP and not self._gate.may_stop(self._actor.role):

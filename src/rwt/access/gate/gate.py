@@ -328,6 +328,13 @@ class Gate(GateState):
         others = () if info is None else (*info.publishers, *info.subscribers)
         return all(each.node == GATE_NODE for each in others)
 
+    def latch_rule(self, name: str) -> Rule | None:
+        """Return the rule that forbids latched publishers of a topic; None if it may be latched.
+
+        Late subscribers would receive the last command even after a stop.
+        """
+        return next((rule for rule in self.rules.of("publish", name) if rule.settings.stop is not None), None)
+
     # Requests and goals
 
     def check(

@@ -84,6 +84,7 @@ class HttpGateway(Gateway):
 
     def reload_roles(self) -> None:
         """See :meth:`rwt.gateways.base.Gateway.reload_roles`."""
+        super().reload_roles()
         self._documents.clear()
         self._visitors.reload_roles()
 
