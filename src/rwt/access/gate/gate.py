@@ -27,10 +27,11 @@ from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Iterable, Iterator
 
     from rwt.access.audit import Audit
     from rwt.access.gate.rules import GatedAct, Rule
+    from rwt.access.gate.stop_path import Cancel
     from rwt.access.roles import Role
     from rwt.access.settings.gate import GateRule, GateSettings
     from rwt_graph.api import Graph, Publisher
@@ -625,18 +626,20 @@ class Gate(GateState):
         for topic in tuple(self._topics.values()):
             self._stop_topic(topic, press)
             yield
-        for name in self._graph.action_names():
-            if self._stops("goal", name):
-                self.stop_path.run(name, partial(self.participant.cancel_every_goal, name))
-            yield
+        actions: dict[str, Cancel] = {}
         for name in self._graph.topic_names():
             if self._stops("publish", name):
                 self.stop_path.run(name, partial(self._stop_topic_named, name, press))
             # A ROS 1 action that the graph knows by its topics only.
             action, _, part = name.rpartition("/")
             if part == "cancel" and self._stops("goal", action):
-                self.stop_path.run(name, self._cancel_of(action))
+                actions[action] = self._cancel_of(action)
             yield
+        for name in self._graph.action_names():
+            if self._stops("goal", name):
+                actions[name] = self._cancel_of(name)
+            yield
+        yield from self.stop_path.cancel_goals(actions)
 
     def _stop_topic(self, topic: GuardedTopic, press: int) -> None:
         """Stop a topic, unless it was stopped already, or driven after a release meanwhile."""
@@ -684,20 +687,21 @@ class Gate(GateState):
         """Note an action to which a client sends goals: the emergency stop cancels them first."""
         self.stop_path.note_goal(action, partial(self._cancel_of, action))
 
-    def _cancel_of(self, action: str) -> Callable[[], None]:
-        """Return a function that cancels all goals of an action, whoever sent them."""
+    def _cancel_of(self, action: str) -> Cancel:
+        """Return a function that cancels all goals of an action in steps, whoever sent them."""
         info = self._graph.topic(f"{action}/cancel")
         if self._graph.action(action) is not None or info is None or info.type is None:
             return partial(self.participant.cancel_every_goal, action)
         if info.type.name != "actionlib_msgs/GoalID":
-            return lambda: None
+            return lambda: iter(())
         # Advertised before it is needed: over a network, discovery takes a while.
         publisher = self._cancels.get(info.name)
         if publisher is None:
             if len(self._cancels) >= _MAX_CANCELS:
                 self._cancels.pop(next(iter(self._cancels))).close()
             publisher = self._cancels[info.name] = self.participant.advertise(info.name, info.type)
-        return partial(publisher.publish, Payload.from_value(info.type, {}))
+        every = Payload.from_value(info.type, {})
+        return lambda: iter((publisher.publish(every),))
 
     def _stops(self, act: GatedAct, name: str) -> bool:
         return any(rule.settings.emergency for rule in self.rules.of(act, name))
