@@ -243,6 +243,17 @@ class Gate(GateState):
         """Guarded topics: those that clients have published on, and those of the robot with rules."""
         return tuple(self._topics.values())
 
+    def find_topic(self, name: str) -> GuardedTopic | None:
+        """Return the guarded topic of an absolute name; None if there is none."""
+        return self._topics.get(name)
+
+    def leased_topics(self) -> Iterator[GuardedTopic]:
+        """Yield the topics with a lease, those with a holder first."""
+        yield from self.held.values()
+        for topic in self._topics.values():
+            if topic.lease is not None and topic.lease not in self.held:
+                yield topic
+
     def guarded(self, name: str, type: MessageType) -> GuardedTopic:
         """Return the guarded topic of a name for which there are rules.
 

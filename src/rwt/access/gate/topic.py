@@ -365,14 +365,14 @@ class GuardedTopic:
         if before is not None and change != "taken" and not gate.is_observing and not self._has_just_stopped:
             self.halt()
         assert self.lease is not None  # It has changed.
-        gate.held.discard(self.lease)
+        gate.held.pop(self.lease, None)
         if self._lease_owner:
             gate.leases_held[self._lease_owner] -= 1
         self._lease_owner = "" if holder is None else holder.owner
         if holder is not None:
             holder.topics.add(self)
             gate.leases_held[self._lease_owner] += 1
-            gate.held.add(self.lease)
+            gate.held[self.lease] = self
             if gate.clock.is_real:
                 gate.wake_watch.begin()
         gate.recorder.note(
@@ -461,8 +461,8 @@ class GuardedTopic:
         if self.lease is not None and self._rules_of(holder.role).lease is not None:
             holder.topics.add(self)
             self._lease_owner, before._lease_owner = before._lease_owner, ""
-            gate.held.discard(before.lease)
-            gate.held.add(self.lease)
+            gate.held.pop(before.lease, None)
+            gate.held[self.lease] = self
             self.lease.take_over(before.lease)
         else:
             before.end_lease(LOST_BY_RELOAD)
