@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Hashable, Iterator, Sequence, Set
 
     from rwt.access.disclosure import Disclosures, OutcomeFilter
+    from rwt.access.gate.approvals import Approval
     from rwt.access.gate.client_gate import ClientGate, GatedPublisher, GoalPublisher, Needed, StopPublisher
     from rwt.access.quotas import Charge, ClientQuotas, Quota
     from rwt.access.roles import Act, Role
@@ -299,6 +300,11 @@ class ClientGraph(GraphView):
         """Call `on_notice` with what the gate does to the client's commands, such as clamping or waiting."""
         if self._gate is not None:
             self._gate.swap_on_notice(on_notice)
+            self._gate.tell_approvals(on_notice)
+
+    def approval_of(self, pending: PendingCall | ClientGoal | None) -> Approval | None:
+        """Return the request for approval that a call or goal waits for; None if it waits for none."""
+        return None if self._gate is None else self._gate.approval_of(pending)
 
     @contextmanager
     def notices(self) -> Iterator[list[str]]:
@@ -551,7 +557,7 @@ class ClientGraph(GraphView):
         request: Callable[[ServiceType], Payload],
         on_reply: OnReply,
         timeout: float | None = None,
-    ) -> None:
+    ) -> PendingCall | None:
         """Call a service; listings in the response are filtered by the client's role.
 
         Args:
@@ -559,6 +565,9 @@ class ClientGraph(GraphView):
             request: creates the request of the service's type.
             on_reply: called once with the outcome, unless the client leaves first.
             timeout: seconds; None: no timeout.
+
+        Returns:
+            The pending call, for :meth:`approval_of`; None if it was answered at once.
 
         Raises:
             NotAllowed: the role may not call the service, or not with this request.
@@ -576,7 +585,7 @@ class ClientGraph(GraphView):
             # Without quotas and accounts: nothing that the client does delays or rejects its stop.
             self._shared.counters.calls += 1
             on_reply(gate.stop(request(info.type), info.type))
-            return
+            return None
         quotas = self._quotas
         quotas.calls.add(1)
         needed: Needed = []
@@ -608,6 +617,7 @@ class ClientGraph(GraphView):
             call.pending = gate.as_caller(partial(self._send, info, payload, call, timeout))
         else:
             self._send_through(gate, info, payload, call, timeout, needed, written)
+        return call.pending
 
     def _send(self, info: ServiceInfo, payload: Payload, call: _Call, timeout: float | None) -> PendingCall:
         send = self._shared.participant.call_service

@@ -102,9 +102,11 @@ class Actor:
         address: network address; empty if unknown.
         topics: guarded topics that it publishes on or has held.
         on_notice: called with what the gate did to its command, such as clamping; None: it is not told.
+        on_approval: called when a command begins to wait for approval, and with the answer; None: it is not
+            told.
     """
 
-    __slots__ = ("address", "name", "on_notice", "rights", "topics")
+    __slots__ = ("address", "name", "on_approval", "on_notice", "rights", "topics")
 
     def __init__(self, name: str, rights: Role, address: str) -> None:
         self.name = name
@@ -112,6 +114,12 @@ class Actor:
         self.address = address
         self.topics: set[ActorTopic] = set()
         self.on_notice: Callable[[str], None] | None = None
+        self.on_approval: Callable[[str], None] | None = None
+
+    def tell_approval(self, text: str) -> None:
+        """Tell the client about its request for approval, if it wants that."""
+        if self.on_approval is not None:
+            self.on_approval(text)
 
     @property
     def role(self) -> str:
