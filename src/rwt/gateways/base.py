@@ -64,7 +64,8 @@ class Gateway(ABC):
     """A protocol in front of the graph, from its construction until it is closed.
 
     Attributes:
-        name: name of the protocol, in metrics and for the gate (`rosbridge:3`).
+        name: name of the protocol, in metrics and for the gate (`rosbridge:3`). The verbs of clients that are
+            named so have to be declared (:func:`rwt.access.decisions.declare`).
         shared: the gateway's part in the graph, which all of its clients share, and their counters.
         websockets: accept functions by WebSocket subprotocol.
         http: pages, section of the index page, and metrics of the gateway.
