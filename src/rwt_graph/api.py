@@ -22,7 +22,7 @@ Rules for every backend:
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Self
 
@@ -370,8 +370,12 @@ class Participant(ABC):
         """Request cancellation of any client's goal by its id; no-op for an unknown id (ACT-07)."""
 
     @abstractmethod
-    def cancel_every_goal(self, action: str) -> None:
-        """Request cancellation of all goals of an action; no-op for an unknown action."""
+    def cancel_every_goal(self, action: str) -> Iterator[None]:
+        """Request cancellation of all present goals of an action; no-op for an unknown action.
+
+        Returns:
+            Steps that the caller has to take: each cancels one goal, the oldest first.
+        """
 
     @abstractmethod
     def close(self) -> None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from rwt.access.admission import Admission
 from rwt.access.audit import Audit
 from rwt.access.client_graph import ClientGraph
+from rwt.access.decisions import decisions_of
 from rwt.access.disclosure import setting_parameters
 from rwt.access.graph_view import GraphView
 from rwt.access.quotas import AddressQuotas, ClientQuotas, Work, WorkTotals
@@ -134,15 +135,28 @@ class Access:
             role: role of the client.
             address: network address of the client; resources that earlier clients of the address left behind
                 count towards its quotas.
-            name: name of the client at the gate, such as `rosbridge:3`; empty: the gate assigns one.
+            name: name of the client at the gate, such as `rosbridge:3`, which begins with that of its gateway
+                (:mod:`rwt.access.decisions`); empty: a program of this process, named by the gate.
         """
         of_address = self._quotas_of(address)
         work = self._work(self.limits.work_per_second, of_address.work)
         quotas = ClientQuotas(self.limits, of_address, work)
         gate = None if self.gate is None else self._client_gate(self.gate, role, address, name)
         return ClientGraph(
-            shared, role, quotas, self._disclosures, self._setting_parameters, gate, self._reserved
+            shared,
+            role,
+            quotas,
+            self._disclosures,
+            self._setting_parameters,
+            gate,
+            self._reserved,
+            decisions_of(name),
         )
+
+    def may_latch(self, topic: str) -> bool:
+        """Return True unless a gate rule forbids latched publishers of a topic."""
+        gate = self.gate
+        return gate is None or gate.is_observing or gate.latch_rule(topic) is None
 
     def is_stop_due(self, role: Role) -> bool:
         """True if clients of a role can press the emergency stop now."""

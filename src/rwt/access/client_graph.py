@@ -12,6 +12,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Final, TypeVar, Union
 
+from rwt.access.decisions import VERBS
 from rwt.access.disclosure import restrict, written_parameters, written_text
 from rwt.access.errors import GateRefused, NotAllowed, QuotaExceeded
 from rwt.access.graph_view import GraphView, canonical
@@ -21,9 +22,11 @@ from rwt_participant.errors import CallFailed, NotFound, ParameterRejected, Prov
 from rwt_participant.goals import GoalStatus
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Iterator, Sequence, Set
+    from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence, Set
 
+    from rwt.access.decisions import Decision
     from rwt.access.disclosure import Disclosures, OutcomeFilter
+    from rwt.access.gate.approvals import Approval
     from rwt.access.gate.client_gate import ClientGate, GatedPublisher, GoalPublisher, Needed, StopPublisher
     from rwt.access.quotas import Charge, ClientQuotas, Quota
     from rwt.access.roles import Act, Role
@@ -239,7 +242,8 @@ class ClientGraph(GraphView):
 
     Attributes by purpose:
 
-    * Policy: ``role``, ``_quotas``, ``_gate``, ``_reserved``, ``_disclosures``, ``_setting_parameters``.
+    * Policy: ``role``, ``_decisions``, ``_quotas``, ``_gate``, ``_reserved``, ``_disclosures``,
+      ``_setting_parameters``.
     * Graph: ``_graph`` (from `GraphView`), ``_shared`` (publishers, fan-outs and counters of the gateway).
     * What the client holds, each with the charge that counts it: ``_advertised`` (by topic and mark),
       ``_services``, ``_actions``, ``_subscriptions``.
@@ -254,6 +258,7 @@ class ClientGraph(GraphView):
         setting_parameters: service types whose calls set parameters.
         gate: gate of the client; None if the server has no gate.
         reserved: topics that clients cannot publish on, see :meth:`rwt.access.access.Access.reserve`.
+        decisions: checks by verb; verbs without are rejected.
     """
 
     def __init__(
@@ -265,9 +270,11 @@ class ClientGraph(GraphView):
         setting_parameters: frozenset[str],
         gate: ClientGate | None = None,
         reserved: Set[str] = frozenset(),
+        decisions: Mapping[str, Decision] = VERBS,
     ) -> None:
         super().__init__(shared.graph, role, quotas.work)
         self._reserved = reserved
+        self._decisions = decisions
         self._shared = shared
         self._gate = gate
         self._disclosures = disclosures
@@ -299,6 +306,11 @@ class ClientGraph(GraphView):
         """Call `on_notice` with what the gate does to the client's commands, such as clamping or waiting."""
         if self._gate is not None:
             self._gate.swap_on_notice(on_notice)
+            self._gate.tell_approvals(on_notice)
+
+    def approval_of(self, pending: PendingCall | ClientGoal | None) -> Approval | None:
+        """Return the request for approval that a call or goal waits for; None if it waits for none."""
+        return None if self._gate is None else self._gate.approval_of(pending)
 
     @contextmanager
     def notices(self) -> Iterator[list[str]]:
@@ -340,6 +352,17 @@ class ClientGraph(GraphView):
                     self._gate.note_refusal(act, absolute, str(refused))
                 raise
         return absolute
+
+    def _admit(self, verb: str, name: str) -> str:
+        """Return the absolute form of a name if the table of decisions and the role allow a verb on it.
+
+        Raises:
+            NotAllowed: they do not.
+        """
+        decision = self._decisions.get(verb)
+        if decision is None:
+            raise NotAllowed(f"{verb} is not declared for this gateway (rwt.access.decisions)")
+        return self.require(decision.act, name)
 
     def sees_service(self, name: str) -> bool:
         """Like :meth:`GraphView.sees_service`; the gate's own services are visible to every role."""
@@ -401,13 +424,13 @@ class ClientGraph(GraphView):
             UnknownType: the message type is unknown.
             TypeConflict, IncompatiblePolicies: the topic has another type, or other policies.
         """
-        name = self._require_publish(topic, qos)
+        name = self._require_publish("advertise", topic, qos)
         if self._gate is None or not self._gate.is_stop_topic(name):
             self._acquire(name, self.registry.message(type), mark, qos, lacks)
         return name
 
-    def _require_publish(self, topic: str, qos: QoS | None) -> str:
-        name = self.require("publish", topic)
+    def _require_publish(self, verb: str, topic: str, qos: QoS | None) -> str:
+        name = self._admit(verb, topic)
         if name in self._reserved:
             raise NotAllowed(f"{name} is published by the server alone")
         if self._gate is not None:
@@ -459,7 +482,7 @@ class ClientGraph(GraphView):
             GateRefused: as for :meth:`advertise`, or the gate knows the topic with another type.
             QuotaExceeded, UnknownType, TypeConflict: as for :meth:`advertise`.
         """
-        name = self._require_publish(topic, qos)
+        name = self._require_publish("publisher", topic, qos)
         if self._gate is not None and self._gate.is_stop_topic(name):
             return self._gate.stop_publisher(self._shared.counters)
         marks = self._advertised.get(name)
@@ -505,7 +528,7 @@ class ClientGraph(GraphView):
             UnknownType: the message type is unknown.
             TypeConflict: the topic has another type.
         """
-        name = self.require("subscribe", topic)
+        name = self._admit("subscribe", topic)
         if self._gate is not None:
             self._gate.check_subscriber(name)
         if self._gate is not None and type:
@@ -551,7 +574,7 @@ class ClientGraph(GraphView):
         request: Callable[[ServiceType], Payload],
         on_reply: OnReply,
         timeout: float | None = None,
-    ) -> None:
+    ) -> PendingCall | None:
         """Call a service; listings in the response are filtered by the client's role.
 
         Args:
@@ -560,6 +583,9 @@ class ClientGraph(GraphView):
             on_reply: called once with the outcome, unless the client leaves first.
             timeout: seconds; None: no timeout.
 
+        Returns:
+            The pending call, for :meth:`approval_of`; None if it was answered at once.
+
         Raises:
             NotAllowed: the role may not call the service, or not with this request.
             GateRefused: a gate rule rejects the call.
@@ -567,7 +593,7 @@ class ClientGraph(GraphView):
             QuotaExceeded: `limits.calls` or `limits.kept_bytes` is reached.
         """
         gate = self._gate
-        name = self.require("call", service)
+        name = self._admit("call_service", service)
         is_gates = gate is not None and gate.is_own(name)
         info = self._graph.service(name)
         if info is None:
@@ -576,7 +602,7 @@ class ClientGraph(GraphView):
             # Without quotas and accounts: nothing that the client does delays or rejects its stop.
             self._shared.counters.calls += 1
             on_reply(gate.stop(request(info.type), info.type))
-            return
+            return None
         quotas = self._quotas
         quotas.calls.add(1)
         needed: Needed = []
@@ -608,6 +634,7 @@ class ClientGraph(GraphView):
             call.pending = gate.as_caller(partial(self._send, info, payload, call, timeout))
         else:
             self._send_through(gate, info, payload, call, timeout, needed, written)
+        return call.pending
 
     def _send(self, info: ServiceInfo, payload: Payload, call: _Call, timeout: float | None) -> PendingCall:
         send = self._shared.participant.call_service
@@ -660,7 +687,8 @@ class ClientGraph(GraphView):
         """
         interface = self.registry.service(type)
         advertise = self._shared.participant.advertise_service
-        return self._offer(self._services, service, interface, self._graph.service, advertise, on_call)
+        name = self._admit("advertise_service", service)
+        return self._offer(self._services, name, interface, self._graph.service, advertise, on_call)
 
     def withdraw_service(self, service: str) -> bool:
         """Withdraw a service of this client; its pending calls fail. Returns False if there was none."""
@@ -682,7 +710,7 @@ class ClientGraph(GraphView):
             ProviderNotFound: the action does not exist.
             QuotaExceeded: `limits.calls` or `limits.kept_bytes` is reached.
         """
-        name = self.require("goals", action)
+        name = self._admit("send_goal", action)
         info = self._graph.action(name)
         if info is None:
             raise ProviderNotFound(f"Action {name} does not exist")
@@ -721,7 +749,7 @@ class ClientGraph(GraphView):
         Raises:
             NotAllowed: the role may not send goals to the action.
         """
-        self._shared.participant.cancel_goal(self.require("goals", action), goal_id)
+        self._shared.participant.cancel_goal(self._admit("cancel_goal", action), goal_id)
 
     def advertise_action(
         self, action: str, type: str, on_goal: Callable[[ActionType, ServerGoal], None]
@@ -735,7 +763,8 @@ class ClientGraph(GraphView):
         """
         interface = self.registry.action(type)
         advertise = self._shared.participant.advertise_action
-        return self._offer(self._actions, action, interface, self._graph.action, advertise, on_goal)
+        name = self._admit("advertise_action", action)
+        return self._offer(self._actions, name, interface, self._graph.action, advertise, on_goal)
 
     def withdraw_action(self, action: str) -> bool:
         """Withdraw an action of this client; its goals are aborted. Returns False if there was none."""
@@ -744,14 +773,13 @@ class ClientGraph(GraphView):
     def _offer(
         self,
         offers: dict[str, tuple[Registration, Charge]],
-        name: str,
+        absolute: str,
         interface: T,
         find: Callable[[str], ServiceInfo | ActionInfo | None],
         advertise: Callable[[str, T, Callable[[C], None]], Registration],
         on_ask: Callable[[T, C], None],
     ) -> str:
         """Offer a service or action, replacing the client's own of the same name."""
-        absolute = self.require("provide", name)
         if self._gate is not None:
             self._gate.reserve_offer(absolute)
         present = find(absolute)

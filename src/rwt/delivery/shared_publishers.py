@@ -274,6 +274,15 @@ class SharedPublishers:
             shared.end_startup()
             shared.linger = self._clock.call_later(self._linger, lambda: self._end(topic, shared))
 
+    def end_latched(self, may_latch: Callable[[str], bool]) -> None:
+        """Close the latched publishers of topics that may no longer be latched, with what they retain.
+
+        Their users stay, and must request the publisher again: then it is not latched.
+        """
+        for topic, shared in list(self._by_topic.items()):
+            if shared.keeps_samples and not may_latch(topic):
+                self._end(topic, shared)
+
     def close(self) -> None:
         """Close every publisher."""
         for topic, shared in list(self._by_topic.items()):

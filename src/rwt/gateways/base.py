@@ -64,7 +64,8 @@ class Gateway(ABC):
     """A protocol in front of the graph, from its construction until it is closed.
 
     Attributes:
-        name: name of the protocol, in metrics and for the gate (`rosbridge:3`).
+        name: name of the protocol, in metrics and for the gate (`rosbridge:3`). The verbs of clients that are
+            named so have to be declared (:func:`rwt.access.decisions.declare`).
         shared: the gateway's part in the graph, which all of its clients share, and their counters.
         websockets: accept functions by WebSocket subprotocol.
         http: pages, section of the index page, and metrics of the gateway.
@@ -89,8 +90,11 @@ class Gateway(ABC):
 
     @abstractmethod
     def reload_roles(self) -> None:
-        """Give each client the role that the settings give it now, after
-        :meth:`rwt.access.admission.Admission.reload`, and withdraw what that role does not allow."""
+        """Give each client the role of the current settings, and withdraw what that role does not allow.
+
+        Called after :meth:`rwt.access.access.Access.reload`. Overriding methods call this one first.
+        """
+        self.shared.publishers.end_latched(self.access.may_latch)
 
     def close(self) -> None:
         """Leave the graph. The clients have been disconnected before."""
@@ -160,6 +164,7 @@ class ConnectionGateway(Gateway, Generic[C]):
 
     def reload_roles(self) -> None:
         """See :meth:`Gateway.reload_roles`. A client that is no longer admitted is disconnected."""
+        super().reload_roles()
         for client in self.clients:
             client.reload_role()
 

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from enum import Enum, auto
 from typing import TYPE_CHECKING, Any, Protocol
 from uuid import uuid4
@@ -414,19 +414,25 @@ class Actions(ProviderTable[MemoryActionServer]):
         elif server is None and self.remote is not None:
             self.remote.cancel(action, goal_id, client)
 
-    def cancel_every(self, action: str, client: NodeResources) -> None:
+    def cancel_every(self, action: str, client: NodeResources) -> Iterator[None]:
         server = self.current.get(action)
         if server is not None:
-            for goal in tuple(server.goals.values()):
-                goal.cancel()
-        elif self.remote is not None:
+            return _cancel_in_steps(tuple(server.goals.values()))
+        if self.remote is not None:
             self.remote.cancel_every(action, client)
+        return iter(())
 
     def info(self, name: str) -> ActionInfo | None:
         server = self.current.get(name)
         if server is not None:
             return ActionInfo(name, server.type, server.node)
         return None if self.remote is None else self.remote.info(name)
+
+
+def _cancel_in_steps(goals: Iterable[MemoryGoal]) -> Iterator[None]:
+    for goal in goals:
+        goal.cancel()
+        yield
 
 
 def _refused(goal_id: str, action: str, events: GoalEvents, why: CallFailed) -> ClientGoal:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import uuid
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Self, TypeVar
 
 from rwt_graph.api import (
@@ -119,8 +119,8 @@ class MemoryParticipant(Participant):
     def cancel_goal(self, action: str, goal_id: str) -> None:
         self._graph.action_table.cancel(action, goal_id, self.owner)
 
-    def cancel_every_goal(self, action: str) -> None:
-        self._graph.action_table.cancel_every(action, self.owner)
+    def cancel_every_goal(self, action: str) -> Iterator[None]:
+        return self._graph.action_table.cancel_every(action, self.owner)
 
     def close(self) -> None:
         if not self._closed:

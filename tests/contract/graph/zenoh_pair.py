@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
 from typing import Self
 
 from rwt_graph.api import (
@@ -75,8 +75,8 @@ class SplitParticipant(Participant):
     def cancel_goal(self, action: str, goal_id: str) -> None:
         self._consumer.cancel_goal(action, goal_id)
 
-    def cancel_every_goal(self, action: str) -> None:
-        self._consumer.cancel_every_goal(action)
+    def cancel_every_goal(self, action: str) -> Iterator[None]:
+        return self._consumer.cancel_every_goal(action)
 
     def close(self) -> None:
         self._consumer.close()

@@ -5,15 +5,19 @@ from __future__ import annotations
 import inspect
 import json
 import math
+import re
 import struct
 from collections.abc import AsyncIterator, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import anyio.lowlevel
 import msgspec
 import pytest
 
+import rwt
 from rwt import Settings
+from rwt.access import decisions
 from rwt.access.access import Access
 from rwt.access.client_graph import ClientGraph
 from rwt.access.errors import GateRefused, NotAllowed
@@ -131,6 +135,7 @@ OWN = {
     "close_in_steps",
     "tell_notices",
     "notices",
+    "approval_of",
 }
 """What concerns nothing but what the client itself holds already."""
 
@@ -149,6 +154,46 @@ async def test_every_method_is_a_verb_with_a_rule_or_concerns_the_clients_own(gr
         if inspect.isfunction(value) and not name.startswith("_")
     }
     assert public == set(VERBS) | LISTINGS | LOOK_UPS | OWN
+
+
+def test_every_verb_has_a_row_in_the_table_of_decisions() -> None:
+    assert set(decisions.VERBS) == set(VERBS) - {"require"}
+    assert {verb for verb, decision in decisions.VERBS.items() if decision.gated} == set(ACTS)
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize("gateway", [*decisions.gateways(), "undeclared"])
+@pytest.mark.parametrize("verb", decisions.VERBS)
+async def test_a_gateway_has_the_verbs_of_its_row_and_no_others(
+    graph: MemoryGraph, gateway: str, verb: str
+) -> None:
+    access = _access(graph, {})
+    shared = SharedGraph(graph, "/gateway", 0.0, _nothing)
+    client = access.client(shared, access.admission.roles["guest"], "", f"{gateway}:1")
+    is_declared = gateway != "undeclared" and verb in decisions.decisions_of(f"{gateway}:1")
+    text = rf"roles\.guest\.{decisions.VERBS[verb].act}" if is_declared else f"{verb} is not declared"
+    with pytest.raises(NotAllowed, match=text):
+        getattr(client, verb)(*VERBS[verb])
+
+
+def test_a_gateway_declares_the_verbs_that_it_uses() -> None:
+    folders = {"whip": "media/webrtc"}
+    for gateway in decisions.gateways():
+        folder = Path(rwt.__file__).parent / folders.get(gateway, f"gateways/{gateway}")
+        text = "".join(file.read_text() for file in folder.rglob("*.py"))
+        used = {verb for verb in decisions.VERBS if re.search(rf"(?:client|graph)\.{verb}\(", text)}
+        # The agents' view of the robot has all verbs, and no tool uses these.
+        used -= {"advertise_service", "advertise_action"} if gateway == "mcp" else set()
+        assert used == set(decisions.decisions_of(gateway)), gateway
+
+
+def test_a_gateway_of_an_extension_declares_its_verbs_once() -> None:
+    decisions.declare("shouts", "publisher")
+    decisions.declare("shouts", "publisher")
+    assert set(decisions.decisions_of("shouts:1")) == {"publisher"}
+    for verbs in (("publisher", "subscribe"), ("nought",)):
+        with pytest.raises(ValueError, match="shouts"):
+            decisions.declare("shouts", *verbs)
 
 
 @pytest.mark.anyio

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import anyio
 import httpx
@@ -208,6 +210,90 @@ async def test_results_over_http_and_mcp_tell_what_was_clamped() -> None:
                 (await agent.call_tool("call_service", {"service": "/spawn", "request": {"x": 5}})).content
             )
             assert "x: 1 in place of 5 (gate.rules.spawn)" in answered
+
+
+@pytest.mark.anyio
+async def test_what_waits_for_approval_over_http_is_answered_at_once() -> None:
+    asked = {
+        "services": ["/blink", "/rosapi/set_param"],
+        "actions": ["/count"],
+        "approval": {"roles": ["admin"], "seconds": 45},
+    }
+    tokens = {"agent": {"token": "agent-token-of-the-test", "role": "agent"}}
+    rights = {act: ["*"] for act in ("call", "goals", "get_param", "set_param")}
+    auth = {"tokens": tokens, "default_role": "admin"}
+    async with Server(
+        "ws://127.0.0.1:0", gate={"rules": {"asked": asked}}, auth=auth, roles={"agent": rights}
+    ) as server:
+        node = server.node("base")
+        node.advertise_service("/blink", "std_srvs/SetBool", lambda _: {"success": True, "message": "done"})
+        node.parameters.declare("speed", 1.0)
+
+        async def execute(goal: Any) -> dict[str, list[int]]:
+            return {"sequence": [1]}
+
+        node.advertise_action("/count", "example_interfaces/Fibonacci", execute)
+        base = server.urls[0].replace("ws", "http", 1)
+        agent = {"Authorization": "Bearer agent-token-of-the-test"}
+        async with (
+            connect(server.urls[0]) as admin,
+            httpx.AsyncClient(base_url=base, headers=agent) as http,
+        ):
+
+            async def answer(id: str, *, approve: bool = True) -> None:
+                request = {"id": id, "approve": approve}
+                with anyio.fail_after(10):
+                    while True:
+                        answered = await admin.call("/gate/approve", request, "rwt_gate_msgs/Approve")
+                        if answered.success:
+                            return
+                        await anyio.sleep(0.01)
+
+            # A call: its state, and then its response.
+            waiting = await http.post("/api/services/blink", json={"data": True})
+            state = waiting.json()
+            assert (waiting.status_code, state["state"], state["approval"]["roles"]) == (
+                202,
+                "waiting",
+                ["admin"],
+            )
+            assert re.fullmatch(
+                r"call /blink: waiting for approval by admin \(4[45](\.\d)? s left, id 1\)", state["reason"]
+            )
+            where = waiting.headers["location"]
+            assert (await http.get(where)).status_code == 202
+            async with httpx.AsyncClient(base_url=base) as other:
+                assert (await other.get(where)).status_code == 404, "another client's call"
+            await answer("1")
+            for _ in range(2):
+                done = await http.get(where)
+                assert (done.status_code, done.json()) == (200, {"success": True, "message": "done"})
+            # A client that prefers to wait.
+            async with anyio.create_task_group() as tasks:
+                tasks.start_soon(answer, "2")
+                patient = {"Prefer": "wait=20"}
+                done = await http.post("/api/services/blink", json={"data": True}, headers=patient)
+            assert (done.status_code, done.json()["message"]) == (200, "done")
+            # A denied call.
+            where = (await http.post("/api/services/blink", json={"data": True})).headers["location"]
+            await answer("3", approve=False)
+            denied = await http.get(where)
+            assert (denied.status_code, "a person said no" in denied.text) == (502, True)
+            # A parameter, by the service of rosapi.
+            where = (await http.put("/api/parameters/base:speed", json=2.0)).headers["location"]
+            assert node.parameters.get("speed") == 1.0
+            await answer("4")
+            assert (await http.get(where)).status_code == 200
+            assert node.parameters.get("speed") == 2.0
+            # A goal.
+            goal = await http.post("/api/actions/count/goals", json={"order": 1})
+            state = goal.json()
+            assert (goal.status_code, state["state"], state["approval"]["id"]) == (201, "waiting", "5")
+            await answer("5")
+            with anyio.fail_after(10):
+                while state["state"] != "succeeded":
+                    await anyio.sleep(0.01)
+                    state = (await http.get(goal.headers["location"])).json()
 
 
 async def eventually(condition: Callable[[], bool]) -> None:

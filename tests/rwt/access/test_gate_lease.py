@@ -6,9 +6,11 @@ from typing import Any
 
 import pytest
 
+from rwt.access.gate.node import MAX_LISTED
 from rwt.access.gate.state import MAX_LEASES
 from rwt.access.roles import Role
 from rwt.access.settings import RoleSettings
+from rwt_participant.qos import LATCHED
 from tests.rwt.access.gated_robot import CLIENT, DRIVE, GATE, GatedRobot, call, drive
 
 STOPS = [(0.0, GATE)]
@@ -291,3 +293,26 @@ def test_the_clients_of_one_credential_hold_a_bounded_number_of_leases() -> None
     assert drive(other, 0.1, names[-1]) == ""
     two.leave()
     assert drive(one, 0.1, names[1]) == ""
+
+
+def test_messages_about_leases_are_bounded_in_size_and_rate() -> None:
+    robot = GatedRobot({"drive": {**DRIVE, "topics": ["/x/*", "/cmd_vel"], "lease": {"seconds": 60}}})
+    client = robot.client("admin")
+    for number in range(MAX_LISTED + 50):
+        client.say("advertise", topic=f"/x/{number}", type="geometry_msgs/Twist")
+    robot.clock.advance(1)
+    heard: list[Any] = []
+    robot.node.subscribe("/gate/leases", heard.append, type="rwt_gate_msgs/Leases", qos=LATCHED)
+    heard.clear()
+    drive(client, 0.1)
+    robot.clock.advance(0.001)
+    (first,) = heard  # Without delay.
+    assert len(first.leases) == MAX_LISTED
+    assert (first.leases[0].topic, first.leases[0].holder) == ("/cmd_vel", "rosbridge:1")
+    for _ in range(100):
+        call(client, "/gate/release_lease", topic="/cmd_vel")
+        call(client, "/gate/take_lease", topic="/cmd_vel")
+        robot.clock.advance(0.01)
+    assert 10 <= len(heard) <= 12
+    robot.clock.advance(0.1)
+    assert heard[-1].leases[0].holder == "rosbridge:1"

@@ -13,6 +13,7 @@ import pytest
 from rwt import Server, SettingsError
 from rwt.access.gate.audit.file import read_audit
 from rwt.settings import load_settings
+from rwt_participant.qos import LATCHED
 from tests.rwt.access.gated_robot import CLIENT, DRIVE, GATE, GatedRobot, call, drive, settings_of
 
 STOPPED = {**DRIVE, "emergency": True}
@@ -215,3 +216,22 @@ async def test_errors_name_file_and_line_and_settings_without_effect(
         gate = server.bridge.access.gate
         assert gate is not None
         assert json.loads(gate.settings.rules["drive"].model_dump_json())["fields"]["linear.x"]["max"] == 1
+
+
+@pytest.mark.parametrize("has_left", [False, True])
+def test_a_latched_topic_that_gets_a_stop_message_retains_no_command(has_left: bool) -> None:
+    robot = GatedRobot({"drive": {"topics": ["/cmd_vel"], "fields": SLOW}})
+    client = robot.client()
+    client.say("advertise", topic="/cmd_vel", type="geometry_msgs/Twist", latch=True)
+    drive(client, 0.2)
+    if has_left:  # Its publisher lingers.
+        client.peer.closed(1000, "")
+    reload(robot, {"drive": DRIVE})
+    late: list[object] = []
+    robot.node.subscribe("/cmd_vel", late.append, type="geometry_msgs/Twist", qos=LATCHED)
+    assert late == []
+    assert drive(robot.client() if has_left else client, 0.3) == ""
+    assert robot.take() == [(0.2, CLIENT), (0.3, CLIENT)]
+    later: list[object] = []
+    robot.node.subscribe("/cmd_vel", later.append, type="geometry_msgs/Twist", qos=LATCHED)
+    assert later == []

@@ -19,8 +19,9 @@ from rwt.gateways.foxglove.gateway import FoxgloveGateway
 from rwt.gateways.http.gateway import HttpGateway
 from rwt.gateways.http.settings import HttpSettings
 from rwt.gateways.visitors import peer_of
-from rwt_graph.api import Sample
+from rwt_graph.api import GoalEvents, Sample, ServerGoal
 from rwt_graph.clock import SteadyClock
+from rwt_interfaces.payload import Payload
 from rwt_transports.http.routes import Audience, HttpRequest, HttpResponse
 from tests.rwt.access.gated_robot import CLIENT, GATE, TWIST, GatedRobot, call, drive, token
 from tests.rwt.gateways.foxglove.viewer import Viewer
@@ -110,6 +111,42 @@ def test_one_timer_repeats_all_stop_messages() -> None:
     robot.take()
     robot.clock.advance(1.0)
     assert 9 <= len(robot.take()) <= 11
+
+
+def _busy(goals: int) -> tuple[GatedRobot, list[str]]:
+    """Return a robot with running goals of two actions, and the list of those that are told to cancel."""
+    robot = GatedRobot({"drive": EVERY_DRIVE, "acts": {"actions": ["/a/*"], "emergency": True}})
+    told: list[str] = []
+
+    def execute(goal: ServerGoal) -> None:
+        goal.accept()
+        goal.on_cancel = lambda: told.append(goal.action)
+
+    client = robot.client("admin")
+    fibonacci = robot.graph.registry.action("example_interfaces/Fibonacci")
+    for name, count in (("/a/many", goals), ("/a/one", 1)):
+        robot.graph.participant("/worker").advertise_action(name, fibonacci, execute)
+        for _ in range(count):
+            robot.graph.participant("/own").send_goal(
+                name, Payload.from_value(fibonacci.goal, {}), GoalEvents(lambda *_: None)
+            )
+        client.say("send_action_goal", action=name, action_type=fibonacci.name, args={})
+    drive(client, 0.5)
+    robot.take()
+    return robot, told
+
+
+def test_the_work_of_a_stop_does_not_grow_with_goals() -> None:
+    counts = []
+    for goals in (400, 998):
+        robot, told = _busy(goals)
+        counts.append(_calls(partial(robot.gate.stop, None)))
+        assert robot.take() == [(0.0, GATE)]
+        assert told[:2] == ["/a/many", "/a/one"], "each action's oldest goal comes first"
+        assert len(told) < 300
+        robot.clock.advance(0.01)
+        assert len(told) == goals + 3
+    assert counts[1] < 1.05 * counts[0]
 
 
 def test_urgent_timers_run_ahead_of_those_of_data() -> None:

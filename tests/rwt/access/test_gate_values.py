@@ -88,7 +88,7 @@ def test_nan_in_lists_is_found_by_its_place() -> None:
     with pytest.raises(GateRefused, match=r"points\[1\]\.positions\[1\]: expected a finite number"):
         checks.check(Payload.from_value(type, {"points": points}), 0.0)
     fine = Payload.from_value(type, {"points": points[:1]})
-    assert checks.check(fine, 0.0) == (fine, "")
+    assert checks.check(fine, 0.0) == (fine, None)
 
 
 def test_a_rate_holds_away_from_standing_and_never_for_braking() -> None:

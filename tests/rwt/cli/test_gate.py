@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -25,6 +26,8 @@ stop = {{}}
 
 [gate.rules.asked]
 services = ["/enable_motors"]
+topics = ["/asked"]
+actions = ["/fibonacci"]
 approval = {{ roles = ["supervisor"], remember_seconds = 60 }}
 """
 TWIST = ("/cmd_vel", "geometry_msgs/msg/Twist", "{linear: {x: 0.1}}")
@@ -104,7 +107,7 @@ def test_approve(run_as: RunAs, gated: str) -> None:
 
 
 def test_approve_while_it_waits(run_as: RunAs, gated: str) -> None:
-    words = ("service", "call", "/enable_motors", "std_srvs/srv/SetBool", "{data: true}", "--timeout", "60")
+    words = ("service", "call", "/enable_motors", "std_srvs/srv/SetBool", "{data: true}")
     caller = process(*words, "--token", TOKENS["operator"], url=gated)
     try:
         listed: list[dict[str, object]] = []
@@ -123,6 +126,38 @@ def test_approve_while_it_waits(run_as: RunAs, gated: str) -> None:
         out, err = caller.communicate(timeout=60)
         assert caller.returncode == 0, err
         assert "success=True" in out
+        assert re.search(
+            r"^waiting for approval by supervisor \(\d+ s left\)\napproved$", err, re.MULTILINE
+        ), err
+        assert "the server says" not in err
+    finally:
+        caller.kill()
+        caller.communicate()
+
+
+ASKED = {
+    "goal": ("action", "send_goal", "/fibonacci", "{order: 2}"),
+    "message": ("topic", "pub", "--once", "-w", "0", "/asked", "std_msgs/msg/String", "{data: x}"),
+}
+
+
+@pytest.mark.parametrize("kind", ASKED)
+@pytest.mark.parametrize("answer", ["approved", "denied"])
+def test_a_command_says_that_it_waits_for_approval(run_as: RunAs, gated: str, kind: str, answer: str) -> None:
+    caller = process(*ASKED[kind], "--token", TOKENS["operator"], url=gated)
+    try:
+        for _ in range(200):
+            listed = run_as("supervisor", "approve", "--json").json
+            if listed:
+                break
+        words = () if answer == "approved" else ("--no",)
+        assert run_as("supervisor", "approve", str(listed[0]["id"]), *words).code == 0
+        out, err = caller.communicate(timeout=60)
+        assert "waiting for approval by supervisor (" in err
+        assert (caller.returncode == 0) == (answer == "approved"), err
+        assert ("a person said no" in err) == (answer == "denied")
+        if kind == "message":
+            assert out.count("publishing #1") == (2 if answer == "approved" else 1)
     finally:
         caller.kill()
         caller.communicate()

@@ -99,6 +99,7 @@ class Approval(PendingCall):
         go: performs the act once it is approved; None: the client has to send it again. Set by the requester.
         refuse: called with the reason if the request is denied; set by the requester.
         timer: denies the request after the timeout.
+        until: end of the timeout, in seconds of the steady clock.
     """
 
     __slots__ = (
@@ -115,6 +116,7 @@ class Approval(PendingCall):
         "slot",
         "subject",
         "timer",
+        "until",
     )
 
     def __init__(self, approvals: Approvals, id: str, subject: Subject, rule: Rule, content: str) -> None:
@@ -131,6 +133,29 @@ class Approval(PendingCall):
         self.go: Callable[[], None] | None = None
         self.refuse: Callable[[str], None] | None = None
         self.timer: Timer | None = None
+        self.until = 0.0
+
+    @property
+    def is_pending(self) -> bool:
+        """True until it is approved, denied or withdrawn."""
+        return self._approvals.is_pending(self)
+
+    @property
+    def seconds_left(self) -> float:
+        """Seconds until the request is denied for lack of an answer, with one decimal place."""
+        return self._approvals.seconds_until(self.until)
+
+    @property
+    def approvers(self) -> tuple[str, ...]:
+        """Globs of the roles that may answer."""
+        settings = self.rule.settings.approval
+        return () if settings is None else settings.roles
+
+    @property
+    def progress(self) -> str:
+        """Description for the client that waits."""
+        roles, left = " or ".join(self.approvers), f"{self.seconds_left:g} s left"
+        return f"{self.act} {self.name}: waiting for approval by {roles} ({left}, id {self.id})"
 
     def cancel(self) -> None:
         """Withdraw the request."""
@@ -168,6 +193,14 @@ class Approvals:
     def pending(self) -> tuple[Approval, ...]:
         """Pending requests, oldest first."""
         return tuple(self._pending.values())
+
+    def is_pending(self, approval: Approval) -> bool:
+        """Return True until a request is answered or withdrawn."""
+        return self._pending.get(approval.id) is approval
+
+    def seconds_until(self, moment: float) -> float:
+        """Return the seconds until a moment of the steady clock, to one decimal place; 0 after it."""
+        return max(0.0, round(moment - self._clock.monotonic(), 1))
 
     def subject(self, client: Actor, act: GatedAct, name: str, rule: Rule, payload: Payload) -> Subject:
         """Return the subject of an approval.
@@ -221,6 +254,7 @@ class Approvals:
         approval = Approval(self, str(self._count), subject, rule, content)
         approval.asked_ns = self._clock.time_ns()
         seconds = rule.settings.approval.seconds
+        approval.until = self._clock.monotonic() + seconds
         approval.timer = self._clock.call_later(
             seconds, lambda: self._deny(approval, None, f"nobody answered within {seconds:g} s")
         )
@@ -229,6 +263,7 @@ class Approvals:
         approval.slot = slot
         self._recorder.note("asked", act, name, client, f"as {approval.id}: {approval.content}", rule.key)
         self._on_change()
+        client.tell_approval(approval.progress)
         return approval
 
     def answer(self, id: str, *, approve: bool, by: Actor | None, seconds: float = 0.0) -> str:
@@ -276,6 +311,7 @@ class Approvals:
         elif approval.go is None:
             # The client has to send it again, within the timeout of the request.
             self._granted[approval.subject] = (now + settings.seconds, True)
+        approval.client.tell_approval(f"{approval.act} {approval.name}: approved (id {id})")
         if approval.go is not None:
             approval.go()
         return f"approved: {what}"
@@ -291,8 +327,11 @@ class Approvals:
             approval.rule.key,
             about=approval.client,
         )
+        text = f"{approval.act} {approval.name}: {why} ({approval.rule.key}.approval)"
         if approval.refuse is not None:
-            approval.refuse(f"{approval.act} {approval.name}: {why} ({approval.rule.key}.approval)")
+            approval.refuse(text)
+        else:
+            approval.client.tell_approval(f"{text}, id {approval.id}")
 
     def withdraw(self, approval: Approval) -> None:
         """Withdraw a request that is still pending."""

@@ -184,6 +184,11 @@ class PendingApproval(PendingCall):
         self.asked: Approval | None = None
         self.then: PendingCall | None = None
 
+    @property
+    def approval(self) -> Approval | None:
+        """Request for approval that the call waits for; None if it waits for none."""
+        return self.asked if self.asked is not None and self.asked.is_pending else None
+
     def cancel(self) -> None:
         """Withdraw the request, and cancel the call."""
         for each in (self.asked, self.then):
@@ -217,6 +222,11 @@ class WaitingGoal(ClientGoal):
         self._wants_feedback = True
         self._has_ended = False
         self._reason = ""
+
+    @property
+    def approval(self) -> Approval | None:
+        """Request for approval that the goal waits for; None if it waits for none."""
+        return self.asked if self.asked is not None and self.asked.is_pending else None
 
     @property
     def status(self) -> GoalStatus:
@@ -291,6 +301,10 @@ class ClientGate:
         """Name of the client at the gate."""
         return self._actor.name
 
+    def tell_approvals(self, on_progress: Callable[[str], None]) -> None:
+        """Call `on_progress` when a command begins to wait for approval, and with the answer."""
+        self._actor.on_approval = on_progress
+
     def swap_on_notice(self, on_notice: Callable[[str], None] | None) -> Callable[[str], None] | None:
         """Set what is called with what the gate does to the client's commands; returns what was before."""
         before, self._actor.on_notice = self._actor.on_notice, on_notice
@@ -308,6 +322,11 @@ class ClientGate:
         """Record an act that the client's role does not allow."""
         self._gate.recorder.note("refused", act, name, self._actor, why)
 
+    @staticmethod
+    def approval_of(pending: PendingCall | ClientGoal | None) -> Approval | None:
+        """Return the request for approval that a call or goal waits for; None if it waits for none."""
+        return pending.approval if isinstance(pending, PendingApproval | WaitingGoal) else None
+
     # Topics
 
     def check_publisher(self, topic: str, qos: QoS | None) -> None:
@@ -319,17 +338,15 @@ class ClientGate:
 
         Raises:
             NotAllowed: the topic is the gate's own, or the emergency stop, which the role may not press.
-            GateRefused: the QoS is latched, and a rule defines a stop message for the topic: late subscribers
-                would receive the last command even after a stop.
+            GateRefused: the QoS is latched, and a rule defines a stop message for the topic.
         """
         if not self._gate.rules.all:
             return
         if qos is not None and qos.durability is not Durability.VOLATILE:
-            for rule in self._gate.rules.of("publish", topic):
-                if rule.settings.stop is not None:
-                    text = f"{topic} may not be latched: a stop would not end what who subscribes later hears"
-                    _refuse(self._gate, self._actor, "publish", topic, GateRefused(text, f"{rule.key}.stop"))
-                    break
+            rule = self._gate.latch_rule(topic)
+            if rule is not None:
+                text = f"{topic} may not be latched: a stop would not end what who subscribes later hears"
+                _refuse(self._gate, self._actor, "publish", topic, GateRefused(text, f"{rule.key}.stop"))
         if topic in TOPICS:
             raise NotAllowed(f"{topic} is published by the gate alone")
         if topic == STOP and not self._gate.may_stop(self._actor.role):
@@ -575,10 +592,6 @@ class ClientGate:
         approval.go = next_one
         approval.refuse = refuse
         asked(approval)
-        settings = rule.settings.approval
-        if self._actor.on_notice is not None and settings is not None:
-            roles, left = " or ".join(settings.roles), f"{settings.seconds:g} s left"
-            self._actor.on_notice(f"{act} {name}: waiting for approval by {roles} ({left}, id {approval.id})")
 
 
 def _names_like(glob: str) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import attrgetter, is_
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import msgspec
 
@@ -36,8 +36,55 @@ BYTES_OF_ITEM: Final = 32
 #: Maximum number of clamped numbers that a description of the changes names.
 _MAX_CHANGES: Final = 8
 
-_Check = Callable[[Any, str, float, list[str]], object]
+
+class Change(NamedTuple):
+    """Number that a limit has changed."""
+
+    where: str
+    before: float
+    after: float
+
+
+#: Stands in a list of changes for one that the description does not name.
+_UNNAMED: Final = Change("", 0.0, 0.0)
+
+_Check = Callable[[Any, str, float, list[Change]], object]
 """Check of a value at a path at a time. Returns the value or its replacement, which it adds to the list."""
+
+
+class Clamped:
+    """Numbers of a message that limits have changed.
+
+    Args:
+        changes: changes in the order of the limits; one number may be changed several times.
+    """
+
+    __slots__ = ("_changes",)
+
+    def __init__(self, changes: Sequence[Change]) -> None:
+        self._changes = tuple(changes)
+
+    @classmethod
+    def joined(cls, parts: Iterable[Clamped]) -> Clamped:
+        """Return the changes of several rules together."""
+        return cls([change for part in parts for change in part._changes])
+
+    @property
+    def _named(self) -> list[Change]:
+        return [change for change in self._changes if change is not _UNNAMED][:_MAX_CHANGES]
+
+    def __str__(self) -> str:
+        texts = [f"{where}: {after:g} in place of {before:g}" for where, before, after in self._named]
+        more = len(self._changes) - len(texts)
+        return "; ".join([*texts, f"{more} more"] if more else texts)
+
+    def before(self) -> Mapping[str, float]:
+        """Return the numbers before, by path."""
+        return {change.where: change.before for change in reversed(self._named)}
+
+    def after(self) -> Mapping[str, float]:
+        """Return the numbers after the last change, by path."""
+        return {change.where: change.after for change in self._named}
 
 
 class NoSuchField(Exception):
@@ -156,8 +203,8 @@ class FieldChecks:
         """True if every message of the type passes."""
         return not (self._checks or self._float_sum or self._max_bytes)
 
-    def check(self, payload: Payload, now: float) -> tuple[Payload, str]:
-        """Check a message; return the one to pass on, and a description of what was clamped.
+    def check(self, payload: Payload, now: float) -> tuple[Payload, Clamped | None]:
+        """Check a message; return the one to pass on, and what was clamped; None if nothing was.
 
         Args:
             payload: message of the type.
@@ -174,7 +221,7 @@ class FieldChecks:
         if not self._checks and (
             self._float_sum is None or (payload.is_passthrough and not _find_null(payload.json()))
         ):
-            return payload, ""
+            return payload, None
         if not self._is_bounded:
             self._require_few(payload)
         given = payload.value()
@@ -183,16 +230,14 @@ class FieldChecks:
             where = _not_finite(given, self._type, "")
             if where:
                 raise GateRefused(f"{where}: expected a finite number", f"{self._key}.finite")
-        changes: list[str] = []
+        changes: list[Change] = []
         value: object = given
         for check in self._checks:
             value = check(value, "", now, changes)
         if value is given:
-            return payload, ""
-        if len(changes) > _MAX_CHANGES:
-            changes[_MAX_CHANGES:] = [f"{len(changes) - _MAX_CHANGES} more"]
+            return payload, None
         try:
-            return Payload.from_value(self._type, value), "; ".join(changes)
+            return Payload.from_value(self._type, value), Clamped(changes)
         except InvalidMessage as error:
             # The limit itself is outside the range of the field's type.
             raise GateRefused(str(error), f"{self._key}.fields") from None
@@ -243,7 +288,7 @@ def describe_fields(payload: Payload, limits: Mapping[str, FieldLimit]) -> str:
         values: list[Any] = []
 
         def note(
-            value: Any, where: str, now: float, changes: list[str], values: list[Any] = values
+            value: Any, where: str, now: float, changes: list[Change], values: list[Any] = values
         ) -> object:
             values.append(value)
             return value
@@ -312,7 +357,7 @@ def _at(parts: Sequence[tuple[str, str]], leaf: _Check) -> _Check:
     get = attrgetter(attributes)
     names = attributes.split(".")
 
-    def check(value: Any, where: str, now: float, changes: list[str]) -> object:
+    def check(value: Any, where: str, now: float, changes: list[Change]) -> object:
         found = get(value)
         taken = inner(found, where + text, now, changes)
         return value if taken is found else _replaced(value, names, taken)
@@ -323,7 +368,7 @@ def _at(parts: Sequence[tuple[str, str]], leaf: _Check) -> _Check:
 def _each(inner: _Check) -> _Check:
     """Compile a check of every item of a list."""
 
-    def check(items: Any, where: str, now: float, changes: list[str]) -> object:
+    def check(items: Any, where: str, now: float, changes: list[Change]) -> object:
         taken = [inner(item, f"{where}[{index}]", now, changes) for index, item in enumerate(items)]
         return items if all(map(is_, taken, items)) else taken
 
@@ -343,7 +388,7 @@ def _one_of(limit: FieldLimit, key: str) -> _Check:
     allowed = frozenset(limit.one_of)
     expected = " or ".join(map(repr, limit.one_of))
 
-    def check(value: Any, where: str, now: float, changes: list[str]) -> object:
+    def check(value: Any, where: str, now: float, changes: list[Change]) -> object:
         if value not in allowed:
             raise GateRefused(f"{where}: expected {expected}, got {str(value)[:100]!r}", key)
         return value
@@ -374,7 +419,7 @@ class _Range:
         self._neutrals = neutrals
         self._rate = limit.rate
 
-    def __call__(self, value: Any, where: str, now: float, changes: list[str]) -> object:
+    def __call__(self, value: Any, where: str, now: float, changes: list[Change]) -> object:
         low, high = self._lowest, self._highest
         rate, motion = self._rate, self._motion
         if rate is not None and motion is not None:
@@ -388,7 +433,7 @@ class _Range:
             if not self._clamps or not low <= taken <= high:
                 raise GateRefused(f"{where}: expected {_range(low, high)}, got {value:g}", self._key)
             changes.append(
-                f"{where}: {taken:g} in place of {value:g}" if len(changes) <= _MAX_CHANGES else ""
+                Change(where, float(value), float(taken)) if len(changes) < _MAX_CHANGES else _UNNAMED
             )
         if rate is not None and motion is not None:
             motion.note(where, taken)
@@ -401,7 +446,7 @@ class _Range:
             return each
         lowest, highest = self._lowest, self._highest
 
-        def check(items: Any, where: str, now: float, changes: list[str]) -> object:
+        def check(items: Any, where: str, now: float, changes: list[Change]) -> object:
             # min() and max() miss NaN unless it comes first.
             if not len(items) or (
                 lowest <= min(items) and max(items) <= highest and not any(map(math.isnan, items))
@@ -422,7 +467,7 @@ def _numbers_at(parts: Sequence[tuple[str, str]], message: msgspec.Struct) -> Ma
     """Return the numbers of a message at a path, each under its path with indices."""
     found: dict[str, float] = {}
 
-    def note(value: Any, where: str, now: float, changes: list[str]) -> object:
+    def note(value: Any, where: str, now: float, changes: list[Change]) -> object:
         found[where] = float(value)
         return value
 

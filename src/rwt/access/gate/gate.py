@@ -27,10 +27,11 @@ from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Iterable, Iterator
 
     from rwt.access.audit import Audit
     from rwt.access.gate.rules import GatedAct, Rule
+    from rwt.access.gate.stop_path import Cancel
     from rwt.access.roles import Role
     from rwt.access.settings.gate import GateRule, GateSettings
     from rwt_graph.api import Graph, Publisher
@@ -242,6 +243,17 @@ class Gate(GateState):
         """Guarded topics: those that clients have published on, and those of the robot with rules."""
         return tuple(self._topics.values())
 
+    def find_topic(self, name: str) -> GuardedTopic | None:
+        """Return the guarded topic of an absolute name; None if there is none."""
+        return self._topics.get(name)
+
+    def leased_topics(self) -> Iterator[GuardedTopic]:
+        """Yield the topics with a lease, those with a holder first."""
+        yield from self.held.values()
+        for topic in self._topics.values():
+            if topic.lease is not None and topic.lease not in self.held:
+                yield topic
+
     def guarded(self, name: str, type: MessageType) -> GuardedTopic:
         """Return the guarded topic of a name for which there are rules.
 
@@ -328,6 +340,13 @@ class Gate(GateState):
         others = () if info is None else (*info.publishers, *info.subscribers)
         return all(each.node == GATE_NODE for each in others)
 
+    def latch_rule(self, name: str) -> Rule | None:
+        """Return the rule that forbids latched publishers of a topic; None if it may be latched.
+
+        Late subscribers would receive the last command even after a stop.
+        """
+        return next((rule for rule in self.rules.of("publish", name) if rule.settings.stop is not None), None)
+
     # Requests and goals
 
     def check(
@@ -396,11 +415,9 @@ class Gate(GateState):
         checks = self._checks_of(rule, type)
         if isinstance(checks, str):
             raise GateRefused(f"the rules of {name} cannot be applied: {checks}")
-        taken, changes = checks.check(payload, self.clock.monotonic())
-        if changes:
-            self.recorder.note("changed", act, name, actor, changes, rule.key)
-            if actor.on_notice is not None and not self.is_observing:
-                actor.on_notice(f"{act} {name}: {changes} ({rule.key})")
+        taken, clamped = checks.check(payload, self.clock.monotonic())
+        if clamped is not None:
+            self.note_clamped(actor, act, name, clamped, rule.key)
         return payload if self.is_observing else taken
 
     def affected_parameters(self, written: Iterable[str], text: str) -> list[str]:
@@ -620,18 +637,20 @@ class Gate(GateState):
         for topic in tuple(self._topics.values()):
             self._stop_topic(topic, press)
             yield
-        for name in self._graph.action_names():
-            if self._stops("goal", name):
-                self.stop_path.run(name, partial(self.participant.cancel_every_goal, name))
-            yield
+        actions: dict[str, Cancel] = {}
         for name in self._graph.topic_names():
             if self._stops("publish", name):
                 self.stop_path.run(name, partial(self._stop_topic_named, name, press))
             # A ROS 1 action that the graph knows by its topics only.
             action, _, part = name.rpartition("/")
             if part == "cancel" and self._stops("goal", action):
-                self.stop_path.run(name, self._cancel_of(action))
+                actions[action] = self._cancel_of(action)
             yield
+        for name in self._graph.action_names():
+            if self._stops("goal", name):
+                actions[name] = self._cancel_of(name)
+            yield
+        yield from self.stop_path.cancel_goals(actions)
 
     def _stop_topic(self, topic: GuardedTopic, press: int) -> None:
         """Stop a topic, unless it was stopped already, or driven after a release meanwhile."""
@@ -679,20 +698,21 @@ class Gate(GateState):
         """Note an action to which a client sends goals: the emergency stop cancels them first."""
         self.stop_path.note_goal(action, partial(self._cancel_of, action))
 
-    def _cancel_of(self, action: str) -> Callable[[], None]:
-        """Return a function that cancels all goals of an action, whoever sent them."""
+    def _cancel_of(self, action: str) -> Cancel:
+        """Return a function that cancels all goals of an action in steps, whoever sent them."""
         info = self._graph.topic(f"{action}/cancel")
         if self._graph.action(action) is not None or info is None or info.type is None:
             return partial(self.participant.cancel_every_goal, action)
         if info.type.name != "actionlib_msgs/GoalID":
-            return lambda: None
+            return lambda: iter(())
         # Advertised before it is needed: over a network, discovery takes a while.
         publisher = self._cancels.get(info.name)
         if publisher is None:
             if len(self._cancels) >= _MAX_CANCELS:
                 self._cancels.pop(next(iter(self._cancels))).close()
             publisher = self._cancels[info.name] = self.participant.advertise(info.name, info.type)
-        return partial(publisher.publish, Payload.from_value(info.type, {}))
+        every = Payload.from_value(info.type, {})
+        return lambda: iter((publisher.publish(every),))
 
     def _stops(self, act: GatedAct, name: str) -> bool:
         return any(rule.settings.emergency for rule in self.rules.of(act, name))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from itertools import islice
 from typing import TYPE_CHECKING, Any, Final
 
 from rwt.access.errors import GateRefused
@@ -25,6 +26,12 @@ STOPPED: Final = "/gate/stopped"
 APPROVALS: Final = "/gate/approvals"
 TOPICS: Final = frozenset({LEASES, STOPPED, APPROVALS})
 """Latched topics on which the gate publishes its state; clients cannot publish on them."""
+
+MAX_LISTED: Final = 256
+"""Maximum number of leases in a message of :data:`LEASES`; those with a holder come first."""
+
+PUBLISH_SECONDS: Final = 0.1
+"""Minimum interval between two messages of :data:`LEASES`, in seconds."""
 
 SERVICES: Final = {
     "/gate/take_lease": "rwt_gate_msgs/Lease",
@@ -51,6 +58,7 @@ class GateNode:
         self._distro = graph.distro
         self._registry = graph.registry
         self._due: set[str] = set()
+        self._published_at: dict[str, float] = {}
         participant = gate.participant
         self._publishers: dict[str, Publisher] = {
             name: participant.advertise(name, graph.registry.message(type), LATCHED)
@@ -72,17 +80,24 @@ class GateNode:
             type = graph.registry.service(SERVICES[name])
             participant.advertise_service(name, type, _answering(type, handler))
         participant.subscribe(STOP, self._on_stop, graph.registry.message("std_msgs/Empty"))
-        gate.on_leases = lambda: self._publish_soon(LEASES)
+        gate.on_leases = lambda: self._publish_soon(LEASES, PUBLISH_SECONDS)
         gate.on_stop = lambda: self._publish_soon(STOPPED)
         gate.on_approvals = lambda: self._publish_soon(APPROVALS)
         for name in sorted(TOPICS):
             self._publish(name)
 
-    def _publish_soon(self, name: str) -> None:
-        """Publish in the next turn of the clock: several changes at once are published once."""
-        if name not in self._due:
-            self._due.add(name)
-            self._clock.call_later(0.0, lambda: self._publish(name))
+    def _publish_soon(self, name: str, interval: float = 0.0) -> None:
+        """Publish in the next turn of the clock, or `interval` seconds after the last time.
+
+        Several changes are published once, so that clients do not decide how often it is.
+        """
+        if name in self._due:
+            return
+        now = self._clock.monotonic()
+        self._due.add(name)
+        at = max(now, self._published_at.get(name, now - interval) + interval)
+        self._published_at[name] = at
+        self._clock.call_later(at - now, lambda: self._publish(name))
 
     def _publish(self, name: str) -> None:
         self._due.discard(name)
@@ -102,7 +117,7 @@ class GateNode:
                     "since": time(topic.lease.since_ns),
                     "seconds": topic.lease.settings.seconds,
                 }
-                for topic in self._gate.topics
+                for topic in islice(self._gate.leased_topics(), MAX_LISTED)
                 if topic.lease is not None
             ]
         }
@@ -160,12 +175,11 @@ class GateNode:
             change(client, topic)
         except GateRefused as refused:
             refusal = str(refused)
-        held = [
-            each.lease.holder for each in self._gate.topics if each.lease and each.name == canonical(topic)
-        ]
+        found = self._gate.find_topic(canonical(topic))
+        held = None if found is None or found.lease is None else found.lease.holder
         # As for subscribers of the topic of leases: only roles that may see a topic see who holds it.
         sees = client.rights.sees_topic(canonical(topic))
-        holder = held[0].name if sees and held and held[0] else ""
+        holder = held.name if sees and held is not None else ""
         may = client.rights.allows("publish", canonical(topic))
         seconds = self._gate.lease_seconds(client.rights, topic) if may else None
         return {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import re
 from collections import Counter
 from collections.abc import Callable
 from contextvars import ContextVar
@@ -93,9 +92,6 @@ class ActorTopic(Protocol):
 Value = object | Callable[[], object]
 """Value of an audit line, or a function that returns it."""
 
-#: Description of a clamped number: `linear.x: 0.8 in place of 3`.
-_CLAMPED: Final = re.compile(r"([^;:]+): (\S+) in place of ([^;\s]+)")
-
 
 class Actor:
     """Client as the gate knows it.
@@ -106,9 +102,11 @@ class Actor:
         address: network address; empty if unknown.
         topics: guarded topics that it publishes on or has held.
         on_notice: called with what the gate did to its command, such as clamping; None: it is not told.
+        on_approval: called when a command begins to wait for approval, and with the answer; None: it is not
+            told.
     """
 
-    __slots__ = ("address", "name", "on_notice", "rights", "topics")
+    __slots__ = ("address", "name", "on_approval", "on_notice", "rights", "topics")
 
     def __init__(self, name: str, rights: Role, address: str) -> None:
         self.name = name
@@ -116,6 +114,12 @@ class Actor:
         self.address = address
         self.topics: set[ActorTopic] = set()
         self.on_notice: Callable[[str], None] | None = None
+        self.on_approval: Callable[[str], None] | None = None
+
+    def tell_approval(self, text: str) -> None:
+        """Tell the client about its request for approval, if it wants that."""
+        if self.on_approval is not None:
+            self.on_approval(text)
 
     @property
     def role(self) -> str:
@@ -268,8 +272,6 @@ class Recorder:
             line["rule"] = rule
         if text:
             line["text"] = _text(text, _MAX_TEXT)
-        if decision == "changed" and before is None:
-            before, after = _clamped(text)
         for what, value in (("before", before), ("after", after)):
             given = value() if callable(value) else value
             if given is not None:
@@ -336,16 +338,6 @@ class Recorder:
             self._flush(at_end=True)
             self._file.write(encode(self._line("closed", "audit", "")))
             self._file.close()
-
-
-def _clamped(changes: str) -> tuple[dict[str, float] | None, dict[str, float] | None]:
-    """Return the numbers before and after, by field, from a description of clamped numbers."""
-    found = [(path.strip(), after, before) for path, after, before in _CLAMPED.findall(changes)]
-    if not found:
-        return None, None
-    return {path: float(before) for path, _, before in found}, {
-        path: float(after) for path, after, _ in found
-    }
 
 
 def _text(text: str, limit: int) -> str:

@@ -15,9 +15,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rwt.access.audit import Audit
+    from rwt.access.gate.fields import Clamped
     from rwt.access.gate.lease import Lease
     from rwt.access.gate.record import Actor
-    from rwt.access.gate.rules import Rule
+    from rwt.access.gate.rules import GatedAct, Rule
+    from rwt.access.gate.topic import GuardedTopic
     from rwt.access.settings.gate import GateSettings
     from rwt_graph.api import Graph
     from rwt_interfaces.payload import Payload
@@ -55,7 +57,7 @@ class GateState:
         presses: number of times that the emergency stop was pressed.
         faults: topics that cannot be stopped, with the reason.
         leases_held: number of leases by identity, see :attr:`rwt.access.gate.record.Actor.owner`.
-        held: the same leases.
+        held: the same leases, with their topics.
         wake_watch: ends them after a suspension of the machine.
         stopped_by: client or program that pressed the emergency stop; empty while it is released.
         stopped_reason: reason for the last press or release, in the words of the client.
@@ -83,7 +85,7 @@ class GateState:
         self.presses = 0
         self.faults: dict[str, str] = {}
         self.leases_held: Counter[str] = Counter()
-        self.held: set[Lease] = set()
+        self.held: dict[Lease, GuardedTopic] = {}
         self.wake_watch = WakeWatch(graph.clock, self._look)
         self.stopped_by = ""
         self.stopped_reason = ""
@@ -132,6 +134,23 @@ class GateState:
                 request = request or approvals.ask(subject, rule, payload)
                 text += f", which was asked for under id {request.id}: send it again when it is there"
         raise GateRefused(text, f"{rule.key}.approval")
+
+    def note_clamped(self, client: Actor, act: GatedAct, name: str, clamped: Clamped, key: str) -> None:
+        """Record what was clamped, and tell the client.
+
+        Args:
+            client: client that acts.
+            act: act with the message.
+            name: name of the topic, service or action.
+            clamped: numbers that were changed.
+            key: key of the rule.
+        """
+        text = str(clamped)
+        self.recorder.note(
+            "changed", act, name, client, text, key, before=clamped.before, after=clamped.after
+        )
+        if client.on_notice is not None and not self.is_observing:
+            client.on_notice(f"{act} {name}: {text} ({key})")
 
     def _not_stopped(self, name: str, error: Exception) -> None:
         text = f"{type(error).__name__}: {error}"

@@ -6,14 +6,19 @@ Nothing here waits for clients, and no exception of one receiver keeps the stop 
 from __future__ import annotations
 
 import logging
+from collections import deque
+from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Final, Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator, Mapping
 
     from rwt_graph.clock import Clock
     from rwt_participant.timers import Timer
+
+Cancel = Callable[[], "Iterator[None]"]
+"""Function that returns the steps of cancelling all goals of an action."""
 
 logger: Final = logging.getLogger("rwt.bridge")
 
@@ -54,7 +59,7 @@ class StopPath:
     Attributes by purpose:
 
     * Driven since the last stop, at most :data:`MAX_DRIVEN` each: ``_topics``, and ``_actions`` with the
-      function that cancels their goals.
+      function that returns the steps of cancelling their goals.
     * Repetition: ``_repeated`` (topics whose stop message is repeated), ``_timer`` (None without any),
       ``_is_repeating`` (True until every topic has had its turn).
     * ``failed``: called with the name of what could not be stopped, and the error.
@@ -68,7 +73,7 @@ class StopPath:
         self._clock = clock
         self._failed = failed
         self._topics: dict[Stoppable, None] = {}
-        self._actions: dict[str, Callable[[], None]] = {}
+        self._actions: dict[str, Cancel] = {}
         self._repeated: dict[Stoppable, None] = {}
         self._timer: Timer | None = None
         self._is_repeating = False
@@ -91,7 +96,7 @@ class StopPath:
         """Forget a topic that is closed."""
         self._topics.pop(topic, None)
 
-    def note_goal(self, action: str, make_cancel: Callable[[], Callable[[], None]]) -> None:
+    def note_goal(self, action: str, make_cancel: Callable[[], Cancel]) -> None:
         """Note an action to which a client sends goals.
 
         Args:
@@ -104,14 +109,35 @@ class StopPath:
     # Stopping
 
     def press(self) -> None:
-        """Stop what was driven since the last stop, held leases first, then goals."""
+        """Stop what was driven since the last stop, held leases first; then goals, in turns."""
         topics = sorted(self._topics, key=lambda topic: not topic.is_held)
         actions = self._actions
         self._topics, self._actions = {}, {}
         for topic in topics:
             self.run(topic.name, topic.emergency_stop)
+        self.in_turns(self.cancel_goals(actions))
+
+    def cancel_goals(self, actions: Mapping[str, Cancel]) -> Iterator[None]:
+        """Cancel goals, a step each: the oldest of each action, then the next.
+
+        Many goals of one action thus do not delay the cancellation of another's.
+        """
+        pending: deque[tuple[str, Iterator[None]]] = deque()
+
+        def begin(action: str, cancel: Cancel) -> None:
+            pending.append((action, cancel()))
+
+        def step(action: str, steps: Iterator[None]) -> None:
+            for _ in steps:
+                pending.append((action, steps))
+                return
+
         for action, cancel in actions.items():
-            self.run(action, cancel)
+            self.run(action, partial(begin, action, cancel))
+        while pending:
+            action, steps = pending.popleft()
+            self.run(action, partial(step, action, steps))
+            yield
 
     def run(self, name: str, act: Callable[[], None]) -> None:
         """Run a step of stopping; its exception is reported and ends nothing else."""

@@ -6,7 +6,7 @@ import logging
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from rwt.access.errors import GateRefused
-from rwt.access.gate.fields import FieldChecks, Motion, NoSuchField
+from rwt.access.gate.fields import Clamped, FieldChecks, Motion, NoSuchField
 from rwt.access.gate.freshness import Freshness
 from rwt.access.gate.lease import Lease
 from rwt.access.quotas import RateLimit
@@ -286,12 +286,12 @@ class GuardedTopic:
         if rules.lease is not None:
             rules.lease.require(client)
             self._require_fresh(client, rules.lease, payload, now)
-        changed: list[str] = []
+        changed: list[Clamped] = []
         for rule, checks, rate in rules.compiled:
             if checks is not None:
-                payload, changes = checks.check(payload, now)
-                if changes:
-                    changed.append(changes)
+                payload, clamped = checks.check(payload, now)
+                if clamped is not None:
+                    changed.append(clamped)
             if rate is not None and not rate.take(now):
                 raise GateRefused(
                     f"more than {rule.settings.messages_per_second} messages a second on {self.name}",
@@ -302,10 +302,7 @@ class GuardedTopic:
             self._gate.require_approval(self.name, rule, client, payload, is_stop=self._is_stop(payload))
         if changed:
             first = rules.compiled[0].rule.key
-            text = "; ".join(changed)
-            self._gate.recorder.note("changed", "publish", self.name, client, text, first)
-            if client.on_notice is not None and not self._gate.is_observing:
-                client.on_notice(f"publish {self.name}: {text} ({first})")
+            self._gate.note_clamped(client, "publish", self.name, Clamped.joined(changed), first)
         return payload
 
     def _require_fresh(self, client: Actor, lease: Lease, payload: Payload, now: float) -> None:
@@ -368,14 +365,14 @@ class GuardedTopic:
         if before is not None and change != "taken" and not gate.is_observing and not self._has_just_stopped:
             self.halt()
         assert self.lease is not None  # It has changed.
-        gate.held.discard(self.lease)
+        gate.held.pop(self.lease, None)
         if self._lease_owner:
             gate.leases_held[self._lease_owner] -= 1
         self._lease_owner = "" if holder is None else holder.owner
         if holder is not None:
             holder.topics.add(self)
             gate.leases_held[self._lease_owner] += 1
-            gate.held.add(self.lease)
+            gate.held[self.lease] = self
             if gate.clock.is_real:
                 gate.wake_watch.begin()
         gate.recorder.note(
@@ -464,8 +461,8 @@ class GuardedTopic:
         if self.lease is not None and self._rules_of(holder.role).lease is not None:
             holder.topics.add(self)
             self._lease_owner, before._lease_owner = before._lease_owner, ""
-            gate.held.discard(before.lease)
-            gate.held.add(self.lease)
+            gate.held.pop(before.lease, None)
+            gate.held[self.lease] = self
             self.lease.take_over(before.lease)
         else:
             before.end_lease(LOST_BY_RELOAD)

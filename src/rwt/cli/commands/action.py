@@ -6,6 +6,7 @@ import textwrap
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from rwt.cli.approval import ApprovalProgress
 from rwt.cli.console.message_argument import add_message_argument, type_and_message, with_stamps
 from rwt.cli.console.message_format import Formatting, plain
 from rwt.cli.console.output import Output, Style, note
@@ -73,9 +74,12 @@ async def _send_goal(robot: Robot, arguments: Arguments, output: Output) -> None
     printer = _GoalPrinter(action_type, output)
     printer.goal(request)
     on_feedback = printer.feedback if arguments.feedback else lambda message: None
-    goal = await robot.send_goal(name, request, action_type.name, on_feedback=on_feedback)
+    progress = ApprovalProgress(robot)
+    goal = await progress.run(
+        lambda: robot.send_goal(name, request, action_type.name, on_feedback=on_feedback)
+    )
     try:
-        ended = await goal.result(arguments.timeout)
+        ended = await progress.run(goal.result, arguments.timeout)
     except BaseException as error:
         await _cancel(goal, robot, error)
         raise

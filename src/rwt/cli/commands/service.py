@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
+from rwt.cli.approval import ApprovalProgress
 from rwt.cli.commands.topic.echo import add_echo_arguments, echo_messages
 from rwt.cli.console.message_argument import add_message_argument, type_and_message, with_stamps
 from rwt.cli.console.message_format import Formatting, constructor, plain
@@ -64,8 +65,10 @@ async def _call(robot: Robot, arguments: Arguments, output: Output) -> None:
         if not output.json:
             output.line(f"requester: making request: {constructor(service_type.request, request)}\n")
         began = anyio.current_time()
-        response = await robot.call(
-            name, request, service_type.name, timeout=arguments.timeout or USUAL_TIMEOUT
+        response = await ApprovalProgress(robot).run(
+            lambda: robot.call(name, request, service_type.name, timeout=None),
+            arguments.timeout or USUAL_TIMEOUT,
+            extends=arguments.timeout is None,
         )
         if output.json:
             output.record(plain(service_type.response, response, Formatting(json=True)))

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from rwt.access.errors import QuotaExceeded
+from rwt.gateways.http.calls import WAITING, approval_body
 from rwt.gateways.http.clients import ReaderStream
 from rwt.gateways.http.events import event, payload_event
 from rwt.gateways.http.problems import HttpProblem
@@ -34,8 +35,8 @@ PATH: Final = "/api/actions/"
 REJECTED: Final = "rejected"
 LOST: Final = "lost"
 
-STATES: Final = (*(status.name.lower() for status in GoalStatus), REJECTED, LOST)
-"""The states of a goal: those of `action_msgs/GoalStatus`, and two in which one ends without a result."""
+STATES: Final = (*(status.name.lower() for status in GoalStatus), WAITING, REJECTED, LOST)
+"""States of a goal: those of `action_msgs/GoalStatus`, one before it is sent, and two without a result."""
 
 _GOAL: Final = re.compile(r"/goals/([0-9a-f]{32})\Z")
 _EVENTS: Final = 100
@@ -90,13 +91,17 @@ class HttpGoal:
         state = self._state
         if not self.ended and self._sent is not None:
             state = self._sent.status.name.lower()
+        approval = None if self.ended else self.client.graph.approval_of(self._sent)
+        if approval is not None:
+            state = WAITING
         return {
             "id": self.id,
             "action": self.action,
             "state": state,
             "feedback": self._feedback,
             "result": self._result,
-            "reason": self._reason,
+            "reason": self._reason if approval is None else approval.progress,
+            **({} if approval is None else {"approval": approval_body(approval)}),
             **({"gate": self._notices} if self._notices else {}),
         }
 

@@ -76,6 +76,7 @@ class HttpGateway(Gateway):
         self._documents: dict[tuple[str, str], tuple[object, bytes]] = {}
         self._visitors = Clients(self, linger)
         self._actions = actions.ActionPages(self._visitors, settings, several_processes=several_processes)
+        self._services = services.ServicePages(self._visitors, settings)
         self.http = HttpExtension(
             tuple(self._routes(topics.TopicPages(self._visitors, settings, access))),
             self._section,
@@ -84,18 +85,20 @@ class HttpGateway(Gateway):
 
     def reload_roles(self) -> None:
         """See :meth:`rwt.gateways.base.Gateway.reload_roles`."""
+        super().reload_roles()
         self._documents.clear()
         self._visitors.reload_roles()
 
     def close(self) -> None:
         """Leave the graph."""
         self._actions.goals.close()
+        self._services.calls.close()
         self._visitors.close()
         super().close()
 
     def _routes(self, of_topics: topics.TopicPages) -> Iterable[Route[GraphView]]:
-        of_services = services.ServicePages(self._visitors, self._settings)
-        of_parameters = parameters.ParameterPages(self._visitors)
+        of_services = self._services
+        of_parameters = parameters.ParameterPages(self._visitors, of_services)
         of_actions = self._actions
         rows: tuple[tuple[str, str, str, Handler], ...] = (
             ("GET", "/version", "server", self._version),

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Final
 
-from rwt.gateways.http import actions, parameters, services, topics
+from rwt.gateways.http import actions, calls, parameters, topics
 from rwt.gateways.http.problems import CONTENT_TYPE as PROBLEM
 from rwt.gateways.http.representations import CBOR, JSON
 from rwt.gateways.http.schemas import Schema, Schemas
@@ -36,6 +36,16 @@ _ANY_VALUE: Final[Schema] = {
 _EVENTS: Final = "x-events"
 """Marker of operations that answer `Accept: text/event-stream` with events. A response of its own would make
 generated clients type each answer as a string, too.
+"""
+
+_WAITS: Final[Schema] = {
+    "202": {
+        "description": "it waits for human approval; GET of `Location` returns its state, then the response",
+        "headers": {"Location": {"description": "of the call", "schema": _TEXT}},
+    }
+}
+"""Response to what a gate holds for approval. With its content, generated clients would type each answer as
+one of two.
 """
 
 _SHARED: Final[Schema] = {
@@ -111,7 +121,7 @@ class _Description:
             if topic.type is not None:
                 paths[topics.PATH + topic.name[1:]] = self._topic(topic.name, topic.type)
         for service in self._reader.services():
-            paths[services.PATH + service.name[1:]] = self._service(service.name, service.type)
+            paths[calls.PATH + service.name[1:]] = self._service(service.name, service.type)
         for action in self._reader.actions():
             paths.update(self._action(action.name, action.type))
         return {path: item for path, item in (paths | self._parameters()).items() if item}
@@ -191,7 +201,7 @@ class _Description:
                 f"call{name}",
                 "services",
                 f"Call {name}",
-                _ok(self.schemas.reference(type.response)),
+                {**_ok(self.schemas.reference(type.response)), **_WAITS},
                 query=(self._seconds("timeout", "wait so many seconds for the answer"),),
                 body=self.schemas.reference(type.request, incoming=True),
             )
@@ -260,11 +270,11 @@ class _Description:
             "get": self._operation("get_parameter", "parameters", "The value of a parameter", _ok(value)),
         }
         if self._role.unrestricted or self._role.globs["set_param"]:
-            changed = {"204": {"description": "it was set"}}
+            changed = {"204": {"description": "it was set"}, **_WAITS}
             item["put"] = self._operation(
                 "set_parameter", "parameters", "Set a parameter", changed, body=value, required=True
             )
-            removed = {"204": {"description": "it was removed"}}
+            removed = {"204": {"description": "it was removed"}, **_WAITS}
             item["delete"] = self._operation("delete_parameter", "parameters", "Remove a parameter", removed)
         listed = self._operation("list_parameters", "parameters", "The parameters that are shown", names)
         return {parameters.PATH.rstrip("/"): {"get": listed}, parameters.PATH + "{name}": item}

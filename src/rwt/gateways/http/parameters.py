@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import msgspec
 
+from rwt.gateways.http.calls import HttpCall
 from rwt.gateways.http.problems import HttpProblem
 from rwt.gateways.http.representations import value_response
 from rwt.gateways.http.requests import Query, text_below, value_of
-from rwt.gateways.http.services import call
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import ServiceFailed
 from rwt_transports.http.routes import HttpResponse
@@ -18,6 +18,7 @@ from rwt_transports.http.routes import HttpResponse
 if TYPE_CHECKING:
     from rwt.access.graph_view import GraphView
     from rwt.gateways.http.clients import Clients
+    from rwt.gateways.http.services import ServicePages
     from rwt_transports.http.routes import HttpRequest
 
 PATH: Final = "/api/parameters/"
@@ -29,8 +30,9 @@ ANSWER_SECONDS: Final = 10.0
 class ParameterPages:
     """Routes of parameters: ``/node:name`` on ROS 2, ``/name`` on ROS 1."""
 
-    def __init__(self, clients: Clients) -> None:
+    def __init__(self, clients: Clients, services: ServicePages) -> None:
         self._clients = clients
+        self._services = services
 
     async def list(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """The names of the parameters that are shown."""
@@ -60,8 +62,7 @@ class ParameterPages:
             text = msgspec.json.encode(value).decode()
         except (TypeError, ValueError, RecursionError) as error:
             raise HttpProblem("parameter-rejected", f"not a value of a parameter: {error}") from None
-        await self._change(request, reader, "set_param", {"name": name, "value": text})
-        return HttpResponse(status=204)
+        return await self._change(request, reader, "set_param", {"name": name, "value": text})
 
     async def delete(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """Remove one."""
@@ -70,23 +71,22 @@ class ParameterPages:
         has = await self._ask(request, reader, "has_param", {"name": name})
         if not has.exists:
             raise HttpProblem("not-found", f"parameter {name} is not set")
-        await self._change(request, reader, "delete_param", {"name": name})
-        return HttpResponse(status=204)
+        return await self._change(request, reader, "delete_param", {"name": name})
 
     async def _change(
         self, request: HttpRequest, reader: GraphView, service: str, values: dict[str, str]
-    ) -> None:
+    ) -> HttpResponse:
         try:
             answer = await self._ask(request, reader, service, values)
         except ServiceFailed as failed:  # So ROS 1's rosapi says it.
             raise HttpProblem("parameter-rejected", str(failed)) from None
         if not getattr(answer, "successful", True):
             raise HttpProblem("parameter-rejected", answer.reason)
+        return HttpResponse(status=204)
 
     async def _ask(self, request: HttpRequest, reader: GraphView, service: str, values: object) -> Any:
-        name = f"/rosapi/{service}"
         with self._clients.client_of(request, reader) as client:
-            graph = client.graph
+            name, graph = f"/rosapi/{service}", client.graph
             graph.require("call", name)
             found = graph.service(name)
             if found is None:
@@ -94,8 +94,9 @@ class ParameterPages:
                     "not-found", "parameters are read and set through rosapi, which is not here",
                     instead="let the node rosapi take part (the setting `nodes`)",
                 )  # fmt: skip
-            payload = Payload.from_value(found.type.request, values)
-            return (await call(graph, name, payload, ANSWER_SECONDS)).value()
+            call = HttpCall(client, name)
+            call.send(Payload.from_value(found.type.request, values), ANSWER_SECONDS)
+            return (await self._services.response(request, call)).value()
 
 
 def _name(request: HttpRequest) -> str:

@@ -2,30 +2,26 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-import anyio
-
+from rwt.gateways.http.calls import PATH, CallWaits, HttpCall, HttpCalls, notice_headers, preferred_wait
 from rwt.gateways.http.problems import HttpProblem
 from rwt.gateways.http.representations import payload_response, value_response
 from rwt.gateways.http.requests import Query, name_and_type, name_below, payload_of
-from rwt_participant.errors import CallFailed, ProviderNotFound
+from rwt_participant.errors import ProviderNotFound
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Awaitable
 
-    from rwt.access.client_graph import ClientGraph
     from rwt.access.graph_view import GraphView
     from rwt.gateways.http.clients import Clients
     from rwt.gateways.http.settings import HttpSettings
     from rwt_interfaces.payload import Payload
-    from rwt_interfaces.structs import ServiceType
     from rwt_transports.http.routes import HttpRequest, HttpResponse
 
-NOTICE: Final = "Gate-Notice"
-"""Header of a response: what the gate did to the request, such as clamping."""
-
-PATH: Final = "/api/services/"
+_CALL: Final = re.compile(r"/calls/([0-9a-f]{32})\Z")
 
 CALL_SECONDS: Final = 10.0
 """Default timeout of a call, in seconds."""
@@ -37,14 +33,18 @@ class ServicePages:
     def __init__(self, clients: Clients, settings: HttpSettings) -> None:
         self._clients = clients
         self._settings = settings
+        self.calls = HttpCalls(settings)
 
     def list(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """The services that are shown, with their types."""
         Query(request)
         return value_response(request, [name_and_type(reader, each) for each in reader.services()])
 
-    def get(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        """One service: its type and who offers it."""
+    def get(self, request: HttpRequest, reader: GraphView) -> HttpResponse | Awaitable[HttpResponse]:
+        """Return the type of a service, or a call of it that required approval."""
+        found = _CALL.search(request.path.rstrip("/"))
+        if found is not None:
+            return self._call(request, reader, found)
         Query(request)
         name = name_below(request, PATH, "service")
         service = reader.service(name)
@@ -64,42 +64,32 @@ class ServicePages:
             if service is None:
                 raise ProviderNotFound(f"no service {name} is here")
             payload = await payload_of(service.type.request, request, graph.clock.time_ns)
-            notices: list[str] = []
-            answer = await call(graph, name, payload, seconds, notices)
-            return payload_response(request, answer, notice_headers(notices))
+            call = HttpCall(client, name)
+            call.send(payload, seconds)
+            response = await self.response(request, call)
+            return payload_response(request, response, notice_headers(call.notices))
 
+    async def response(self, request: HttpRequest, call: HttpCall) -> Payload:
+        """Return the response of a call that was sent.
 
-def notice_headers(notices: Sequence[str]) -> Mapping[str, str]:
-    """Return the headers that tell what the gate did to a request."""
-    return {NOTICE: "; ".join(notices).encode("ascii", "backslashreplace").decode()} if notices else {}
+        Raises:
+            CallWaits: it waits for approval, longer than the request prefers to wait.
+            CallFailed: it has failed.
+        """
+        await call.wait(preferred_wait(request, self._settings.wait_seconds))
+        if call.outcome is None:
+            self.calls.keep(call)
+            raise CallWaits(call.state(request))
+        return call.response()
 
-
-async def call(
-    graph: ClientGraph, name: str, payload: Payload, seconds: float, notices: list[str] | None = None
-) -> Payload:
-    """Call a service and return its response; `notices` gets what the gate did to the request.
-
-    Raises what `ClientGraph.call_service` does, and CallFailed.
-    """
-    outcomes: list[Payload | CallFailed] = []
-    answered = anyio.Event()
-
-    def on_reply(outcome: Payload | CallFailed) -> None:
-        outcomes.append(outcome if isinstance(outcome, CallFailed) else outcome.detach())
-        answered.set()
-
-    def request_of(type: ServiceType) -> Payload:
-        if type.request is not payload.type:
-            raise HttpProblem("conflict", f"the type of {name} has changed meanwhile", instead="ask again")
-        return payload
-
-    with graph.notices() as found:
-        graph.call_service(name, request_of, on_reply, seconds)
-    if notices is not None:
-        notices += found
-    if not outcomes:
-        await answered.wait()
-    outcome = outcomes[0]
-    if isinstance(outcome, CallFailed):
-        raise outcome
-    return outcome
+    async def _call(self, request: HttpRequest, reader: GraphView, found: re.Match[str]) -> HttpResponse:
+        """Return the outcome of a call that required approval, or its state."""
+        Query(request)
+        name = name_below(replace(request, path=request.path[: found.start()]), PATH, "service")
+        with self._clients.client_of(request, reader) as client:
+            client.graph.require("call", name)
+            call = self.calls.find(client, name, found[1])
+            await call.wait(preferred_wait(request, self._settings.wait_seconds))
+            if call.outcome is None:
+                return call.state(request)
+            return payload_response(request, call.response(), notice_headers(call.notices))

@@ -30,6 +30,7 @@ class HttpSettings(Table):
             " oldest are forgotten first"
         ),
     ] = 100
-    goal_seconds: Annotated[Seconds, Field(description="seconds for which an ended goal can be queried")] = (
-        600.0
-    )
+    goal_seconds: Annotated[
+        Seconds,
+        Field(description="seconds for which an ended goal, or call that required approval, can be queried"),
+    ] = 600.0

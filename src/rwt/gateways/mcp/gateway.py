@@ -197,6 +197,7 @@ class McpGateway(Gateway):
 
     def reload_roles(self) -> None:
         """Give each agent that is being served the role that it has now, or end what is done for it."""
+        super().reload_roles()
         for caller in tuple(self._callers):
             try:
                 caller.role = self._role(caller.info)

@@ -6,12 +6,13 @@ import argparse
 from collections.abc import AsyncIterator
 from typing import TYPE_CHECKING, Final
 
+from rwt.cli.approval import ApprovalProgress
 from rwt.cli.commands.topic.qos import add_qos_options, qos_from
 from rwt.cli.console.message_argument import add_message_argument, type_and_message, with_stamps
 from rwt.cli.console.message_format import Formatting, constructor, plain
 from rwt.cli.console.output import Output, note
 from rwt.cli.entities import TOPIC
-from rwt.cli.errors import TIMED_OUT, CommandError
+from rwt.cli.errors import FAILED, TIMED_OUT, CommandError
 from rwt.cli.graph_lookup import absolute_name, ask_rosapi
 from rwt.cli.verbs import Arguments, Verb, count, count_or_none, hertz, seconds_or_none
 
@@ -71,10 +72,23 @@ async def _pub(robot: Robot, arguments: Arguments, output: Output) -> None:
         await _wait_for_subscribers(robot, name, arguments)
         if not output.json:
             output.line("publisher: beginning loop")
-        async for number in _ticks(arguments.rate, arguments.times):
-            _publish(publisher, given, number, arguments, output)
-            await publisher.drain()
-        await anyio.sleep(arguments.keep_alive)
+        progress = ApprovalProgress(robot)
+
+        async def publish() -> None:
+            number = 0
+            async for number in _ticks(arguments.rate, arguments.times):
+                _publish(publisher, given, number, arguments, output)
+                await publisher.drain()
+            await anyio.sleep(arguments.keep_alive)
+            await progress.decided()
+            if progress.state == "approved":  # The approved message is sent again: the gate keeps none.
+                _publish(publisher, given, number, arguments, output)
+                await publisher.drain()
+                await anyio.sleep(arguments.keep_alive)
+
+        await progress.run(publish)
+    if progress.state in ("waiting", "denied"):
+        raise CommandError(progress.why or "nobody has approved the message in time", FAILED)
 
 
 def _publish(

@@ -1,0 +1,91 @@
+"""Table of decisions: what each gateway may do with each kind of resource, and what is checked.
+
+:class:`rwt.access.client_graph.ClientGraph` looks up every verb here: what has no row is rejected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final, Literal, NamedTuple
+
+if TYPE_CHECKING:
+    from rwt.access.gate.rules import GatedAct
+    from rwt.access.roles import Act
+
+Kind = Literal["topic", "service", "action"]
+"""Kind of resource. Parameters are set through services, which declare it (:mod:`rwt_graph.disclosure`)."""
+
+
+class Decision(NamedTuple):
+    """Checks of one verb.
+
+    Attributes:
+        kind: kind of resource that it is about.
+        act: permission that the role needs.
+        gated: acts whose gate rules are checked, when the verb or what it returns is used.
+    """
+
+    kind: Kind
+    act: Act
+    gated: tuple[GatedAct, ...] = ()
+
+
+VERBS: Final[Mapping[str, Decision]] = {
+    "advertise": Decision("topic", "publish"),
+    "publisher": Decision("topic", "publish", ("publish", "goal")),
+    "subscribe": Decision("topic", "subscribe"),
+    "call_service": Decision("service", "call", ("call", "set_param", "goal")),
+    "advertise_service": Decision("service", "provide"),
+    "send_goal": Decision("action", "goals", ("goal",)),
+    "cancel_goal": Decision("action", "goals"),
+    "advertise_action": Decision("action", "provide"),
+}
+"""Checks by verb: name of a method of :class:`rwt.access.client_graph.ClientGraph`."""
+
+_NOTHING: Final[Mapping[str, Decision]] = MappingProxyType({})
+_READS: Final = ("subscribe", "call_service")
+
+#: Decisions by gateway.
+_GATEWAYS: Final[dict[str, Mapping[str, Decision]]] = {}
+
+
+def declare(gateway: str, *verbs: str) -> None:
+    """Declare the verbs of a gateway; one of an extension does so before its first client connects.
+
+    Args:
+        gateway: name of the gateway, with which the names of its clients begin.
+        verbs: names of :data:`VERBS`.
+
+    Raises:
+        ValueError: a verb is unknown, or the gateway has declared others.
+    """
+    unknown = sorted(set(verbs) - set(VERBS))
+    if unknown:
+        raise ValueError(f"{gateway}: unknown verbs {', '.join(unknown)}")
+    decisions = {verb: VERBS[verb] for verb in verbs}
+    if _GATEWAYS.setdefault(gateway, decisions) != decisions:
+        raise ValueError(f"{gateway}: declared before, with other verbs")
+
+
+declare("rosbridge", *VERBS)
+declare("foxglove", "advertise", "publisher", *_READS)
+declare("http", "publisher", *_READS, "send_goal", "cancel_goal")
+declare("mcp", "advertise", "publisher", *_READS, "send_goal", "cancel_goal")
+declare("whip", "publisher")
+
+
+def gateways() -> tuple[str, ...]:
+    """Return the names of the gateways with declared verbs."""
+    return tuple(_GATEWAYS)
+
+
+def decisions_of(client: str) -> Mapping[str, Decision]:
+    """Return the decisions for a client: those of its gateway, none for one that is not declared.
+
+    Args:
+        client: name of the client, such as `http:3`; empty for a program in this process, for which all are.
+    """
+    if not client:
+        return VERBS
+    return _GATEWAYS.get(client.partition(":")[0], _NOTHING)
