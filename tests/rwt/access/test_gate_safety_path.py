@@ -73,6 +73,42 @@ def test_the_work_of_a_stop_does_not_grow_with_topics_and_clients() -> None:
     assert many.take()[0] == (0.0, GATE)
 
 
+def _with_history(events: int) -> GatedRobot:
+    """Robot with clients, stops, leases, and requests for approval, that many of each."""
+    asked = {"topics": ["/asked"], "type": "std_msgs/String", "approval": {"roles": ["admin"]}}
+    robot = GatedRobot({"drive": {**EVERY_DRIVE, "lease": {"seconds": 0.5}}, "asked": asked})
+    robot.node.advertise("/x/shared", TWIST)
+    driver = robot.client("admin")
+    for number in range(events):
+        client = robot.client("agent")
+        drive(client, 0.1, "/x/shared")
+        client.say("publish", topic="/asked", type="std_msgs/String", msg={"data": str(number)})
+        drive(driver, 0.5)
+        robot.gate.stop(None)
+        robot.gate.release(None)
+        drive(driver, 0.0)
+    robot.clock.advance(5.0)
+    drive(driver, 0.5)
+    robot.take()
+    return robot
+
+
+def test_the_work_of_a_stop_does_not_grow_with_history() -> None:
+    counts = [_calls(partial(_with_history(events).gate.stop, None)) for events in (5, 150)]
+    assert counts[1] < 1.1 * counts[0]
+
+
+def test_the_work_at_the_end_of_a_lease_does_not_grow() -> None:
+    counts = []
+    for make, size in ((_with_history, 5), (_with_history, 150), (_crowded, 100), (_crowded, 2000)):
+        robot = make(size)
+        lease = next(topic.lease for topic in robot.gate.topics if topic.name == "/cmd_vel")
+        assert lease is not None
+        counts.append(_calls(partial(lease.release, None, "silence")))
+        assert robot.take()[0] == (0.0, GATE)
+    assert max(counts) < 1.2 * min(counts)
+
+
 def test_the_rest_is_stopped_in_turns() -> None:
     robot = _crowded(1000)
     told: list[str] = []

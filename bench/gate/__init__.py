@@ -1,0 +1,1 @@
+"""Latency of the gate's stops while clients attack the server."""

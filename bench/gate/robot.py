@@ -1,0 +1,95 @@
+"""Server with a gate, whose robot publishes when it heard which speed, and the longest turn before."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import sys
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+from bench.message.holds import TimedSelector
+from rwt import Server
+from rwt.cli.commands.serve import BoundedGarbageCollection
+
+TOKEN: Final = "operator-of-the-benchmark"
+LEASE_SECONDS: Final = 0.2
+TWIST: Final = "geometry_msgs/Twist"
+LIST: Final = "std_msgs/Float64MultiArray"
+
+
+def _driven(seconds: float, *topics: str) -> dict[str, object]:
+    lease = {"seconds": seconds, "precedence": ["operator"]}
+    return {"topics": topics, "type": TWIST, "emergency": True, "lease": lease, "stop": {"repeat_seconds": 0}}
+
+
+def _gate(folder: Path) -> dict[str, object]:
+    rules = {
+        # The lease must not end while the emergency stop is measured.
+        "stopped": _driven(60.0, "/stopped"),
+        "leased": _driven(LEASE_SECONDS, "/leased"),
+        "globs": _driven(60.0, "/x/*"),
+        "range": {"topics": ["/range"], "type": LIST, "fields": {"data[]": {"min": -1, "max": 1}}},
+        "clamp": {
+            "topics": ["/clamp"],
+            "type": LIST,
+            "fields": {"data[]": {"min": -1, "max": 1, "beyond": "clamp"}},
+        },
+        "asked": {
+            "topics": ["/asked"],
+            "type": "std_msgs/String",
+            "services": ["/reset"],
+            "approval": {"roles": ["operator"]},
+        },
+    }
+    emergency = {"stop_roles": ["operator"], "release_roles": ["operator"]}
+    return {"rules": rules, "emergency": emergency, "audit": {"file": str(folder / "audit.jsonl")}}
+
+
+class _Base:
+    """Robot on one topic; it publishes speed, time, and the longest turn since its last message."""
+
+    def __init__(self, heard: Any, turns: TimedSelector) -> None:
+        self._heard = heard
+        self._turns = turns
+        self._speed = 0.0
+
+    def on_command(self, command: Any) -> None:
+        """Note a velocity that differs from the last one."""
+        now = time.monotonic()
+        if command.linear.x != self._speed:
+            self._speed = command.linear.x
+            self._heard.publish({"data": [self._speed, now, self._turns.longest]})
+            self._turns.longest = 0.0
+
+
+async def main(folder: Path, turns: TimedSelector) -> None:
+    """Serve until a signal."""
+    rights = {act: ["*"] for act in ("publish", "subscribe", "call", "goals", "provide", "set_param")}
+    server = Server(
+        "ws://127.0.0.1:0",
+        nodes=("rosapi",),
+        gateways=(),
+        gate=_gate(folder),
+        roles={"operator": rights, "agent": rights},
+        auth={"default_role": "agent", "tokens": {"operator": {"token": TOKEN, "role": "operator"}}},
+    )
+    ended = asyncio.Event()
+    asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, ended.set)
+    async with server:
+        robot = server.node("base")
+        robot.advertise_service("/reset", "std_srvs/Trigger", lambda request: {"success": True})
+        for topic in ("/stopped", "/leased"):
+            base = _Base(robot.advertise(f"/heard{topic}", LIST), turns)
+            robot.subscribe(topic, base.on_command, TWIST)
+        print("listening on", *server.urls, flush=True)
+        BoundedGarbageCollection(asyncio.get_running_loop().call_soon).begin()
+        await ended.wait()
+
+
+if __name__ == "__main__":
+    selector = TimedSelector()
+    with asyncio.Runner(loop_factory=partial(asyncio.SelectorEventLoop, selector)) as runner:
+        runner.run(main(Path(sys.argv[1]), selector))
