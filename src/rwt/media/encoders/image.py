@@ -25,6 +25,7 @@ class ImageEncoder:
     """Encoder of JPEG or PNG images; a message that already holds one is passed through."""
 
     def __init__(self, request: StreamRequest, coding: Jpeg | Png) -> None:
+        self.bitrate: int | None = None
         self._request = request
         self._coding = coding
 
