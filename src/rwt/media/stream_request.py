@@ -44,9 +44,11 @@ class Jpeg:
 
     Attributes:
         quality: 1 to 100; None for 95, or for the quality of an image that is already compressed.
+        scale: factor of width and height, at most 1.
     """
 
     quality: int | None = None
+    scale: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rwt.media.encoders.encoded import Encoded
 from rwt.media.encoders.jpeg import encode_jpeg
-from rwt.media.encoders.pixels import Bytes, read_image, without_alpha
+from rwt.media.encoders.pixels import Bytes, read_image, resized, without_alpha
 from rwt.media.stream_request import COMPRESSED, Jpeg, Png, StreamRequest
 from rwt_tf2 import stamp_ns
 
@@ -43,7 +43,10 @@ class ImageEncoder:
         pixels = read_image(payload, self._request)
         if isinstance(self._coding, Png):
             return Encoded(_png(pixels, self._coding.level), stamp, at_ms, "image/png")
-        quality = self._coding.quality or _DEFAULT_QUALITY
+        quality, scale = self._coding.quality or _DEFAULT_QUALITY, self._coding.scale
+        if scale != 1:
+            height, width = pixels.shape[:2]
+            pixels = resized(pixels, max(1, round(scale * width)), max(1, round(scale * height)))
         return Encoded(encode_jpeg(without_alpha(pixels), quality), stamp, at_ms, "image/jpeg")
 
 
