@@ -23,7 +23,8 @@ class QualityLadder:
     """Quality ladder of one viewer.
 
     Args:
-        request: request of the viewer. A quality or size that it names is kept.
+        request: request of the viewer. A quality or size that it names is kept, and so are messages that it
+            wants unchanged.
         now: time in seconds of a steady clock.
 
     Attributes:
@@ -31,7 +32,12 @@ class QualityLadder:
     """
 
     def __init__(self, request: StreamRequest, now: float) -> None:
-        is_free = request.coding == Jpeg() and request.width is None and request.height is None
+        is_free = (
+            request.coding == Jpeg()
+            and request.width is None
+            and request.height is None
+            and not request.prefers_compressed
+        )
         self._requests = tuple(replace(request, coding=each) for each in RUNGS) if is_free else (request,)
         self.rung = 0
         self._fast_since = now
