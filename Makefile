@@ -153,10 +153,12 @@ release: $(STAMP)-dev
 bench: $(STAMP)-dev
 	$(BIN)/python -m bench $(ARGS)
 
-# How old /cmd_vel and /odom are over a bad line, by WebSocket and by WebRTC; needs Linux, root and /dev/net/tun.
+# How old /cmd_vel and /odom are over a bad line, by WebSocket and by WebRTC, and images over changing links;
+# needs Linux, root, /dev/net/tun and Chromium. `make bench-webrtc LINK_ARGS='--case cut --runs 1'` is a short run.
 bench-webrtc: $(STAMP)-dev
 	$(BIN)/python -m bench.network.webrtc $(ARGS)
 	$(BIN)/python -m bench.network.webrtc_video $(ARGS)
+	$(BIN)/python -m bench.network.changing_link $(LINK_ARGS)
 
 # A robot and an operator, each behind a masquerading router: found by STUN or by TURN; needs Linux, root, nft and coturn.
 nat: $(STAMP)-dev

@@ -55,10 +55,15 @@ class LossyLink:
         names: of the namespaces of the two hosts.
         line: what it does to packets; may be changed while it runs.
         seed: of what is lost and delayed.
+
+    Attributes:
+        line: as given.
+        offered_bytes: bytes that each host has sent, lost ones included.
     """
 
     def __init__(self, names: tuple[str, str], line: Line, seed: int = 1) -> None:
         self.line = line
+        self.offered_bytes = [0, 0]
         self._random = random.Random(seed)
         self._tuns = [_open_tun(name, address) for name, address in zip(names, ADDRESSES, strict=True)]
         self._free_at = [0.0, 0.0]
@@ -82,6 +87,7 @@ class LossyLink:
 
     def _send(self, end: int, packet: bytes) -> None:
         line, now = self.line, time.monotonic()
+        self.offered_bytes[end] += len(packet)
         begins = max(now, self._free_at[end])
         if self._random.random() < line.loss or begins - now > line.queue:
             return
@@ -126,13 +132,13 @@ def _ip(*words: str) -> None:
 
 
 @contextmanager
-def lossy_link(line: Line) -> Iterator[tuple[LossyLink, tuple[str, str]]]:
+def lossy_link(line: Line, seed: int = 1) -> Iterator[tuple[LossyLink, tuple[str, str]]]:
     """Two hosts and the line between them; gone with the block. Gives the line and the names of the hosts."""
     names = (f"rwt-{os.getpid()}-robot", f"rwt-{os.getpid()}-operator")
     with ExitStack() as stack:
         for name in names:
             _ip("netns", "add", name)
             stack.callback(_ip, "netns", "del", name)
-        link = LossyLink(names, line)
+        link = LossyLink(names, line, seed)
         stack.callback(link.close)
         yield link, names

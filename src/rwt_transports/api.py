@@ -89,6 +89,29 @@ class HangUpAware(Protocol):
         """Return what is known now."""
 
 
+@dataclass(frozen=True, slots=True)
+class Delivery:
+    """Progress of sent bytes.
+
+    Attributes:
+        unacknowledged: bytes that the peer's system has not acknowledged.
+        unsent: part of them that has not left.
+        queue_seconds: delay of the path above the shortest that was seen.
+    """
+
+    unacknowledged: int = 0
+    unsent: int = 0
+    queue_seconds: float = 0.0
+
+
+@runtime_checkable
+class DeliveryAware(Protocol):
+    """Link that can tell how much of what was sent has arrived."""
+
+    def delivery(self) -> Delivery:
+        """Return what is known now; zeros if the system does not tell."""
+
+
 HEAD_BYTES: Final = 1024
 """Bytes kept of a message that is skipped, to identify it."""
 

@@ -47,6 +47,7 @@ class Viewer:
         work: account to which its share of the encoder's work is charged.
         failure: reason why the stream ended; None if it did not fail.
         when_ended: called once when the stream has ended.
+        bitrate: bits per second that its link carries; None if unknown.
     """
 
     def __init__(self, broadcast: Broadcast, work: Work) -> None:
@@ -59,6 +60,7 @@ class Viewer:
         self._handed_over: float | None = None  # when the viewer's connection was given an image to send
         self.failure: VideoError | None = None
         self.when_ended: Callable[[], None] | None = None
+        self.bitrate: int | None = None
 
     @property
     def can_accept(self) -> bool:
@@ -319,10 +321,13 @@ class Broadcast:
     async def _encode(self, payload: Payload) -> Encoded | None:
         now = self.now()
         key, at_ms = self._takes_key(now), int(now * 1000)
+        bitrate = min((each.bitrate for each in self.viewers if each.bitrate is not None), default=None)
 
         def work() -> Encoded | None:
             if self._encoder is None:
                 self._encoder = self._make_encoder()
+            if bitrate is not None:
+                self._encoder.bitrate = bitrate
             return self._encoder.encode(payload, at_ms, key=key)
 
         encoded = await self._threads.run(work, tuple(viewer.work for viewer in self.viewers))

@@ -44,9 +44,11 @@ class Jpeg:
 
     Attributes:
         quality: 1 to 100; None for 95, or for the quality of an image that is already compressed.
+        scale: factor of width and height, at most 1.
     """
 
     quality: int | None = None
+    scale: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +74,8 @@ class Video:
         gop: maximum number of images from one key frame to the next.
         quality: quality of vp8, one of :data:`QUALITIES`; empty for others.
         preset: preset of h264, one of :data:`PRESETS`; empty for others.
+        scale: factor of width and height, at most 1.
+        adaptive: True if the bit rate follows the viewers' links, and key frames are kept small.
     """
 
     codec: str
@@ -81,6 +85,8 @@ class Video:
     gop: int = 25
     quality: str = ""
     preset: str = ""
+    scale: float = 1.0
+    adaptive: bool = False
 
 
 Coding = Jpeg | Png | Video

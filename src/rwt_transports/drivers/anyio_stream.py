@@ -17,12 +17,13 @@ from anyio.abc import ByteStream, SocketAttribute, SocketListener, TaskGroup
 from anyio.streams.tls import TLSStream
 
 from rwt_protocol.frames import Buffer
-from rwt_transports.api import Attach, BindAddress, HangUp, RemoteAddress
+from rwt_transports.api import Attach, BindAddress, Delivery, HangUp, RemoteAddress
 from rwt_transports.drivers.sockets import (
     Handshakes,
     accept_peers,
     bind_tcp,
     bind_unix,
+    delivery_of,
     detect_lost_peers,
     hang_up_of,
     remove_unix,
@@ -73,6 +74,10 @@ class _StreamLink(TaskLink):
         """Return whether the peer has hung up. While reading is paused, nothing else shows it."""
         file = -1 if self._socket is None else self._socket.fileno()
         return HangUp.NO if file < 0 else hang_up_of(file)
+
+    def delivery(self) -> Delivery:
+        """Return how much of what was sent has arrived."""
+        return Delivery() if self._socket is None else delivery_of(self._socket)
 
     def finish(self) -> None:
         self._finishing = True

@@ -23,6 +23,7 @@ from rwt_protocol.frames import Buffer
 from rwt_transports.api import (
     Attach,
     BindAddress,
+    Delivery,
     DriverCallbacks,
     Gathering,
     HangUp,
@@ -35,6 +36,7 @@ from rwt_transports.drivers.sockets import (
     accept_peers,
     bind_tcp,
     bind_unix,
+    delivery_of,
     detect_lost_peers,
     hang_up_of,
     remove_unix,
@@ -434,6 +436,10 @@ class _SocketLink(asyncio.BufferedProtocol):
         return (
             hang_up_of(self._socket) if self._state in (_LinkState.OPEN, _LinkState.ENDING) else HangUp.GONE
         )
+
+    def delivery(self) -> Delivery:
+        """Return how much of what was sent has arrived."""
+        return delivery_of(self._transport.get_extra_info("socket"))
 
 
 def _nothing() -> None:

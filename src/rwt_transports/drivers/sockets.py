@@ -9,15 +9,21 @@ import os
 import select
 import socket
 import stat
+import struct
+import sys
 import time
 from collections.abc import Awaitable, Callable, Iterator
-from typing import TypeVar
+from typing import Final, TypeVar
 
 import anyio
 import anyio.lowlevel
 
-from rwt_transports.api import HangUp
+from rwt_transports.api import Delivery, HangUp
 from rwt_transports.errors import ListenError
+
+if sys.platform != "win32":
+    import fcntl
+    import termios
 
 logger = logging.getLogger("rwt_transports")
 
@@ -41,6 +47,23 @@ MAX_DESCRIPTORS = 1 << 20
 
 MAX_HANDSHAKES = 256
 """Maximum number of pending TLS handshakes of one listener. Each takes some hundred kilobytes."""
+
+
+_TCP_INFO: Final = struct.Struct("=68xI72xII")
+"""Of the kernel's `tcp_info`: rtt, notsent_bytes and min_rtt, times in microseconds."""
+
+
+def delivery_of(connected: socket.socket) -> Delivery:
+    """Return how much of what was sent on a TCP connection has arrived; zeros if the system does not tell."""
+    if sys.platform != "linux" or connected.fileno() < 0:
+        return Delivery()
+    try:
+        info = connected.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _TCP_INFO.size)
+        left = fcntl.ioctl(connected.fileno(), termios.TIOCOUTQ, bytes(4))
+        rtt, unsent, least = _TCP_INFO.unpack(info)
+    except (OSError, struct.error):  # A Unix socket, a connection that has ended, or an old kernel.
+        return Delivery()
+    return Delivery(int.from_bytes(left, sys.byteorder), unsent, max(0, rtt - least) / 1e6)
 
 
 def hang_up_of(file: int) -> HangUp:

@@ -13,7 +13,7 @@ import anyio
 import h11
 
 from rwt_protocol.frames import Buffer
-from rwt_transports.api import Link, UnbufferedCallbacks
+from rwt_transports.api import DeliveryAware, Link, UnbufferedCallbacks
 from rwt_transports.connection import Connection, ListenerState
 from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused, log_exception
@@ -24,6 +24,12 @@ from rwt_transports.websocket.wire import SERVER_FRAMING
 
 logger = logging.getLogger("rwt_transports.http")
 access = logging.getLogger("rwt_transports.access")
+
+LIVE_QUEUE_SECONDS: Final = 0.1
+"""Delay by a queue on the path above which the next chunk of a live body waits."""
+LIVE_PART: Final = 0.25
+"""Part of a chunk that may still be under way when the next one is made."""
+LIVE_POLL_SECONDS: Final = 0.01
 
 
 class _HttpState(Enum):
@@ -438,6 +444,8 @@ class HttpConnection(UnbufferedCallbacks):
                 async for chunk in chunks:
                     self._send(h11.Data(data=chunk))
                     await self._drained()
+                    if response.is_live:
+                        await self._delivered(len(chunk))
         except ConnectionError as error:
             # The source broke off, for example the robot behind a hub: not a bug of this program.
             logger.info("the answer to %s broke off: %s", self, error)
@@ -456,6 +464,15 @@ class HttpConnection(UnbufferedCallbacks):
         if not self._is_over:
             self.outbox.when_empty(empty.set)
         await empty.wait()
+
+    async def _delivered(self, size: int) -> None:
+        """Wait until most of a chunk of `size` bytes has arrived, or until it flows without a queue."""
+        while isinstance(self._link, DeliveryAware) and not self._is_over:
+            delivery = self._link.delivery()
+            flows = not delivery.unsent and delivery.queue_seconds < LIVE_QUEUE_SECONDS
+            if flows or delivery.unacknowledged <= size * LIVE_PART:
+                return
+            await anyio.sleep(LIVE_POLL_SECONDS)
 
     def _is_head(self) -> bool:
         return self._request is not None and self._request.method == b"HEAD"

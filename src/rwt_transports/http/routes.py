@@ -55,6 +55,7 @@ class HttpResponse:
         content_type: the ``Content-Type`` header.
         headers: further headers.
         cookies: the ``Set-Cookie`` headers, which cannot be joined into one (RFC 6265 section 3).
+        is_live: True if late chunks are worthless: the next one is requested when the one before has arrived.
     """
 
     body: bytes | AsyncIterator[bytes] = b""
@@ -62,6 +63,7 @@ class HttpResponse:
     content_type: str = TEXT
     headers: Mapping[str, str] = field(default_factory=dict)
     cookies: tuple[str, ...] = ()
+    is_live: bool = False
 
 
 Handler = Callable[[HttpRequest], HttpResponse | Awaitable[HttpResponse]]

@@ -8,7 +8,9 @@ offers no public way to do this:
 * :func:`accept_rsa`: accept RSA certificates in the DTLS handshake, which GStreamer up to 1.22 has.
 * :func:`configure_ice`, :func:`nominated_pairs`: gather loopback candidates, notice soon that a peer is gone,
   validate what comes to the sockets, limit checks, and report the path that was found.
-* :func:`observe_rtcp`: tell a track what the receiver asks its sender for.
+* :class:`PacedSender`: send a track at the rate of a congestion controller, number its packets, and tell the
+  track what the receiver asks for. aiortc sends each frame at once, and ignores transport-wide feedback.
+* :func:`guard_media`: validate RTP and RTCP packets, and take transport-wide feedback out of them.
 * :func:`replace_decoder_queue`: limit what waits to be decoded.
 * :func:`release`: break the reference cycles of an ended peer.
 """
@@ -17,15 +19,19 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import secrets
 import struct
 from collections import deque
 from collections.abc import Callable, Coroutine
-from time import time
+from time import monotonic, time
 from typing import TYPE_CHECKING, Any, Final, Protocol, cast
 
 from aioice import Candidate, Connection, stun
 from aioice.ice import StunProtocol
-from aiortc import RTCCertificate
+from aiortc import RTCCertificate, RTCRtpSender
+from aiortc.clock import current_ntp_time
+from aiortc.mediastreams import MediaStreamError
+from aiortc.rtcrtpparameters import RTCRtcpFeedback, RTCRtpCodecParameters
 from aiortc.rtcrtpreceiver import NackGenerator
 from aiortc.rtcsctptransport import (
     DATA_CHANNEL_ACK,
@@ -49,9 +55,18 @@ from aiortc.rtcsctptransport import (
     SackChunk,
     ShutdownChunk,
 )
-from aiortc.rtp import RtcpRtpfbPacket
+from aiortc.rtp import (
+    RTP_HISTORY_SIZE,
+    HeaderExtensions,
+    RtcpRtpfbPacket,
+    RtpPacket,
+    wrap_rtx,
+)
 
 from rwt_transports.errors import TransportError, log_exception
+from rwt_transports.webrtc.congestion.controller import PROBE_PACKETS
+from rwt_transports.webrtc.congestion.feedback import read_feedback
+from rwt_transports.webrtc.congestion.pacing import Pacer
 from rwt_transports.webrtc.ice_guard import (
     DATAGRAM_BYTES,
     EARLY_DATAGRAMS,
@@ -60,7 +75,13 @@ from rwt_transports.webrtc.ice_guard import (
     TokenBucket,
 )
 from rwt_transports.webrtc.reassembly import Reassembly, Truncated, is_later
-from rwt_transports.webrtc.rtp_packets import MAX_LOST, BadMedia, check_rtcp, check_rtp
+from rwt_transports.webrtc.rtp_packets import (
+    MAX_LOST,
+    BadMedia,
+    check_rtcp,
+    check_rtp,
+    without_transport_feedback,
+)
 from rwt_transports.webrtc.sctp_packets import BadPacket, check_packet
 from rwt_transports.webrtc.stun_messages import BadStun, StunClass, check_stun
 
@@ -75,11 +96,14 @@ if TYPE_CHECKING:
         RTCIceTransport,
         RTCPeerConnection,
         RTCRtpReceiver,
-        RTCRtpSender,
+        RTCRtpTransceiver,
     )
-    from aiortc.rtp import AnyRtcpPacket, RtpPacket
+    from aiortc.rtp import AnyRtcpPacket
+    from aiortc.sdp import SessionDescription
 
     from rwt_transports.limits import Limits
+    from rwt_transports.webrtc.congestion.controller import CongestionController, Probe
+    from rwt_transports.webrtc.congestion.feedback import Feedback
     from rwt_transports.webrtc.ice_guard import IceGuard
     from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
@@ -692,8 +716,13 @@ _MEDIA_BYTES: Final = 128
 """First bytes from which on a datagram is not STUN, is DTLS, and is SRTP or SRTCP (RFC 7983)."""
 
 
-def guard_media(handshake: RTCDtlsTransport) -> None:
-    """Validate RTP and RTCP packets before aiortc parses them. Call before the handshake begins."""
+def guard_media(handshake: RTCDtlsTransport, on_feedback: Callable[[Feedback], None]) -> None:
+    """Validate RTP and RTCP packets before aiortc parses them. Call before the handshake begins.
+
+    Args:
+        handshake: transport of the packets.
+        on_feedback: called with transport-wide feedback, which aiortc would take for lost packets.
+    """
     handle_rtp, handle_rtcp = handshake._handle_rtp_data, handshake._handle_rtcp_data
 
     async def rtp(data: bytes, arrival_time_ms: int) -> None:
@@ -706,7 +735,11 @@ def guard_media(handshake: RTCDtlsTransport) -> None:
     async def rtcp(data: bytes) -> None:
         try:
             check_rtcp(data)
-            await handle_rtcp(data)
+            rest, parts = without_transport_feedback(data)
+            for part in parts:
+                on_feedback(read_feedback(part))
+            if rest:
+                await handle_rtcp(rest)
         except BadMedia as bad:
             logger.debug("discarded %s", bad)
 
@@ -763,8 +796,8 @@ def release(connection: RTCPeerConnection) -> None:
     if sctp is not None:
         handshakes.add(sctp.transport)
     for sender in connection.getSenders():
-        for name in ("_handle_rtcp_packet", "_send_keyframe"):
-            vars(sender).pop(name, None)
+        if isinstance(sender, PacedSender):
+            sender.release()
     for handshake in handshakes:
         handshake.remove_all_listeners()
         for name in ("_handle_rtp_data", "_handle_rtcp_data"):
@@ -788,28 +821,209 @@ def nominated_pairs(transport: RTCIceTransport | Connection) -> tuple[CandidateP
     return tuple(connection._nominated.values())
 
 
-def observe_rtcp(
-    sender: RTCRtpSender, on_packet: Callable[[AnyRtcpPacket, int], None], on_keyframe: Callable[[], None]
-) -> None:
-    """Call a track's functions for what the receiver asks its sender for.
+TRANSPORT_NUMBERS: Final = "http://www.ietf.org/id/draft-holmer-rmcat-transport-wide-cc-extensions-01"
+TRANSPORT_FEEDBACK: Final = RTCRtcpFeedback("transport-cc")
+LEAST_SLEEP_SECONDS: Final = 0.002
+"""Delay below which a packet is sent at once: timers are not more precise."""
+FRAME_WAIT_SECONDS: Final = 0.03
+"""Longest wait for room for a frame before the rate is looked at again."""
+REPEAT_WAIT_SECONDS: Final = 0.05
+"""Wait for the next frame above which no packet is sent again."""
+PROBE_HISTORY: Final = 8
+"""Most recent packets that a probe repeats."""
 
-    Args:
-        sender: sender of the track.
-        on_packet: called with each RTCP packet and the sender's SSRC, before aiortc handles the packet.
-        on_keyframe: called if the receiver needs a key frame.
+
+class PacedSender(RTCRtpSender):
+    """Sender of a video track that keeps to the rate of a congestion controller.
+
+    Packets of a frame leave at 2.5 times the rate at most, and frames wait until those before are paid for.
+    So a slow link makes the track's queue wait, which drops images. Probes repeat packets that were sent.
     """
-    handle = sender._handle_rtcp_packet
-    again = TokenBucket(RETRANSMISSIONS_PER_SECOND, RETRANSMISSIONS_PER_SECOND)
 
-    async def observe(packet: AnyRtcpPacket) -> None:
+    @classmethod
+    def adopt(
+        cls,
+        sender: RTCRtpSender,
+        controller: CongestionController,
+        on_packet: Callable[[AnyRtcpPacket, int], None],
+        on_keyframe: Callable[[], None],
+    ) -> PacedSender:
+        """Convert the sender of a peer connection, before it starts.
+
+        Args:
+            sender: sender of the track.
+            controller: determines the rate.
+            on_packet: called with each RTCP packet and the sender's SSRC, before aiortc handles the packet.
+            on_keyframe: called if the receiver needs a key frame.
+        """
+        sender.__class__ = cls  # The peer connection does not take one.
+        paced = cast("PacedSender", sender)
+        paced._controller = controller
+        paced._pacer = Pacer()
+        paced._on_packet = on_packet
+        paced._on_keyframe = on_keyframe
+        paced._again = TokenBucket(RETRANSMISSIONS_PER_SECOND, RETRANSMISSIONS_PER_SECOND)
+        paced._recent = deque(maxlen=PROBE_HISTORY)
+        return paced
+
+    _controller: CongestionController
+    _pacer: Pacer
+    _on_packet: Callable[[AnyRtcpPacket, int], None]
+    _on_keyframe: Callable[[], None]
+    _again: TokenBucket
+    _recent: deque[RtpPacket]
+
+    def release(self) -> None:
+        """Forget the track, which refers to its peer."""
+        self._on_packet, self._on_keyframe = _ignore_packet, _ignore_nothing
+
+    async def _handle_rtcp_packet(self, packet: AnyRtcpPacket) -> None:
         if isinstance(packet, RtcpRtpfbPacket):
             # A report of 1 kB may ask for the same packet 4,000 times.
-            packet.lost = [each for each in dict.fromkeys(packet.lost) if again.take()]
-        on_packet(packet, sender._ssrc)
-        await handle(packet)
+            packet.lost = [each for each in dict.fromkeys(packet.lost) if self._again.take()]
+        self._on_packet(packet, self._ssrc)
+        await super()._handle_rtcp_packet(packet)
 
-    sender._handle_rtcp_packet = observe  # type: ignore[method-assign] # no callback
-    sender._send_keyframe = on_keyframe  # type: ignore[method-assign] # no callback
+    def _send_keyframe(self) -> None:
+        self._on_keyframe()
+
+    async def _run_rtp(self, codec: RTCRtpCodecParameters) -> None:
+        private = cast("Any", self)
+        private._RTCRtpSender__rtp_started.set()
+        try:
+            await self._send_frames(codec)
+        except (asyncio.CancelledError, ConnectionError, MediaStreamError):
+            pass
+        except Exception:
+            log_exception("sending a track failed")
+        finally:
+            if self.track is not None:
+                self.track.stop()
+                self.replaceTrack(None)
+            private._RTCRtpSender__encoder = None
+            self._recent.clear()
+            private._RTCRtpSender__rtp_exited.set()
+
+    async def _send_frames(self, codec: RTCRtpCodecParameters) -> None:
+        assert codec.payloadType is not None  # It was negotiated.
+        number, origin = secrets.randbelow(32768), secrets.randbits(32)
+        while True:
+            await self._frame_room()
+            probe = self._controller.next_probe(monotonic()) if self._recent else None
+            if probe is not None:
+                await self._send_probe(probe)
+            frame = await self._next_encoded_frame(codec)
+            if frame is None:
+                continue
+            for index, payload in enumerate(frame.payloads):
+                packet = RtpPacket(
+                    payload_type=codec.payloadType,
+                    marker=int(index == len(frame.payloads) - 1),
+                    sequence_number=number,
+                    timestamp=(origin + frame.timestamp) % 2**32,
+                    ssrc=self._ssrc,
+                    payload=payload,
+                )
+                await self._paced()
+                await self._send_packet(packet)
+                self._count(packet)
+                number = (number + 1) % 65536
+
+    async def _frame_room(self) -> None:
+        """Wait until the frames before are paid for."""
+        while True:
+            now = monotonic()
+            delay = self._pacer.frame_delay(self._controller.rate(now), now)
+            if delay <= 0:
+                return
+            await asyncio.sleep(min(delay, FRAME_WAIT_SECONDS))
+
+    async def _paced(self) -> None:
+        delay = self._pacer.packet_delay(monotonic())
+        if delay > LEAST_SLEEP_SECONDS:
+            await asyncio.sleep(delay)
+
+    async def _send_packet(self, packet: RtpPacket, probe: Probe | None = None) -> None:
+        private, now = cast("Any", self), monotonic()
+        packet.extensions.abs_send_time = (current_ntp_time() >> 14) & 0xFFFFFF
+        packet.extensions.mid = private._RTCRtpSender__mid
+        size = len(packet.payload) + PACKET_OVERHEAD_BYTES
+        packet.extensions.transport_sequence_number = self._controller.sent(size, now, probe)
+        self._pacer.sent(size, self._controller.rate(now), now, probe.rate if probe else None)
+        await self.transport._send_rtp(packet.serialize(private._RTCRtpSender__rtp_header_extensions_map))
+
+    def _count(self, packet: RtpPacket) -> None:
+        """Keep a packet for retransmission, and count it for sender reports."""
+        private = cast("Any", self)
+        private._RTCRtpSender__rtp_history[packet.sequence_number % RTP_HISTORY_SIZE] = packet
+        private._RTCRtpSender__ntp_timestamp = current_ntp_time()
+        private._RTCRtpSender__rtp_timestamp = packet.timestamp
+        private._RTCRtpSender__octet_count += len(packet.payload)
+        private._RTCRtpSender__packet_count += 1
+        self._recent.append(packet)
+
+    async def _retransmit(self, sequence_number: int) -> None:
+        history: dict[int, RtpPacket] = cast("Any", self)._RTCRtpSender__rtp_history
+        packet = history.get(sequence_number % RTP_HISTORY_SIZE)
+        now = monotonic()
+        if self._pacer.frame_delay(self._controller.rate(now), now) > REPEAT_WAIT_SECONDS:
+            return  # Repetition would fill the link further. The receiver asks again, or for a key frame.
+        if packet is not None and packet.sequence_number == sequence_number:
+            await self._send_packet(self._repeated(packet) or packet)
+
+    def _repeated(self, packet: RtpPacket) -> RtpPacket | None:
+        """Return a packet as a retransmission (RFC 4588); None if the receiver does not support them."""
+        private = cast("Any", self)
+        if private._RTCRtpSender__rtx_payload_type is None:
+            return None
+        number = private._RTCRtpSender__rtx_sequence_number
+        private._RTCRtpSender__rtx_sequence_number = (number + 1) % 65536
+        repeated = wrap_rtx(packet, private._RTCRtpSender__rtx_payload_type, number, self._rtx_ssrc)
+        repeated.extensions = HeaderExtensions()
+        return repeated
+
+    async def _send_probe(self, probe: Probe) -> None:
+        """Repeat the last packets at the rate of a probe: receivers discard them, and report their times."""
+        largest = max(self._recent, key=lambda packet: len(packet.payload))
+        size = 0
+        while size < probe.size or probe.count < PROBE_PACKETS:
+            packet = self._repeated(largest)
+            if packet is None:
+                break
+            await self._paced()
+            await self._send_packet(packet, probe)
+            size += len(packet.payload) + PACKET_OVERHEAD_BYTES
+        probe.is_complete = True
+
+
+PACKET_OVERHEAD_BYTES: Final = 70
+"""IP, UDP, RTP with its extensions, and the authentication tag of SRTP."""
+
+
+def _ignore_packet(packet: AnyRtcpPacket, ssrc: int) -> None:
+    """No-op: the peer has ended."""
+
+
+def _ignore_nothing() -> None:
+    """No-op: the peer has ended."""
+
+
+def negotiate_transport_feedback(connection: RTCPeerConnection, transceiver: RTCRtpTransceiver) -> bool:
+    """Accept transport-wide feedback for a sender. Returns False if the offer has none.
+
+    Call between the offer and the answer. aiortc does not offer it, since its receivers do not send it.
+    """
+    remote: SessionDescription = cast("Any", connection)._RTCPeerConnection__remoteDescription()
+    (media,) = (each for each in remote.media if each.rtp.muxId == transceiver.mid)
+    offered = {each.uri: each for each in media.rtp.headerExtensions}
+    able = {codec.payloadType for codec in media.rtp.codecs if TRANSPORT_FEEDBACK in codec.rtcpFeedback}
+    codecs = [codec for codec in transceiver._codecs if codec.payloadType in able]
+    if TRANSPORT_NUMBERS not in offered or not codecs:
+        return False
+    transceiver._headerExtensions.append(offered[TRANSPORT_NUMBERS])
+    for codec in codecs:
+        codec.rtcpFeedback.append(TRANSPORT_FEEDBACK)
+    return True
 
 
 _DECODER_QUEUE: Final = "_RTCRtpReceiver__decoder_queue"

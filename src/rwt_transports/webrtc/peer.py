@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from aiortc import RTCDataChannel, RTCIceCandidate, RTCIceTransport
 
     from rwt_transports.endpoint import Accept
+    from rwt_transports.webrtc.congestion.feedback import Feedback
 
 logger = logging.getLogger("rwt_transports.webrtc")
 
@@ -92,6 +93,7 @@ class Peer:
         connected: True if the peers have found each other.
         closed: True if it has ended.
         reason: why it has.
+        on_feedback: called with transport-wide feedback of the other side; None to ignore it.
     """
 
     def __init__(
@@ -122,6 +124,7 @@ class Peer:
         self.connected = False
         self.closed = False
         self.reason = ""
+        self.on_feedback: Callable[[Feedback], None] | None = None
         self.connection = RTCPeerConnection(configuration(servers, relay_only=terms.relay_only))
         self.connection.on("connectionstatechange", self._state_changed)
         self.connection.on("datachannel", self._channel_opened)
@@ -163,7 +166,7 @@ class Peer:
         for handshake in handshakes:
             if handshake.transport not in self._prepared:
                 accept_rsa(handshake)
-                guard_media(handshake)
+                guard_media(handshake, self._take_feedback)
                 prepare(handshake.transport, self._guard)
                 self._prepared.add(handshake.transport)
 
@@ -195,6 +198,10 @@ class Peer:
                 f"no path was found within {self._terms.connect_seconds:g} s (webrtc.connect_seconds): "
                 f"{self._candidates} candidates of the other side"
             )
+
+    def _take_feedback(self, feedback: Feedback) -> None:
+        if self.on_feedback is not None:
+            self.on_feedback(feedback)
 
     # -- data channels -------------------------------------------------------------------------------------
 
@@ -297,5 +304,6 @@ class Peer:
             for connection in tuple(state.connections):
                 connection.abort()
         self._when_ended.clear()
+        self.on_feedback = None
         # aiortc's tasks that connect end after the next turns of the loop.
         asyncio.get_running_loop().call_later(RELEASE_SECONDS, release, self.connection)

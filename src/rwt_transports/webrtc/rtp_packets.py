@@ -16,6 +16,7 @@ _HEADER_BYTES: Final = 12
 _RTCP: Final = Struct("!BBH")
 _SENDER_REPORT, _RECEIVER_REPORT, _TRANSPORT_FEEDBACK, _PAYLOAD_FEEDBACK = 200, 201, 205, 206
 _APPLICATION_FEEDBACK: Final = 15
+_TRANSPORT_WIDE: Final = 15
 
 
 class BadMedia(TransportError):
@@ -66,6 +67,20 @@ def check_rtcp(data: bytes) -> None:
             raise BadMedia(f"an RTCP part of type {kind} with {padding} bytes of padding")
         _check_part(data[at : end - padding], kind, first & 31)
         at = end
+
+
+def without_transport_feedback(data: bytes) -> tuple[bytes, list[bytes]]:
+    """Split a valid compound RTCP packet into the rest and its parts with transport-wide feedback."""
+    rest, found, at = bytearray(), list[bytes](), 0
+    while at < len(data):
+        first, kind, words = _RTCP.unpack_from(data, at)
+        part = data[at : at + 4 + 4 * words]
+        at += len(part)
+        if kind == _TRANSPORT_FEEDBACK and first & 31 == _TRANSPORT_WIDE:
+            found.append(part)
+        else:
+            rest += part
+    return bytes(rest), found
 
 
 def _check_part(part: bytes, kind: int, count: int) -> None:

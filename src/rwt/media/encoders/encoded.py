@@ -45,7 +45,13 @@ class Encoded:
 
 
 class Encoder(Protocol):
-    """Encoder of messages. Used by one thread at a time, never by the thread of the event loop."""
+    """Encoder of messages. Used by one thread at a time, never by the thread of the event loop.
+
+    Attributes:
+        bitrate: target in bits per second; set only for adaptive videos.
+    """
+
+    bitrate: int | None
 
     def encode(self, payload: Payload, at_ms: int, *, key: bool) -> Encoded | None:
         """Encode one image; None if the codec leaves it out.

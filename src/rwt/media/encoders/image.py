@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from rwt.media.encoders.encoded import Encoded
 from rwt.media.encoders.jpeg import encode_jpeg
-from rwt.media.encoders.pixels import Bytes, read_image, without_alpha
+from rwt.media.encoders.pixels import Bytes, read_image, resized, without_alpha
 from rwt.media.stream_request import COMPRESSED, Jpeg, Png, StreamRequest
 from rwt_tf2 import stamp_ns
 
@@ -25,6 +25,7 @@ class ImageEncoder:
     """Encoder of JPEG or PNG images; a message that already holds one is passed through."""
 
     def __init__(self, request: StreamRequest, coding: Jpeg | Png) -> None:
+        self.bitrate: int | None = None
         self._request = request
         self._coding = coding
 
@@ -42,7 +43,10 @@ class ImageEncoder:
         pixels = read_image(payload, self._request)
         if isinstance(self._coding, Png):
             return Encoded(_png(pixels, self._coding.level), stamp, at_ms, "image/png")
-        quality = self._coding.quality or _DEFAULT_QUALITY
+        quality, scale = self._coding.quality or _DEFAULT_QUALITY, self._coding.scale
+        if scale != 1:
+            height, width = pixels.shape[:2]
+            pixels = resized(pixels, max(1, round(scale * width)), max(1, round(scale * height)))
         return Encoded(encode_jpeg(without_alpha(pixels), quality), stamp, at_ms, "image/jpeg")
 
 

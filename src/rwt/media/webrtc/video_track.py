@@ -1,7 +1,7 @@
 """Video track of an image topic for one viewer, from the encoders that all viewers share.
 
-aiortc sends encoded images, but does not forward RTCP feedback (PLI, FIR, REMB, receiver reports) to their
-track, so the sender's methods are wrapped; `tests/rwt/media/webrtc` checks their names.
+aiortc sends encoded images, but not at the rate of the receiver's link, and does not forward RTCP feedback
+(PLI, FIR, REMB, NACK) to their track, so its sender is replaced.
 """
 
 from __future__ import annotations
@@ -18,34 +18,37 @@ from aiortc.rtp import (
     RTCP_PSFB_APP,
     RTCP_RTPFB_NACK,
     RtcpPsfbPacket,
-    RtcpRrPacket,
     RtcpRtpfbPacket,
-    RtcpSrPacket,
     unpack_remb_fci,
 )
 from av import Packet
 
 from rwt.media.errors import RequestRefused
 from rwt.media.stream_request import StreamRequest, Video
-from rwt.media.webrtc.bitrate_ladder import RUNGS, BitrateLadder
-from rwt_transports.webrtc.aiortc_internals import observe_rtcp
+from rwt.media.webrtc.bitrate_ladder import RUNGS, SCALES, BitrateLadder
+from rwt_transports.webrtc.aiortc_internals import PacedSender, negotiate_transport_feedback
+from rwt_transports.webrtc.congestion.controller import CongestionController
 
 if TYPE_CHECKING:
-    from aiortc import RTCRtpSender
+    from aiortc import RTCRtpTransceiver
     from aiortc.rtp import AnyRtcpPacket
 
     from rwt.media.broadcast import Viewer
     from rwt.media.encoders.encoded import Encoded
     from rwt.nodes.video import WebVideoServer
     from rwt_transports.http.routes import Work
+    from rwt_transports.webrtc.peer import Peer
 
 _MILLISECONDS: Final = Fraction(1, 1000)
 PACKET_BYTES: Final = 1000
 """Approximate payload of one packet."""
 RESENDABLE: Final = 128
 """Maximum number of packets that may be requested again at once: those that aiortc keeps."""
-COARSEST: Final = 63
-"""Maximum quantizer of the lower rungs, which have to keep their rate."""
+START_BITS: Final = 600_000
+"""First bit rate, if that is enough for the best encoding: a probe raises it within a second."""
+LEAST_BITS: Final = 60_000
+MEDIA: Final = 0.92
+"""Part of the rate that is left for images: headers and retransmissions take the rest."""
 
 
 class TopicTrack(MediaStreamTrack):
@@ -75,8 +78,10 @@ class TopicTrack(MediaStreamTrack):
         self._work = work
         self._on_end = on_end
         self._now = now
-        rates = [_bitrate(each) for each in self._requests]
-        self._chooser = BitrateLadder(rates)
+        best = _bitrate(request)
+        self._ladder = BitrateLadder(best)
+        start = max(START_BITS, best * RUNGS[1] / MEDIA)
+        self._controller = CongestionController(start, LEAST_BITS, best / MEDIA, now())
         self._rung = 0
         self._viewer: Viewer | None = None
         self._resendable = 0
@@ -86,28 +91,25 @@ class TopicTrack(MediaStreamTrack):
         """Index of the present bit rate, 0 for the highest."""
         return self._rung
 
-    def follow(self, sender: RTCRtpSender) -> None:
-        """Follow what the receiver asks `sender` for, which sends this track."""
-        observe_rtcp(sender, self._on_rtcp, self._ask_for_key)
+    def follow(self, transceiver: RTCRtpTransceiver, peer: Peer) -> None:
+        """Send at the rate of the peer's link. Call before the peer is described."""
+        PacedSender.adopt(transceiver.sender, self._controller, self._on_rtcp, self._ask_for_key)
+        if negotiate_transport_feedback(peer.connection, transceiver):
+            peer.on_feedback = lambda feedback: self._controller.acknowledged(feedback, self._now())
 
     def _ask_for_key(self) -> None:
-        self._chooser.asked_for_key(self._now())
+        self._ladder.asked_for_key(self._now())
         if self._viewer is not None:
             self._viewer.ask_for_key()
 
     def _on_rtcp(self, packet: AnyRtcpPacket, ssrc: int) -> None:
-        now = self._now()
-        if isinstance(packet, RtcpRrPacket | RtcpSrPacket):
-            for report in packet.reports:
-                if report.ssrc == ssrc:
-                    self._chooser.lost(report.fraction_lost / 256, now)
-        elif isinstance(packet, RtcpPsfbPacket) and packet.fmt == RTCP_PSFB_APP:
+        if isinstance(packet, RtcpPsfbPacket) and packet.fmt == RTCP_PSFB_APP:
             try:
                 bits, ssrcs = unpack_remb_fci(packet.fci)
             except ValueError:
                 return  # Another application layer message.
             if ssrc in ssrcs:
-                self._chooser.estimated(bits, now)
+                self._controller.estimated(bits, self._now())
         elif isinstance(packet, RtcpRtpfbPacket) and packet.fmt == RTCP_RTPFB_NACK:
             # Bound retransmissions by what was sent, whatever the receiver claims to have lost.
             packet.lost = packet.lost[: self._resendable]
@@ -119,7 +121,6 @@ class TopicTrack(MediaStreamTrack):
             viewer = self._join()
             encoded = await viewer.next()
             if encoded is not None and viewer is self._viewer:
-                self._chooser.sent(len(encoded.data), self._now())
                 packets = len(encoded.data) // PACKET_BYTES + 1
                 self._resendable = min(self._resendable + packets, RESENDABLE)
                 viewer.count_sent(encoded)
@@ -131,8 +132,11 @@ class TopicTrack(MediaStreamTrack):
         """Return the viewer of the selected rung, joining its broadcast if needed."""
         if self.readyState != "live":
             raise MediaStreamError
-        wanted, viewer = self._chooser.rung, self._viewer
+        rate, viewer = MEDIA * self._controller.target, self._viewer
+        self._ladder.choose(rate, self._now())
+        wanted = self._ladder.rung
         if viewer is not None and wanted == self._rung:
+            viewer.bitrate = self._ladder.bitrate(rate)
             return viewer
         try:
             joined = self._server.watch(self._requests[wanted], self._work)
@@ -140,10 +144,11 @@ class TopicTrack(MediaStreamTrack):
             if viewer is None:
                 self._end(str(refused))
             # No room for another encoder: stay on the present rung.
-            self._chooser.rung = self._rung
+            self._ladder.rung = self._rung
             return viewer
         if viewer is not None:
             viewer.leave()
+        joined.bitrate = self._ladder.bitrate(rate)
         self._viewer, self._rung = joined, wanted
         return joined
 
@@ -165,10 +170,10 @@ def rung_requests(request: StreamRequest) -> tuple[StreamRequest, ...]:
     video = request.coding
     assert isinstance(video, Video)
     best = _bitrate(request)
-    lower = (
-        replace(request, coding=replace(video, bitrate=int(best * part), qmax=COARSEST)) for part in RUNGS[1:]
+    return tuple(
+        replace(request, coding=replace(video, bitrate=round(best * part), scale=scale, adaptive=True))
+        for part, scale in zip(RUNGS, SCALES, strict=True)
     )
-    return (request, *lower)
 
 
 def _bitrate(request: StreamRequest) -> int:

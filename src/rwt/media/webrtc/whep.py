@@ -91,11 +91,12 @@ class Sources:
 
         async def answer(peer: Peer) -> str:
             peer.when_ended(reader.while_allowed(topics, peer.fail))
-            if stream is not None:
-                self._show(peer, stream, reader)
+            track = self._show(peer, stream, reader) if stream is not None else None
             if heard is not None:
                 self._play(peer, heard, reader)
             await peer.take_description(description, "offer")
+            if track is not None:
+                track.follow(peer.connection.getTransceivers()[0], peer)
             return await peer.describe()
 
         return opened(PATH, request, *await self.peers.open(_refuse, request.address, answer))
@@ -114,13 +115,13 @@ class Sources:
             raise RequestRefused(404, "no sound is served here")
         return await self.audio.find(topic, reader)
 
-    def _show(self, peer: Peer, stream: StreamRequest, reader: Reader) -> None:
+    def _show(self, peer: Peer, stream: StreamRequest, reader: Reader) -> TopicTrack:
         assert self.video is not None  # It found the topic.
         track = TopicTrack(self.video, stream, reader.work, peer.fail)
-        sender = peer.connection.addTrack(track)
-        track.follow(sender)
+        peer.connection.addTrack(track)
         (transceiver,) = peer.connection.getTransceivers()
         transceiver.setCodecPreferences(_codecs(stream.type))
+        return track
 
     def _play(self, peer: Peer, heard: tuple[str, AudioFormat], reader: Reader) -> None:
         assert self.audio is not None  # It found the topic.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncGenerator, Callable, Iterable, Sequence
+from contextlib import suppress
 from html import escape
 from typing import Final
 from urllib.parse import parse_qsl, urlencode
@@ -11,7 +12,10 @@ from rwt.media.broadcast import Viewer
 from rwt.media.encoders.encoded import Encoded, Track
 from rwt.media.encoders.mp4 import Mp4
 from rwt.media.encoders.webm import Webm
+from rwt.media.errors import RequestRefused
 from rwt.media.stream_metrics import Counts
+from rwt.media.stream_request import StreamRequest
+from rwt.nodes.video.quality_ladder import QualityLadder
 
 BOUNDARY: Final = "boundarydonotcross"
 MULTIPART: Final = f"multipart/x-mixed-replace;boundary={BOUNDARY}"
@@ -19,19 +23,35 @@ MULTIPART: Final = f"multipart/x-mixed-replace;boundary={BOUNDARY}"
 Join = Callable[[], Viewer]
 
 
-async def multipart(join: Join, counts: Counts) -> AsyncGenerator[bytes, None]:
-    """Send images as parts (RFC 2046 section 5.1).
+async def multipart(
+    join: Callable[[StreamRequest], Viewer], ladder: QualityLadder, counts: Counts, now: Callable[[], float]
+) -> AsyncGenerator[bytes, None]:
+    """Send images as parts (RFC 2046 section 5.1), in a quality for the viewer's connection.
 
     The boundary after a part is sent with it, not with the next: browsers show a part at its end.
+
+    Args:
+        join: adds a viewer; raises `RequestRefused` if there is no room for a further encoder.
+        ladder: selects the quality.
+        counts: statistics of the stream.
+        now: returns the seconds of a steady clock.
     """
-    viewer = join()
+    request = ladder.request
+    viewer = join(request)
     try:
         yield f"--{BOUNDARY}\r\n".encode()
         while (image := await viewer.next()) is not None:
             part = _part(image)
             counts.sent += 1
             counts.sent_bytes += len(part)
+            began = now()
             yield part
+            ladder.delivered(now() - began, now())
+            if ladder.request != request:
+                with suppress(RequestRefused):
+                    joined = join(ladder.request)
+                    viewer.leave()
+                    viewer, request = joined, ladder.request
     finally:
         viewer.leave()
 

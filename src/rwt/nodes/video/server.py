@@ -17,6 +17,7 @@ from rwt.media.encoders.webm import TYPE as WEBM
 from rwt.media.errors import ImageUnreadable, RequestRefused
 from rwt.media.stream_metrics import StreamMetrics
 from rwt.media.stream_request import COMPRESSED, RAW, StreamRequest, Video, read_request
+from rwt.nodes.video.quality_ladder import QualityLadder
 from rwt.nodes.video.responses import (
     MULTIPART,
     VIDEO_SCRIPT,
@@ -148,11 +149,14 @@ class WebVideoServer:
         stream = await self._resolved(stream, topics)
         self.check_room(stream)
         counts = self._stream_metrics.of(stream.topic, stream.type)
-        join = partial(self._join_while_allowed, stream, topics.reader)
         if not isinstance(stream.coding, Video):
-            return HttpResponse(multipart(join, counts), content_type=MULTIPART, headers=_NO_CACHE)
+            ladder = QualityLadder(stream, self._now())
+            images = multipart(partial(self._join_checked, topics.reader), ladder, counts, self._now)
+            return HttpResponse(images, content_type=MULTIPART, headers=_NO_CACHE, is_live=True)
+        join = partial(self._join_while_allowed, stream, topics.reader)
         media_type = MP4 if stream.type == "h264" else WEBM
-        return HttpResponse(video_stream(join, counts), content_type=media_type, headers=_NO_CACHE)
+        video = video_stream(join, counts)
+        return HttpResponse(video, content_type=media_type, headers=_NO_CACHE, is_live=True)
 
     async def _viewer(
         self, request: HttpRequest, stream: StreamRequest, topics: VisibleTopics
@@ -224,8 +228,7 @@ class WebVideoServer:
             except ImageUnreadable as error:
                 raise RequestRefused(503, str(error)) from None
         if stream not in self._broadcasts and len(self._broadcasts) >= self._most_encoders:
-            many = len(self._broadcasts)
-            raise RequestRefused(503, f"{many} different streams are running already (limits.video_encoders)")
+            raise self._too_many_streams()
 
     def _check_pixels(self, stream: StreamRequest, pixels: int) -> None:
         others = (each for each in tuple(self._broadcasts.values()) if each.request != stream)
@@ -265,6 +268,15 @@ class WebVideoServer:
             )
             self._broadcasts[stream] = broadcast
         return broadcast.join(work)
+
+    def _join_checked(self, reader: Reader, stream: StreamRequest) -> Viewer:
+        if stream not in self._broadcasts and len(self._broadcasts) >= self._most_encoders:
+            raise self._too_many_streams()
+        return self._join_while_allowed(stream, reader)
+
+    def _too_many_streams(self) -> RequestRefused:
+        many = len(self._broadcasts)
+        return RequestRefused(503, f"{many} different streams are running already (limits.video_encoders)")
 
     def _join_while_allowed(self, stream: StreamRequest, reader: Reader) -> Viewer:
         """Add a viewer that ends when its reader may no longer subscribe to the topic."""

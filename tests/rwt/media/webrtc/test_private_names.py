@@ -9,13 +9,21 @@ from pathlib import Path
 import pytest
 from aioice import Connection
 from aioice.ice import StunProtocol
-from aiortc import RTCDtlsTransport, RTCIceGatherer, RTCPeerConnection, RTCRtpReceiver, RTCRtpSender
+from aiortc import (
+    RTCCertificate,
+    RTCDtlsTransport,
+    RTCIceGatherer,
+    RTCIceTransport,
+    RTCPeerConnection,
+    RTCRtpReceiver,
+    RTCRtpSender,
+)
 from aiortc.rtcrtpreceiver import NackGenerator
 from aiortc.rtcsctptransport import DataChunk, InboundStream, RTCSctpTransport, SackChunk
 
 from rwt.media import webrtc
 from rwt_transports.webrtc import aiortc_internals
-from rwt_transports.webrtc.aiortc_internals import Association
+from rwt_transports.webrtc.aiortc_internals import Association, PacedSender
 from rwt_transports.webrtc.reassembly import Reassembly
 
 ASYNC = (
@@ -106,6 +114,26 @@ def test_what_a_sender_is_told_goes_through_what_is_put_in_front() -> None:
     assert "self._send_keyframe()" in inspect.getsource(RTCRtpSender._handle_rtcp_packet)
     assert "recipient._handle_rtcp_packet(packet)" in inspect.getsource(RTCDtlsTransport._handle_rtcp_data)
     assert "self.__encoder.pack(data)" in inspect.getsource(RTCRtpSender._next_encoded_frame)
+
+
+@pytest.mark.anyio
+async def test_names_of_a_paced_sender() -> None:
+    source = inspect.getsource(RTCRtpSender)
+    for name in (
+        "encoder", "mid", "ntp_timestamp", "octet_count", "packet_count", "rtp_exited",
+        "rtp_header_extensions_map", "rtp_history", "rtp_started", "rtp_timestamp",
+        "rtx_payload_type", "rtx_sequence_number",
+    ):  # fmt: skip
+        assert f"self.__{name}" in source, name
+    for name, parameters in (("_run_rtp", ["self", "codec"]), ("_retransmit", ["self", "sequence_number"])):
+        assert list(inspect.signature(getattr(RTCRtpSender, name)).parameters) == parameters
+    assert "self._run_rtp(parameters.codecs[0])" in source and "self._retransmit(seq)" in source
+    added = {name for name in vars(PacedSender) if not name.startswith("__")} | set(
+        PacedSender.__annotations__
+    )
+    transport = RTCDtlsTransport(RTCIceTransport(RTCIceGatherer()), [RTCCertificate.generateCertificate()])
+    assert not added & set(vars(RTCRtpSender("video", transport)))
+    assert hasattr(RTCPeerConnection, "_RTCPeerConnection__remoteDescription")
 
 
 def test_what_media_is_handed_to() -> None:

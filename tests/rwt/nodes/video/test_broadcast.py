@@ -37,6 +37,7 @@ class CountingEncoder:
     video: bool
     keys: list[bool] = field(default_factory=list)
     threads: set[int] = field(default_factory=set)
+    bitrate: int | None = None
 
     def encode(self, payload: Payload, at_ms: int, *, key: bool) -> Encoded | None:
         self.keys.append(key)

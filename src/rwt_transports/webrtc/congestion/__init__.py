@@ -1,0 +1,1 @@
+"""Congestion control of media: rates from the feedback of receivers, without I/O and without a clock."""

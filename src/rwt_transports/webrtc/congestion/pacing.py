@@ -1,0 +1,49 @@
+"""Pacing of packets: no bursts, and no more on average than the rate."""
+
+from __future__ import annotations
+
+from typing import Final
+
+FACTOR: Final = 2.5
+"""Maximum rate of the packets of a frame, as a multiple of the average rate."""
+BURST_SECONDS: Final = 0.005
+"""Time that a late packet may be caught up with."""
+AHEAD_SECONDS: Final = 0.1
+"""Time by which frames may exceed the average rate: key frames are large."""
+MOST_DEBT_SECONDS: Final = 1.0
+"""Maximum time for which frames wait, whatever was sent."""
+
+
+class Pacer:
+    """Time at which packets and frames may be sent, in seconds of a steady clock."""
+
+    def __init__(self) -> None:
+        self._packet_at = 0.0
+        self._debt_bits = 0.0
+        self._at = 0.0
+
+    def sent(self, size: int, rate: float, now: float, burst_rate: float | None = None) -> None:
+        """Count a packet.
+
+        Args:
+            size: bytes.
+            rate: bits per second on average.
+            burst_rate: bits per second now; None for :data:`FACTOR` times the average.
+        """
+        bits = 8 * size
+        self._packet_at = max(self._packet_at, now - BURST_SECONDS) + bits / (burst_rate or FACTOR * rate)
+        self._pay(rate, now)
+        self._debt_bits = min(self._debt_bits + bits, MOST_DEBT_SECONDS * rate)
+
+    def _pay(self, rate: float, now: float) -> None:
+        self._debt_bits = max(0.0, self._debt_bits - rate * (now - self._at))
+        self._at = now
+
+    def packet_delay(self, now: float) -> float:
+        """Return the seconds until the next packet."""
+        return max(0.0, self._packet_at - now)
+
+    def frame_delay(self, rate: float, now: float) -> float:
+        """Return the seconds until the next frame at an average rate."""
+        self._pay(rate, now)
+        return max(0.0, self._debt_bits / rate - AHEAD_SECONDS)
