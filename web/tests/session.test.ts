@@ -169,7 +169,7 @@ describe("a session", () => {
 
   test("connects again by itself and subscribes and advertises as before", async () => {
     session.subscribe("/odom", "nav_msgs/msg/Odometry", () => {});
-    session.publisher("/cmd_vel", "geometry_msgs/msg/Twist");
+    session.commands.publisher("/cmd_vel", "geometry_msgs/msg/Twist");
     robot.lose();
     expect(session.state.value).toBe("lost");
     robot.sent = [];
@@ -335,7 +335,7 @@ describe("a session", () => {
 
   test("a goal comes to its end with feedback", async () => {
     const feedback: unknown[] = [];
-    const goal = session.sendGoal(
+    const goal = session.commands.sendGoal(
       "/go",
       "demo/action/Go",
       { to: 1 },
@@ -353,7 +353,7 @@ describe("a session", () => {
   test("what the server says of an op is a notice about its topic", () => {
     robot.hear({ op: "status", level: "error", msg: "role 'viewer' may not", id: "publish:/cmd_vel:1" });
     expect(session.notices.value).toEqual([
-      { number: 1, level: "error", text: "role 'viewer' may not", about: "/cmd_vel" },
+      { number: 1, level: "error", text: "role 'viewer' may not", about: "/cmd_vel", count: 1 },
     ]);
   });
 
@@ -363,7 +363,7 @@ describe("a session", () => {
 
     beforeEach(() => {
       stop = new Stop(session);
-      drive = new Drive(session, "/cmd_vel", "geometry_msgs/msg/Twist", stop.stopped);
+      drive = new Drive(session, "/cmd_vel", "geometry_msgs/msg/Twist");
       drive.limits = { linear: 0.5, angular: 1 };
     });
 

@@ -114,7 +114,8 @@ export class Gate {
    * @throws RobotError it does not answer, or the role may not
    */
   async answer(id: string, approve: boolean, seconds = 0): Promise<void> {
-    await this.ask("/gate/approve", "rwt_gate_msgs/Approve", { id, approve, seconds });
+    const request = { id, approve, seconds };
+    await this.ask("/gate/approve", "rwt_gate_msgs/Approve", request, !approve);
   }
 
   /** Give the lease of a topic back, whoever holds it: the server knows whether that is this page. */
@@ -123,11 +124,20 @@ export class Gate {
     if (!this.present.peek() || !this.holders.peek().get(topic)?.name) return;
     if (session.state.peek() !== "open") return;
     // Another client's is not given back by this, which is no problem to tell.
-    session.call("/gate/release_lease", { topic }, "rwt_gate_msgs/Lease").catch(() => undefined);
+    session.commands.callSafe("/gate/release_lease", { topic }, "rwt_gate_msgs/Lease").catch(() => undefined);
   }
 
-  private async ask(service: string, type: string, request: Record<string, unknown>): Promise<void> {
-    const answer = await this.session.call<GateAnswer & Record<string, unknown>>(service, request, type);
+  /** Call a service of the gate; `isSafe` if it lets nothing move. */
+  private async ask(
+    service: string,
+    type: string,
+    request: Record<string, unknown>,
+    isSafe = true,
+  ): Promise<void> {
+    const { commands } = this.session;
+    const answer = isSafe
+      ? await commands.callSafe<GateAnswer>(service, request, type)
+      : await commands.call<GateAnswer>(service, request, type);
     if (!answer.success) throw new Error(answer.message);
   }
 }

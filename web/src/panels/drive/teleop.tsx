@@ -2,6 +2,7 @@
 
 import { useId, useLayoutEffect, useMemo, useRef } from "preact/hooks";
 import { followKeys, HoldButtons, releaseWithPage, Stick } from "../../elements/teleop/controls";
+import { blockText } from "../../forms/commanding";
 import { Driver } from "../../forms/gate";
 import { Check } from "../../forms/inputs";
 import { Problem } from "../../forms/problem";
@@ -54,7 +55,7 @@ function TeleopPanel({ context }: { context: PanelContext }) {
 function Controls({ context, topic }: { context: PanelContext; topic: string }) {
   const { session, stop, config, visible } = context;
   const type = session.graph.peek().topics.get(topic) ?? "geometry_msgs/Twist";
-  const drive = useMemo(() => new Drive(session, topic, type, stop.stopped), [session, topic, type, stop]);
+  const drive = useMemo(() => new Drive(session, topic, type), [session, topic, type]);
   const limits = {
     linear: Number(config.value.linear ?? 0.4),
     angular: Number(config.value.angular ?? 0.8),
@@ -77,7 +78,8 @@ function Controls({ context, topic }: { context: PanelContext; topic: string }) 
   useLayoutEffect(() => followKeys(pad.current as HTMLElement, drive), [drive]);
   const { linear, lateral, angular } = drive.sent.value;
   // Before the robot has said of which type the topic is, a grip would be lost when it does.
-  const idle = stop.stopped.value || !session.isAnswering || !session.hasAsked;
+  const why = blockText(session, t);
+  const idle = why !== "" || !session.hasAsked;
   return (
     <fieldset class="drive" ref={pad} aria-describedby="teleop-hint">
       <legend class="hidden">{topic}</legend>
@@ -103,6 +105,7 @@ function Controls({ context, topic }: { context: PanelContext; topic: string }) 
         {angular.toFixed(2)} rad/s
       </output>
       {session.silence.value > 0 && <Problem text={t("teleop.silent")} />}
+      {why && session.silence.value === 0 && <p class="blocked">{why}</p>}
       <Driver gate={stop.gate} topic={topic} />
       <p class="faint" id="teleop-hint">
         {t("teleop.hint", { topic })}
