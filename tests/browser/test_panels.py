@@ -85,6 +85,14 @@ async def open_panels(
     await page.wait("document.querySelector('.state-open')")
 
 
+async def release(page: Page) -> None:
+    """Hold the control that releases the stop, by the keyboard."""
+    await page.evaluate("document.querySelector('.release').focus()")
+    await page.keyboard("down", "Enter")
+    await page.wait("!document.querySelector('.stopped')")
+    await page.keyboard("up", "Enter")
+
+
 def text(selector: str) -> str:
     return f"(document.querySelector({json.dumps(selector)})?.textContent ?? '')"
 

@@ -212,7 +212,7 @@ async def test_only_holding_another_control_releases_the_stop(browser: Browser, 
             await page.wait(STOPPED)
             left, top, right, bottom = await page.evaluate(PLACE.format(".release"))
             assert not (left <= x <= right and top <= y <= bottom)
-            await press_at(page, (left + right) / 2, (top + bottom) / 2, 0.3)
+            await press_at(page, (left + right) / 2, (top + bottom) / 2, 0.0)
             await anyio.sleep(1.2)
             assert await page.evaluate(f"Boolean({STOPPED})")
             await press_at(page, (left + right) / 2, (top + bottom) / 2, 1.6)

@@ -84,6 +84,7 @@ export function Shell({ app }: { app: App }) {
         {session.connections.value === 0 && session.state.value === "connecting" && (
           <p class="waiting">{t("state.connecting")}…</p>
         )}
+        {session.hasAsked && app.panels.value.length === 0 && <NoPanels app={app} />}
         {narrow.value ? <Tabs app={app} /> : <Dock app={app} />}
       </main>
       <Notices app={app} />
@@ -138,6 +139,19 @@ function State({ app }: { app: App }) {
       {state.value === "open" && <span class="faint"> · ROS {distro.value || version.value}</span>}
       {state.value === "open" && role && <span class="faint"> · {t("role.may", { role })}</span>}
     </p>
+  );
+}
+
+/** What can be done once every panel is closed. */
+function NoPanels({ app }: { app: App }) {
+  return (
+    <section class="card no-panels">
+      <p>{t("layout.empty")}</p>
+      <Menu label={t("app.add")}>{(close) => <PanelMenu app={app} close={close} />}</Menu>
+      <button type="button" onClick={() => app.show(app.suggested())}>
+        {t("layout.reset")}
+      </button>
+    </section>
   );
 }
 

@@ -53,12 +53,17 @@ export class Gate {
   readonly stop: Signal<StopState> = signal(MOVING);
   /** Who holds the topics that one client at a time publishes on. */
   readonly holders: Signal<ReadonlyMap<string, Holder>> = signal(new Map());
+  /** Name of this page's client at the gate; empty until a lease was asked for. */
+  readonly client = signal("");
   /** What waits for a yes. */
   readonly approvals: Signal<readonly Approval[]> = signal([]);
 
   constructor(private readonly session: RobotSession) {
     this.present = computed(() => session.graph.value.services.includes(STOP));
     effect(() => {
+      // The name is that of one connection.
+      session.connections.value;
+      this.client.value = "";
       if (!this.present.value) {
         this.stop.value = MOVING;
         this.holders.value = new Map();
@@ -116,6 +121,22 @@ export class Gate {
   async answer(id: string, approve: boolean, seconds = 0): Promise<void> {
     const request = { id, approve, seconds };
     await this.ask("/gate/approve", "rwt_gate_msgs/Approve", request, !approve);
+  }
+
+  /**
+   * Take the lease of a topic; a role with precedence takes it from another holder.
+   *
+   * @throws Error another client holds it, or commands are blocked
+   */
+  async take(topic: string): Promise<void> {
+    const { commands } = this.session;
+    const answer = await commands.call<GateAnswer & { client: string }>(
+      "/gate/take_lease",
+      { topic },
+      "rwt_gate_msgs/Lease",
+    );
+    this.client.value = answer.client;
+    if (!answer.success) throw new Error(answer.message);
   }
 
   /** Give the lease of a topic back, whoever holds it: the server knows whether that is this page. */

@@ -32,6 +32,8 @@ export interface Notice {
   about: string;
   /** How often it was said, with other numbers in its text. */
   count: number;
+  /** Milliseconds since 1970 of the last time. */
+  at: number;
 }
 
 export interface SessionOptions {
@@ -411,7 +413,8 @@ export class RobotSession {
     const same = all.find(
       (each) => each.level === level && each.about === about && kindOf(each.text) === kind,
     );
-    const notice = { number: ++this.noticeCount, level, text, about, count: (same?.count ?? 0) + 1 };
+    const number = ++this.noticeCount;
+    const notice = { number, level, text, about, count: (same?.count ?? 0) + 1, at: Date.now() };
     this.notices.value = [...all.filter((each) => each !== same).slice(1 - MOST_NOTICES), notice];
   }
 

@@ -88,7 +88,7 @@ function Controls(props: ViewProps<TeleopElement> & { topic: string; type: strin
         {linear.toFixed(2)} m/s{lateral !== 0 && ` · ${lateral.toFixed(2)} m/s ${t("teleop.sideways")}`} ·{" "}
         {angular.toFixed(2)} rad/s
       </output>
-      <Driver gate={stop.gate} topic={topic} />
+      <Driver gate={stop.gate} topic={topic} session={session} />
       {refusal && <Problem text={refusal.text} />}
       {session.silence.value > 0 && <Problem text={t("teleop.silent")} />}
       {stopped && <Problem text={stopText(stop, t)} />}

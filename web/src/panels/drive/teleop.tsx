@@ -3,12 +3,12 @@
 import { useId, useLayoutEffect, useMemo, useRef } from "preact/hooks";
 import { followKeys, HoldButtons, releaseWithPage, Stick } from "../../elements/teleop/controls";
 import { blockText } from "../../forms/commanding";
-import { Driver } from "../../forms/gate";
+import { Clamped, Driver } from "../../forms/gate";
 import { Check } from "../../forms/inputs";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { Drive, driveTopics, type Wish } from "../../robot/drive";
-import { componentPanel, Refusal, TopicChoice } from "../component";
+import { componentPanel, now, Refusal, TopicChoice } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 
 /** The least limit that can be set, and by how much a button changes one, in m/s and rad/s. */
@@ -106,7 +106,8 @@ function Controls({ context, topic }: { context: PanelContext; topic: string }) 
       </output>
       {session.silence.value > 0 && <Problem text={t("teleop.silent")} />}
       {why && session.silence.value === 0 && <p class="blocked">{why}</p>}
-      <Driver gate={stop.gate} topic={topic} />
+      <Clamped session={session} topic={topic} now={now.value} />
+      <Driver gate={stop.gate} topic={topic} session={session} />
       <p class="faint" id="teleop-hint">
         {t("teleop.hint", { topic })}
       </p>
