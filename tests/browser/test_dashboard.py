@@ -118,7 +118,7 @@ async def test_stop_is_latched_and_cancels_goals(browser: Browser) -> None:
         await page.keyboard("press", "Escape")
         await page.wait("document.querySelector('.goal-canceled')")
         await until(lambda: speeds[-1] == 0.0)
-        assert await page.evaluate("document.querySelector('.goal [type=submit]').disabled")
+        assert await page.evaluate("document.querySelector('.goal [type=submit]').matches(':disabled')")
         await release(page)
         await page.wait("document.querySelector('.goal [type=submit]:not(:disabled)')")
 

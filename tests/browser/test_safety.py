@@ -325,3 +325,12 @@ async def test_notices_cover_no_control_and_repeats_merge(browser: Browser) -> N
           return document.elementFromPoint(left + width / 2, top + height / 2)?.closest('.notices');
         }).length"""
         assert await page.evaluate(covered) == 0
+
+
+async def test_a_page_without_panels_offers_some(browser: Browser) -> None:
+    async with linked(browser, ("topics", {})) as (_, _link, page):
+        await page.wait("document.querySelector('.panel-topics tbody tr')")
+        await page.click('[aria-label="Close Topics"]')
+        await page.wait(f"{text('.no-panels')}.includes('All panels are closed.')")
+        await page.click("text=Reset layout")
+        await page.wait("document.querySelector('.panel-scene') && !document.querySelector('.no-panels')")

@@ -15,6 +15,8 @@ function isCompound(value: unknown): value is object {
 
 /** A plain value as a short text. */
 export function shortValue(value: unknown): string {
+  // rosbridge has no other way to write these numbers in JSON.
+  if (value === null) return t("topics.not_finite");
   if (typeof value === "string") {
     const rest = value.length - MOST_TEXT;
     return rest > 0

@@ -107,6 +107,7 @@ export const de: Record<TextKey, string> = {
   "topics.choose": "Wählen Sie ein Topic, um seine Nachrichten zu sehen.",
   "topics.publish": "Veröffentlichen",
   "topics.published": "Veröffentlicht.",
+  "topics.not_finite": "nicht endlich (NaN oder unendlich)",
   "topics.longer": "… {count} weitere",
   "form.add": "Zu {name} hinzufügen",
   "form.remove": "{name} entfernen",

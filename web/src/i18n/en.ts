@@ -104,6 +104,7 @@ export const en = {
   "topics.choose": "Choose a topic to see its messages.",
   "topics.publish": "Publish",
   "topics.published": "Published.",
+  "topics.not_finite": "not finite (NaN or infinite)",
   "topics.longer": "… {count} more",
   "form.add": "Add to {name}",
   "form.remove": "Remove {name}",
