@@ -1,4 +1,4 @@
-"""Safety of the dashboard: what it sends while it is stopped or without a connection, and how it is released."""
+"""Safety of the dashboard: what it sends while stopped or without a connection, and how it is released."""
 
 from __future__ import annotations
 
@@ -62,7 +62,8 @@ TRY_ALL = """(async () => {
     // Another topic or service would be chosen.
     if (!it.isConnected || it.closest(".list")) continue;
     const { left, top, width, height } = it.getBoundingClientRect();
-    const at = { bubbles: true, pointerId: 1, button: 0, clientX: left + width / 2, clientY: top + height / 4 };
+    const [clientX, clientY] = [left + width / 2, top + height / 4];
+    const at = { bubbles: true, pointerId: 1, button: 0, clientX, clientY };
     for (const type of ["pointerdown", "pointermove"]) {
       try { it.dispatchEvent(new PointerEvent(type, at)); } catch {}
     }
@@ -98,9 +99,10 @@ def commands(sent: list[list[str]]) -> set[tuple[str, str]]:
 
     def acts(op: str, name: str, message: str) -> bool:
         if op == "publish":
-            numbers = [each for each in json.loads(message or '""') or [] if each in ("linear", "angular")]
+            # To stand still is no command.
             values = json.loads(message)
-            return not numbers or any(value for each in numbers for value in values[each].values())
+            parts = [values[each] for each in ("linear", "angular") if each in values]
+            return not parts or any(value for part in parts for value in part.values())
         if op == "call_service":
             is_read = name.startswith("/rosapi/") and not name.startswith("/rosapi/set")
             return not is_read and not name.endswith(QUESTIONS) and name not in SAFE
@@ -111,7 +113,7 @@ def commands(sent: list[list[str]]) -> set[tuple[str, str]]:
 
 @asynccontextmanager
 async def walk(browser: Browser) -> AsyncIterator[tuple[Server, Page]]:
-    """A page with all panels, one at a time, at a robot with interactive markers and all that takes commands."""
+    """Open all panels, one shown at a time, at a robot with everything that takes commands."""
     async with Server("ws://127.0.0.1:0", demo=True) as server:
         node = server.node("marks")
         node.advertise("/initialpose", "geometry_msgs/PoseWithCovarianceStamped")
@@ -199,7 +201,9 @@ async def press_at(page: Page, x: float, y: float, seconds: float) -> None:
 
 
 @pytest.mark.parametrize("size", [(1300, 800), (390, 844), (844, 390)])
-async def test_only_holding_another_control_releases_the_stop(browser: Browser, size: tuple[int, int]) -> None:
+async def test_only_holding_another_control_releases_the_stop(
+    browser: Browser, size: tuple[int, int]
+) -> None:
     async with Server("ws://127.0.0.1:0", demo=True) as server:
         url = server.urls[0].replace("ws", "http", 1) + "/"
         async with browser.page(f"{url}healthz", *size) as page:
@@ -243,7 +247,9 @@ async def test_escape_stops_from_every_focus(
                 await page.evaluate(f"document.querySelector({focus!r}).click()")
             if "canvas" in focus:
                 await page.wait("document.querySelector('.scene-tools button')")
-                await page.evaluate("document.querySelector('.scene-view').robotScene.tools.choose('measure')")
+                await page.evaluate(
+                    "document.querySelector('.scene-view').robotScene.tools.choose('measure')"
+                )
             await page.evaluate(f"document.querySelector({focus!r}).focus()")
             await page.keyboard("press", "Escape")
             await page.wait(STOPPED)
@@ -294,30 +300,28 @@ async def test_notices_cover_no_control_and_repeats_merge(browser: Browser) -> N
     async with linked(browser, ("teleop", {})) as (_, _link, page):
         await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
         before = await page.evaluate(PLACE.format(".drive-forward"))
-        # A publication that is rejected, twelve times, with another number each time.
+        # The same status twelve times, with another number each time.
         await page.evaluate(
             """(() => {
               const worker = Worker.prototype;
               const post = worker.postMessage;
               worker.postMessage = function (message, ...rest) {
-                if (message?.kind === "send" && message.text.includes('"set_level"')) return undefined;
-                globalThis.port = [this, post];
+                globalThis.decoder = this;
                 return post.call(this, message, ...rest);
               };
             })()"""
         )
-        await page.wait("Boolean(globalThis.port)")
+        await page.wait("Boolean(globalThis.decoder)")
         await page.evaluate(
             """(() => {
-              const [worker] = globalThis.port;
               for (let lost = 1; lost <= 12; lost++) {
                 const message = { op: "status", level: "warning", msg: `/cloud: ${lost} messages dropped` };
                 const data = { kind: "message", socket: 1, mustTake: false, message };
-                worker.onmessage({ data });
+                globalThis.decoder.onmessage({ data });
               }
             })()"""
         )
-        await page.wait(f"{text('.notices')}.includes('/cloud: 12 messages dropped × 12')")
+        await page.wait(f"{text('.notices')}.includes('/cloud: 12 messages dropped \u00d7 12')")
         assert await page.evaluate("document.querySelectorAll('.notice').length") == 1
         assert await page.evaluate(PLACE.format(".drive-forward")) == before
         covered = """[...document.querySelectorAll('main button, header button')].filter((it) => {
