@@ -17,6 +17,7 @@ from rwt import Server
 from rwt.composition.web import serve_page
 from tests.browser.driver import REFUSED, Browser, Page, Size, until
 from tests.browser.stand import Stand, stand
+from tests.browser.test_panels import release
 
 pytestmark = pytest.mark.anyio
 
@@ -117,8 +118,8 @@ async def test_stop_is_latched_and_cancels_goals(browser: Browser) -> None:
         await page.keyboard("press", "Escape")
         await page.wait("document.querySelector('.goal-canceled')")
         await until(lambda: speeds[-1] == 0.0)
-        assert await page.evaluate("document.querySelector('.goal [type=submit]').disabled")
-        await page.click("text=Release")
+        assert await page.evaluate("document.querySelector('.goal [type=submit]').matches(':disabled')")
+        await release(page)
         await page.wait("document.querySelector('.goal [type=submit]:not(:disabled)')")
 
 

@@ -10,7 +10,7 @@ import pytest
 from rwt import Server, connect
 from rwt_participant.errors import RobotError
 from tests.browser.driver import Browser, until
-from tests.browser.test_panels import open_panels, text, violations
+from tests.browser.test_panels import open_panels, release, text, violations
 
 pytestmark = pytest.mark.anyio
 
@@ -44,8 +44,39 @@ async def test_who_drives_is_seen_and_the_stop_holds_for_everybody(browser: Brow
             assert set(told) == {0.0}
             # Who pressed it keeps still until it is released there, too.
             await other.call("/gate/release_stop", {}, "rwt_gate_msgs/Stop")
-            await page.click("text=Release")
-            await page.wait("!document.querySelector('.stopped')")
+            await release(page)
+
+            await page.click("text=Take the lease")
+            await page.wait(f"{text('.driver')} === 'You drive'")
+            refused = await other.call("/gate/take_lease", {"topic": "/cmd_vel"}, "rwt_gate_msgs/Lease")
+            assert not refused.success
+            await page.click("text=Release the lease")
+            await page.wait(f"{text('.driver')}.includes('No driver')")
+            await other.call("/gate/take_lease", {"topic": "/cmd_vel"}, "rwt_gate_msgs/Lease")
+            await page.click("text=Take over")
+            await page.wait(f"{text('.lease .problem')}.includes('/cmd_vel is held by rosbridge:')")
+
+
+CLAMPING = {
+    "rules": {
+        "drive": {
+            "topics": ["/cmd_vel"],
+            "fields": {"linear.x": {"min": -0.2, "max": 0.2, "beyond": "clamp"}},
+        }
+    }
+}
+
+
+async def test_clamped_values_are_shown_beside_the_stick(browser: Browser) -> None:
+    async with Server("ws://127.0.0.1:0", demo=True, gate=CLAMPING) as server:
+        url = server.urls[0].replace("ws", "http", 1) + "/"
+        async with browser.page(f"{url}healthz", 700, 600) as page:
+            await open_panels(page, url, [("teleop", {"topic": "/cmd_vel"})])
+            await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
+            await page.evaluate("document.querySelector('.drive-forward').focus()")
+            await page.keyboard("down", " ")
+            await page.wait(f"{text('.clamped')}.includes('linear.x 0.2 instead of 0.4')")
+            await page.keyboard("up", " ")
 
 
 ASKING = {
@@ -96,7 +127,7 @@ async def test_a_person_answers_what_a_client_asks(browser: Browser) -> None:
             await until(lambda: outcomes.get(1) == 2)
             tasks.start_soon(ask, 2)
             await page.wait(f"{text('.approval pre')}.includes('\"a\": 2')")
-            await page.click(".approval button:last-of-type")
+            await page.click(".approval .plot-bar > button")
             await until(lambda: 2 in outcomes)
             assert "no" in str(outcomes[2])
             await page.wait(f"{text('.approvals')}.includes('No pending requests')")

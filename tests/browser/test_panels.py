@@ -18,6 +18,7 @@ from PIL import Image
 
 from rwt import Server
 from rwt.nodes.recording import open_recording
+from rwt_participant.qos import LATCHED
 from tests.browser.driver import IS_MUTE, LEFT_MESH, LEFT_STREAM, MUTE, Browser, Page, until
 from tests.browser.stand import Stand, stand
 
@@ -83,6 +84,14 @@ async def open_panels(
     await page.evaluate(f"localStorage.setItem({json.dumps(key)}, {json.dumps(json.dumps(layout))})")
     await page.goto(url)
     await page.wait("document.querySelector('.state-open')")
+
+
+async def release(page: Page) -> None:
+    """Hold the control that releases the stop, by the keyboard."""
+    await page.evaluate("document.querySelector('.release').focus()")
+    await page.keyboard("down", "Enter")
+    await page.wait("!document.querySelector('.stopped')")
+    await page.keyboard("up", "Enter")
 
 
 def text(selector: str) -> str:
@@ -508,3 +517,22 @@ async def test_a_layout_that_names_a_robot_of_another_page_is_no_way_into_it(bro
     ):
         await page.wait("document.querySelector('.state-open')")
         assert "127.0.0.1" in await page.evaluate(text("header h1"))
+
+
+async def test_integers_of_64_bits_and_numbers_that_are_not_finite(browser: Browser) -> None:
+    async with Server("ws://127.0.0.1:0") as server:
+        heard: list[int] = []
+        node = server.node("big")
+        node.subscribe("/count", lambda message: heard.append(message.data), "std_msgs/Int64")
+        odd = node.advertise("/odd", "std_msgs/Float64", qos=LATCHED)
+        odd.publish({"data": math.inf})
+        url = server.urls[0].replace("ws", "http", 1) + "/"
+        async with browser.page(f"{url}healthz", 900, 700) as page:
+            await open_panels(page, url, [("topics", {"topic": "/count"})])
+            await page.click("text=Publish")
+            await page.wait("document.querySelector('.message-form input')")
+            await fill(page, "data", "9007199254740993")
+            await page.click(".message-form + * [type=submit], .commanding [type=submit]")
+            await until(lambda: heard == [9007199254740993])
+            await page.click("text=/odd")
+            await page.wait(f"{text('.detail .tree')}.includes('not finite')")

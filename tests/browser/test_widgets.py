@@ -188,7 +188,7 @@ async def test_stop_stops_and_keeps_the_page_from_driving(browser: Browser, dist
             }
             await page.evaluate(
                 "document.querySelector('rwt-stop').robotShown.session"
-                f".sendGoal('/navigate_to_pose', '{kind[distro]}', {json.dumps(goal)})"
+                f".commands.sendGoal('/navigate_to_pose', '{kind[distro]}', {json.dumps(goal)})"
                 ".outcome.then(({ outcome }) => { window.outcome = outcome }) && undefined"
             )
             await until(lambda: odom.linear > 0.1)

@@ -69,7 +69,7 @@ test.each([
 
 test("a translation may leave texts out, and places are filled in", () => {
   translate({ "stop.stop": "Halt" });
-  expect([t("stop.stop"), t("stop.release")]).toEqual(["Halt", "Release"]);
+  expect([t("stop.stop"), t("stop.release")]).toEqual(["Halt", "Release: hold 1 s"]);
   expect(t("goal.ahead", { step: 0.5 })).toBe("0.5 m ahead");
   translate({});
   expect(t("stop.stop")).toBe("Stop");

@@ -1,7 +1,8 @@
 import { describe, expect, test } from "vitest";
 import { header, seconds, shortType } from "../src/robot/names";
 import { globFits, Permissions } from "../src/robot/permissions";
-import { Definitions, namedValues, valueError } from "../src/robot/typedefs";
+import { jsonOf } from "../src/robot/transport";
+import { Definitions, namedValues, numberOf, valueError } from "../src/robot/typedefs";
 
 describe("roles", () => {
   test.each([
@@ -76,5 +77,19 @@ describe("definitions", () => {
     ["float64", "", "number"],
     ["float64", "1e3", null],
     ["string", "anything", null],
+    ["int64", "-9223372036854775808", null],
+    ["uint64", "18446744073709551615", null],
+    ["uint64", "18446744073709551616", "range"],
   ])("%s %s", (type, text, wrong) => expect(valueError(type, text)).toBe(wrong));
+
+  test("integers of 64 bits keep their digits", () => {
+    expect(numberOf("42")).toBe(42);
+    const data = numberOf("9007199254740993");
+    expect(data).toBe(9007199254740993n);
+    expect(jsonOf({ data, text: "x", list: [1.5] })).toBe(
+      "rawJSON" in JSON
+        ? '{"data":9007199254740993,"text":"x","list":[1.5]}'
+        : '{"data":9007199254740992,"text":"x","list":[1.5]}',
+    );
+  });
 });

@@ -1,6 +1,7 @@
 import { afterEach, beforeEach, describe, expect, test, vi } from "vitest";
 import type { FromWorker, ToWorker } from "../src/decode/protocol";
 import { keepAsking } from "../src/robot/asking";
+import { BlockedError } from "../src/robot/commands";
 import { Drive } from "../src/robot/drive";
 import { RobotSession } from "../src/robot/session";
 import { Stop } from "../src/robot/stop";
@@ -169,7 +170,7 @@ describe("a session", () => {
 
   test("connects again by itself and subscribes and advertises as before", async () => {
     session.subscribe("/odom", "nav_msgs/msg/Odometry", () => {});
-    session.publisher("/cmd_vel", "geometry_msgs/msg/Twist");
+    session.commands.publisher("/cmd_vel", "geometry_msgs/msg/Twist");
     robot.lose();
     expect(session.state.value).toBe("lost");
     robot.sent = [];
@@ -335,7 +336,7 @@ describe("a session", () => {
 
   test("a goal comes to its end with feedback", async () => {
     const feedback: unknown[] = [];
-    const goal = session.sendGoal(
+    const goal = session.commands.sendGoal(
       "/go",
       "demo/action/Go",
       { to: 1 },
@@ -353,8 +354,85 @@ describe("a session", () => {
   test("what the server says of an op is a notice about its topic", () => {
     robot.hear({ op: "status", level: "error", msg: "role 'viewer' may not", id: "publish:/cmd_vel:1" });
     expect(session.notices.value).toEqual([
-      { number: 1, level: "error", text: "role 'viewer' may not", about: "/cmd_vel" },
+      {
+        number: 1,
+        level: "error",
+        text: "role 'viewer' may not",
+        about: "/cmd_vel",
+        count: 1,
+        at: expect.any(Number),
+      },
     ]);
+  });
+
+  test("notices that differ in their numbers are one, with a count", () => {
+    for (const lost of [1, 20, 412]) {
+      robot.hear({ op: "status", level: "warning", msg: `/cloud: ${lost} messages dropped` });
+    }
+    robot.hear({ op: "status", level: "warning", msg: "/scan: 1 messages dropped" });
+    expect(session.notices.value.map(({ text, count }) => [text, count])).toEqual([
+      ["/cloud: 412 messages dropped", 3],
+      ["/scan: 1 messages dropped", 1],
+    ]);
+  });
+
+  describe("commands", () => {
+    const acts = () =>
+      robot.sent.filter(({ op, service }) => {
+        const isRead = String(service ?? "").startsWith("/rosapi/");
+        return op === "publish" || op === "send_action_goal" || (op === "call_service" && !isRead);
+      });
+
+    test("pass unless the stop is on, the robot is silent, or there is no connection", async () => {
+      const { commands } = session;
+      const publisher = commands.publisher("/light", "std_msgs/msg/Bool");
+      const tryAll = async () => {
+        const published = [publisher.publish({ data: true }), publisher.publishFresh({ data: true })];
+        await commands.call("/go", {}).catch((error: Error) => {
+          if (!(error instanceof BlockedError)) throw error;
+        });
+        try {
+          commands.sendGoal("/dock", "demo/action/Dock", {});
+        } catch (error) {
+          if (!(error instanceof BlockedError)) throw error;
+        }
+        return published;
+      };
+      const stop = new Stop(session);
+      stop.stop();
+      robot.sent = [];
+      expect(await tryAll()).toEqual([false, false]);
+      expect(acts()).toEqual([]);
+      expect(commands.lastBlocked.value).toMatchObject({ why: "stopped", name: "/dock" });
+      publisher.publishZero({ data: false });
+      expect(robot.published("/light")).toEqual([{ data: false }]);
+      stop.release();
+      robot.answering(600);
+      robot.sent = [];
+      expect(await tryAll()).toEqual([false, false]);
+      expect(acts()).toEqual([]);
+      robot.answering(0);
+      expect(commands.block.value).toBe(null);
+      expect(commands.lastBlocked.value).toBe(null);
+      robot.lose();
+      expect(await tryAll()).toEqual([false, false]);
+      expect(commands.block.value).toBe("lost");
+    });
+
+    test("a stop without a connection is sent once there is one", async () => {
+      const stop = new Stop(session);
+      session.graph.value = {
+        ...session.graph.value,
+        topics: new Map([["/cmd_vel", "geometry_msgs/msg/Twist"]]),
+      };
+      robot.lose();
+      stop.stop();
+      robot.sent = [];
+      await vi.advanceTimersByTimeAsync(300);
+      robot.open();
+      expect(robot.published("/cmd_vel")).toEqual([twist(0, 0)]);
+      expect(session.commands.block.value).toBe("stopped");
+    });
   });
 
   describe("driving", () => {
@@ -363,7 +441,7 @@ describe("a session", () => {
 
     beforeEach(() => {
       stop = new Stop(session);
-      drive = new Drive(session, "/cmd_vel", "geometry_msgs/msg/Twist", stop.stopped);
+      drive = new Drive(session, "/cmd_vel", "geometry_msgs/msg/Twist");
       drive.limits = { linear: 0.5, angular: 1 };
     });
 

@@ -2,6 +2,7 @@
 
 import { effect, type ReadonlySignal, signal } from "@preact/signals";
 import { t } from "../i18n/text";
+import { now } from "../panels/component";
 import { panelKind } from "../panels/registry";
 import type { App, OpenPanel } from "./state";
 
@@ -24,6 +25,17 @@ export function framePanel(app: App, panel: OpenPanel): PanelFrame {
     const value = config.value;
     if (!first) app.configure(panel.id, value);
     first = false;
+  });
+  // The page's style greys the panel out, and shows the attribute above it.
+  const endAging = effect(() => {
+    const { session } = app;
+    const isStale = session.connections.value > 0 && !session.isAnswering;
+    element.classList.toggle("stale", isStale);
+    if (!isStale) element.removeAttribute("data-age");
+    else {
+      const age = Math.max(0, Math.round((now.value - session.answeredAt.value) / 1000));
+      element.dataset.age = t("link.stale", { seconds: age });
+    }
   });
   let ended = false;
   let end: (() => void) | undefined;
@@ -61,6 +73,7 @@ export function framePanel(app: App, panel: OpenPanel): PanelFrame {
     dispose: () => {
       ended = true;
       stopSaving();
+      endAging();
       end?.();
     },
   };

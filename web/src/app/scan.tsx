@@ -21,7 +21,7 @@ function choices(group: Element | null): HTMLElement[] {
   const all = [...document.querySelectorAll<HTMLElement>("[data-scan]")].filter(
     (element) => !element.matches(":disabled") && element.checkVisibility(),
   );
-  if (group) return all.filter((element) => group.contains(element) || element.classList.contains("stop"));
+  if (group) return all.filter((element) => group.contains(element) || element.matches(".stop, .release"));
   return [...new Set(all.map((element) => element.closest<HTMLElement>("[data-scan-group]") ?? element))];
 }
 

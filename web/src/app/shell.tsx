@@ -2,12 +2,12 @@
 
 import { useComputed, useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { stopText } from "../forms/gate";
 import { useLater } from "../forms/later";
 import { Menu } from "../forms/menu";
 import { Problem } from "../forms/problem";
 import { t } from "../i18n/text";
 import { panelKinds } from "../panels/registry";
+import { Banners } from "./banners";
 import { ConnectForm, TokenForm } from "./connect";
 import { LayoutMenu } from "./layout_menu";
 import { ScanBar } from "./scan";
@@ -28,10 +28,11 @@ export function Shell({ app }: { app: App }) {
     const key = (event: KeyboardEvent) => {
       if (event.key === "Escape") app.stop.stop();
     };
-    addEventListener("keydown", key);
+    // Before every other control: whatever has the focus, a menu or a tool, the robot stops.
+    addEventListener("keydown", key, { capture: true });
     return () => {
       query.removeEventListener("change", change);
-      removeEventListener("keydown", key);
+      removeEventListener("keydown", key, { capture: true });
     };
   }, [app, narrow]);
   const { session } = app;
@@ -71,13 +72,7 @@ export function Shell({ app }: { app: App }) {
         </nav>
       </header>
       {app.scanning.value && <ScanBar app={app} />}
-      {app.stop.stopped.value && (
-        <p class="stopped" role="status">
-          {stopText(app.stop, t)}
-        </p>
-      )}
-      <Senders app={app} />
-      <Waiting app={app} />
+      <Banners app={app} />
       <main id="panels" tabIndex={-1}>
         {session.state.value === "refused" && <TokenForm app={app} />}
         {session.connections.value === 0 && session.state.value === "lost" && <ConnectForm app={app} />}
@@ -89,6 +84,7 @@ export function Shell({ app }: { app: App }) {
         {session.connections.value === 0 && session.state.value === "connecting" && (
           <p class="waiting">{t("state.connecting")}…</p>
         )}
+        {session.hasAsked && app.panels.value.length === 0 && <NoPanels app={app} />}
         {narrow.value ? <Tabs app={app} /> : <Dock app={app} />}
       </main>
       <Notices app={app} />
@@ -101,62 +97,23 @@ function robotName(app: App): string {
   return pathname === "/" ? host : host + pathname;
 }
 
-/** That clients wait for a person's yes, wherever the panel with it is. */
-function Waiting({ app }: { app: App }) {
-  const count = app.stop.gate.approvals.value.length;
-  if (count === 0) return null;
-  return (
-    <p class="approvals-waiting" role="status">
-      <button type="button" data-scan="press" onClick={() => app.open("approvals")}>
-        {count === 1 ? t("approvals.waiting.one") : t("approvals.waiting", { count })}
-      </button>
-    </p>
-  );
-}
-
-/** A light for each camera and microphone that the robot receives: who is seen or heard has to know. */
-function Senders({ app }: { app: App }) {
-  const senders = app.senders.value;
-  if (senders.length === 0) return null;
-  return (
-    <div class="senders" role="status">
-      {senders.map(({ topic, kind, client, role, since }) => (
-        <p key={client + kind}>
-          <span class="dot" aria-hidden="true" />
-          {t(kind === "audio" ? "senders.audio" : "senders.video", {
-            client,
-            role,
-            topic,
-            since: new Date(since * 1000).toLocaleTimeString(),
-          })}
-        </p>
-      ))}
-    </div>
-  );
-}
-
 function StopButton({ app }: { app: App }) {
   const { stop, session } = app;
   const reaches = useComputed(() => stop.reaches);
   const { topics, actions } = reaches.value;
   const nothing = session.state.value === "open" && topics.length === 0 && actions.length === 0;
-  if (stop.stopped.value) {
-    return (
-      <button type="button" class="stop released" data-scan="press" onClick={() => stop.release()}>
-        {t("stop.release")}
-      </button>
-    );
-  }
+  const stopped = stop.stopped.value;
+  // Pressed again, it sends the stop again; another control releases it.
   return (
     <button
       type="button"
-      class="stop"
+      class={stopped ? "stop latched" : "stop"}
       data-scan="press"
       title={nothing ? t("stop.nothing") : t("stop.hint")}
       aria-keyshortcuts="Escape"
       onClick={() => stop.stop()}
     >
-      {t("stop.stop")}
+      {t(stopped ? "stop.latched" : "stop.stop")}
     </button>
   );
 }
@@ -182,6 +139,19 @@ function State({ app }: { app: App }) {
       {state.value === "open" && <span class="faint"> · ROS {distro.value || version.value}</span>}
       {state.value === "open" && role && <span class="faint"> · {t("role.may", { role })}</span>}
     </p>
+  );
+}
+
+/** What can be done once every panel is closed. */
+function NoPanels({ app }: { app: App }) {
+  return (
+    <section class="card no-panels">
+      <p>{t("layout.empty")}</p>
+      <Menu label={t("app.add")}>{(close) => <PanelMenu app={app} close={close} />}</Menu>
+      <button type="button" onClick={() => app.show(app.suggested())}>
+        {t("layout.reset")}
+      </button>
+    </section>
   );
 }
 
@@ -220,22 +190,47 @@ function Dock({ app }: { app: App }) {
   );
 }
 
-/** Notices that were there before the page was looked at are not shown again once dismissed. */
+/** The last message in a row of its own, which covers no control and has its height from the start. */
 function Notices({ app }: { app: App }) {
   const dismissed = useSignal(0);
-  const shown = app.session.notices.value.filter(({ number }) => number > dismissed.value).slice(-3);
+  const unfolded = useSignal(false);
+  const { session } = app;
+  const blocked = session.commands.lastBlocked.value;
+  const notices = session.notices.value.filter(({ number }) => number > dismissed.value);
+  const shown = unfolded.value ? notices : notices.slice(-1);
   return (
     <aside class="notices" aria-live="polite" aria-label={t("app.notices")}>
-      {shown.map(({ number, level, text }) => (
-        <p key={number} class={`notice notice-${level}`}>
-          {text}
-        </p>
-      ))}
-      {shown.length > 0 && (
+      <div class="notice-list">
+        {blocked && (
+          <p key={`blocked ${blocked.number}`} class="notice notice-warning">
+            {t("blocked.notice", { name: blocked.name, reason: t(`blocked.${blocked.why}`) })}
+          </p>
+        )}
+        {(unfolded.value || !blocked) &&
+          shown.map(({ number, level, text, count }) => (
+            <p key={number} class={`notice notice-${level}`} title={text}>
+              {text} {count > 1 && <span class="faint">× {count}</span>}
+            </p>
+          ))}
+        {!blocked && notices.length === 0 && <p class="faint">{session.url}</p>}
+      </div>
+      {notices.length > 1 && (
+        <button
+          type="button"
+          aria-expanded={unfolded.value}
+          onClick={() => {
+            unfolded.value = !unfolded.value;
+          }}
+        >
+          {unfolded.value ? t("app.fewer") : t("app.all", { count: notices.length })}
+        </button>
+      )}
+      {notices.length > 0 && (
         <button
           type="button"
           onClick={() => {
-            dismissed.value = shown.at(-1)?.number ?? 0;
+            dismissed.value = notices.at(-1)?.number ?? 0;
+            unfolded.value = false;
           }}
         >
           {t("app.dismiss")}

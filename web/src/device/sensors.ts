@@ -316,10 +316,11 @@ export async function startSensor(
   const version = session.version.peek();
   const topic = `${namespace}/${sensor.topic}`;
   const typeName = (type: string) => (version === 2 ? type.replace("/", "/msg/") : type);
-  const publisher = session.publisher(topic, typeName(sensor.type));
+  const publisher = session.commands.publisher(topic, typeName(sensor.type));
   const { description } = sensor;
   const describer =
-    description && session.publisher(`${namespace}/${description.topic}`, typeName(description.type));
+    description &&
+    session.commands.publisher(`${namespace}/${description.topic}`, typeName(description.type));
   const dispose = () => {
     publisher.dispose();
     describer?.dispose();
@@ -336,8 +337,7 @@ export async function startSensor(
       },
       publish: (message) => {
         if (signal.aborted) return;
-        publisher.publishFresh(message);
-        on.message();
+        if (publisher.publishFresh(message)) on.message();
       },
       describe: (message) => describer?.publish(message),
     });

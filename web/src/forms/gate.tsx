@@ -1,9 +1,13 @@
 /** What the robot's gate says: who drives, and why nothing moves. */
 
+import { useSignal } from "@preact/signals";
 import { useTexts } from "../i18n/context";
 import type { Texts } from "../i18n/text";
 import type { Gate } from "../robot/gate";
+import type { RobotSession } from "../robot/session";
 import type { Stop } from "../robot/stop";
+import { Commanding } from "./commanding";
+import { Problem } from "./problem";
 
 /** Why nothing moves, while it is stopped. */
 export function stopText(stop: Stop, t: Texts): string {
@@ -11,15 +15,63 @@ export function stopText(stop: Stop, t: Texts): string {
   return stopped ? t("stop.gate", { by }) : t("stop.stopped");
 }
 
-/** A light with who drives by a topic; nothing where anybody may at any time. */
-export function Driver({ gate, topic }: { gate: Gate; topic: string }) {
+/** A light with who drives by a topic, and its lease; nothing where anybody may at any time. */
+export function Driver({ gate, topic, session }: { gate: Gate; topic: string; session: RobotSession }) {
   const t = useTexts();
+  const problem = useSignal("");
   const holder = gate.holders.value.get(topic);
   if (!holder) return null;
+  const isMine = holder.name !== "" && holder.name === gate.client.value;
+  const take = async () => {
+    problem.value = "";
+    try {
+      await gate.take(topic);
+    } catch (error) {
+      problem.value = (error as Error).message;
+    }
+  };
+  const { name, role } = holder;
   return (
-    <p class={holder.name ? "driver held" : "driver"} part="driver" role="status">
-      <span class="dot" aria-hidden="true" />
-      {holder.name ? t("teleop.held", { name: holder.name, role: holder.role }) : t("teleop.free")}
-    </p>
+    <div class="lease" part="lease">
+      <p class={name ? "driver held" : "driver"} part="driver" role="status">
+        <span class="dot" aria-hidden="true" />
+        {isMine ? t("teleop.mine") : name ? t("teleop.held", { name, role }) : t("teleop.free")}
+      </p>
+      {isMine ? (
+        <button type="button" part="button" onClick={() => gate.giveBack(topic)}>
+          {t("teleop.give")}
+        </button>
+      ) : (
+        <Commanding session={session} quiet>
+          <button type="button" part="button" onClick={take}>
+            {t(name ? "teleop.take.over" : "teleop.take")}
+          </button>
+        </Commanding>
+      )}
+      {problem.value && <Problem text={problem.value} />}
+    </div>
+  );
+}
+
+/** What the gate says of numbers that it clamped. */
+const CLAMPED = /([\w.[\]]+): (\S+) in place of ([^;\s]+)/g;
+/** Milliseconds for which that is shown. */
+const SHOWN_FOR = 3000;
+
+/** Values of a topic that the gate has reduced just now. */
+export function Clamped({ session, topic, now }: { session: RobotSession; topic: string; now: number }) {
+  const t = useTexts();
+  const notice = session.notices.value.findLast(
+    ({ about, text }) => about === topic && text.includes(" in place of "),
+  );
+  if (!notice || now - notice.at > SHOWN_FOR) return null;
+  return (
+    <ul class="clamped" part="clamped">
+      {[...notice.text.matchAll(CLAMPED)].map(([, field, value, wanted]) => (
+        <li key={field}>
+          {t("teleop.clamped", { field: field ?? "", value: value ?? "", wanted: wanted ?? "" })}
+        </li>
+      ))}
+    </ul>
   );
 }

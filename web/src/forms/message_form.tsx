@@ -10,6 +10,7 @@ import {
   isBoolean,
   isNumber,
   namedValues,
+  numberOf,
   type TypeDefinition,
   valueError,
 } from "../robot/typedefs";
@@ -198,12 +199,12 @@ function TextInput({ field, value, onChange, onWrong, path }: Input) {
           text.value = event.currentTarget.value;
           const wrong = valueError(field.type, text.value);
           onWrong(path, wrong !== null);
-          if (!wrong) onChange(isNumber(field.type) ? Number(text.value) : text.value);
+          if (!wrong) onChange(isNumber(field.type) ? numberOf(text.value) : text.value);
         }}
       />
       {problem && (
         <span class="problem" id={id}>
-          {t(`form.${problem}`, { least, most })}
+          {t(`form.${problem}`, { least: String(least), most: String(most) })}
         </span>
       )}
     </label>

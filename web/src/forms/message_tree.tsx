@@ -5,6 +5,8 @@ import { t } from "../i18n/text";
 
 const MOST_TEXT = 300;
 const MOST_ITEMS = 50;
+/** Items of a list that is unfolded from the start. */
+const MOST_UNFOLDED = 20;
 
 /** Whether a value has parts of its own. */
 function isCompound(value: unknown): value is object {
@@ -13,6 +15,8 @@ function isCompound(value: unknown): value is object {
 
 /** A plain value as a short text. */
 export function shortValue(value: unknown): string {
+  // rosbridge has no other way to write these numbers in JSON.
+  if (value === null) return t("topics.not_finite");
   if (typeof value === "string") {
     const rest = value.length - MOST_TEXT;
     return rest > 0
@@ -49,8 +53,15 @@ export function MessageTree({ value }: { value: unknown }) {
   );
 }
 
+/** True for what is shown unfolded: messages, and short lists of plain values. */
+function isShort(value: unknown): boolean {
+  if (ArrayBuffer.isView(value)) return (value as Uint8Array).length <= MOST_UNFOLDED;
+  if (!Array.isArray(value)) return true;
+  return value.length <= MOST_UNFOLDED && !value.some(isCompound);
+}
+
 function Branch({ name, value, depth }: { name: string; value: unknown; depth: number }) {
-  const open = useSignal(depth < 2 && !ArrayBuffer.isView(value) && !Array.isArray(value));
+  const open = useSignal(depth < 2 && isShort(value));
   if (!isCompound(value)) {
     return (
       <li>

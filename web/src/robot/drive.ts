@@ -1,6 +1,6 @@
 /** Driving a robot by hand: hold to run. Nothing is sent unless somebody holds a control. */
 
-import { effect, type ReadonlySignal, type Signal, signal } from "@preact/signals-core";
+import { effect, type Signal, signal } from "@preact/signals-core";
 import { SILENT } from "../decode/liveness";
 import { header, shortType } from "./names";
 import type { RobotSession } from "./session";
@@ -60,25 +60,23 @@ export class Drive {
    * @param session the robot
    * @param topic where it hears velocities
    * @param type of the topic, as the robot writes it
-   * @param stopped while it is true nothing moves
    */
   constructor(
     private readonly session: RobotSession,
     topic: string,
     type: string,
-    private readonly stopped: ReadonlySignal<boolean>,
   ) {
     this.stamped = shortType(type) === "geometry_msgs/TwistStamped";
-    this.publisher = session.publisher(topic, type);
+    this.publisher = session.commands.publisher(topic, type);
     this.endWatching = effect(() => {
-      if (!session.isAnswering) this.lose();
+      if (session.commands.block.value) this.lose();
     });
   }
 
   /** A control is held, and asks for this. */
   hold(control: string, wish: Wish): void {
     this.held.delete(control);
-    if (this.stopped.peek() || !this.session.isAnswering) return;
+    if (this.session.commands.block.peek()) return;
     this.held.set(control, wish);
     this.standstills = 0;
     this.moving.value = true;
@@ -125,7 +123,7 @@ export class Drive {
   private send(): void {
     const now = Date.now();
     // After a pause of the page, be it a busy thread or a closed lid, nobody knows whether the control is still held.
-    if (this.stopped.peek() || Math.abs(now - this.sentAt) > SILENT) this.lose();
+    if (Math.abs(now - this.sentAt) > SILENT) this.lose();
     this.sentAt = now;
     const wish = [...this.held.values()].at(-1);
     this.publish(wish ?? NO_WISH);
@@ -146,7 +144,7 @@ export class Drive {
     const message = this.stamped ? { header: header(version.peek(), "base_link", robotTime), twist } : twist;
     if (linear || lateral || angular) this.publisher.publishFresh(message);
     // To stand still is never late.
-    else this.publisher.publish(message);
+    else this.publisher.publishZero(message);
   }
 }
 

@@ -53,12 +53,17 @@ export class Gate {
   readonly stop: Signal<StopState> = signal(MOVING);
   /** Who holds the topics that one client at a time publishes on. */
   readonly holders: Signal<ReadonlyMap<string, Holder>> = signal(new Map());
+  /** Name of this page's client at the gate; empty until a lease was asked for. */
+  readonly client = signal("");
   /** What waits for a yes. */
   readonly approvals: Signal<readonly Approval[]> = signal([]);
 
   constructor(private readonly session: RobotSession) {
     this.present = computed(() => session.graph.value.services.includes(STOP));
     effect(() => {
+      // The name is that of one connection.
+      session.connections.value;
+      this.client.value = "";
       if (!this.present.value) {
         this.stop.value = MOVING;
         this.holders.value = new Map();
@@ -114,7 +119,24 @@ export class Gate {
    * @throws RobotError it does not answer, or the role may not
    */
   async answer(id: string, approve: boolean, seconds = 0): Promise<void> {
-    await this.ask("/gate/approve", "rwt_gate_msgs/Approve", { id, approve, seconds });
+    const request = { id, approve, seconds };
+    await this.ask("/gate/approve", "rwt_gate_msgs/Approve", request, !approve);
+  }
+
+  /**
+   * Take the lease of a topic; a role with precedence takes it from another holder.
+   *
+   * @throws Error another client holds it, or commands are blocked
+   */
+  async take(topic: string): Promise<void> {
+    const { commands } = this.session;
+    const answer = await commands.call<GateAnswer & { client: string }>(
+      "/gate/take_lease",
+      { topic },
+      "rwt_gate_msgs/Lease",
+    );
+    this.client.value = answer.client;
+    if (!answer.success) throw new Error(answer.message);
   }
 
   /** Give the lease of a topic back, whoever holds it: the server knows whether that is this page. */
@@ -123,11 +145,20 @@ export class Gate {
     if (!this.present.peek() || !this.holders.peek().get(topic)?.name) return;
     if (session.state.peek() !== "open") return;
     // Another client's is not given back by this, which is no problem to tell.
-    session.call("/gate/release_lease", { topic }, "rwt_gate_msgs/Lease").catch(() => undefined);
+    session.commands.callSafe("/gate/release_lease", { topic }, "rwt_gate_msgs/Lease").catch(() => undefined);
   }
 
-  private async ask(service: string, type: string, request: Record<string, unknown>): Promise<void> {
-    const answer = await this.session.call<GateAnswer & Record<string, unknown>>(service, request, type);
+  /** Call a service of the gate; `isSafe` if it lets nothing move. */
+  private async ask(
+    service: string,
+    type: string,
+    request: Record<string, unknown>,
+    isSafe = true,
+  ): Promise<void> {
+    const { commands } = this.session;
+    const answer = isSafe
+      ? await commands.callSafe<GateAnswer>(service, request, type)
+      : await commands.call<GateAnswer>(service, request, type);
     if (!answer.success) throw new Error(answer.message);
   }
 }

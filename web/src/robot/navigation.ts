@@ -70,6 +70,8 @@ export class Navigation {
   send(place: Place, frame: string): void {
     const { session, way } = this;
     if (!way) return;
+    const { commands } = session;
+    if (!commands.mayCommand(way.name)) return;
     const pose = this.stamped(place, frame);
     this.progress.value = {
       place,
@@ -80,7 +82,7 @@ export class Navigation {
       text: "",
     };
     if (way.kind === "topic") {
-      const publisher = session.publisher(way.name, session.graph.peek().topics.get(way.name) ?? "");
+      const publisher = commands.publisher(way.name, session.graph.peek().topics.get(way.name) ?? "");
       publisher.publish(pose);
       publisher.dispose();
       return;
@@ -89,7 +91,7 @@ export class Navigation {
     const goalType = session.graph.peek().topics.get(`${way.name}/goal`) ?? "";
     const type =
       session.version.peek() === 2 ? ACTION_TYPES[way.field] : goalType.replace(/ActionGoal$/, "Action");
-    const goal = session.sendGoal(
+    const goal = commands.sendGoal(
       way.name,
       type,
       { [way.field]: pose },
@@ -113,7 +115,10 @@ export class Navigation {
   /** Tell the robot where it is. */
   setPose(place: Place, frame: string): void {
     const { session } = this;
-    const publisher = session.publisher(POSE_TOPIC, session.graph.peek().topics.get(POSE_TOPIC) ?? "");
+    const publisher = session.commands.publisher(
+      POSE_TOPIC,
+      session.graph.peek().topics.get(POSE_TOPIC) ?? "",
+    );
     const { header: head, pose } = this.stamped(place, frame);
     // Half a metre and 15 degrees, as rviz says of a place that is pointed at.
     const covariance = new Array<number>(36).fill(0);

@@ -1,9 +1,10 @@
 /** One robot: its connection, which is made again when it is lost, what it offers, and what may be done with it. */
 
 import { computed, type ReadonlySignal, type Signal, signal } from "@preact/signals-core";
-import { Ros, Service, Topic } from "roslib";
+import { Ros, Service } from "roslib";
 import type { Traffic } from "../decode/protocol";
-import { type GoalHandle, type GoalOptions, sendGoal } from "./goals";
+import { Commands } from "./commands";
+import type { GoalHandle } from "./goals";
 import { shortType } from "./names";
 import { askPermissions, Permissions } from "./permissions";
 import { type Message, type OnMessage, type SubscribeOptions, Subscriptions } from "./subscriptions";
@@ -29,6 +30,10 @@ export interface Notice {
   text: string;
   /** The topic, service or action that it is about, where that is known. */
   about: string;
+  /** How often it was said, with other numbers in its text. */
+  count: number;
+  /** Milliseconds since 1970 of the last time. */
+  at: number;
 }
 
 export interface SessionOptions {
@@ -39,14 +44,6 @@ export interface SessionOptions {
   worker: () => WorkerPort;
   /** Milliseconds between two looks at what the robot offers. */
   discovery?: number;
-}
-
-/** A topic that this page publishes on. */
-export interface RobotPublisher {
-  publish(message: Message): void;
-  /** Publish a command or a sample, which is dropped if the robot does not answer or much waits to be sent. */
-  publishFresh(message: Message): void;
-  dispose(): void;
 }
 
 const EMPTY: Graph = { topics: new Map(), services: [], actions: [], nodes: [], problem: "" };
@@ -85,6 +82,10 @@ export class RobotSession {
   readonly traffic: Signal<Map<string, Traffic & { seconds: number }>> = signal(new Map());
   /** Milliseconds for which the robot has not answered; 0 while it answers, and without a connection. */
   readonly silence = signal(0);
+  /** Milliseconds since 1970 at which the next attempt to connect begins; 0 if none is scheduled. */
+  readonly retryAt = signal(0);
+  /** Milliseconds since 1970 of the last answer before the robot fell silent or the connection was lost; 0 before. */
+  readonly answeredAt = signal(0);
   /** Milliseconds since 1970 by this page's clock when the connection was made; 0 without one. */
   readonly connectedAt = signal(0);
   /** How often a connection was made. */
@@ -93,14 +94,15 @@ export class RobotSession {
   readonly version: ReadonlySignal<1 | 2>;
   readonly distro = signal("");
 
+  /** Everything that acts on the robot; {@link call} itself is for questions. */
+  readonly commands: Commands;
+
   private readonly saidVersion = signal(0);
   /** Milliseconds by which the robot's clock is ahead of this page's. */
   private clockOffset = 0;
-  private samples = 0;
   private readonly ros: Ros;
   private readonly decode: DecodeWorker;
   private readonly subscriptions: Subscriptions;
-  private readonly publishers = new Map<string, { topic: Topic<Message>; users: number }>();
   private readonly definitions = new Map<string, Promise<Definitions>>();
   private readonly abandoned = new Set<(error: RobotError) => void>();
   private readonly discoveryPeriod: number;
@@ -135,6 +137,7 @@ export class RobotSession {
         this.traffic.value = new Map([...topics].map(([name, each]) => [name, { ...each, seconds }]));
       },
       onAnswering: ({ silence, clockOffset }) => {
+        if (silence > 0) this.answeredAt.value = Date.now() - silence;
         this.silence.value = silence;
         this.clockOffset = clockOffset;
       },
@@ -147,6 +150,7 @@ export class RobotSession {
         patience: at(CONNECT, this.attempts),
       })),
     });
+    this.commands = new Commands(this, this.ros, (message) => decode.sendFresh(message));
     this.subscriptions = new Subscriptions(this.ros, (decodings) => decode.decode(decodings));
     this.ros.on("connection", () => this.opened());
     this.ros.on("close", (event) => this.lost(event as Closed));
@@ -158,6 +162,7 @@ export class RobotSession {
   private connect(): void {
     this.number++;
     this.beginsAnew = false;
+    this.retryAt.value = 0;
     this.ros.connect(this.url).catch((error: unknown) => this.lost({ code: 1006, reason: String(error) }));
   }
 
@@ -187,6 +192,7 @@ export class RobotSession {
 
   private lost({ code, reason }: Closed): void {
     const wasOpen = this.state.peek() === "open";
+    if (wasOpen && this.silence.peek() === 0) this.answeredAt.value = Date.now();
     this.connectedAt.value = 0;
     this.silence.value = 0;
     this.clockOffset = 0;
@@ -201,6 +207,7 @@ export class RobotSession {
     if (this.state.peek() !== "refused") this.state.value = "lost";
     const wait = at(BACKOFF, this.attempts++);
     const again = () => {
+      this.retryAt.value = Date.now() + wait;
       this.retry = setTimeout(() => this.connect(), wait);
     };
     const said = reason || `${code}`;
@@ -226,10 +233,18 @@ export class RobotSession {
     if (refusal.status !== 401) again();
   }
 
+  /** Connect now instead of at the time of the next attempt. */
+  retryNow(): void {
+    if (this.retryAt.peek() === 0) return;
+    clearTimeout(this.retry);
+    this.connect();
+  }
+
   /** Connect again, with another token. */
   authenticate(token: string): void {
     this.token = token;
     this.attempts = 0;
+    this.retryAt.value = 0;
     clearTimeout(this.retry);
     this.state.value = "connecting";
     this.number++; // Whatever is still asked for the old token does not count.
@@ -342,48 +357,15 @@ export class RobotSession {
     return known;
   }
 
-  // -- acting
+  // -- asking
 
   /** Hear a topic until the returned function is called; see {@link Subscriptions.add}. */
   subscribe(name: string, type: string, listener: OnMessage, options?: SubscribeOptions): () => void {
     return this.subscriptions.add(name, type, listener, options);
   }
 
-  /** A publisher, advertised while anybody holds it. */
-  publisher(name: string, type: string): RobotPublisher {
-    const key = `${name} ${type}`;
-    let known = this.publishers.get(key);
-    if (!known) {
-      known = { topic: new Topic<Message>({ ros: this.ros, name, messageType: type }), users: 0 };
-      known.topic.advertise();
-      this.publishers.set(key, known);
-    }
-    const mine = known;
-    mine.users++;
-    let held = true;
-    return {
-      publish: (message) => {
-        // Without a connection a message is dropped: roslib would keep it and send it much later.
-        if (held && this.state.peek() === "open") mine.topic.publish(message);
-      },
-      publishFresh: (msg) => {
-        if (!held || this.state.peek() !== "open") return;
-        const id = `publish:${name}:${++this.samples}`;
-        this.decode.sendFresh({ op: "publish", id, topic: name, msg });
-      },
-      dispose: () => {
-        if (!held) return;
-        held = false;
-        if (--mine.users === 0) {
-          mine.topic.unadvertise();
-          this.publishers.delete(key);
-        }
-      },
-    };
-  }
-
   /**
-   * Call a service.
+   * Call a service that only answers; one that acts on the robot is called by {@link Commands.call}.
    *
    * @param patience milliseconds to wait for the answer
    * @throws RobotError the robot refuses, does not answer in time, or there is no connection
@@ -416,26 +398,26 @@ export class RobotSession {
     });
   }
 
-  /** Send a goal to an action server, in the way of the robot's generation of ROS. */
-  sendGoal(action: string, type: string, goal: Message, options: GoalOptions = {}): GoalHandle {
-    const handle = sendGoal(this.ros, this.version.peek(), action, type, goal, options);
+  /** Abandon a goal when the connection is lost. */
+  abandonWithConnection(handle: GoalHandle): void {
     const abandon = () => handle.abandon("the connection was lost");
     this.abandoned.add(abandon);
-    void handle.outcome.then(
-      () => this.abandoned.delete(abandon),
-      () => this.abandoned.delete(abandon),
-    );
-    return handle;
+    const forget = () => this.abandoned.delete(abandon);
+    void handle.outcome.then(forget, forget);
   }
 
   // -- what is said
 
   /** Say something where everybody sees it. */
   note(level: Notice["level"], text: string, about = ""): void {
-    const last = this.notices.peek().at(-1);
-    if (last && last.text === text) return;
-    const notice = { number: ++this.noticeCount, level, text, about };
-    this.notices.value = [...this.notices.peek().slice(1 - MOST_NOTICES), notice];
+    const all = this.notices.peek();
+    const kind = kindOf(text);
+    const same = all.find(
+      (each) => each.level === level && each.about === about && kindOf(each.text) === kind,
+    );
+    const number = ++this.noticeCount;
+    const notice = { number, level, text, about, count: (same?.count ?? 0) + 1, at: Date.now() };
+    this.notices.value = [...all.filter((each) => each !== same).slice(1 - MOST_NOTICES), notice];
   }
 
   private noteStatus(level: string, text: string, id: string | undefined): void {
@@ -443,6 +425,11 @@ export class RobotSession {
     const about = /^[a-z_]+:([^:]+):/.exec(id ?? "")?.[1] ?? "";
     this.note(level === "error" ? "error" : level === "warning" ? "warning" : "info", text, about);
   }
+}
+
+/** A text without its numbers: repeated notices differ in them. */
+function kindOf(text: string): string {
+  return text.replace(/\d+(\.\d+)?/g, "#");
 }
 
 /** The one of a row that belongs to an attempt; the last one for all that follow. */

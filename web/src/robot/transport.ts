@@ -23,6 +23,16 @@ export interface WorkerPort {
 
 type RosbridgeMessage = Parameters<ITransport["send"]>[0];
 
+/** Part of JSON that TypeScript's library does not declare yet. */
+const { rawJSON } = JSON as { rawJSON?: (text: string) => unknown };
+
+/** A message as JSON, with all digits of 64-bit integers where the browser can write them. */
+export function jsonOf(message: object): string {
+  return JSON.stringify(message, (_, value: unknown) =>
+    typeof value === "bigint" ? (rawJSON?.(String(value)) ?? Number(value)) : value,
+  );
+}
+
 class WorkerTransport implements ITransport {
   private state: "connecting" | "open" | "closing" | "closed" = "connecting";
   private readonly listeners = new Map<string, Listener[]>();
@@ -45,7 +55,7 @@ class WorkerTransport implements ITransport {
 
   send(message: RosbridgeMessage): void {
     if (this.state === "open") {
-      this.post({ kind: "send", socket: this.socket, text: JSON.stringify(message) });
+      this.post({ kind: "send", socket: this.socket, text: jsonOf(message) });
     }
   }
 
@@ -55,7 +65,7 @@ class WorkerTransport implements ITransport {
       this.post({
         kind: "send",
         socket: this.socket,
-        text: JSON.stringify(message),
+        text: jsonOf(message),
         command: Date.now(),
       });
     }

@@ -97,7 +97,7 @@ function constantValue(text: string): number | string | boolean {
   return text.trim() !== "" && Number.isFinite(Number(text)) ? Number(text) : text;
 }
 
-const INTEGERS: Record<string, [least: number, most: number]> = {
+const INTEGERS: Record<string, [least: number | bigint, most: number | bigint]> = {
   int8: [-128, 127],
   uint8: [0, 255],
   byte: [0, 255],
@@ -107,13 +107,13 @@ const INTEGERS: Record<string, [least: number, most: number]> = {
   uint16: [0, 65535],
   int32: [-2147483648, 2147483647],
   uint32: [0, 4294967295],
-  int64: [Number.MIN_SAFE_INTEGER, Number.MAX_SAFE_INTEGER],
-  uint64: [0, Number.MAX_SAFE_INTEGER],
+  int64: [-(2n ** 63n), 2n ** 63n - 1n],
+  uint64: [0n, 2n ** 64n - 1n],
 };
 const FLOATS = new Set(["float", "double", "float32", "float64"]);
 
 /** The range of an integer type; undefined for other types. */
-export function integerRange(type: string): [least: number, most: number] | undefined {
+export function integerRange(type: string): [least: number | bigint, most: number | bigint] | undefined {
   return INTEGERS[type];
 }
 
@@ -148,5 +148,13 @@ export function valueError(type: string, text: string): "number" | "integer" | "
   const range = INTEGERS[type];
   if (!range) return null;
   if (!Number.isInteger(value)) return "integer";
-  return value < range[0] || value > range[1] ? "range" : null;
+  const exact = numberOf(text);
+  return exact < range[0] || exact > range[1] ? "range" : null;
+}
+
+/** The number that a text names; as a bigint if a number would lose its last digits. */
+export function numberOf(text: string): number | bigint {
+  const value = Number(text);
+  const isExact = Number.isSafeInteger(value) || !/^\s*[+-]?\d+\s*$/.test(text);
+  return isExact ? value : BigInt(text.trim().replace(/^\+/, ""));
 }

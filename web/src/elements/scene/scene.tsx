@@ -2,6 +2,7 @@
 
 import { effect, useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef } from "preact/hooks";
+import { blockText } from "../../forms/commanding";
 import { useLater } from "../../forms/later";
 import { Problem } from "../../forms/problem";
 import { useTexts } from "../../i18n/context";
@@ -96,7 +97,7 @@ function SceneView({ element, session, stop }: ViewProps<SceneElement>) {
       ];
       scene.tools.onPlace = (_, where) => {
         const frame = scene.frames.fixed.peek();
-        if (stop.stopped.peek()) return;
+        if (session.commands.block.peek()) return;
         navigation.send(where, frame);
         element.tell("goal", { ...where, frame });
       };
@@ -122,14 +123,14 @@ function SceneView({ element, session, stop }: ViewProps<SceneElement>) {
       {problem && <Problem text={problem} />}
       <div part="view" class="view" ref={place} role="application" aria-label={t("scene.keys")} />
       {element.goals && drawn.value && (
-        <Goals {...{ navigation, scene: drawn.value }} stopped={stop.stopped.value} />
+        <Goals {...{ navigation, scene: drawn.value }} blocked={blockText(session, t)} />
       )}
     </div>
   );
 }
 
-function Goals(props: { navigation: Navigation; scene: RobotScene; stopped: boolean }) {
-  const { navigation, scene, stopped } = props;
+function Goals(props: { navigation: Navigation; scene: RobotScene; blocked: string }) {
+  const { navigation, scene, blocked } = props;
   const t = useTexts();
   const isChosen = scene.tools.chosen.value === "goal";
   if (!navigation.way) return <Problem text={t("goal.none")} />;
@@ -139,7 +140,8 @@ function Goals(props: { navigation: Navigation; scene: RobotScene; stopped: bool
         type="button"
         part="button"
         aria-pressed={isChosen}
-        disabled={stopped}
+        disabled={blocked !== ""}
+        title={blocked || undefined}
         onClick={() => scene.tools.choose(isChosen ? "look" : "goal")}
       >
         {t("scene.goal")}

@@ -2,6 +2,7 @@
 
 import { useLayoutEffect } from "preact/hooks";
 import { stopText } from "../../forms/gate";
+import { ReleaseButton } from "../../forms/release";
 import { useTexts } from "../../i18n/context";
 import { flag, text } from "../base/attributes";
 import { COMMON, defineElement, RobotElement, type ViewProps } from "../base/element";
@@ -48,23 +49,26 @@ function StopView({ element, session, stop }: ViewProps<StopElement>) {
     const onKey = (event: KeyboardEvent) => {
       if (event.key === shortcut && !event.repeat) element.stop();
     };
-    document.addEventListener("keydown", onKey);
-    return () => document.removeEventListener("keydown", onKey);
+    addEventListener("keydown", onKey, { capture: true });
+    return () => removeEventListener("keydown", onKey, { capture: true });
   }, [element, shortcut]);
   const stopped = stop.stopped.value;
   const { topics, actions } = stop.reaches;
   const nothing = session.state.value === "open" && topics.length + actions.length === 0;
   return (
     <>
-      <button
-        type="button"
-        part="button"
-        class={stopped ? "release" : "stop"}
-        aria-keyshortcuts={shortcut || undefined}
-        onClick={() => (stopped ? element.release() : element.stop())}
-      >
-        {t(stopped ? "stop.release" : "stop.stop")}
-      </button>
+      <div class="row">
+        <button
+          type="button"
+          part="button"
+          class={stopped ? "stop latched" : "stop"}
+          aria-keyshortcuts={shortcut || undefined}
+          onClick={() => element.stop()}
+        >
+          {t(stopped ? "stop.latched" : "stop.stop")}
+        </button>
+        {stopped && <ReleaseButton onRelease={() => element.release()} />}
+      </div>
       {!element.quiet && (
         <p part="status" role="status">
           {stopped ? stopText(stop, t) : nothing ? t("stop.nothing") : ""}

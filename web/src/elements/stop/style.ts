@@ -16,6 +16,18 @@ button {
   color: #ffffff;
   border: 3px solid #7a0b13;
 }
+.row {
+  display: flex;
+  flex-wrap: wrap;
+  gap: 2em;
+}
+.latched {
+  background: Canvas;
+  color: var(--rwt-danger);
+}
+.holding {
+  text-decoration: underline;
+}
 .release {
   background: Canvas;
   color: CanvasText;

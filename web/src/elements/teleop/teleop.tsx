@@ -53,7 +53,7 @@ function TeleopView({ element, session, stop }: ViewProps<TeleopElement>) {
 function Controls(props: ViewProps<TeleopElement> & { topic: string; type: string }) {
   const { element, session, stop, topic, type } = props;
   const t = useTexts();
-  const drive = useMemo(() => new Drive(session, topic, type, stop.stopped), [session, topic, type, stop]);
+  const drive = useMemo(() => new Drive(session, topic, type), [session, topic, type]);
   drive.limits = { linear: element.maxLinear, angular: element.maxAngular };
   const pad = useRef<HTMLFieldSetElement>(null);
   // Before the page is drawn, since what is seen to be there may be pressed.
@@ -76,7 +76,7 @@ function Controls(props: ViewProps<TeleopElement> & { topic: string; type: strin
   const refusal = session.notices.value.findLast(({ level, about }) => level === "error" && about === topic);
   const stopped = stop.stopped.value;
   // Before the robot has said of which type the topic is, a grip would be lost when it does.
-  const idle = stopped || !session.isAnswering || !session.hasAsked;
+  const idle = session.commands.block.value !== null || !session.hasAsked;
   // Without a button in it, the keyboard needs a place to be.
   const place = controls === "stick" && keys === "focus" ? { tabIndex: 0 } : {};
   return (
@@ -88,7 +88,7 @@ function Controls(props: ViewProps<TeleopElement> & { topic: string; type: strin
         {linear.toFixed(2)} m/s{lateral !== 0 && ` · ${lateral.toFixed(2)} m/s ${t("teleop.sideways")}`} ·{" "}
         {angular.toFixed(2)} rad/s
       </output>
-      <Driver gate={stop.gate} topic={topic} />
+      <Driver gate={stop.gate} topic={topic} session={session} />
       {refusal && <Problem text={refusal.text} />}
       {session.silence.value > 0 && <Problem text={t("teleop.silent")} />}
       {stopped && <Problem text={stopText(stop, t)} />}

@@ -3,6 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { SENSORS, type Sensor, startSensor } from "../../device/sensors";
+import { blockText } from "../../forms/commanding";
 import { Check } from "../../forms/inputs";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
@@ -58,6 +59,13 @@ function OneSensor(props: { context: PanelContext; sensor: Sensor; namespace: st
   const problem = useSignal("");
   const control = useRef<AbortController | null>(null);
   useEffect(() => () => control.current?.abort(), []);
+  const blocked = blockText(session, t);
+  useEffect(() => {
+    // A gamepad may drive the robot: after a stop or a lost connection it begins only when switched on again.
+    if (!blocked || sensor.name !== "joystick") return;
+    control.current?.abort();
+    on.value = false;
+  }, [blocked, sensor, on]);
   const topics = [topic, ...(sensor.description ? [`${namespace}/${sensor.description.topic}`] : [])];
   const closed = topics.find((each) => !session.may("publish", each));
   if (closed) return <Refusal context={context} act="publish" name={closed} />;
@@ -82,9 +90,15 @@ function OneSensor(props: { context: PanelContext; sensor: Sensor; namespace: st
   const available = isSecureContext && sensor.available();
   return (
     <div class="sensor">
-      <Check name={sensor.name} checked={on.value} disabled={!available} onChange={change}>
+      <Check
+        name={sensor.name}
+        checked={on.value}
+        disabled={!available || (blocked !== "" && !on.value)}
+        onChange={change}
+      >
         {t(`device.${sensor.name}`)} <span class="faint">{topic}</span>
       </Check>
+      {blocked && <span class="blocked">{blocked}</span>}
       {on.value && <span class="faint">{t("device.sent", { count: count.value })}</span>}
       {!available && isSecureContext && <span class="faint">{t("device.missing")}</span>}
       {problem.value && <Problem text={problem.value} />}

@@ -2,6 +2,7 @@
 
 import { type Signal, useSignal } from "@preact/signals";
 import { useEffect, useId } from "preact/hooks";
+import { Commanding } from "../../forms/commanding";
 import { Choice } from "../../forms/inputs";
 import { inWords, loadLater, type Trouble } from "../../forms/later";
 import { Problem } from "../../forms/problem";
@@ -38,7 +39,7 @@ export const goal: PanelKind = {
 };
 
 function GoalPanel({ context }: { context: PanelContext }) {
-  const { navigation, stop, visible, config } = context;
+  const { navigation, visible, config } = context;
   const frames = useId();
   const problem = useSignal<Trouble | null>(null);
   // The goal begins where the robot is, until somebody moves it.
@@ -70,7 +71,7 @@ function GoalPanel({ context }: { context: PanelContext }) {
       class="goal"
       onSubmit={(event) => {
         event.preventDefault();
-        if (stop.stopped.value) return;
+        if (context.session.commands.block.peek()) return;
         navigation.send(place, frame);
         navigation.draft.value = null;
       }}
@@ -135,14 +136,16 @@ function GoalPanel({ context }: { context: PanelContext }) {
         </button>
       </fieldset>
       <div class="goal-buttons">
-        <button type="submit" data-scan="press" disabled={stop.stopped.value}>
-          {t("goal.go")}
-        </button>
-        {navigation.takesPose && (
-          <button type="button" data-scan="press" onClick={() => navigation.setPose(place, frame)}>
-            {t("goal.is")}
+        <Commanding session={context.session}>
+          <button type="submit" data-scan="press">
+            {t("goal.go")}
           </button>
-        )}
+          {navigation.takesPose && (
+            <button type="button" data-scan="press" onClick={() => navigation.setPose(place, frame)}>
+              {t("goal.is")}
+            </button>
+          )}
+        </Commanding>
       </div>
       <NavigationState navigation={navigation} />
       {problem.value && <Problem text={inWords(problem.value, t)} />}

@@ -2,12 +2,13 @@
 
 import { useId, useLayoutEffect, useMemo, useRef } from "preact/hooks";
 import { followKeys, HoldButtons, releaseWithPage, Stick } from "../../elements/teleop/controls";
-import { Driver } from "../../forms/gate";
+import { blockText } from "../../forms/commanding";
+import { Clamped, Driver } from "../../forms/gate";
 import { Check } from "../../forms/inputs";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { Drive, driveTopics, type Wish } from "../../robot/drive";
-import { componentPanel, Refusal, TopicChoice } from "../component";
+import { componentPanel, now, Refusal, TopicChoice } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 
 /** The least limit that can be set, and by how much a button changes one, in m/s and rad/s. */
@@ -54,7 +55,7 @@ function TeleopPanel({ context }: { context: PanelContext }) {
 function Controls({ context, topic }: { context: PanelContext; topic: string }) {
   const { session, stop, config, visible } = context;
   const type = session.graph.peek().topics.get(topic) ?? "geometry_msgs/Twist";
-  const drive = useMemo(() => new Drive(session, topic, type, stop.stopped), [session, topic, type, stop]);
+  const drive = useMemo(() => new Drive(session, topic, type), [session, topic, type]);
   const limits = {
     linear: Number(config.value.linear ?? 0.4),
     angular: Number(config.value.angular ?? 0.8),
@@ -77,7 +78,8 @@ function Controls({ context, topic }: { context: PanelContext; topic: string }) 
   useLayoutEffect(() => followKeys(pad.current as HTMLElement, drive), [drive]);
   const { linear, lateral, angular } = drive.sent.value;
   // Before the robot has said of which type the topic is, a grip would be lost when it does.
-  const idle = stop.stopped.value || !session.isAnswering || !session.hasAsked;
+  const why = blockText(session, t);
+  const idle = why !== "" || !session.hasAsked;
   return (
     <fieldset class="drive" ref={pad} aria-describedby="teleop-hint">
       <legend class="hidden">{topic}</legend>
@@ -103,7 +105,9 @@ function Controls({ context, topic }: { context: PanelContext; topic: string }) 
         {angular.toFixed(2)} rad/s
       </output>
       {session.silence.value > 0 && <Problem text={t("teleop.silent")} />}
-      <Driver gate={stop.gate} topic={topic} />
+      {why && session.silence.value === 0 && <p class="blocked">{why}</p>}
+      <Clamped session={session} topic={topic} now={now.value} />
+      <Driver gate={stop.gate} topic={topic} session={session} />
       <p class="faint" id="teleop-hint">
         {t("teleop.hint", { topic })}
       </p>

@@ -2,6 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
+import { Commanding } from "../../forms/commanding";
 import { Check, NameButton, Search } from "../../forms/inputs";
 import { MessageForm } from "../../forms/message_form";
 import { MessageTree } from "../../forms/message_tree";
@@ -181,7 +182,7 @@ function OneService({ context, name }: { context: PanelContext; name: string }) 
     answer.value = null;
     const began = performance.now();
     try {
-      const values = await session.call(name, value.value, type, PATIENCE);
+      const values = await session.commands.call(name, value.value, type, PATIENCE);
       answer.value = { values, took: performance.now() - began };
     } catch (error) {
       problem.value = (error as Error).message;
@@ -193,9 +194,11 @@ function OneService({ context, name }: { context: PanelContext; name: string }) 
       <h2>{name}</h2>
       <p class="faint">{type}</p>
       {form}
-      <button type="submit" disabled={busy.value || !whole.value || !type}>
-        {busy.value ? t("services.busy") : t("services.call")}
-      </button>
+      <Commanding session={session}>
+        <button type="submit" disabled={busy.value || !whole.value || !type}>
+          {busy.value ? t("services.busy") : t("services.call")}
+        </button>
+      </Commanding>
       {problem.value && <Problem text={problem.value} />}
       {answer.value && (
         <div role="status">
@@ -208,7 +211,7 @@ function OneService({ context, name }: { context: PanelContext; name: string }) 
 }
 
 function OneAction({ context, name }: { context: PanelContext; name: string }) {
-  const { session, stop } = context;
+  const { session } = context;
   const { form, type, value, whole, problem } = useForm(context, () => goalOf(context, name));
   const goal = useSignal<GoalHandle | null>(null);
   const feedback = useSignal<Message | null>(null);
@@ -217,7 +220,8 @@ function OneAction({ context, name }: { context: PanelContext; name: string }) {
   const send = (event: Event) => {
     event.preventDefault();
     feedback.value = end.value = null;
-    const sent = session.sendGoal(name, type, value.value, {
+    if (!session.commands.mayCommand(name)) return;
+    const sent = session.commands.sendGoal(name, type, value.value, {
       onFeedback: (message) => {
         feedback.value = message;
       },
@@ -233,9 +237,11 @@ function OneAction({ context, name }: { context: PanelContext; name: string }) {
       <h2>{name}</h2>
       <p class="faint">{type}</p>
       {form}
-      <button type="submit" disabled={goal.value !== null || !whole.value || !type || stop.stopped.value}>
-        {t("actions.send")}
-      </button>
+      <Commanding session={session}>
+        <button type="submit" disabled={goal.value !== null || !whole.value || !type}>
+          {t("actions.send")}
+        </button>
+      </Commanding>
       {goal.value && (
         <button type="button" onClick={() => goal.value?.cancel()}>
           {t("goal.cancel")}

@@ -2,6 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
+import { Commanding } from "../../forms/commanding";
 import { Choice } from "../../forms/inputs";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
@@ -149,18 +150,20 @@ function NodeParameters(props: { context: PanelContext; node: string; names: str
     });
   }, [session, key, isDescribed]);
   return (
-    <table>
-      <tbody>
-        {values.value.map((parameter) => (
-          <Row
-            key={parameter.name}
-            context={context}
-            parameter={parameter}
-            descriptor={descriptors.value.get(parameter.name.slice(node.length + 1))}
-          />
-        ))}
-      </tbody>
-    </table>
+    <Commanding session={session}>
+      <table>
+        <tbody>
+          {values.value.map((parameter) => (
+            <Row
+              key={parameter.name}
+              context={context}
+              parameter={parameter}
+              descriptor={descriptors.value.get(parameter.name.slice(node.length + 1))}
+            />
+          ))}
+        </tbody>
+      </table>
+    </Commanding>
   );
 }
 
@@ -176,7 +179,7 @@ function Row(props: { context: PanelContext; parameter: Parameter; descriptor: D
     problem.value = "";
     try {
       const request = { name, value: JSON.stringify(next) };
-      const answer = await session.call<{ successful?: boolean; reason?: string }>(
+      const answer = await session.commands.call<{ successful?: boolean; reason?: string }>(
         "/rosapi/set_param",
         request,
       );

@@ -2,6 +2,7 @@
 
 import { useComputed, useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
+import { Commanding } from "../../forms/commanding";
 import { NameButton, Search } from "../../forms/inputs";
 import { MessageForm } from "../../forms/message_form";
 import { MessageTree } from "../../forms/message_tree";
@@ -181,11 +182,10 @@ function PublishForm({ context, name, type }: { context: PanelContext; name: str
           onSubmit={(event) => {
             event.preventDefault();
             if (!whole.value) return;
-            const publisher = session.publisher(name, type);
-            publisher.publish(value.value);
+            const publisher = session.commands.publisher(name, type);
+            if (publisher.publish(value.value)) done.value++;
             // In order behind the message: the robot has it before the advertisement ends.
             publisher.dispose();
-            done.value++;
           }}
         >
           <MessageForm
@@ -196,9 +196,11 @@ function PublishForm({ context, name, type }: { context: PanelContext; name: str
               whole.value = isWhole;
             }}
           />
-          <button type="submit" disabled={!whole.value}>
-            {t("topics.publish")}
-          </button>
+          <Commanding session={session}>
+            <button type="submit" disabled={!whole.value}>
+              {t("topics.publish")}
+            </button>
+          </Commanding>
           <span role="status">{done.value > 0 && t("topics.published")}</span>
         </form>
       )}

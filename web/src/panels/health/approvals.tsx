@@ -1,6 +1,7 @@
 /** What clients want to do that needs a person's yes: who, what, and the answer. */
 
 import { useSignal } from "@preact/signals";
+import { Commanding } from "../../forms/commanding";
 import { Problem } from "../../forms/problem";
 import { type TextKey, t } from "../../i18n/text";
 import type { Approval } from "../../robot/gate";
@@ -78,19 +79,21 @@ function OneApproval({ context, approval }: { context: PanelContext; approval: A
         {t("approvals.left", { seconds: Math.round(Math.max(0, Math.min(approval.seconds, left))) })}
       </p>
       <div class="plot-bar">
-        <button type="button" data-scan="press" disabled={busy.value} onClick={() => answer(true)}>
-          {t("approvals.yes")}
-        </button>
-        {remember_seconds > 0 && (
-          <button
-            type="button"
-            data-scan="press"
-            disabled={busy.value}
-            onClick={() => answer(true, remember_seconds)}
-          >
-            {t("approvals.yes_for", { time: timeText(remember_seconds) })}
+        <Commanding session={context.session} quiet>
+          <button type="button" data-scan="press" disabled={busy.value} onClick={() => answer(true)}>
+            {t("approvals.yes")}
           </button>
-        )}
+          {remember_seconds > 0 && (
+            <button
+              type="button"
+              data-scan="press"
+              disabled={busy.value}
+              onClick={() => answer(true, remember_seconds)}
+            >
+              {t("approvals.yes_for", { time: timeText(remember_seconds) })}
+            </button>
+          )}
+        </Commanding>
         <button type="button" data-scan="press" disabled={busy.value} onClick={() => answer(false)}>
           {t("approvals.no")}
         </button>

@@ -2,6 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
+import { Commanding } from "../../forms/commanding";
 import { Choice } from "../../forms/inputs";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
@@ -12,6 +13,8 @@ import { hasRecorder, Recorder } from "./recorder";
 
 /** Milliseconds between two looks. */
 const PERIOD = 1000;
+/** Services that change nothing. */
+const QUESTIONS: ReadonlySet<string> = new Set(["is_paused", "get_rate"]);
 const RATES = [0.1, 0.5, 1, 2, 5, 10];
 
 /** Nodes with a service to toggle a pause: players and recorders. */
@@ -55,8 +58,13 @@ function Pausable({ context, node }: { context: PanelContext; node: string }) {
   const seek = useSignal("");
   const problem = useSignal("");
   const act = async (name: string, request: Message = {}) => {
+    const service = `${node}/${name}`;
     try {
-      const answer = await session.call<{ success?: boolean }>(`${node}/${name}`, request);
+      const answer = await (QUESTIONS.has(name)
+        ? session.call<{ success?: boolean }>(service, request)
+        : name === "stop"
+          ? session.commands.callSafe<{ success?: boolean }>(service, request)
+          : session.commands.call<{ success?: boolean }>(service, request));
       problem.value = answer.success === false ? t("player.refused", { name }) : "";
       return answer as Message;
     } catch (error) {
@@ -82,39 +90,41 @@ function Pausable({ context, node }: { context: PanelContext; node: string }) {
     <section class="player">
       <h2>{node}</h2>
       <div class="plot-bar">
-        <button
-          type="button"
-          aria-pressed={paused.value === true}
-          onClick={async () => {
-            await act("toggle_paused");
-            if (has("is_paused"))
-              paused.value = ((await act("is_paused"))?.paused as boolean | undefined) ?? null;
-          }}
-        >
-          {paused.value ? t("player.resume") : t("player.pause")}
-        </button>
-        {has("play_next") && (
-          <button type="button" onClick={() => act("play_next")}>
-            {t("player.next")}
+        <Commanding session={session} quiet>
+          <button
+            type="button"
+            aria-pressed={paused.value === true}
+            onClick={async () => {
+              await act("toggle_paused");
+              if (has("is_paused"))
+                paused.value = ((await act("is_paused"))?.paused as boolean | undefined) ?? null;
+            }}
+          >
+            {paused.value ? t("player.resume") : t("player.pause")}
           </button>
-        )}
+          {has("play_next") && (
+            <button type="button" onClick={() => act("play_next")}>
+              {t("player.next")}
+            </button>
+          )}
+          {has("set_rate") && (
+            <Choice
+              label={t("player.rate")}
+              chosen={String(rate.value)}
+              options={[...new Set([rate.value, ...RATES])]
+                .sort((a, b) => a - b)
+                .map((it) => [String(it), `${it}×`])}
+              onChoose={async (value) => {
+                const wanted = Number(value);
+                if (await act("set_rate", { rate: wanted })) rate.value = wanted;
+              }}
+            />
+          )}
+        </Commanding>
         {has("stop") && (
           <button type="button" onClick={() => act("stop")}>
             {t("player.stop")}
           </button>
-        )}
-        {has("set_rate") && (
-          <Choice
-            label={t("player.rate")}
-            chosen={String(rate.value)}
-            options={[...new Set([rate.value, ...RATES])]
-              .sort((a, b) => a - b)
-              .map((it) => [String(it), `${it}×`])}
-            onChoose={async (value) => {
-              const wanted = Number(value);
-              if (await act("set_rate", { rate: wanted })) rate.value = wanted;
-            }}
-          />
         )}
       </div>
       {has("seek") && (
@@ -141,7 +151,9 @@ function Pausable({ context, node }: { context: PanelContext; node: string }) {
               }}
             />
           </label>
-          <button type="submit">{t("player.go")}</button>
+          <Commanding session={session} quiet>
+            <button type="submit">{t("player.go")}</button>
+          </Commanding>
         </form>
       )}
       {problem.value && <Problem text={problem.value} />}

@@ -2,6 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
+import { Commanding } from "../../forms/commanding";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { seconds } from "../../robot/names";
@@ -56,7 +57,10 @@ export function Recorder({ context }: { context: PanelContext }) {
   if (!session.may("call", START)) return <Refusal context={context} act="call" name={START} />;
   const ask = async (service: string, request: Record<string, unknown>) => {
     try {
-      const answer = await session.call<{ success: boolean; message: string }>(service, request);
+      const { commands } = session;
+      const answer = await (service === STOP
+        ? commands.callSafe<{ success: boolean; message: string }>(service, request)
+        : commands.call<{ success: boolean; message: string }>(service, request));
       problem.value = answer.success ? "" : answer.message;
     } catch (error) {
       problem.value = (error as Error).message;
@@ -87,7 +91,13 @@ export function Recorder({ context }: { context: PanelContext }) {
             />
           </label>
         )}
-        <button type="submit">{recorded?.recording ? t("recorder.stop") : t("recorder.start")}</button>
+        {recorded?.recording ? (
+          <button type="submit">{t("recorder.stop")}</button>
+        ) : (
+          <Commanding session={session} quiet>
+            <button type="submit">{t("recorder.start")}</button>
+          </Commanding>
+        )}
       </form>
       {recorded?.file && <p role="status">{stateText(recorded)}</p>}
       {recorded?.problem && <Problem text={recorded.problem} />}

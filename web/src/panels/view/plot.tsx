@@ -1,6 +1,6 @@
 /** Numbers over time: any numeric field of any topic, on several axes, with pause, zoom and export. */
 
-import { Choice } from "../../forms/inputs";
+import { Choice, Search } from "../../forms/inputs";
 import "uplot/dist/uPlot.min.css";
 import { type Signal, useSignal } from "@preact/signals";
 import { useEffect, useMemo, useRef } from "preact/hooks";
@@ -26,6 +26,9 @@ interface Line {
 const REDRAW = 50;
 const COLOURS = ["#1f5fa8", "#c2410c", "#15803d", "#9333ea", "#b91c1c", "#0e7490", "#a16207", "#be185d"];
 const MOST_LINES = COLOURS.length;
+/** Topics beyond which the list has a search, and that it shows. */
+const SEARCHED = 40;
+const MOST_TOPICS = 500;
 /** Pixels that the mouse must go to choose a part. */
 const LEAST_DRAG = 4;
 
@@ -227,9 +230,12 @@ function AddLine({ context, onAdd }: { context: PanelContext; onAdd: (line: Line
     );
   }, [session, chosen, sample, path]);
   const paths = sample.value ? numericPaths(sample.value) : [];
+  const search = useSignal("");
   const topics = [...session.graph.value.topics.keys()]
     .filter((name) => session.may("subscribe", name))
     .sort();
+  const wanted = search.value.toLowerCase();
+  const found = topics.filter((name) => name.toLowerCase().includes(wanted) || name === chosen);
   // With a button to end it: arrow keys choose one value after the other on their way.
   return (
     <form
@@ -240,11 +246,12 @@ function AddLine({ context, onAdd }: { context: PanelContext; onAdd: (line: Line
         topic.value = "";
       }}
     >
+      {topics.length > SEARCHED && <Search text={search} />}
       <Choice
         label={t("panel.topic")}
         quiet
         chosen={chosen}
-        options={[["", t("plot.topic")], ...topics.slice(0, 500)]}
+        options={[["", t("plot.topic")], ...found.slice(0, MOST_TOPICS)]}
         onChoose={(name) => {
           topic.value = name;
         }}

@@ -2,6 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
+import { blockText } from "../../forms/commanding";
 import { Check, Choice } from "../../forms/inputs";
 import { useLater } from "../../forms/later";
 import { Menu } from "../../forms/menu";
@@ -78,7 +79,7 @@ function qualityOf({ config }: PanelContext): Quality {
 }
 
 function Toolbar({ context, scene }: { context: PanelContext; scene: RobotScene }) {
-  const { navigation, config, stop } = context;
+  const { navigation, config, session } = context;
   const { tools, frames, axes } = scene;
   const draft = navigation.draft.value;
   useEffect(
@@ -91,15 +92,17 @@ function Toolbar({ context, scene }: { context: PanelContext; scene: RobotScene 
     tools.onPlace = (tool, where) => {
       const frame = frames.fixed.peek();
       if (tool === "pose") navigation.setPose(where, frame);
-      else if (!stop.stopped.peek()) navigation.send(where, frame);
+      else navigation.send(where, frame);
     };
-  }, [tools, frames, navigation, stop]);
+  }, [tools, frames, navigation]);
+  const why = blockText(session, t);
   frames.changed.value;
   const tool = (name: ToolName, title: string, disabled: boolean) => (
     <button
       type="button"
       aria-pressed={tools.chosen.value === name}
       disabled={disabled}
+      title={(name === "goal" || name === "pose") && why ? why : undefined}
       onClick={() => tools.choose(tools.chosen.peek() === name ? "look" : name)}
     >
       {title}
@@ -107,8 +110,8 @@ function Toolbar({ context, scene }: { context: PanelContext; scene: RobotScene 
   );
   return (
     <div class="scene-tools" role="toolbar" aria-label={t("scene.tools")}>
-      {tool("goal", t("scene.goal"), !navigation.way || stop.stopped.value)}
-      {navigation.takesPose && tool("pose", t("scene.pose"), false)}
+      {tool("goal", t("scene.goal"), !navigation.way || why !== "")}
+      {navigation.takesPose && tool("pose", t("scene.pose"), why !== "")}
       {tool("measure", t("scene.measure"), false)}
       {Number.isFinite(tools.measured.value) && <output>{tools.measured.value.toFixed(3)} m</output>}
       <button type="button" onClick={() => scene.look(true)}>

@@ -1,5 +1,6 @@
 /** Interactive markers: drawn, dragged, turned and clicked, with feedback for the program that offers them. */
 
+import { effect, untracked } from "@preact/signals-core";
 import { Group, type Object3D, Plane, Quaternion, Vector3 } from "three";
 import { keepAsking } from "../../robot/asking";
 import { header } from "../../robot/names";
@@ -89,7 +90,7 @@ export class InteractiveLayer extends Layer {
     const prefix = session.version.peek() === 2 ? "visualization_msgs/msg/" : "visualization_msgs/";
     this.may = session.may("publish", `${this.namespace}/feedback`);
     this.feedback = this.may
-      ? session.publisher(`${this.namespace}/feedback`, `${prefix}InteractiveMarkerFeedback`)
+      ? session.commands.publisher(`${this.namespace}/feedback`, `${prefix}InteractiveMarkerFeedback`)
       : null;
     this.hear((message) => this.take(message));
     const full = `${this.namespace}/update_full`;
@@ -104,6 +105,11 @@ export class InteractiveLayer extends Layer {
     canvas.addEventListener("pointermove", move, { capture: true });
     canvas.addEventListener("pointerup", up, { capture: true });
     canvas.addEventListener("pointercancel", up, { capture: true });
+    this.until(
+      effect(() => {
+        if (session.commands.block.value) untracked(() => this.drop());
+      }),
+    );
     this.until(() => {
       canvas.removeEventListener("pointerdown", down, { capture: true });
       canvas.removeEventListener("pointermove", move, { capture: true });
@@ -200,6 +206,7 @@ export class InteractiveLayer extends Layer {
     const step = stepOf(control.interaction_mode, axis, key, far);
     if (!step) return false;
     if (this.taken?.control !== control) {
+      if (!this.mayCommand()) return false;
       this.letGo(false);
       this.taken = { shown, control, position: object.position.clone(), turn: object.quaternion.clone() };
       this.send(MOUSE_DOWN, shown, control, placeOf(object));
@@ -239,6 +246,7 @@ export class InteractiveLayer extends Layer {
     const hit = this.hit(event);
     if (!hit || hit.control.interaction_mode === 0) return;
     event.stopImmediatePropagation();
+    if (!this.mayCommand()) return;
     this.context.view.canvas.setPointerCapture(event.pointerId);
     const { object } = hit.shown;
     this.grip = {
@@ -317,6 +325,21 @@ export class InteractiveLayer extends Layer {
     } else {
       this.send(BUTTON_CLICK, shown, control, from);
     }
+  }
+
+  /** True unless commands are blocked; the attempt is noted. */
+  private mayCommand(): boolean {
+    return this.context.session.commands.mayCommand(`${this.namespace}/feedback`);
+  }
+
+  /** Put back what is held, without a message: it counts again only once it is taken anew. */
+  private drop(): void {
+    for (const held of [this.grip, this.taken]) {
+      held?.shown.object.position.copy(held.position);
+      held?.shown.object.quaternion.copy(held.turn);
+    }
+    this.grip = this.taken = null;
+    this.context.view.redraw();
   }
 
   private send(kind: number, { marker, object }: Shown, control: Control, point: Vector3, entry = 0): void {
