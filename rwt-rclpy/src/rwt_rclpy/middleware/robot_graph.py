@@ -16,7 +16,7 @@ from __future__ import annotations
 import logging
 import time
 from collections import Counter
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Awaitable, Callable, Iterable, Iterator
 from contextlib import AsyncExitStack
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, Protocol, Self, TypeVar
@@ -305,13 +305,13 @@ class RobotParticipant(Participant):
                 "the goal %s of %s cannot be cancelled over rosbridge: it is somebody else's", goal_id, action
             )
 
-    def cancel_every_goal(self, action: str) -> None:
-        """Ask to cancel the goals of an action of this process, as :meth:`cancel_goal`."""
-        self._local.cancel_every_goal(action)
+    def cancel_every_goal(self, action: str) -> Iterator[None]:
+        """Request cancellation of the goals of an action of this process, as :meth:`cancel_goal`, in steps."""
         if self._graph.local.action(action) is None:
             logger.warning(
                 "the goals of %s cannot be cancelled over rosbridge: they may be somebody else's", action
             )
+        return self._local.cancel_every_goal(action)
 
     def close(self) -> None:
         """Close everything that this node created, and leave the graph."""
