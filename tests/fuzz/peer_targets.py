@@ -15,7 +15,8 @@ from google_crc32c import value as crc32c
 
 from rwt.media.webrtc.decoding import check_frame
 from rwt.media.webrtc.frame_size import BadFrame
-from rwt_transports.webrtc.rtp_packets import BadMedia, check_rtcp, check_rtp
+from rwt_transports.webrtc.congestion.feedback import MAX_STATUSES, read_feedback
+from rwt_transports.webrtc.rtp_packets import BadMedia, check_rtcp, check_rtp, without_transport_feedback
 from rwt_transports.webrtc.sctp_packets import MAX_CHUNKS, BadPacket, check_packet
 from rwt_transports.webrtc.sdp import CANDIDATES, BadDescription, read_description
 from rwt_transports.webrtc.stun_messages import BadStun, check_stun
@@ -70,7 +71,10 @@ def media(data: bytes) -> None:
         assert str(bad)
     try:
         check_rtcp(data)
-        packets = RtcpPacket.parse(data)
+        rest, parts = without_transport_feedback(data)
+        packets = RtcpPacket.parse(rest)
+        for part in parts:
+            assert 0 < len(read_feedback(part).arrivals) <= MAX_STATUSES
     except (BadMedia, ValueError):
         return
     for packet in packets:

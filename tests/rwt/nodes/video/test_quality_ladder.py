@@ -41,13 +41,8 @@ def test_a_better_quality_that_was_too_slow_is_tried_less_and_less_often() -> No
 
 
 def test_a_quality_or_size_that_was_requested_is_kept() -> None:
-    for query in (
-        "topic=/a&quality=80",
-        "topic=/a&width=320",
-        "topic=/a&type=png",
-        "topic=/a&type=ros_compressed",
-    ):
-        ladder = QualityLadder(read_request(query), 0.0)
+    for query in ("quality=80", "width=320", "type=png", "type=ros_compressed"):
+        ladder = QualityLadder(read_request(f"topic=/a&{query}"), 0.0)
         request = ladder.request
         deliver(ladder, 1.0, 0.0, 1.0)
         assert ladder.request == request
