@@ -13,7 +13,6 @@ from urllib.parse import unquote
 from rwt.access.errors import QuotaExceeded
 from rwt.access.graph_view import STOP, canonical
 from rwt.gateways.http import problems
-from rwt.gateways.http.calls import CallWaits
 from rwt.gateways.http.events import EventQueue
 from rwt.gateways.http.representations import EVENTS
 from rwt.gateways.visitors import Metered, Visitor, Visitors, peer_of
@@ -219,7 +218,7 @@ async def _answered(
 ) -> HttpResponse:
     try:
         return await Metered(awaitable, partial(reader.work.add, kind="pages"), reader.clock.monotonic)
-    except CallWaits as waits:
+    except problems.CallWaits as waits:
         return waits.response
     except problems.REFUSALS as error:
         return problems.answer(request, problems.problem_of(error))
