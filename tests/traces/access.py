@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 from typing import Any, Final
 
+from rwt.access.gate.node import PUBLISH_SECONDS
 from tests.traces.rosbridge import ADD, FIBONACCI, NEXT, ROBOT
 from tests.traces.transcript import Session, Transcript
 from tests.traces.wires import Http, Wire, raw_exchange, refused, serving
@@ -362,6 +363,7 @@ def gate(transcript: Transcript) -> None:
 
 
 def _show(wire: Wire, *topics: str) -> None:
+    time.sleep(2 * PUBLISH_SECONDS)  # Of changes in short succession, the last one is published late.
     for topic in topics:
         wire.say({"op": "subscribe", "topic": topic})
         wire.hear()

@@ -104,6 +104,14 @@ class Visitors(Generic[V]):
         """Visitors that are present, in the order they came."""
         return tuple(self._present.values())
 
+    def __contains__(self, key: Hashable) -> bool:
+        return key in self._present
+
+    @property
+    def keys(self) -> tuple[Any, ...]:
+        """Keys of the visitors that are present."""
+        return tuple(self._present)
+
     def find(self, key: Hashable, make: Callable[[Visitors[V], Hashable], V]) -> V:
         """Return the visitor with this key, made by `make` if it is not present."""
         visitor = self._present.get(key)

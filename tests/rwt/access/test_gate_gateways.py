@@ -14,6 +14,7 @@ import pytest
 from rwt import Server, connect
 from rwt.gateways.foxglove.gateway import FoxgloveGateway
 from rwt.gateways.foxglove.settings import FoxgloveSettings
+from rwt.gateways.http.clients import MAX_SESSIONS
 from tests.rwt.access.gated_robot import DRIVE, GatedRobot, call, drive, token
 from tests.rwt.gateways.foxglove.viewer import Viewer
 from tests.rwt.gateways.mcp.agents import agent_at, url_of
@@ -210,6 +211,32 @@ async def test_results_over_http_and_mcp_tell_what_was_clamped() -> None:
                 (await agent.call_tool("call_service", {"service": "/spawn", "request": {"x": 5}})).content
             )
             assert "x: 1 in place of 5 (gate.rules.spawn)" in answered
+
+
+@pytest.mark.anyio
+async def test_programs_with_one_token_do_not_alternate_commands_over_http() -> None:
+    gate = {"rules": {"drive": {**RULE, "lease": {"seconds": 60}}}}
+    async with Server("ws://127.0.0.1:0", gate=gate) as server:
+        server.node("base").subscribe("/cmd_vel", lambda twist: None, "geometry_msgs/Twist")
+        async with httpx.AsyncClient(base_url=server.urls[0].replace("ws", "http", 1)) as http:
+
+            async def drive_as(**headers: str) -> int:
+                names = {name.replace("_", "-"): value for name, value in headers.items()}
+                return (await http.post("/api/topics/cmd_vel", json={}, headers=names)).status_code
+
+            assert await drive_as(RWT_Session="one", User_Agent="a") == 204
+            assert await drive_as(RWT_Session="one", User_Agent="b") == 204
+            assert await drive_as(RWT_Session="two", User_Agent="a") == 403
+            assert await drive_as(User_Agent="a") == 403
+            assert await drive_as(RWT_Session="no spaces") == 400
+            answers = [await drive_as(RWT_Session=f"s{number}") for number in range(MAX_SESSIONS)]
+            assert answers[-1] == 429
+            assert await drive_as(User_Agent="one more") == 403
+            for session in ("one more", "s-more"):
+                stop = await http.post("/api/services/gate/stop", json={}, headers={"RWT-Session": session})
+                assert stop.json()["success"], session
+            await http.post("/api/services/gate/release_stop", json={})
+            assert await drive_as(RWT_Session="one") == 204
 
 
 @pytest.mark.anyio

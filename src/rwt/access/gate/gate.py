@@ -249,7 +249,7 @@ class Gate(GateState):
 
     def leased_topics(self) -> Iterator[GuardedTopic]:
         """Yield the topics with a lease, those with a holder first."""
-        yield from self.held.values()
+        yield from (self._topics[name] for name in tuple(self.held.values()) if name in self._topics)
         for topic in self._topics.values():
             if topic.lease is not None and topic.lease not in self.held:
                 yield topic

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from rwt.access.gate.lease import Lease
     from rwt.access.gate.record import Actor
     from rwt.access.gate.rules import GatedAct, Rule
-    from rwt.access.gate.topic import GuardedTopic
     from rwt.access.settings.gate import GateSettings
     from rwt_graph.api import Graph
     from rwt_interfaces.payload import Payload
@@ -57,7 +56,7 @@ class GateState:
         presses: number of times that the emergency stop was pressed.
         faults: topics that cannot be stopped, with the reason.
         leases_held: number of leases by identity, see :attr:`rwt.access.gate.record.Actor.owner`.
-        held: the same leases, with their topics.
+        held: the same leases, with the names of their topics.
         wake_watch: ends them after a suspension of the machine.
         stopped_by: client or program that pressed the emergency stop; empty while it is released.
         stopped_reason: reason for the last press or release, in the words of the client.
@@ -85,7 +84,7 @@ class GateState:
         self.presses = 0
         self.faults: dict[str, str] = {}
         self.leases_held: Counter[str] = Counter()
-        self.held: dict[Lease, GuardedTopic] = {}
+        self.held: dict[Lease, str] = {}
         self.wake_watch = WakeWatch(graph.clock, self._look)
         self.stopped_by = ""
         self.stopped_reason = ""

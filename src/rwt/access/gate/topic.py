@@ -372,7 +372,7 @@ class GuardedTopic:
         if holder is not None:
             holder.topics.add(self)
             gate.leases_held[self._lease_owner] += 1
-            gate.held[self.lease] = self
+            gate.held[self.lease] = self.name
             if gate.clock.is_real:
                 gate.wake_watch.begin()
         gate.recorder.note(
@@ -462,7 +462,7 @@ class GuardedTopic:
             holder.topics.add(self)
             self._lease_owner, before._lease_owner = before._lease_owner, ""
             gate.held.pop(before.lease, None)
-            gate.held[self.lease] = self
+            gate.held[self.lease] = self.name
             self.lease.take_over(before.lease)
         else:
             before.end_lease(LOST_BY_RELOAD)

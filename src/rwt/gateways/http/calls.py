@@ -55,18 +55,6 @@ def approval_body(approval: Approval) -> dict[str, object]:
     return {"id": approval.id, "roles": approval.approvers, "seconds_left": approval.seconds_left}
 
 
-class CallWaits(Exception):
-    """The call waits for approval.
-
-    Attributes:
-        response: response that says so.
-    """
-
-    def __init__(self, response: HttpResponse) -> None:
-        super().__init__("the call waits for approval")
-        self.response = response
-
-
 class HttpCall:
     """Call of a service, from sending it until its outcome is read.
 

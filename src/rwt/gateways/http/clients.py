@@ -1,15 +1,18 @@
-"""HTTP clients: those of one credential, role and address share one view of the graph, and their quotas."""
+"""HTTP clients: requests of one session, or program, share one view of the graph, and their quotas."""
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable, Hashable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import unquote
 
+from rwt.access.errors import QuotaExceeded
+from rwt.access.graph_view import STOP, canonical
 from rwt.gateways.http import problems
-from rwt.gateways.http.calls import CallWaits
 from rwt.gateways.http.events import EventQueue
 from rwt.gateways.http.representations import EVENTS
 from rwt.gateways.visitors import Metered, Visitor, Visitors, peer_of
@@ -26,6 +29,25 @@ if TYPE_CHECKING:
     from rwt_transports.http.routes import HttpRequest
 
 Handler = Callable[["HttpRequest", "GraphView"], HttpResponse | Awaitable[HttpResponse]]
+
+
+SESSION: Final = "RWT-Session"
+"""Header with the name that a program gives itself, to be told from others with its token and address."""
+
+MAX_SESSIONS: Final = 32
+"""Maximum number of clients of one role, credential and address at a time; further programs without a session
+count as one.
+"""
+
+_is_session: Final = re.compile(r"[\w-]{1,64}", re.ASCII).fullmatch
+
+
+def presses_stop(request: HttpRequest) -> bool:
+    """Return True for a request that presses the emergency stop: a call of its service, or a message."""
+    if request.method != "POST":
+        return False
+    _, _, path = request.path.removeprefix("/api/").partition("/")
+    return canonical(f"/{unquote(path).strip('/')}") == STOP
 
 
 class ReaderStream(ABC):
@@ -54,9 +76,12 @@ class ReaderStream(ABC):
 
 
 class HttpClient(Visitor):
-    """Clients of one credential, role and address, with the life cycle of a :class:`Visitor`.
+    """Client over HTTP, with the life cycle of a :class:`Visitor`.
 
-    Quotas apply to all of them together. When the client leaves, its publishers and leases are released.
+    Requests of one credential, role and address are of one client if they have the same session
+    (:data:`SESSION`), or none and the same `User-Agent`.
+
+    When the client leaves, its publishers and leases are released.
 
     Attributes:
         streams: open streams, each with the request that began it.
@@ -109,12 +134,35 @@ class Clients(Visitors[HttpClient]):
             graph = gateway.access.client(gateway.shared, role, address, f"{gateway.name}:{self._count}")
             return HttpClient(clients, key, graph)
 
-        client = self.find((role.name, role.credential, network_of(address)), make)
+        client = self.find(self._key_of(request, (role.name, role.credential, network_of(address))), make)
         client.hold()
         try:
             yield client
         finally:
             client.release()
+
+    def _key_of(self, request: HttpRequest, owner: tuple[str, str, str]) -> Hashable:
+        """Return what tells a client from others of its owner: its session, or else its program.
+
+        Raises:
+            HttpProblem: the session has another form.
+            QuotaExceeded: there are too many sessions.
+        """
+        session = request.headers.get(SESSION.lower())
+        shared = (owner, None, "")
+        if presses_stop(request):
+            return shared  # Nothing rejects a stop, and it needs no client of its own.
+        if session is not None and not _is_session(session):
+            raise problems.HttpProblem(
+                "invalid-request", f"{SESSION}: expected 1 to 64 letters, digits, `-` and `_`", where=SESSION
+            )
+        program = request.headers.get("user-agent", "")[:200] if session is None else ""
+        key = (owner, session, program)
+        if key in self or sum(known[0] == owner for known in self.keys) < MAX_SESSIONS:
+            return key
+        if session is not None:
+            raise QuotaExceeded(f"{MAX_SESSIONS} clients of this credential and address, which is the limit")
+        return shared
 
     def reload_roles(self) -> None:
         """Apply the current roles of the settings, and end what they do not allow."""
@@ -170,7 +218,7 @@ async def _answered(
 ) -> HttpResponse:
     try:
         return await Metered(awaitable, partial(reader.work.add, kind="pages"), reader.clock.monotonic)
-    except CallWaits as waits:
+    except problems.CallWaits as waits:
         return waits.response
     except problems.REFUSALS as error:
         return problems.answer(request, problems.problem_of(error))

@@ -9,15 +9,13 @@ from importlib.metadata import version
 from importlib.resources import files
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
-from urllib.parse import unquote
 
 import msgspec
 
-from rwt.access.graph_view import STOP, canonical
 from rwt.access.settings import LINGER_SECONDS
 from rwt.gateways.base import Gateway
 from rwt.gateways.http import actions, openapi, parameters, services, topics
-from rwt.gateways.http.clients import Clients, page
+from rwt.gateways.http.clients import Clients, page, presses_stop
 from rwt.gateways.http.problems import KINDS, HttpProblem, refusal
 from rwt.gateways.http.representations import CBOR, EVENTS, HTML, JSON, chosen, tagged, value_response
 from rwt.gateways.http.requests import Query, text_below
@@ -123,7 +121,7 @@ class HttpGateway(Gateway):
         )
         for method, path, kind, handler in rows:
             counted = partial(self._counted, page(handler), (kind, method))
-            yield Route(path, counted, Audience.ADMITTED, method, refusal, _presses_stop)
+            yield Route(path, counted, Audience.ADMITTED, method, refusal, presses_stop)
 
     def _counted(
         self, handler: Handler, row: tuple[str, str], request: HttpRequest, reader: GraphView
@@ -197,14 +195,6 @@ class HttpGateway(Gateway):
 
 _MAX_DOCUMENTS: Final = 50
 """Maximum number of cached documents, one for each role and prefix."""
-
-
-def _presses_stop(request: HttpRequest) -> bool:
-    """Return True for a request that presses the emergency stop: a call of its service, or a message."""
-    if request.method != "POST":
-        return False
-    _, _, path = request.path.removeprefix("/api/").partition("/")
-    return canonical(f"/{unquote(path).strip('/')}") == STOP
 
 
 def _unknown(request: HttpRequest, reader: GraphView) -> HttpResponse:

@@ -135,6 +135,18 @@ class HttpProblem(Exception):
         self.headers = headers or {}
 
 
+class CallWaits(Exception):
+    """The call waits for approval.
+
+    Attributes:
+        response: response that says so.
+    """
+
+    def __init__(self, response: HttpResponse) -> None:
+        super().__init__("the call waits for approval")
+        self.response = response
+
+
 REFUSALS: Final = (HttpProblem, RobotError, AccessError)
 """Exceptions of a page whose texts are sent to the client."""
 

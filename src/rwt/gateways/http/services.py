@@ -6,8 +6,8 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from rwt.gateways.http.calls import PATH, CallWaits, HttpCall, HttpCalls, notice_headers, preferred_wait
-from rwt.gateways.http.problems import HttpProblem
+from rwt.gateways.http.calls import PATH, HttpCall, HttpCalls, notice_headers, preferred_wait
+from rwt.gateways.http.problems import CallWaits, HttpProblem
 from rwt.gateways.http.representations import payload_response, value_response
 from rwt.gateways.http.requests import Query, name_and_type, name_below, payload_of
 from rwt_participant.errors import ProviderNotFound
