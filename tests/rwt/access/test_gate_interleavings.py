@@ -30,6 +30,7 @@ from hypothesis.stateful import (
     rule,
 )
 
+from rwt.gateways.base import Gateway
 from rwt.gateways.foxglove.gateway import FoxgloveGateway
 from rwt.gateways.http.gateway import HttpGateway
 from rwt.gateways.http.settings import HttpSettings
@@ -432,7 +433,8 @@ class GateMachine(RuleBasedStateMachine):
         self.robot.access.reload(
             settings_of({"rules": _rules(self.take, limit), "emergency": {"release_roles": ["*"]}})
         )
-        for gateway in {*self.bridges.values(), self.foxglove, self.http}:
+        gateways: tuple[Gateway, ...] = (self.robot.bridge, self.bridges["bson"], self.foxglove, self.http)
+        for gateway in gateways:
             gateway.reload_roles()
         self.model.limit = limit
 
