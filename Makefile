@@ -184,11 +184,14 @@ soak: $(STAMP)
 page-soak: $(STAMP)-dev $(BROWSER)/node_modules/.installed $(PAGE)
 	$(BIN)/python -m bench.page.soak $(ARGS)
 
-# Fuzzing guided by coverage, two minutes, and two thousand extreme requests and damaged recordings; `make fuzz ARGS='--seconds 600 session bridge'` for more of some.
+# Fuzzing guided by coverage, two minutes, two thousand extreme requests and damaged recordings, and as many runs of the gate beside
+# its model; `make fuzz ARGS='--seconds 600 session bridge'` for more of some, `make fuzz GATE_MODEL_EXAMPLES=100000` for an hour of the gate.
+GATE_MODEL_EXAMPLES ?= 2000
 fuzz: $(STAMP)-dev
 	$(BIN)/python -m pip install --quiet --group fuzz
 	$(BIN)/python -m tests.fuzz $(ARGS)
 	SWEEP_EXAMPLES=2000 $(BIN)/pytest -q -o timeout=600 tests/faults/test_extreme_requests.py tests/faults/test_extreme_recordings.py
+	GATE_MODEL_EXAMPLES=$(GATE_MODEL_EXAMPLES) $(BIN)/pytest -q -o timeout=0 tests/rwt/access/test_gate_interleavings.py
 
 # Small faults put into our server one by one; the conformance suite has to find every one.
 mutants: $(STAMP)-dev

@@ -33,6 +33,7 @@ def token(role: str) -> str:
 def settings_of(gate: Mapping[str, Any], **others: object) -> Settings:
     """Settings with a token for each role, all of which but `admin` may do what `RIGHTS` says."""
     tokens = {role: {"token": token(role), "role": role} for role in ROLES}
+    tokens["operator2"] = {"token": token("operator2"), "role": "operator"}
     roles = {role: RIGHTS for role in ROLES if role != "admin"}
     return Settings.model_validate({"auth": {"tokens": tokens}, "roles": roles, "gate": gate, **others})
 

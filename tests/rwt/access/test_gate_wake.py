@@ -9,7 +9,7 @@ import pytest
 from rwt.access.gate.lease import WakeWatch
 from rwt_graph import SimulatedClock
 from rwt_graph.clock import SteadyClock
-from tests.rwt.access.gated_robot import CLIENT, DRIVE, GATE, GatedRobot, call, drive
+from tests.rwt.access.gated_robot import CLIENT, DRIVE, GATE, GatedRobot, call, drive, settings_of
 
 
 def _pause(robot: GatedRobot, seconds: float) -> None:
@@ -45,6 +45,18 @@ def test_a_timer_that_comes_first_bars_them_too() -> None:
     _pause(robot, 2.0)
     robot.clock.advance(0.0)
     assert robot.take()[:2] == [(0.5, CLIENT), (0.0, GATE)]
+    assert "ended while this server was paused" in drive(client, 0.5)
+
+
+def test_a_reload_does_not_admit_commands_of_a_pause() -> None:
+    robot = GatedRobot({"drive": DRIVE})
+    client = robot.client()
+    drive(client, 0.5)
+    _pause(robot, 2.0)
+    robot.clock.advance(0.0)
+    other = {**DRIVE, "fields": {"linear.x": {"max": 2.0}}}
+    robot.access.reload(settings_of({"rules": {"drive": other}}))
+    robot.bridge.reload_roles()
     assert "ended while this server was paused" in drive(client, 0.5)
 
 

@@ -177,11 +177,15 @@ class Lease:
         if client is not self.holder:
             self._give(client, "passed on")
 
+    def take_over_bar(self, other: Lease) -> None:
+        """Continue the bar of another lease, whose settings were replaced: commands of a pause may follow."""
+        self._barred_until = other._barred_until
+
     def take_over(self, other: Lease) -> None:
         """Continue another lease, whose settings were replaced: its holder keeps it, silence included."""
         self.holder, other.holder = other.holder, None
         self.since_ns = other.since_ns
-        self._renewed_at, self._barred_until = other._renewed_at, other._barred_until
+        self._renewed_at = other._renewed_at
         other._stop_timer()
         if self.holder is not None:
             self.check_silence()

@@ -454,8 +454,12 @@ class GuardedTopic:
             self._repeat_until = before._repeat_until
             self._is_repeated = True
             gate.stop_path.repeat(self)
-        holder = None if before.lease is None else before.lease.holder
-        if holder is None or before.lease is None:
+        if before.lease is None:
+            return
+        if self.lease is not None:
+            self.lease.take_over_bar(before.lease)
+        holder = before.lease.holder
+        if holder is None:
             return
         holder.topics.discard(before)
         if self.lease is not None and self._rules_of(holder.role).lease is not None:
