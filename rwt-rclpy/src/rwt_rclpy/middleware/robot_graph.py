@@ -306,7 +306,7 @@ class RobotParticipant(Participant):
             )
 
     def cancel_every_goal(self, action: str) -> Iterator[None]:
-        """Request cancellation of the goals of an action of this process, in steps; see :meth:`cancel_goal`."""
+        """Request cancellation of the goals of an action of this process; see :meth:`cancel_goal`."""
         if self._graph.local.action(action) is None:
             logger.warning(
                 "the goals of %s cannot be cancelled over rosbridge: they may be somebody else's", action
