@@ -433,6 +433,10 @@ class Topics:
         if topic.type is not before:
             self._changed(topic)
 
+    def find(self, name: str) -> Topic | None:
+        """Return a topic; None if it does not exist."""
+        return self._topics.get(name)
+
     def info(self, name: str) -> TopicInfo | None:
         topic = self._topics.get(name)
         return None if topic is None else topic.info(self.registry)
