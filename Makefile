@@ -17,7 +17,7 @@ NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/
 
 .PHONY: demo test test-all unit-all quick lowest pythons matrix docs site dist release lint types unit web firefox bench bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
 proxies ros-mcp fuzz mutants conformance \
-client-grades size clean
+client-grades size clean test-ros2
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -80,6 +80,21 @@ test: lint types unit
 
 # Everything: also browsers, clients in other languages, rwt-rclpy, releases, docs, faults and fuzzing.
 test-all: $(STAMP)-dev lint types web unit-all
+
+# Tests of the ROS 2 graph against real ROS 2 programs, with ROS 2's wheels in an environment of their own (280 MB).
+# They need Linux on x86-64 and CPython 3.11.
+ROS2 := build/ros2
+ROS2_DISTRO := kilted
+ROS2_PACKAGES := rclpy rmw-fastrtps-cpp rpyutils std-srvs $(addsuffix -msgs,std geometry nav sensor test)
+$(ROS2)/.$(ROS2_DISTRO):
+	python3.11 -m venv $(ROS2)
+	$(ROS2)/bin/python -m pip install --quiet numpy $(addprefix ros-$(ROS2_DISTRO)-,$(ROS2_PACKAGES))
+	touch $@
+
+test-ros2: $(STAMP)-dev $(ROS2)/.$(ROS2_DISTRO)
+	AMENT_PREFIX_PATH=$(abspath $(ROS2)) LD_LIBRARY_PATH=$(abspath $(ROS2))/lib RMW_IMPLEMENTATION=rmw_fastrtps_cpp \
+		PYTHONPATH=src:rwt-rclpy/src:.:$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
+		$(ROS2)/bin/python -m pytest tests/ros2 $(ARGS)
 
 # The tests of tests/browser in Firefox, which needs Debian's packages firefox-esr, xvfb, libegl1 and libgl1-mesa-dri,
 # and pulseaudio for those of sound.

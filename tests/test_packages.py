@@ -17,8 +17,8 @@ ROOT = Path(__file__).parents[1]
 THROUGH_OTHERS = {"annotated-types", "pydantic-core", "mcp-types"}
 """What comes with a dependency that speaks of it in its own interface: pydantic, and the SDK for agents."""
 
-NOT_TO_INSTALL = {"_typeshed", "rosbridge_conformance", "pytest"}
-"""What only checkers have, the suite beside the project, and what the plugin is for."""
+NOT_TO_INSTALL = {"_typeshed", "rosbridge_conformance", "pytest", "rclpy"}
+"""What only checkers have, the suite beside the project, what the plugin is for, and ROS 2's own."""
 
 PACKAGES = {
     "rwt_interfaces": {"rwt_protocol", "rwt_graph", "rwt_transports", "anyio", "asyncio", "numpy", "cbor2"},

@@ -41,5 +41,9 @@ class ZenohError(GraphError):
     """The Zenoh session cannot be opened with these options; the text says what to change."""
 
 
+class Ros2Error(GraphError):
+    """ROS 2 is not installed or rejects a request; the text says what to change."""
+
+
 class WireError(GraphError, ValueError):
     """Another program sent a key, token or attachment that does not have rmw_zenoh's form."""

@@ -1,0 +1,50 @@
+"""Definitions of the interfaces that are installed with ROS 2, found through the ament index."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from rwt_interfaces.errors import InterfaceError
+from rwt_interfaces.registry import Registry
+
+logger = logging.getLogger(__name__)
+
+_INDEX = Path("share/ament_index/resource_index/rosidl_interfaces")
+
+
+def prefixes(environment: Mapping[str, str] = os.environ) -> tuple[Path, ...]:
+    """Return the folders of `AMENT_PREFIX_PATH`; earlier ones have priority, as in ROS."""
+    path = environment.get("AMENT_PREFIX_PATH", "")
+    return tuple(Path(folder) for folder in path.split(os.pathsep) if folder)
+
+
+def package_folders(environment: Mapping[str, str] = os.environ) -> Iterator[Path]:
+    """Yield the share folder of every installed package that defines interfaces, once each."""
+    seen: set[str] = set()
+    for prefix in prefixes(environment):
+        index = prefix / _INDEX
+        for entry in sorted(index.iterdir()) if index.is_dir() else ():
+            if entry.name not in seen:
+                seen.add(entry.name)
+                yield prefix / "share" / entry.name
+
+
+def add_installed(registry: Registry) -> None:
+    """Add the definitions of all installed packages; a package with an invalid file is logged and skipped."""
+    for folder in package_folders():
+        try:
+            registry.add_directory(folder)
+        except (InterfaceError, OSError) as error:
+            logger.warning("the interfaces of %s are not available: %s", folder.name, error)
+
+
+def library(name: str) -> str:
+    """Return the path of an installed shared library, or its name for the linker's own search."""
+    for prefix in prefixes():
+        path = prefix / "lib" / name
+        if path.exists():
+            return str(path)
+    return name

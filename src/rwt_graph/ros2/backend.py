@@ -1,0 +1,116 @@
+"""Graph of a ROS 2 robot: the one in memory, connected to ROS 2's."""
+
+from __future__ import annotations
+
+import logging
+from typing import TYPE_CHECKING, Self
+
+from rwt_graph.errors import Ros2Error
+from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
+from rwt_graph.ros2.ament import add_installed
+from rwt_graph.ros2.connection import Connection
+from rwt_graph.ros2.discovery import Discovery
+from rwt_graph.ros2.topics import Ros2Topics
+from rwt_interfaces.registry import Registry
+
+if TYPE_CHECKING:
+    from rwt_graph.clock import Clock
+
+
+logger = logging.getLogger(__name__)
+
+
+class Ros2Graph(MemoryGraph):
+    """Graph with nodes in this process and in ROS 2 programs.
+
+    Nodes of one process communicate in memory, as in a :class:`MemoryGraph`. The graph joins ROS 2 when it is
+    entered. `ROS_DOMAIN_ID`, `ROS_AUTOMATIC_DISCOVERY_RANGE`, `RMW_IMPLEMENTATION` and the other variables of
+    ROS 2 apply. The graph's own `/rosout` and `/clock` and the global tree of parameters stay in the process.
+
+    Topics are exchanged with ROS 2. Services and actions are not yet: they exist within the process.
+
+    Args:
+        registry: interfaces of a ROS 2 distribution; by default the standard ones, and those that are
+            installed with ROS 2.
+        clock: the wall clock by default.
+        domain: ROS_DOMAIN_ID; that of the environment by default.
+        use_callbacks: False to wait for samples in a thread, as with middlewares without callbacks.
+
+    Raises:
+        Ros2Error: the registry is of ROS 1.
+    """
+
+    def __init__(
+        self,
+        registry: Registry | None = None,
+        clock: Clock | None = None,
+        *,
+        domain: int | None = None,
+        use_callbacks: bool = True,
+    ) -> None:
+        if registry is None:
+            registry = Registry()
+            add_installed(registry)
+        super().__init__(registry, clock)
+        if self.distro.ros_version != 2:
+            raise Ros2Error(
+                f"a graph of {self.distro.name} cannot join ROS 2: use the graph in memory, "
+                "or a ROS 2 distribution"
+            )
+        self._domain = domain
+        self._use_callbacks = use_callbacks
+        self._connection: Connection | None = None
+        self._ros_topics = Ros2Topics(self.topic_table, self.clock)
+        self._discovery = Discovery(self, self._ros_topics)
+        self.topic_table.remote = self._ros_topics
+
+    def participant(self, name: str) -> MemoryParticipant:
+        participant = super().participant(name)
+        if self._connection is not None:
+            self._connection.node_of(participant.owner)
+        return participant
+
+    def left(self, participant: MemoryParticipant) -> None:
+        super().left(participant)
+        if self._connection is not None:
+            self._connection.forget_node(participant.owner)
+
+    async def __aenter__(self) -> Self:
+        """Run on the current event loop, and join ROS 2.
+
+        Raises:
+            Ros2Error: ROS 2 rejects the settings, such as the domain.
+            NotRunning: the graph was entered before.
+        """
+        await super().__aenter__()
+        try:
+            self._join()
+        except BaseException:
+            await self.__aexit__()
+            raise
+        return self
+
+    def _join(self) -> None:
+        connection = Connection(
+            self, self._domain, self._discovery.on_change, use_callbacks=self._use_callbacks
+        )
+        self._connection = connection
+        for participant in self._participants:
+            connection.node_of(participant.owner)
+        self._discovery.open(connection)
+        self._ros_topics.open(connection)
+        connection.wakeups.start()
+        logger.info("joined ROS 2 in domain %d", connection.domain)
+
+    async def __aexit__(self, *exc: object) -> None:
+        try:
+            self._close_participants()
+        finally:
+            connection, self._connection = self._connection, None
+            self._discovery.close()
+            self._ros_topics.close()
+            try:
+                if connection is not None:
+                    connection.close()
+            finally:
+                await super().__aexit__(*exc)

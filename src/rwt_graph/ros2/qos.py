@@ -1,0 +1,58 @@
+"""Quality of service in the form of `rclpy`, and back."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rclpy.duration import Duration, Infinite
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from rwt_interfaces.times import NANOSECONDS
+from rwt_participant.qos import LONGEST_SECONDS, MOST_DEPTH, Durability, History, QoS, Reliability
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+
+def to_ros(qos: QoS) -> Any:
+    """Return the profile for an endpoint; whatever is "best available" becomes ROS 2's default."""
+    transient = qos.durability is Durability.TRANSIENT_LOCAL
+    best_effort = qos.reliability is Reliability.BEST_EFFORT
+    profile = QoSProfile(
+        history=HistoryPolicy.KEEP_ALL if qos.history is History.KEEP_ALL else HistoryPolicy.KEEP_LAST,
+        depth=max(1, qos.depth),
+        reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if transient else DurabilityPolicy.VOLATILE,
+        deadline=_duration(qos.deadline),
+        lifespan=_duration(qos.lifespan),
+    )
+    return profile.get_c_qos_profile()
+
+
+def _duration(seconds: float | None) -> Any:
+    return Duration(nanoseconds=round(seconds * NANOSECONDS)) if seconds else Infinite
+
+
+def from_ros(policies: Mapping[str, Any]) -> QoS:
+    """Return the profile of a discovered endpoint. Depth 0 means that the middleware does not announce it."""
+    return QoS(
+        history=History.KEEP_ALL if policies["history"] == HistoryPolicy.KEEP_ALL else History.KEEP_LAST,
+        depth=min(policies["depth"], MOST_DEPTH),
+        reliability=(
+            Reliability.BEST_EFFORT
+            if policies["reliability"] == ReliabilityPolicy.BEST_EFFORT
+            else Reliability.RELIABLE
+        ),
+        durability=(
+            Durability.TRANSIENT_LOCAL
+            if policies["durability"] == DurabilityPolicy.TRANSIENT_LOCAL
+            else Durability.VOLATILE
+        ),
+        deadline=_seconds(policies["deadline"]),
+        lifespan=_seconds(policies["lifespan"]),
+    )
+
+
+def _seconds(duration: Any) -> float | None:
+    seconds = duration.nanoseconds / NANOSECONDS
+    return seconds if 0 < seconds < LONGEST_SECONDS else None
