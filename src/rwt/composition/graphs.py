@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import ModuleType
 from typing import TYPE_CHECKING, TypeAlias
 
 from rwt.access.settings import SettingsError
@@ -25,6 +26,8 @@ MakeGraph: TypeAlias = "Callable[[Registry, Clock | None], Graph]"
 def make_registry(settings: Settings) -> Registry:
     """Return the interfaces of a distribution, and of the folders in the settings. Raises SettingsError."""
     registry = Registry(DISTROS[settings.distro])
+    if settings.graph == "ros2":
+        _ros2().add_installed(registry)
     for folder in settings.interfaces:
         try:
             registry.add_directory(folder)
@@ -55,17 +58,20 @@ def make_graph(
     else:
         _check_registry(registry, settings)
     zenoh = settings.zenoh
+    if settings.graph in ("memory", "ros2") and (zenoh.listen or zenoh.connect):
+        raise SettingsError(
+            '`zenoh`: to join other processes over Zenoh, give --graph zenoh too, or `graph = "zenoh"`'
+        )
     if settings.graph == "memory":
-        if zenoh.listen or zenoh.connect:
-            raise SettingsError(
-                '`zenoh`: to join other processes over Zenoh, give --graph zenoh too, or `graph = "zenoh"`'
-            )
         return (make or MemoryGraph)(registry, clock)
     if make is not None:
         raise SettingsError(f"`graph`: {settings.graph!r}, but {make!r} makes the graph; leave out one")
+    if settings.graph == "ros2":
+        joined: Graph = _ros2().Ros2Graph(registry, clock)
+        return joined
     if settings.graph != "zenoh":
         # An entry point is what a program would pass to `Server` as `graph`.
-        make = extension_for("graph", "rwt.graphs", settings.graph, ("memory", "zenoh"))
+        make = extension_for("graph", "rwt.graphs", settings.graph, ("memory", "ros2", "zenoh"))
         return make(registry, clock)
     try:
         from rwt_graph.zenoh import ZenohGraph, ZenohOptions  # An extra: imported only where it is asked for.
@@ -90,6 +96,17 @@ def make_graph(
         config=options.config,
         domain=options.domain,
     )
+
+
+def _ros2() -> ModuleType:
+    try:
+        import rwt_graph.ros2  # Needs ROS 2: imported only where it is asked for.
+    except ImportError as error:
+        raise SettingsError(
+            f"`graph`: ROS 2 is not available ({error}): source its setup.bash, for example that in"
+            " /opt/ros/jazzy, and use its Python"
+        ) from error
+    return rwt_graph.ros2
 
 
 def check_graph(graph: Graph, settings: Settings, registry: Registry | None, clock: Clock | None) -> None:

@@ -42,7 +42,7 @@ T = TypeVar("T", str, tuple[str, ...])
 
 NODES: Final = ("rosapi", "tf2_web_republisher", "web_video_server")
 GATEWAYS: Final = ("foxglove", "http", "mcp")
-GRAPHS: Final = ("memory", "zenoh")
+GRAPHS: Final = ("memory", "ros2", "zenoh")
 
 
 def _either(names: Iterable[str]) -> str:
@@ -296,7 +296,10 @@ class Settings(BridgeSettings):
         str,
         _named("rwt.graphs", GRAPHS, _GRAPH_EXPECTED),
         _GRAPH_EXPECTED,
-        Field(description="`zenoh` shares the graph with other processes; needs the extra `zenoh`"),
+        Field(
+            description="`zenoh` shares the graph with other processes and needs the extra `zenoh`;"
+            " `ros2` exchanges topics with the installed ROS 2"
+        ),
     ] = "memory"
     zenoh: ZenohSettings = ZenohSettings()
     workers: Annotated[
@@ -328,7 +331,7 @@ class Settings(BridgeSettings):
 
     @model_validator(mode="after")
     def _joined_over_zenoh(self) -> Settings:
-        if self.workers > 1 and self.graph not in GRAPHS:
+        if self.workers > 1 and self.graph not in ("memory", "zenoh"):
             raise ValueError(f"`graph`: {self.graph!r} is of one process: expected `workers = 1`")
         return self
 

@@ -130,8 +130,9 @@ def _add_robot_options(parser: argparse.ArgumentParser) -> None:
 def _add_graph_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--graph",
-        metavar="{memory,zenoh}",
-        help="keep the graph in this process (default), or connect it to others over Zenoh",
+        metavar="{memory,zenoh,ros2}",
+        help="keep the graph in this process (default), connect it to others over Zenoh, or join the"
+        " installed ROS 2",
     )
     parser.add_argument(
         "--zenoh-listen",
