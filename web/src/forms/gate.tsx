@@ -61,8 +61,10 @@ const SHOWN_FOR = 3000;
 /** Values of a topic that the gate has reduced just now. */
 export function Clamped({ session, topic, now }: { session: RobotSession; topic: string; now: number }) {
   const t = useTexts();
+  // The gate's own messages have no id that names the topic.
+  const begin = `gate: publish ${topic}: `;
   const notice = session.notices.value.findLast(
-    ({ about, text }) => about === topic && text.includes(" in place of "),
+    ({ text }) => text.startsWith(begin) && text.includes(" in place of "),
   );
   if (!notice || now - notice.at > SHOWN_FOR) return null;
   return (

@@ -103,10 +103,11 @@ function OneApproval({ context, approval }: { context: PanelContext; approval: A
   );
 }
 
-/** JSON with a line for each value; what was cut is shown as it came. */
+/** The digest of the content, and its JSON with a line for each value; what was cut is shown as it came. */
 function readableJson(text: string): string {
+  const at = text.indexOf("{");
   try {
-    return JSON.stringify(JSON.parse(text), null, 2);
+    return text.slice(0, at) + JSON.stringify(JSON.parse(text.slice(at)), null, 2);
   } catch {
     return text;
   }
