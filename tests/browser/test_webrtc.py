@@ -97,7 +97,8 @@ async def test_a_camera_as_a_video_track(browser: Browser, codec: str) -> None:
     ):
         await page.wait("state.frames > 10 || state.failed")
         assert await page.evaluate("state.failed ?? null") is None
-        assert await page.evaluate("state.size") == [640, 480]
+        # A busy machine looks like a full link: the size is one of the ladder.
+        assert await page.evaluate("state.size") in ([640, 480], [480, 360], [320, 240])
 
 
 # -- the elements' and panels' own way to a camera -----------------------------------------------------------

@@ -1,5 +1,5 @@
 // @vitest-environment happy-dom
-import { expect, test } from "vitest";
+import { expect, test, vi } from "vitest";
 import { App, MOST_PANELS, readLayout, robotUrl } from "../src/app/state";
 import "../src/panels/all";
 import { de } from "../src/i18n/de";
@@ -47,12 +47,18 @@ test("a layout that the page did not survive is not opened again", async () => {
   const first = new App(settings, "ws://robot", worker);
   await first.begin(null);
   expect(first.panels.value).toEqual([panel]);
-  // The page hangs: nothing of it runs any more. It is loaded again.
+  // Another tab, opened meanwhile, has the layout, too.
+  const other = new App(settings, "ws://robot", worker);
+  await other.begin(null);
+  expect(other.panels.value).toEqual([panel]);
+  // The page hangs: nothing of it runs any more. It is loaded again after a while.
+  vi.spyOn(Date, "now").mockReturnValue(Date.now() + 60_000);
   const second = new App(settings, "ws://robot", worker);
   await second.begin("some layout of the address");
   expect(second.panels.value).toEqual([]);
   expect(second.session.notices.value.map(({ text }) => text)).toEqual([t("layout.hung")]);
   expect(localStorage.getItem("rwt-last-layoutws://robot")).toBeNull();
+  vi.restoreAllMocks();
   localStorage.clear();
 });
 

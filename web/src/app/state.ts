@@ -38,8 +38,10 @@ const LAYOUT = "rwt-layout ";
 const LAST = "rwt-last-layout";
 /** Milliseconds for which a layout must not have stopped the page before it counts as opened. */
 const SETTLED = 1000;
-/** Present while a layout is being opened: if it is there at the start, the page did not survive that. */
+/** Time at which a layout began to open, in ms; removed once it is drawn, or the page is left. */
 const OPENING = "rwt-opening-layout ";
+/** Milliseconds after which a layout that is still opening has stopped the page. Other tabs open layouts, too. */
+const HUNG = 5000;
 const THEME = "rwt-theme";
 
 /** Whether a text is the address of a rosbridge server. */
@@ -124,7 +126,8 @@ export class App {
 
   /** Show the layout that the address names, the one that was open last, or panels for what is found. */
   async begin(named: string | null): Promise<void> {
-    if (localStorage.getItem(OPENING + this.robot) !== null) {
+    const began = localStorage.getItem(OPENING + this.robot);
+    if (began !== null && Date.now() - Number(began) > HUNG) {
       localStorage.removeItem(OPENING + this.robot);
       localStorage.removeItem(LAST + this.robot);
       this.session.note("error", t("layout.hung"));
@@ -160,9 +163,10 @@ export class App {
 
   show(layout: Layout): void {
     this.opened = true;
-    // Removed once the browser has drawn it.
-    localStorage.setItem(OPENING + this.robot, "");
-    setTimeout(() => localStorage.removeItem(OPENING + this.robot), SETTLED);
+    localStorage.setItem(OPENING + this.robot, String(Date.now()));
+    const opened = () => localStorage.removeItem(OPENING + this.robot);
+    setTimeout(opened, SETTLED);
+    addEventListener("pagehide", opened, { once: true });
     this.panels.value = layout.panels;
     this.dock.value = layout.dock;
     this.front.value = layout.panels[0]?.id ?? "";
