@@ -529,7 +529,7 @@ async def test_integers_of_64_bits_and_numbers_that_are_not_finite(browser: Brow
         url = server.urls[0].replace("ws", "http", 1) + "/"
         async with browser.page(f"{url}healthz", 900, 700) as page:
             await open_panels(page, url, [("topics", {"topic": "/count"})])
-            await page.click("text=Publish")
+            await page.click(".panel-topics summary >> text=Publish")
             await page.wait("document.querySelector('.message-form input')")
             await fill(page, "data", "9007199254740993")
             await page.click(".message-form + * [type=submit], .commanding [type=submit]")

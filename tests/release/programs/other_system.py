@@ -103,11 +103,11 @@ def become(system: str) -> None:
 
 
 def modules(root: Path) -> Iterator[str]:
-    """Every module of the packages in a folder, but for programs."""
+    """Every module of the packages in a folder, but for programs and what needs the rclpy of ROS 2."""
     for package in sorted(each.parent for each in root.glob("*/__init__.py")):
         yield package.name
         for found in pkgutil.walk_packages([str(package)], f"{package.name}."):
-            if not found.name.endswith("__main__") and ".adapters" not in found.name:
+            if not found.name.endswith(("__main__", "rwt_graph.ros2")) and ".adapters" not in found.name:
                 yield found.name
 
 
