@@ -25,6 +25,7 @@ REPORTS = {
     "rwt/nodes/recording/mcap_files.py": "reads the note of a recording",
     "rwt/nodes/recording/writer.py": "writes the note of a recording",
     "rwt/nodes/rosapi/graph_services.py": "rosapi's answer",
+    "rwt_graph/ros2/backend.py": "rejects a distribution of ROS 1",
 }
 """Where the version may stand: where it is told to somebody, or learned."""
 
