@@ -180,11 +180,18 @@ async def test_a_click_in_the_scene_sends_the_robot_there(browser: Browser) -> N
         await page.click("text=From above")
         await page.click("text=Set goal")
         spot = await page.evaluate(
-            """(() => {
+            """(async () => {
+              // The view turns, and notices below it change its height: until the spot stays where it is.
               const { view } = document.querySelector(".scene-view").robotScene;
-              const at = view.controls.target.clone();
-              at.set(-2.0, -2.0, 0);
-              return view.pixel(at);
+              const at = view.controls.target.clone().set(-2.0, -2.0, 0);
+              let spot = view.pixel(at);
+              for (let frames = 0; frames < 20; frames++) {
+                await new Promise(requestAnimationFrame);
+                const now = view.pixel(at);
+                if (now.x !== spot.x || now.y !== spot.y) frames = 0;
+                spot = now;
+              }
+              return spot;
             })()"""
         )
         await page.mouse("move", spot["x"], spot["y"])
