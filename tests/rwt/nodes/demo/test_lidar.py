@@ -55,6 +55,7 @@ def test_a_pillar_hides_the_wall_behind_it() -> None:
 @settings(max_examples=25)
 @given(st.floats(-4.9, 4.9), st.floats(-3.9, 3.9), st.floats(-math.pi, math.pi))
 @example(-3.0, 0.0, math.pi)
+@example(-3.0, 0.0, math.nextafter(math.pi, 0.0))
 def test_every_ray_ends_where_a_walk_along_it_ends(x: float, y: float, heading: float) -> None:
     assume(HOUSE.clearance(x, y) > 0.05)
     lidar, pose = Lidar(HOUSE), Pose(x, y, heading)
@@ -62,8 +63,10 @@ def test_every_ray_ends_where_a_walk_along_it_ends(x: float, y: float, heading: 
         angle = lidar.angle_min + ray * lidar.angle_increment
         true = walked(HOUSE, pose, angle)
         if abs(measured - true) > 2e-3:
-            # A ray that grazes an edge may be counted as a hit or not: then a neighbour by a hair agrees.
-            grazing = [walked(HOUSE, pose, angle + nudge) for nudge in (-1e-4, -1e-8, 1e-8, 1e-4)]
+            # A ray that grazes an edge may be counted as a hit or not: then a neighbour agrees. Beside a wall
+            # the walk takes too many steps unless the neighbour diverges by a millirad.
+            nudges = (-1e-3, -1e-4, -1e-8, 1e-8, 1e-4, 1e-3)
+            grazing = [walked(HOUSE, pose, angle + nudge) for nudge in nudges]
             assert any(abs(measured - other) < 0.05 for other in grazing), (ray, measured, true)
 
 
