@@ -62,7 +62,7 @@ class Account(Protocol):
     """Account of a client that sets parameters."""
 
     def charge(self, amount: int, replaced: ParameterCharge | None) -> ParameterCharge:
-        """ParameterCharge `amount` bytes, in place of an older charge if that is on this account too.
+        """Charge `amount` bytes, in place of an older charge if that is on this account too.
 
         Raises:
             ParameterRejected: the account has no room for that many bytes.
@@ -82,7 +82,7 @@ class Charges:
         self._by_name: dict[str, ParameterCharge] = {}
 
     def put(self, name: str, amount: int) -> None:
-        """ParameterCharge a value to the current account, and release the charge of the previous value.
+        """Charge a value to the current account, and release the charge of the previous value.
 
         Raises:
             ParameterRejected: the account has no room; nothing has changed.

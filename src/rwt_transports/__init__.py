@@ -74,5 +74,5 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    """The names for completion, imported or not."""
+    """Return all public names, imported or not, for completion."""
     return sorted({*globals(), *__all__})

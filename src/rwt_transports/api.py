@@ -73,7 +73,7 @@ class Link(Protocol):
 
 
 class HangUp(Enum):
-    """Knowledge about a peer while reading from it is paused."""
+    """State of a peer while reading from it is paused."""
 
     NO = "no"
     SENDS_NO_MORE = "sends no more"
@@ -83,10 +83,10 @@ class HangUp(Enum):
 
 @runtime_checkable
 class HangUpAware(Protocol):
-    """Link that can tell whether its peer has hung up while reading is paused."""
+    """Link that detects a disconnected peer while reading is paused."""
 
     def hang_up(self) -> HangUp:
-        """Return what is known now."""
+        """Return the current state of the peer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,14 +106,14 @@ class Delivery:
 
 @runtime_checkable
 class DeliveryAware(Protocol):
-    """Link that can tell how much of what was sent has arrived."""
+    """Link that reports the progress of sent bytes."""
 
     def delivery(self) -> Delivery:
-        """Return what is known now; zeros if the system does not tell."""
+        """Return the current progress; zeros if the system does not report it."""
 
 
 HEAD_BYTES: Final = 1024
-"""Bytes kept of a message that is skipped, to identify it."""
+"""Number of bytes kept of a skipped message, to identify it."""
 
 
 class WireEvents(Protocol):
@@ -145,15 +145,15 @@ returns True. Nothing is read from the peer until all steps are taken."""
 
 @runtime_checkable
 class StepTaking(Protocol):
-    """Endpoint that takes the steps of its wire as part of its own work."""
+    """Endpoint that runs the steps of its wire as part of its own work."""
 
     def take_steps(self, steps: Iterator[None], may_go_on: Callable[[], bool]) -> None:
-        """Take steps, see :data:`TakeSteps`."""
+        """Run steps, see :data:`TakeSteps`."""
 
 
 @runtime_checkable
 class HoldingWire(Protocol):
-    """Endpoint that gets no more messages from the moment it pauses its connection, even of the same read."""
+    """Endpoint that gets no more messages once it pauses its connection, even of the same read."""
 
     @property
     def holds_wire(self) -> Literal[True]:
@@ -165,14 +165,14 @@ class HoldableWire(Protocol):
     """Wire that can stop between two messages of a read."""
 
     def hold(self) -> None:
-        """Keep what comes, and deliver nothing."""
+        """Queue received messages instead of delivering them."""
 
     def go_on(self) -> None:
-        """Deliver what was kept."""
+        """Deliver the queued messages."""
 
 
 class Wire(Protocol):
-    """Protocol of one connection: bytes in, messages out; frames in, bytes out. Does no I/O and reads no
+    """Protocol of one connection: bytes in, messages out; frames in, bytes out. No I/O and no
     clock."""
 
     message: Callable[[bytes, bool], None]
@@ -271,7 +271,7 @@ class DriverCallbacks(Protocol):
 
 
 class UnbufferedCallbacks:
-    """Base of :class:`DriverCallbacks` that receive into no buffer of their own, and ignore progress."""
+    """Base of :class:`DriverCallbacks` without a receive buffer, which ignore progress."""
 
     __slots__ = ()
 
@@ -287,14 +287,14 @@ class UnbufferedCallbacks:
 
 @runtime_checkable
 class Gathering(Protocol):
-    """Callbacks that offer several pieces for one system call, and take back those that it did not accept."""
+    """Callbacks that offer several pieces for one system call, and take back those not accepted."""
 
     def take_pieces(self) -> tuple[Sequence[Buffer], bool]:
-        """Return the next pieces to write, and True if the driver must come again once they are written.
+        """Return the next pieces to write, and True if the driver must call again once they are written.
         There are no pieces if nothing is queued."""
 
     def put_back(self, pieces: Sequence[Buffer]) -> None:
-        """Put back the last of the taken pieces, which the network has not accepted: they go first next
+        """Put back taken pieces that the network has not accepted: they are sent first next
         time."""
 
 
@@ -341,7 +341,7 @@ class RemoteAddress:
         port: 1 to 65535.
         path: path of a Unix socket, or command of a program; the host is then empty.
         tls: encrypts the connection, and verifies the server; None for a plain connection.
-        target: path and query of the HTTP request, for drivers that make one.
+        target: path and query of the HTTP request, for drivers that send one.
         headers: headers of that request.
         limits: bounds of the connection, for drivers that enforce some of them.
         seconds: timeout of connecting.
@@ -371,7 +371,7 @@ class FindsPath(Protocol):
 
     @property
     def path(self) -> str:
-        """Description of the path, once there is a connection."""
+        """Description of the path; empty before the connection is open."""
 
 
 class Connector(Protocol):
@@ -381,7 +381,7 @@ class Connector(Protocol):
         """Connect, attach the link, and move its bytes, in `tasks` if that needs tasks.
 
         Raises:
-            OSError: there is no connection.
+            OSError: the connection could not be opened.
         """
 
 

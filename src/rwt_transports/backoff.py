@@ -16,10 +16,10 @@ class Backoff:
 
     Attributes:
         first: seconds before the first attempt.
-        factor: by how much each wait is longer than the one before.
-        longest: most seconds between two attempts.
+        factor: ratio of each delay to the one before.
+        longest: maximum delay between two attempts, in seconds.
         jitter: the part of a wait, 0 to 1, of which a random share is left out, so that many clients of one
-            robot do not come back in the same moment.
+            robot do not reconnect at the same moment.
         attempts: number of attempts to make in a row; None never gives up.
     """
 

@@ -55,7 +55,7 @@ class OutgoingConnection:
             self.begin(link, address, port)
 
     def begin(self, link: Link, address: str, port: int) -> Connection:
-        """Messages can flow."""
+        """Report that messages can be sent."""
         self.connection = Connection(self.state, link, address, port)
         self.state.add(self.connection, link)
         self.opened.set()
@@ -158,10 +158,10 @@ async def connect(
     Args:
         url: where; :data:`rwt_transports.schemes.SCHEMES` lists the schemes. ``stdio:COMMAND`` runs a program
             and speaks through its standard input and output.
-        accept: makes the endpoint.
+        accept: factory of the endpoint.
         limits: bounds of the connection.
         buffers: what large messages are received in, shared with other connections; of its own by default.
-        tls: how to check the server's certificate; by default against the system's authorities.
+        tls: verification of the server's certificate; by default by the system's authorities.
         headers: request headers, for the schemes that have them.
         timeout: seconds for all of it, from looking up the name to the end of the handshake.
         ice_servers: STUN and TURN servers for WebRTC, each like ``{"urls": "turn:turn.example.org",
@@ -169,7 +169,7 @@ async def connect(
 
     Raises:
         BadUrl: the URL is not one to connect to.
-        ConnectError: there is no connection; says why.
+        ConnectError: the connection could not be opened; the text gives the reason.
     """
     target = parse_connect_url(url)
     context = (tls or ssl.create_default_context()) if target.scheme.tls else None
@@ -206,7 +206,7 @@ async def connect(
 
 @contextmanager
 def explained(target: ConnectUrl) -> Iterator[None]:
-    """Make of an OSError of the block a ConnectError that says in one line why there is no connection."""
+    """Convert an OSError of the block into a ConnectError with the reason in one line."""
     try:
         yield
     except OSError as error:

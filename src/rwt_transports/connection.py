@@ -52,14 +52,14 @@ MakeWire = Callable[[WireEvents, Limits, ReceiveBufferPool], Wire]
 
 
 class PeerConnection(DriverCallbacks, Protocol):
-    """Connection behind a peer's link as its listener sees it: HTTP, or the messages of a wire."""
+    """Connection of a peer as its listener sees it: HTTP, or the messages of a wire."""
 
     @property
     def address(self) -> str:
         """Address of the peer; empty if it has none."""
 
     def begin(self) -> None:
-        """Start, with the link at hand."""
+        """Start after the link is attached."""
 
     def tick(self, now: float) -> None:
         """Check the timeouts; `now` is monotonic, in seconds."""
@@ -136,7 +136,7 @@ class ListenerState:
             connection.begin()
 
     def replace(self, former: PeerConnection, connection: PeerConnection, link: Link) -> None:
-        """Attach `connection`, which has begun, to the link of `former`."""
+        """Attach `connection`, which has started, to the link of `former`."""
         self.connections.discard(former)
         self.connections.add(connection)
         link.set_callbacks(connection)
@@ -291,7 +291,7 @@ class Connection:
         return self._state in (_ConnectionState.CLOSING, _ConnectionState.LOST)
 
     def begin(self) -> None:
-        """Open, on a transport without a handshake."""
+        """Open a connection without a handshake."""
         state = self._listener
         peer = PeerInfo(state.transport, self.address, self._port, max_message_size=state.max_message_size)
         if len(state.connections) > state.limits.connections:
@@ -329,7 +329,7 @@ class Connection:
         self._is_alive = True
 
     def eof(self) -> None:
-        """Begin to close: the peer sends nothing more."""
+        """Begin to close: the peer has closed its sending side."""
         self._end_endpoint(ABNORMAL, "the peer went away without a word")
         self._become(_ConnectionState.CLOSING)
         # A peer that only closed its sending side still gets the pending answers.
@@ -419,7 +419,7 @@ class Connection:
         self._end_endpoint(*(self._closed_with or (code, reason)))
         self.outbox.when_empty(self._link.close if agreed else self._link.finish)
 
-    # -- life ----------------------------------------------------------------------------------------------
+    # -- life cycle ----------------------------------------------------------------------------------------
 
     def open(self, peer: PeerInfo) -> None:
         """Get an endpoint from the accept function, and raise what it raises."""
@@ -441,7 +441,7 @@ class Connection:
 
     @property
     def ended_with(self) -> tuple[int, str]:
-        """Code and reason of a lost connection."""
+        """Return code and reason of a lost connection."""
         return self._closed_with or (ABNORMAL, "the connection was lost")
 
     def hand_over(self, endpoint: Endpoint) -> None:
@@ -478,12 +478,12 @@ class Connection:
             self._ping(silent)
 
     def _look_for_hang_up(self, link: HangUpAware) -> None:
-        """Drop the peer if it is gone: while nothing is read from it, nothing else would show this."""
+        """Drop the peer if it has disconnected: while reading is paused, no other event reports this."""
         hang_up = link.hang_up()
         if hang_up is HangUp.GONE:
             self._forget("the peer went away while it was held back")
         elif hang_up is HangUp.SENDS_NO_MORE and not self._is_probed:
-            # The peer may be done with sending and still read. If its process was killed, its system answers
+            # The peer may have closed only its sending side. If its process was killed, its system answers
             # the ping with a reset.
             self._is_probed = True
             ping = self._wire.ping()

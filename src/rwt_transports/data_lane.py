@@ -21,7 +21,7 @@ from rwt_transports.endpoint import DropReason, FlowRules
 from rwt_transports.limits import Limits
 
 _Message = tuple[Frame, tuple[Frame, ...], int]
-"""Queued message: its first frame, the further ones, and when it expires, in nanoseconds (0: never)."""
+"""Queued message: its first frame, the other frames, and its expiry time in nanoseconds (0: never)."""
 
 
 class Queue:
@@ -136,7 +136,7 @@ class DataLane:
         return None
 
     def _forgive(self) -> None:
-        """Reset the tags if nothing is queued: no topic is behind because of what it sent before."""
+        """Reset the tags if nothing is queued: no topic is penalised for earlier traffic."""
         if not self.schedule:
             self._position = self._last
 

@@ -12,18 +12,18 @@ from rwt_protocol.frames import Burst, Frame
 
 
 class DropReason(StrEnum):
-    """Why a message of the data lane was not sent."""
+    """Reason why a message of the data lane was not sent."""
 
     QUEUE = "queue"
-    """More than the subscription's own queue holds."""
+    """The subscription's own queue is full."""
     BACKLOG = "backlog"
-    """The peer reads too slowly for what all its topics together may have waiting."""
+    """The peer reads too slowly: the queue of all its topics together is full."""
     LIFESPAN = "lifespan"
-    """Older than its lifespan."""
+    """The message is older than its lifespan."""
     SIZE = "size"
-    """Larger than the limit for a client."""
+    """The message exceeds the client's size limit."""
     THROTTLE = "throttle"
-    """Sooner than the subscriber's throttle rate allows."""
+    """The subscriber's throttle rate does not allow it yet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +32,8 @@ class FlowRules:
 
     Attributes:
         depth: messages that may wait, the newest stay; None: as many as the data lane has room for.
-        keep_all: never give way to another topic's messages while one without this has some to give.
-        notes: these are a few small messages of the server itself, which take no other topic's place.
+        keep_all: True if messages of topics without this are dropped first.
+        notes: True for a few small messages of the server itself, which never displace other topics.
     """
 
     depth: int | None = None
@@ -47,7 +47,7 @@ AS_MANY_AS_FIT = FlowRules()
 class Flow(Protocol):
     """Messages of one topic to one peer, in the data lane: in order; the oldest are dropped.
 
-    After the end of the connection every method does nothing.
+    After the end of the connection, every method is a no-op.
     """
 
     def send(self, frame: Frame) -> None:
@@ -55,7 +55,7 @@ class Flow(Protocol):
 
     def join(self, burst: Burst) -> bool:
         """Queue the frames of a burst, also later ones until it is sealed. Returns False, without effect, if
-        each frame must be sent by itself.
+        each frame must be sent separately.
         """
 
     def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
@@ -68,10 +68,10 @@ class Flow(Protocol):
         """
 
     def configure(self, rules: FlowRules) -> None:
-        """Follow these rules from now on; what waits is cut to the new depth."""
+        """Replace the rules; the queue is cut to the new depth."""
 
     def close(self) -> None:
-        """Report no drops any more. What waits is still sent."""
+        """Stop reporting drops. Queued messages are still sent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,12 +80,12 @@ class PeerInfo:
 
     Attributes:
         transport: URL scheme, for example ``ws``.
-        address: the peer's address without its port, empty where there is none.
-        port: the peer's port, 0 where there is none.
+        address: the peer's address without its port; empty if it has none.
+        port: the peer's port; 0 if it has none.
         path: path and query of the request, for transports that have one.
         headers: request headers, names in lower case, for transports that have them.
         max_message_size: bytes of the largest message that the transport can carry to this peer; 0 for any.
-        subprotocol: of the WebSocket, as it was agreed on; empty where none was.
+        subprotocol: agreed subprotocol of the WebSocket; empty if none.
     """
 
     transport: str
@@ -103,11 +103,11 @@ class Traffic:
 
     Attributes:
         messages: frames handed to the writer.
-        bytes: bytes handed to the network, the wire's own included.
-        queued_messages: messages that wait in the lanes.
-        queued_bytes: bytes that wait, in the lanes and in front of them.
+        bytes: bytes handed to the network, including those of the wire's protocol.
+        queued_messages: messages queued in the lanes.
+        queued_bytes: bytes queued in the lanes and in front of them.
         dropped: messages of the data lane that were dropped, by reason.
-        received_bytes: bytes that came the other way, the wire's own included.
+        received_bytes: bytes received, including those of the wire's protocol.
     """
 
     messages: int = 0
@@ -142,17 +142,17 @@ class Sink(Protocol):
         """Return a flow of the data lane for samples: slow readers lose the oldest of the same topic.
 
         Args:
-            topic: what the flow is called, for people.
-            rules: how it is treated when the reader is slow.
+            topic: name of the flow for logs.
+            rules: rules of its queue while the reader is slow.
             on_drop: called for each message that is dropped.
-            time_ns: the clock of `expires_ns`.
+            time_ns: clock of `expires_ns`.
         """
 
     def close(self, code: int = 1000, reason: str = "") -> None:
-        """Close the connection after what the control lane holds. RFC 6455 section 7.4 names the codes."""
+        """Close the connection after sending the control lane. RFC 6455 section 7.4 lists the codes."""
 
     def hand_over(self, endpoint: Endpoint) -> None:
-        """Replace the present endpoint by `endpoint` from the next message on.
+        """Replace the current endpoint by `endpoint` from the next message on.
 
         The replaced endpoint is not called again, not even its `closed`. If the connection has ended,
         `endpoint` is closed at once. Not for use within the accept function, which returns an endpoint.
@@ -175,7 +175,7 @@ class Endpoint(Protocol):
     """Receiver of one peer's messages. Its methods are called on the event loop's thread and do not block."""
 
     def receive(self, data: bytes, binary: bool) -> None:
-        """Take one whole message, in order. Never raises."""
+        """Process one whole message, in order. Never raises."""
 
     def closed(self, code: int, reason: str) -> None:
         """Called exactly once, last, when the connection has ended. Never raises."""

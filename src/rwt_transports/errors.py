@@ -11,23 +11,23 @@ logger = logging.getLogger("rwt_transports")
 
 
 class TransportError(Exception):
-    """Base of every error of this package. The text is one line and says what to do instead."""
+    """Base of all errors of this package. The text is one line and states the remedy."""
 
 
 class BadUrl(TransportError):
-    """No scheme of the table can serve the URL."""
+    """The URL is invalid, or its scheme is not supported."""
 
 
 class ListenError(TransportError):
-    """The address could not be opened: in use, not ours, or not permitted."""
+    """The address could not be opened: it is in use, not of this machine, or not permitted."""
 
 
 ConnectCause: TypeAlias = Literal["refused", "unknown_host", "tls", "unauthorized", "no_path", "other"]
-"""Why a connection could not be opened; `no_path`: no pair of ICE candidates works."""
+"""Cause of a failure to connect; `no_path`: no pair of ICE candidates works."""
 
 
 class ConnectError(TransportError):
-    """No server answers at the address, or it refuses the connection.
+    """No server responds at the address, or it refuses the connection.
 
     Attributes:
         cause: category of the failure, for programs that give advice.
@@ -47,9 +47,9 @@ class Refused(TransportError):
     """Raised by an accept function to reject a peer before its connection opens.
 
     Attributes:
-        status: HTTP status of the answer, where the transport has one (4xx or 5xx).
+        status: HTTP status of the response (4xx or 5xx), for transports that have one.
         reason: one line for the peer.
-        headers: further headers of the answer.
+        headers: further headers of the response.
     """
 
     def __init__(self, status: int, reason: str, headers: Mapping[str, str] | None = None) -> None:

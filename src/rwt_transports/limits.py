@@ -1,4 +1,4 @@
-"""Bounds that one listener puts on its peers."""
+"""Limits of the peers of one listener."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ READY_BYTES = 128 * KIB
 
 
 class Deflate(StrEnum):
-    """Compression of messages to clients that support it."""
+    """Mode of compression of messages to clients that support it."""
 
     OFF = "off"
     SHARED = "shared"
-    """Each message by itself, once for all its readers."""
+    """Compress each message on its own, once for all readers."""
     CONTEXT = "context"
-    """Each in the context of those before it on the same connection."""
+    """Compress each message in the context of earlier ones of the connection."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +30,8 @@ class Limits:
     there: clients and hubs receive samples, which may be large, and a server receives mostly commands.
 
     Attributes:
-        message_bytes: largest incoming message. A larger one is skipped without being kept, and the
-            endpoint is informed (:class:`~rwt_transports.api.OversizeAware`); one that takes no such report
+        message_bytes: maximum size of an incoming message. A larger one is skipped, and the
+            endpoint is informed (:class:`~rwt_transports.api.OversizeAware`); one without this method
             is closed with 1009.
         incoming_bytes: what all connections together that share a
             :class:`~rwt_transports.wires.receive_buffer.ReceiveBufferPool` may hold of messages whose end has
@@ -45,25 +45,25 @@ class Limits:
             has HTTP, and cut otherwise; twice as many are always cut.
         connections_per_address: the same bound for each address; see :class:`AddressCount`.
         handshake_seconds: from the first byte expected to the end of the request.
-        idle_http_seconds: how long a kept-alive HTTP connection may wait between two requests.
-        stalled_http_seconds: how long the peer may take none of the bytes of an answer or a stream that wait
+        idle_http_seconds: maximum idle time of a kept-alive HTTP connection.
+        stalled_http_seconds: time for which the peer may accept no bytes of a response or a stream that wait
             for it; then it is cut.
         http_header_bytes: size of one request line with its headers.
         http_body_bytes: size of one plain HTTP request body.
-        close_seconds: how long a closing connection may take before it is cut.
-        ping_seconds: silence after which the peer is pinged; 0 never pings.
-        pong_seconds: further silence after which the peer counts as gone.
-        idle_peer_seconds: silence after which a peer counts as gone where connections have no end (UDP).
+        close_seconds: maximum duration of closing a connection, after which it is cut.
+        ping_seconds: silence after which the peer is pinged; 0: never.
+        pong_seconds: additional silence after which the peer counts as lost.
+        idle_peer_seconds: silence after which a peer of a connectionless transport (UDP) counts as lost.
         data_bytes: bytes queued in one connection's data lane. Reached, the oldest frame of the same topic is
             dropped for each new one; every topic keeps its newest frame.
         data_frames: the same bound as a number of frames.
         ready_bytes: bytes that may wait in front of the lanes: what one write joins, and the most that
             dropping cannot reach.
-        outgoing_bytes: largest message of the data lane; a larger one is dropped.
+        outgoing_bytes: maximum size of a message of the data lane; larger ones are dropped.
         control_bytes: bytes queued in one connection's control lane. Reached, the connection is closed with
             1008.
         control_frames: the same bound as a number of frames.
-        deflate: True if WebSocket peers that ask for it get compressed messages (RFC 7692).
+        deflate: compression for WebSocket peers that offer it (RFC 7692).
     """
 
     message_bytes: int = 64 * MIB
@@ -89,5 +89,5 @@ class Limits:
     deflate: Deflate = Deflate.OFF
 
     def receive_pool(self) -> ReceiveBufferPool:
-        """Return a pool for connections that share these bounds."""
+        """Return a pool for connections that share these limits."""
         return ReceiveBufferPool(max(self.incoming_bytes, 2 * self.message_bytes))

@@ -68,27 +68,27 @@ async def listen(
     Leaving the block closes every peer with 1001 and waits up to ``limits.close_seconds`` for them.
 
     Args:
-        url: where to listen; :data:`rwt_transports.schemes.SCHEMES` lists the schemes.
-        accept: makes the endpoint of each new peer; may raise :exc:`~rwt_transports.errors.Refused`.
-        routes: plain HTTP requests that the same port answers.
-        hosts: names by which it may be addressed; see :class:`~rwt_transports.http.routes.Hosts`.
-        proxies: whose word about their clients counts.
+        url: URL to listen on; :data:`rwt_transports.schemes.SCHEMES` lists the schemes.
+        accept: factory of the endpoint of each new peer; may raise :exc:`~rwt_transports.errors.Refused`.
+        routes: routes of plain HTTP requests on the same port.
+        hosts: accepted host names; see :class:`~rwt_transports.http.routes.Hosts`.
+        proxies: trusted proxies.
         access_log: True if each HTTP request is logged, to ``rwt_transports.access``.
         subprotocols: what WebSockets may speak besides rosbridge; a client that offers one gets it, and
             `accept` is told (:class:`~rwt_transports.endpoint.PeerInfo`).
         addresses: counts the connections of each address; one of its own by default.
-        limits: bounds per listener and per connection.
+        limits: limits per listener and per connection.
         buffers: what large messages are received in, shared with others that keep ``limits.incoming_bytes``
             together; of its own by default.
         tls: certificate and key for the schemes that encrypt (``wss``, ``tcps``).
         bson: True if every message is a BSON document; on a stream it says itself where it ends (BSN-03).
         shared: True if other processes listen on the same TCP port, see
             :func:`rwt_transports.shared_port.hold_port`.
-        driver: what moves the bytes; by default the fastest one for the scheme and the running event loop.
+        driver: driver of the connections; by default the fastest for the scheme and the event loop.
 
     Raises:
-        BadUrl: the URL is not one to listen on.
-        ListenError: the address cannot be had.
+        BadUrl: the URL is invalid for listening.
+        ListenError: the address is not available.
     """
     target = parse_listen_url(url, tls)
     chosen = Limits() if limits is None else limits

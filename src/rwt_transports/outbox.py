@@ -27,9 +27,9 @@ SLICE_BYTES = 256 * 1024
 ALONE_BYTES = 32 * 1024
 """Pieces of this size are not joined with others: copying them would cost more than another write."""
 GATHER_BYTES = 1024 * 1024
-"""Maximum size of the pieces of one system call that takes several."""
+"""Maximum total size of the pieces of one `writev`."""
 PIECES_BYTES = 256 * 1024
-"""Frames of this size are not even joined with their own header."""
+"""Frames from this size on are not joined with their own header."""
 
 
 class OutboxFlow:
@@ -196,7 +196,7 @@ class Outbox:
         self.messages += 1
 
     def sealed(self, frames: int, size: int) -> None:
-        """Count by how much a ready burst has grown; implements :class:`rwt_protocol.frames.BurstMember`."""
+        """Count the growth of a ready burst; implements :class:`rwt_protocol.frames.BurstMember`."""
         self.messages += frames
         self.room -= size
 
@@ -291,7 +291,7 @@ class Outbox:
             self.push(data)
 
     def finish(self, last: bytes) -> None:
-        """Queue `last` after the control lane, and drop queued data. Nothing follows."""
+        """Queue `last` after the control lane, drop queued data, and accept no further frames."""
         for frame in self._control:
             self._ready_frame(frame)
         if last:
@@ -300,14 +300,14 @@ class Outbox:
         self.wake()
 
     def stop_sending(self) -> None:
-        """Drop both lanes. Nothing follows what is ready."""
+        """Drop both lanes, and accept no further frames."""
         self._discard_lanes()
         self._settle_bursts()
         self._closed = True
         self.room = 0
 
     def discard(self) -> None:
-        """Drop everything: the peer is gone."""
+        """Drop everything: the connection is lost."""
         self.stop_sending()
         self.ready.clear()
         self._large = 0
@@ -392,7 +392,7 @@ class Outbox:
             left -= len(pieces[-1])
         self.taken += GATHER_BYTES - left
         if self.ready and not self._large and not self._begun:
-            # The end of the last large message, and the small ones behind it.
+            # The end of the last large message, and the small ones after it.
             pieces.append(self._take_small())
             self.taken += len(pieces[-1])
         return pieces

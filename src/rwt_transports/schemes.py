@@ -39,7 +39,7 @@ def stream_driver() -> AnyioDriver | AsyncioDriver:
 
 def _data_channel() -> Connector:
     try:
-        from rwt_transports.webrtc.connector import DataChannelConnector  # An extra that few need.
+        from rwt_transports.webrtc.connector import DataChannelConnector  # An optional dependency.
     except ImportError as missing:
         raise ConnectError(
             f"webrtc+http:// and webrtc+https:// need aiortc: pip install aiortc ({missing})"
@@ -52,22 +52,21 @@ class Scheme:
     """Row of the table of schemes.
 
     Attributes:
-        example: a URL to listen on, or to connect to where the scheme is not listened on.
-        wire: makes the wire of a client; None: the scheme is connected to, and a server offers it in another
-            way.
-        client_wire: makes the wire of a server; None: the scheme is served, and cannot be connected to.
-        bson_wire: makes the wire of a client that speaks nothing but BSON; None: BSON cannot be spoken.
-        driver: makes what listens.
-        connector: makes what connects.
+        example: URL to listen on, or to connect to if the scheme cannot be listened on.
+        wire: factory of a client's wire; None: for connecting only, and a server offers it in another way.
+        client_wire: factory of a server's wire; None: the scheme is only for listening.
+        bson_wire: factory of the wire of a BSON-only client; None: BSON is not supported.
+        driver: factory of the driver that listens.
+        connector: factory of the connector.
         http: True if a connection begins as HTTP, and becomes a WebSocket by an upgrade.
         tls: True if connections are encrypted.
         binary: True if binary messages can be sent beside text.
         unix: True if the address is the path of a Unix socket instead of host and port.
         single: True if there is one peer, with which the listener ends; a URL to listen on has no address,
             one to connect to names a program.
-        expires: True if a silent peer counts as gone after a while, where connections have no end.
-        connect_port: the port where a URL to connect to names none.
-        max_message_size: bytes of the largest message that can be sent; 0 for any.
+        expires: True if a silent peer counts as lost after a time, because the transport has no connections.
+        connect_port: default port of a URL to connect to.
+        max_message_size: size of the largest message that can be sent, in bytes; 0 for any.
     """
 
     example: str
@@ -179,7 +178,7 @@ def parse_listen_url(url: str, tls: SSLContext | None = None) -> ListenUrl:
         tls: certificate and key for the schemes that encrypt.
 
     Raises:
-        BadUrl: naming what is wrong, with an example.
+        BadUrl: the URL is invalid; the text gives the fault and an example.
     """
     name, colon, rest = url.partition(":")
     name = name.lower()
@@ -245,7 +244,7 @@ def parse_connect_url(url: str) -> ConnectUrl:
     """Parse a URL to connect to.
 
     Raises:
-        BadUrl: naming what is wrong, with an example.
+        BadUrl: the URL is invalid; the text gives the fault and an example.
     """
     name, colon, rest = url.partition(":")
     name = name.lower()

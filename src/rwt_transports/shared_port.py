@@ -14,7 +14,7 @@ def can_share(url: str, tls: SSLContext | None = None) -> bool:
     """Return True if several processes can listen on a URL: only on TCP.
 
     Raises:
-        BadUrl: it is not one to listen on.
+        BadUrl: the URL is invalid for listening.
     """
     target = parse_listen_url(url, tls)
     return bool(target.address.host) and target.scheme.driver is stream_driver
@@ -25,14 +25,14 @@ class HeldPort:
     """Port reserved for this program, even while no process listens on it.
 
     Attributes:
-        url: where processes of this user listen with ``shared=True``, with the port that there is.
+        url: URL with the actual port, on which processes of this user listen with ``shared=True``.
     """
 
     url: str
     _sockets: tuple[socket.socket, ...]
 
     def close(self) -> None:
-        """Give it back."""
+        """Release the port."""
         for each in self._sockets:
             each.close()
 
@@ -41,12 +41,12 @@ async def hold_port(url: str, tls: SSLContext | None = None) -> HeldPort:
     """Reserve the port of a URL without listening; port 0 picks a free one.
 
     Raises:
-        BadUrl: it is not one to listen on.
-        ListenError: the address cannot be had.
+        BadUrl: the URL is invalid for listening.
+        ListenError: the address is not available.
     """
     target = parse_listen_url(url, tls)
     sockets = await bind_tcp(target.address.host, target.address.port)
     for each in sockets:
-        # Not before it is bound: so a port that other programs share counts as in use.
+        # Set after binding, so that a port shared by other programs counts as in use.
         each.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
     return HeldPort(target.with_port(int(sockets[0].getsockname()[1])), tuple(sockets))

@@ -1,13 +1,13 @@
-"""Fair scheduler for work that would keep the event loop from others, and its table of time budgets.
+"""Fair scheduler for long work on the event loop, and its table of time budgets.
 
-A *turn* is what the event loop does between two polls of its sockets. Code that may have much to do in one
-turn does a part of it, limited by a budget below, and puts off the rest. These are different guarantees:
+A *turn* is the work of the event loop between two polls of its sockets. Code with much work for one
+turn does a part of it, limited by a budget below, and defers the rest. These are different guarantees:
 
 * **Read share**: large messages of some connections do not delay small ones of others.
 * **Write coalescing**: the output of one turn is written together, and does not delay reading.
 * **TLS slicing**: one connection under TLS does not use up the time for writing.
 * **Requests**: many HTTP requests at once do not delay messages, and a large body is read in parts.
-* **Client share**: each client has such a share of a turn, and all of them together have another.
+* **Client share**: each client has a budget per turn, and all clients together have another.
 * **Late fan-out**: encoding long samples delays neither clients nor other topics.
 
 Budgets are seconds of one turn. They are checked between steps: the last step comes on top. The timers of a
@@ -31,26 +31,26 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 READ_SECONDS: Final = 0.01
-"""Receiving large messages, over all connections of an event loop."""
+"""Budget for receiving large messages, over all connections of an event loop."""
 WRITE_SECONDS: Final = 0.01
-"""Writing, over all connections of an event loop."""
+"""Budget for writing, over all connections of an event loop."""
 ENCRYPT_SECONDS: Final = 0.002
-"""Encrypting, for one connection under TLS."""
+"""Budget for encrypting, for one connection under TLS."""
 REQUESTS_SECONDS: Final = 0.005
-"""Reading HTTP requests, over all connections of a listener."""
+"""Budget for reading HTTP requests, over all connections of a listener."""
 BODY_SECONDS: Final = 0.003
-"""Reading the body of one HTTP request."""
+"""Budget for reading the body of one HTTP request."""
 CLIENT_SECONDS: Final = 0.003
 """Messages of one client."""
 STEP_SECONDS: Final = 0.002
 """Time within `CLIENT_SECONDS` in which steps of a large message begin. The rest is for what the message
 sends."""
 CLIENTS_SECONDS: Final = 5 * CLIENT_SECONDS
-"""Messages of all clients of a gateway, not counting small messages that are handled at once."""
+"""Budget for messages of all clients of a gateway, not counting small messages handled at once."""
 TOPIC_SECONDS: Final = 0.0015
-"""Encoding deferred samples of one topic."""
+"""Budget for encoding deferred samples of one topic."""
 TOPICS_SECONDS: Final = 0.005
-"""Encoding deferred samples, over all topics of a gateway."""
+"""Budget for encoding deferred samples, over all topics of a gateway."""
 
 RETRY_SECONDS: Final = 0.005
 """Delay before retrying work that waits for something other than a turn.
@@ -72,7 +72,7 @@ class Turns:
     each turn does as much of it as fits into the budget, and at least one piece. What is added meanwhile
     waits for the next turn, so that work which puts itself off cannot hold the loop. Exceptions are logged.
 
-    With `one_at_a_time`, each piece of work has a turn of its own, and nobody else can :meth:`take` that
+    With `one_at_a_time`, each piece of work has a turn of its own, and no other client can :meth:`take` that
     turn.
 
     States: **idle** until something is counted, taken or waits; **begun** (``_is_begun``) while :meth:`_next`
@@ -84,7 +84,7 @@ class Turns:
         call_soon: calls a function in the next turn.
         call_later: calls a function after some seconds.
         one_at_a_time: True if waiting work is done one piece per turn.
-        is_held_back: returns True while waiting work must go on waiting for something else than a turn.
+        is_held_back: returns True while queued work must wait for something other than a turn.
 
     Attributes:
         is_full: True if the budget of this turn is used up.
@@ -119,7 +119,7 @@ class Turns:
 
     @property
     def must_wait(self) -> bool:
-        """True if work that is not to overtake others has to wait: the turn is full, or others wait."""
+        """True if work in order has to wait: the turn is full, or other work is queued."""
         return self.is_full or bool(self._line) or (self.is_held_back is not None and self.is_held_back())
 
     def note(self, seconds: float) -> None:
@@ -129,7 +129,7 @@ class Turns:
         self._begin()
 
     def do(self, work: Callable[[], object]) -> None:
-        """Do work now, and count it."""
+        """Run work now, and count it."""
         began = self.monotonic()
         try:
             work()
@@ -144,14 +144,14 @@ class Turns:
         return self._holder is client
 
     def wait(self, work: Callable[[], object]) -> None:
-        """Do `work` in a later turn, behind the work that waits already."""
+        """Run `work` in a later turn, after the work already queued."""
         self._line.append(work)
         if not self._is_begun:  # As in _begin(), written out: this runs for each message that is sent.
             self._is_begun = True
             self._call_soon(self._next)
 
     def retry(self, ask: Callable[[], None]) -> None:
-        """Call `ask` after a while, for work that waits for something else than a turn."""
+        """Call `ask` after a delay, for work that waits for something other than a turn."""
         self._call_later(RETRY_SECONDS, ask)
 
     def _begin(self) -> None:
@@ -205,12 +205,12 @@ def _call_later_on_trio(seconds: float, call: Callable[[], None]) -> None:
 
 
 def no_turns() -> Turns:
-    """Return turns for use without an event loop: work that would wait is done at once."""
+    """Return turns for use without an event loop: deferred work is done at once."""
     return Turns(float("inf"), lambda call: call(), lambda _, call: call())
 
 
 async def in_turns(steps: Steps[T], seconds: float = BODY_SECONDS) -> T:
-    """Take steps in a task, for `seconds` of each turn of the event loop, and return their result."""
+    """Run steps in a task, for `seconds` of each turn of the event loop, and return their result."""
     until = time.perf_counter() + seconds
     while True:
         try:

@@ -43,7 +43,9 @@ _SMALL_BYTES: Final = 4096
 """Maximum size of a message that is read in a turn that is full."""
 
 T = TypeVar("T")
-C = TypeVar("C", bound="ConnectedClient[Any]")  # Whatever its messages wait as.
+C = TypeVar(
+    "C", bound="ConnectedClient[Any]"
+)  # Any: each gateway defines the form in which its messages wait.
 
 
 class AcceptPeer(Protocol):
@@ -61,7 +63,7 @@ class AcceptPeer(Protocol):
 
 
 class Gateway(ABC):
-    """A protocol in front of the graph, from its construction until it is closed.
+    """Gateway of one protocol to the graph.
 
     Attributes:
         name: name of the protocol, in metrics and for the gate (`rosbridge:3`). The verbs of clients that are
@@ -85,7 +87,7 @@ class Gateway(ABC):
 
     @property
     def clients(self) -> Sequence[ConnectedClient[Any]]:
-        """Clients with a connection, in the order they came. Requests over HTTP are only counted."""
+        """Connected clients, oldest first. Requests over HTTP are only counted."""
         return ()
 
     @abstractmethod
@@ -97,7 +99,7 @@ class Gateway(ABC):
         self.shared.publishers.end_latched(self.access.may_latch)
 
     def close(self) -> None:
-        """Leave the graph. The clients have been disconnected before."""
+        """Leave the graph. Call it after all clients have been disconnected."""
         self.shared.close()
 
 
@@ -116,10 +118,10 @@ def client_turns(clock: Clock) -> Turns:
 
 
 class ConnectionGateway(Gateway, Generic[C]):
-    """A gateway whose clients keep a connection.
+    """Gateway whose clients keep a connection.
 
     Attributes:
-        log_prefix: first word of log lines about clients, with a space behind it.
+        log_prefix: first word of log lines about clients, followed by a space.
     """
 
     log_prefix: ClassVar[str] = ""
@@ -132,7 +134,7 @@ class ConnectionGateway(Gateway, Generic[C]):
 
     @property
     def clients(self) -> tuple[C, ...]:
-        """Connected clients, in the order they came."""
+        """Connected clients, oldest first."""
         return tuple(self._clients.values())
 
     @property
@@ -145,7 +147,7 @@ class ConnectionGateway(Gateway, Generic[C]):
         """Accept a new client, see :class:`AcceptPeer`."""
 
     def join(self, role: Role, info: PeerInfo, make: Callable[[int, ClientGraph], C]) -> C:
-        """Make an admitted connection a client by `make`, from its number and its graph; count and log it."""
+        """Create the client of an admitted connection by `make(number, graph)`; count and log it."""
         self._count += 1
         number = self._count
         graph = self.access.client(self.shared, role, info.address, f"{self.name}:{number}")
@@ -205,7 +207,7 @@ class ControlLane:
             )
 
     def log_internal_error(self, op: str, error: Exception, id_: object = None) -> None:
-        """Log a mistake of the server with its traceback. The client only hears of an internal error."""
+        """Log a fault of the server with its traceback. The client only receives "internal error"."""
         self._audit.write(
             logging.ERROR, "internal error in %s", op, client=self._number, op_id=id_, error=error
         )
@@ -216,25 +218,25 @@ def _always() -> bool:
 
 
 class Arriving(NamedTuple):
-    """Message that is being read in steps, in turns in which `may_go_on` returns True."""
+    """Message that is read in steps while `may_go_on` returns True."""
 
     steps: Iterator[None]
     may_go_on: Callable[[], bool] = _always
 
 
-#: Maximum size of a frame that presses the emergency stop ahead of what waits, in bytes.
+#: Maximum size of a frame that presses the emergency stop ahead of queued frames, in bytes.
 MAX_STOP_BYTES: Final = 4096
 
 
 class UnreadFrame(NamedTuple):
-    """A frame that waits for a later turn before it is read."""
+    """Frame that waits for a later turn before it is read."""
 
     data: bytes
     binary: bool
 
 
 class ConnectedClient(ABC, Generic[T]):
-    """A client with a connection, whose messages are read in turns. Each connection is a new client (DIS-06).
+    """Client with a connection, whose messages are read in turns. Each connection is a new client (DIS-06).
 
     Life cycle::
 
@@ -260,7 +262,7 @@ class ConnectedClient(ABC, Generic[T]):
     * This turn: ``_received`` (bytes that had arrived at the last read: another number is another turn),
       ``_is_beyond`` (True if the client is beyond its rate), ``_needs_turn`` (True if it then needs a turn of
       its own).
-    * What waits: ``_waiting``, ``_is_held``; ``_over`` once the connection has ended.
+    * Queue: ``_waiting``, ``_is_held``; ``_over`` once the connection has ended.
     """
 
     def __init__(
@@ -295,7 +297,7 @@ class ConnectedClient(ABC, Generic[T]):
         self._waiting: deque[T | UnreadFrame | Arriving] = deque()
 
     def receive(self, data: bytes, binary: bool) -> None:
-        """Read one frame and do what it asks, or let it wait if the client has used its share of the turn."""
+        """Process one frame, or queue it if the client has used its share of the turn."""
         if self._must_defer(len(data)):
             if not self._stop_ahead(data, binary):
                 self._wait_unread(data, binary)
@@ -307,9 +309,9 @@ class ConnectedClient(ABC, Generic[T]):
             self._count_work()
 
     def _stop_ahead(self, data: bytes, binary: bool) -> bool:
-        """Press the emergency stop ahead of all that waits, if that is what a frame does.
+        """Press the emergency stop ahead of queued frames, if the frame requests it.
 
-        Returns False, and does nothing, for other frames. While the stop is pressed, all frames are others.
+        Returns False for other frames, and for all frames while the stop is pressed.
         """
         if len(data) > MAX_STOP_BYTES or not self.graph.is_stop_due:
             return False
@@ -323,7 +325,7 @@ class ConnectedClient(ABC, Generic[T]):
 
     @abstractmethod
     def _presses_stop(self, data: bytes, binary: bool) -> bool:
-        """Return True if all that a small frame does is to press the emergency stop; has no effects."""
+        """Return True if a small frame only presses the emergency stop. Has no effects."""
 
     def _wait_unread(self, data: bytes, binary: bool) -> None:
         # The wire reuses its buffers.
@@ -344,12 +346,12 @@ class ConnectedClient(ABC, Generic[T]):
 
     @abstractmethod
     def _decode(self, data: bytes, binary: bool, now: float) -> None:
-        """Decode a frame and do what it asks."""
+        """Decode a frame and process it."""
 
     def _may_send(self, now: float) -> bool:
         """Return True if one more message is within the rate, and disconnect the client otherwise.
 
-        Reading on would serve the client before all others.
+        Without disconnecting, further reading would favour the client over all others.
         """
         if self._rate is None or self._rate.take(now):
             return True
@@ -410,11 +412,11 @@ class ConnectedClient(ABC, Generic[T]):
         self._is_beyond = self._needs_turn = self._work.excess > 0.0
 
     def take_steps(self, steps: Iterator[None], may_go_on: Callable[[], bool]) -> None:
-        """Take the steps in which its wire reads a message; they are work of the client."""
+        """Adopt the steps in which the wire reads a message, charged to the client."""
         self._wait(Arriving(steps, may_go_on))
 
     def _wait(self, what: T | UnreadFrame | Arriving) -> None:
-        """Put off a frame, a message, or the rest of one, and read nothing from this client until then."""
+        """Queue a frame, a message, or the rest of one, and pause reading from this client."""
         self._waiting.append(what)
         if not self._is_held:
             self._is_held = True
@@ -428,11 +430,11 @@ class ConnectedClient(ABC, Generic[T]):
         self._turns.wait(self._go_on)
 
     def _is_held_up(self, what: T | UnreadFrame) -> bool:
-        """Return True if `what` has to wait for something else than a turn."""
+        """Return True if `what` has to wait for something other than a turn."""
         return False
 
     def _go_on(self) -> None:
-        """Do as much of what waits as this turn has time for."""
+        """Process queued work within the time of this turn."""
         first = self._waiting[0] if self._waiting else None
         if first is not None and (
             not first.may_go_on() if isinstance(first, Arriving) else self._is_held_up(first)
@@ -474,7 +476,7 @@ class ConnectedClient(ABC, Generic[T]):
                 return
 
     def take_role(self, role: Role) -> None:
-        """Switch to another role. What is open stays open until :meth:`withdraw_refused`."""
+        """Switch to another role. Open resources stay open until :meth:`withdraw_refused`."""
         self.graph.take_role(role)
 
     def withdraw_refused(self) -> None:
@@ -482,7 +484,7 @@ class ConnectedClient(ABC, Generic[T]):
         self.graph.withdraw_refused()
 
     def reload_role(self) -> None:
-        """Take the role that the settings give the client now; disconnect it if it is no longer admitted."""
+        """Apply the client's role in the current settings; disconnect it if it is no longer admitted."""
         try:
             role = self._gateway.access.admission.role_now(
                 self.info, self.graph.role.name if self.is_role_by_auth else None
@@ -518,7 +520,7 @@ class ConnectedClient(ABC, Generic[T]):
         yield from self.graph.close_in_steps()
 
     def _release_in_turns(self, steps: Iterator[None]) -> None:
-        """Take steps for this turn's share, and the rest in later turns: a client may hold much."""
+        """Run steps for this turn's share, and the rest in later turns."""
         self._began = self._monotonic()
         self._turn_began = self._worked
         try:

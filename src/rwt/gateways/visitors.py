@@ -40,7 +40,7 @@ def url_of(request: HttpRequest, scheme: str) -> str:
 def then(
     answer: HttpResponse | Awaitable[HttpResponse], do: Callable[[HttpResponse], HttpResponse]
 ) -> HttpResponse | Awaitable[HttpResponse]:
-    """Apply a function to a response: now, or once it is there."""
+    """Apply a function to a response: now, or once it is available."""
     return do(answer) if isinstance(answer, HttpResponse) else _later(answer, do)
 
 

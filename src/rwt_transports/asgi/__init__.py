@@ -1,4 +1,4 @@
-"""ASGI, both ways: our clients through another server, and another app on our port."""
+"""ASGI in both directions: clients through another server, and another app on this server's port."""
 
 from rwt_transports.asgi.application import AsgiApplication, AsgiListener, asgi_listener
 from rwt_transports.asgi.messages import asgi_messages

@@ -89,7 +89,7 @@ class AsgiLink(TaskLink):
                     return
                 try:
                     await self._send(_event(kind, data))
-                except OSError:  # The client is gone; the specification lets servers raise this.
+                except OSError:  # The client has disconnected; the specification lets servers raise this.
                     return
                 self._callbacks.progress()
 
@@ -97,7 +97,7 @@ class AsgiLink(TaskLink):
         code = code if may_travel(code) else 1000
         try:
             await self._send({"type": "websocket.close", "code": code, "reason": reason})
-        except (OSError, RuntimeError):  # Some servers raise this if the client is gone.
+        except (OSError, RuntimeError):  # Some servers raise this if the client has disconnected.
             return
 
 
@@ -239,12 +239,12 @@ class AsgiListener:
 def _split_path(scope: Scope) -> tuple[str, str]:
     raw = scope.get("raw_path") or b""
     path = raw.decode("latin-1").partition("?")[0] or quote(scope["path"])
-    remaining = scope.get("path_remaining")  # Django Channels' URLRouter, which leaves the rest alone.
+    remaining = scope.get("path_remaining")  # Set by Django Channels' URLRouter, which keeps the path.
     if remaining is not None:
         below = f"/{quote(remaining).lstrip('/')}"
         return below, path.removesuffix(below).removesuffix(quote(remaining)).rstrip("/")
     mounted = quote(scope.get("root_path") or "").rstrip("/")
-    # Of servers some put the mount point into the path, as the specification has it now, and some do not.
+    # Some servers include the mount point in the path, as the specification now requires; others do not.
     if mounted and (path == mounted or path.startswith(mounted + "/")):
         path = path.removeprefix(mounted)
     return path or "/", mounted
@@ -370,7 +370,7 @@ class AsgiApplication:
     server.
 
     Args:
-        lifespan: what the lifespan of the ASGI server begins and ends.
+        lifespan: context manager that the lifespan of the ASGI server enters and exits.
     """
 
     def __init__(self, lifespan: Lifespan) -> None:
@@ -382,7 +382,7 @@ class AsgiApplication:
         """Serve within the block.
 
         Args:
-            listeners: that of clients from this machine alone under True, that of others under False.
+            listeners: by True the listener for clients on this machine, by False that for others.
         """
         self._listeners = listeners
         try:

@@ -21,17 +21,17 @@ def close_bytes(code: int, reason: str) -> bytes:
 
 
 def close_of(data: bytes) -> tuple[int, str]:
-    """Code and reason of a close."""
+    """Return code and reason of a close."""
     return _CODE.unpack_from(data)[0], data[_CODE.size :].decode("utf-8", "replace")
 
 
 class AsgiWire(MessageWire):
-    """Messages of one WebSocket. The driver feeds a header, then a whole message."""
+    """Wire of one WebSocket. The driver feeds a header, then a whole message."""
 
     __slots__ = ()
 
     def feed(self, data: bytes) -> None:
-        """Take a header, or the message that it announced."""
+        """Process a header, or the message that it announced."""
         if self._over:
             return
         if self._wanted < 0:

@@ -41,7 +41,7 @@ class AsgiMount:
     """App below one path. It applies its own rules, and the limits of the port.
 
     Args:
-        path: where it is, such as ``/shop``.
+        path: path of the app, such as ``/shop``.
     """
 
     def __init__(self, path: str, app: App) -> None:
@@ -60,7 +60,7 @@ class AsgiMount:
         """Run the app's lifespan and accept requests within the block.
 
         Raises:
-            RuntimeError: the app said that it could not start.
+            RuntimeError: the app reported that it could not start.
         """
         async with background_tasks() as tasks:
             lifespan = _Lifespan(self._app, self._state)
@@ -79,8 +79,8 @@ class AsgiMount:
         """Pass a request to the app.
 
         Args:
-            request: below the app's path.
-            secure: True if it came in TLS.
+            request: request below the app's path.
+            secure: True if it was sent over TLS.
         """
         secure = secure or request.headers.get("x-forwarded-proto") in ("https", "wss")
         target = f"{request.path}?{request.query}" if request.query else request.path
@@ -187,8 +187,8 @@ class _Exchange:
     """Request and the app's response.
 
     Attributes:
-        started: set when it is known how the response begins.
-        gone: set when nobody reads it any more.
+        started: set when the head of the response is known.
+        gone: set when the reader has disconnected.
     """
 
     def __init__(self, app: App, scope: Scope, body: bytes) -> None:
@@ -207,7 +207,7 @@ class _Exchange:
         try:
             await self._app(self._scope, self._receive, self._send)
         except Exception as error:
-            # What an app lets through that was told of its client's leave is no failure.
+            # An error that the disconnection of the client has caused is not a failure.
             if not (self.gone.is_set() and _is_leave(error)):
                 logger.exception("a mounted app failed at %s", self._scope["path"])
         finally:
@@ -239,7 +239,7 @@ class _Exchange:
                 self._chunks, self._read = anyio.create_memory_object_stream[bytes](0)
                 self.started.set()
             if self.gone.is_set():
-                raise OSError("the client has gone")  # As the specification has it since 2.4.
+                raise OSError("the client has gone")  # Required by the specification since version 2.4.
             if chunk:
                 try:
                     await self._chunks.send(chunk)

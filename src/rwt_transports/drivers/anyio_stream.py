@@ -191,7 +191,7 @@ async def serve_stream(attach: Attach, stream: ByteStream, turns: Turns | None =
         attach(link, host, port)
         await link.run()
     except Exception:
-        # One connection must not take the listener with it.
+        # A failing connection must not stop the listener.
         log_exception("the connection of %s:%s failed", host, port)
 
 

@@ -53,7 +53,7 @@ READ_BYTES = 64 * 1024
 begins."""
 BACKLOG = 512
 GATHERED_BYTES = 64 * 1024
-"""Minimum size for `writev`, bypassing asyncio's transport; below it, one system call more hardly matters."""
+"""Minimum size for `writev`, bypassing asyncio's transport; for smaller data the gain is negligible."""
 
 WATCHED_BYTES = 4096
 """Bytes of an incomplete write that go to asyncio's transport, which copies them and watches the socket."""
@@ -393,7 +393,7 @@ class _SocketLink(asyncio.BufferedProtocol):
         except OSError:
             return pieces
         finally:
-            with contextlib.suppress(OSError):  # The connection may be gone.
+            with contextlib.suppress(OSError):  # The connection may be lost.
                 bounded.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, UNSENT_BYTES)
         return _without(pieces, sent) if sent < size else ()
 
@@ -403,7 +403,7 @@ class _SocketLink(asyncio.BufferedProtocol):
             try:
                 self._transport.write_eof()
             except OSError:
-                self.abort()  # The peer is gone, and the transport has not noticed yet.
+                self.abort()  # The peer has disconnected, and the transport has not noticed yet.
         else:
             self.close()
 

@@ -55,7 +55,7 @@ class _Sessions:
                 try:
                     await link.flush(self._socket)
                 except Exception:
-                    # One failure must not keep the other peers waiting.
+                    # A failure must not block the other peers.
                     log_exception("writing to %s:%d failed; forgetting it", *link.address)
                     link.abort()
 
@@ -64,7 +64,7 @@ class _Sessions:
         self._awake.set()
 
     def forget(self, link: _DatagramLink) -> None:
-        """Remove an ended session; the next datagram of its address begins another."""
+        """Remove an ended session; the next datagram of its address starts a new one."""
         if self._links.get(link.address) is link:
             del self._links[link.address]
 
@@ -91,7 +91,7 @@ class _DatagramLink:
         self._sessions.wake(self)
 
     def finish(self) -> None:
-        """Close: a session has no half that could stay open."""
+        """Close: sessions have no half-closed state."""
         self.close()
 
     def close(self) -> None:
@@ -127,7 +127,7 @@ class _DatagramLink:
 
 
 class DatagramDriver:
-    """Serves UDP; satisfies :class:`rwt_transports.api.Driver`."""
+    """UDP driver; satisfies :class:`rwt_transports.api.Driver`."""
 
     @asynccontextmanager
     async def serve(self, address: BindAddress, attach: Attach) -> AsyncIterator[int]:

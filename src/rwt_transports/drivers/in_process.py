@@ -74,7 +74,7 @@ class _End:
         return Traffic(queued_messages=len(self._frames), queued_bytes=self._size)
 
     def deliver(self) -> tuple[int, str] | None:
-        """Deliver what was sent; return code and reason once this side is closed."""
+        """Deliver sent frames; return code and reason once this side is closed."""
         self.opposite.received += self._size
         for _ in range(len(self._frames)):
             frame = self._frames.popleft()
@@ -117,7 +117,7 @@ async def connect_in_process(near: Accept, far: Accept) -> AsyncIterator[None]:
     1000.
 
     Args:
-        near: the side that connects.
+        near: factory of the connecting side's endpoint.
         far: the side that is connected to; it is asked first, and may raise
             :exc:`~rwt_transports.errors.Refused`.
     """
@@ -132,7 +132,7 @@ async def connect_in_process(near: Accept, far: Accept) -> AsyncIterator[None]:
             yield
         finally:
             ours.close(1000, "")
-            # The other side still gets what was sent before.
+            # The other side still receives frames sent before the close.
             _end(ours, theirs, ours.deliver() or (1000, ""))
 
 

@@ -1,4 +1,4 @@
-"""Listening sockets, what comes in at them, and what to say when they cannot be had."""
+"""Listening sockets, accepting connections, and error texts of addresses that are not available."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ _TCP_INFO: Final = struct.Struct("=68xI72xII")
 
 
 def delivery_of(connected: socket.socket) -> Delivery:
-    """Return how much of what was sent on a TCP connection has arrived; zeros if the system does not tell."""
+    """Return the progress of sent bytes of a TCP connection; zeros if the system does not report it."""
     if sys.platform != "linux" or connected.fileno() < 0:
         return Delivery()
     try:
@@ -144,7 +144,9 @@ async def accept_peers(
             await anyio.sleep(ACCEPT_PAUSE_SECONDS)
         else:
             begin(accepted)
-            await anyio.lowlevel.checkpoint()  # asyncio's `sock_accept` gives way only where nobody has come.
+            await (
+                anyio.lowlevel.checkpoint()
+            )  # asyncio's `sock_accept` only yields if no connection is pending.
 
 
 def raise_descriptor_limit() -> None:
@@ -169,12 +171,12 @@ async def bind_tcp(host: str, port: int, *, shared: bool = False) -> list[socket
     """Return sockets bound to every address of `host` on one port; port 0 picks a free one.
 
     Args:
-        host: a name or an address.
+        host: host name or address.
         port: 0 to 65535.
         shared: join other processes that share the port; the system spreads connections over them.
 
     Raises:
-        ListenError: the name is unknown, or the address cannot be had.
+        ListenError: the name is unknown, or the address is not available.
     """
     try:
         found = await anyio.getaddrinfo(host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
@@ -193,7 +195,7 @@ async def bind_tcp(host: str, port: int, *, shared: bool = False) -> list[socket
 
 
 def _bind(family: int, address: tuple[str, int], *, shared: bool) -> socket.socket:
-    # asyncio sets TCP_NODELAY on what is accepted only where the protocol is named.
+    # asyncio sets TCP_NODELAY on accepted sockets only if the socket's protocol is IPPROTO_TCP.
     bound = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
         bound.setblocking(False)
@@ -218,7 +220,7 @@ def bind_unix(path: str) -> socket.socket:
     """Return a Unix socket bound to `path`; replace one that no process serves any longer.
 
     Raises:
-        ListenError: the path cannot be had.
+        ListenError: the path is not available.
     """
     if not hasattr(socket, "AF_UNIX"):
         raise ListenError(f"cannot listen on {path}: this system has no Unix sockets; use tcp:// or ws://")
@@ -246,7 +248,7 @@ def remove_unix(path: str) -> None:
 
 
 def _is_abandoned(path: str) -> bool:
-    """Return True if `path` is a socket that refuses connections, as a killed server leaves it."""
+    """Return True if `path` is a socket that refuses connections, left by a killed server."""
     if not os.path.exists(path) or not stat.S_ISSOCK(os.stat(path).st_mode):
         return False
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
@@ -260,7 +262,7 @@ def unknown_host(host: str) -> str:
 
 
 def why_not(error: OSError, host: str, port: int) -> str:
-    """Return one line that says why an address could not be opened, and what to do."""
+    """Return one line with the reason why an address could not be opened, and the remedy."""
     if error.errno == errno.EADDRINUSE:
         return f"port {port} on {host} is in use; stop what holds it, or choose another port (0 picks one)"
     if error.errno in (errno.EACCES, errno.EPERM):

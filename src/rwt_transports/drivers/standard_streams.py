@@ -65,18 +65,18 @@ class DescriptorStream(ByteStream):
         await anyio.lowlevel.checkpoint()
 
     async def send_eof(self) -> None:
-        """Does nothing: the stream ends when the process closes the descriptor."""
+        """No-op: the stream ends when the process closes the descriptor."""
 
     async def aclose(self) -> None:
-        """Does nothing: the descriptors belong to the caller."""
+        """No-op: the descriptors belong to the caller."""
         await anyio.lowlevel.checkpoint()
 
 
 class StandardStreamsDriver:
-    """Serves the peer at standard input and output, or runs a program as the peer.
+    """Driver of the peer at standard input and output, or of a program run as the peer.
 
     Args:
-        descriptors: where to read and where to write in place of standard input and output; the caller
+        descriptors: descriptors to read from and write to in place of standard input and output; the caller
             closes them.
     """
 
@@ -84,7 +84,7 @@ class StandardStreamsDriver:
         self._descriptors = descriptors
 
     async def connect(self, address: RemoteAddress, attach: Attach, tasks: TaskGroup) -> None:
-        """Run a command for the life of the connection; its standard error is this program's."""
+        """Run a command during the connection; its standard error is that of this program."""
         process = await anyio.open_process(shlex.split(address.path), stderr=None)
         tasks.start_soon(_serve_process, attach, process)
 
@@ -120,7 +120,7 @@ def _claimed() -> Iterator[tuple[int, int]]:
     try:
         os.dup2(nothing, _STDIN)
         os.dup2(_STDERR, _STDOUT)
-        # What was printed and not yet written goes the new way, too.
+        # Buffered output also goes to the new target.
         sys.stdout.flush()
         if _is_pipe(write_to):
             os.set_blocking(write_to, False)

@@ -11,7 +11,7 @@ from rwt_transports.api import DriverCallbacks, UnbufferedCallbacks
 
 
 class NoCallbacks(UnbufferedCallbacks):
-    """Callbacks of a link without a connection; they drop everything, so that the link does not keep the
+    """Callbacks of a link without a connection; drop everything, so that the link does not keep the
     connection.
     """
 

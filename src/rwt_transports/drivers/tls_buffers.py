@@ -12,10 +12,10 @@ from typing import Final
 from weakref import WeakKeyDictionary
 
 RECEIVED_BYTES: Final = 32 * 1024
-"""Taken from the network at once: two of TLS's largest records."""
+"""Maximum size of one read: two of TLS's largest records."""
 
 ENCRYPTED_BYTES: Final = 32 * 1024
-"""Written at once."""
+"""Maximum size of one write."""
 
 _buffers: Final[WeakKeyDictionary[asyncio.AbstractEventLoop, memoryview]] = WeakKeyDictionary()
 
@@ -43,7 +43,7 @@ def spare_buffers(transport: asyncio.Transport) -> None:
 
 
 def forget_protocol(transport: asyncio.Transport) -> None:
-    """Let a transport in TLS that is closed refer to the protocol above it no more."""
+    """Remove the reference of a closed TLS transport to the protocol above it."""
     if isinstance(getattr(transport, "_ssl_protocol", None), asyncio.sslproto.SSLProtocol):
         transport.set_protocol(_NOBODY)
 

@@ -1,4 +1,4 @@
-"""Addresses of clients: what counts as one, and how many connections each has."""
+"""Addresses of clients: unit of counting, and number of connections of each."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class AddressCount:
 
     Args:
         most: connections of one address; 0 for any number.
-        proxies: whose own connections are not counted; those of their clients are.
+        proxies: proxies whose own connections are not counted; those of their clients are.
     """
 
     def __init__(self, most: int = 0, proxies: Proxies = NO_PROXIES) -> None:
@@ -26,12 +26,12 @@ class AddressCount:
         self._open: Counter[str] = Counter()
 
     def enter(self, address: str) -> None:
-        """Count one more."""
+        """Count one more connection."""
         if key := self._key(address):
             self._open[key] += 1
 
     def leave(self, address: str) -> None:
-        """Count one less."""
+        """Count one connection less."""
         if key := self._key(address):
             self._open[key] -= 1
             if not self._open[key]:
@@ -41,7 +41,7 @@ class AddressCount:
         """Check the limit for a connection that is already counted.
 
         Raises:
-            Refused: the address has more than it may have, with status 429; the text names the setting.
+            Refused: the address has too many connections (status 429); the text names the setting.
         """
         if self._open[self._key(address)] > self._most:
             text = f"{self._most} connections from {address} are open (limits.connections_per_address)"

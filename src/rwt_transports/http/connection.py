@@ -28,7 +28,7 @@ access = logging.getLogger("rwt_transports.access")
 LIVE_QUEUE_SECONDS: Final = 0.1
 """Delay by a queue on the path above which the next chunk of a live body waits."""
 LIVE_PART: Final = 0.25
-"""Part of a chunk that may still be under way when the next one is made."""
+"""Share of a chunk that may still be in flight when the next one is made."""
 LIVE_POLL_SECONDS: Final = 0.01
 
 
@@ -136,7 +136,7 @@ class HttpConnection(UnbufferedCallbacks):
             self.abort()
 
     def eof(self) -> None:
-        """Note that the peer sends nothing more.
+        """Handle the end of the peer's stream.
 
         A pending answer is still sent. A stream is ended: a browser that leaves it only half-closes the
         connection.
@@ -342,7 +342,7 @@ class HttpConnection(UnbufferedCallbacks):
             subprotocol=answer.subprotocol,
         )
         connection = Connection(state, self._link, self.address, self._port, answer.deflate)
-        # These bytes precede what the endpoint sends from its constructor.
+        # These bytes precede frames that the endpoint sends from its constructor.
         unsent: list[Buffer] = []
         while (data := self.take()) is not None:
             unsent.append(data)
@@ -447,7 +447,7 @@ class HttpConnection(UnbufferedCallbacks):
                     if response.is_live:
                         await self._delivered(len(chunk))
         except ConnectionError as error:
-            # The source broke off, for example the robot behind a hub: not a bug of this program.
+            # The source failed, for example the robot behind a hub: not a fault of this program.
             logger.info("the answer to %s broke off: %s", self, error)
             self._end()
         except Exception:

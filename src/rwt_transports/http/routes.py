@@ -1,4 +1,4 @@
-"""Plain HTTP on a transport's port: its names, requests, responses, routes, and what a node adds to them."""
+"""Plain HTTP on a transport's port: host names, requests, responses, and routes of nodes and gateways."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ class HttpRequest:
 
     Attributes:
         method: upper case.
-        path: without the query, percent-encoding as it came.
-        query: what follows the question mark, undecoded.
-        headers: names in lower case; repeated ones joined with a comma. Behind a proxy that is named,
-            ``host`` is the one that the client asked for, and ``x-forwarded-proto`` how.
+        path: path without the query, still percent-encoded.
+        query: text after the question mark, undecoded.
+        headers: names in lower case; repeated ones joined with a comma. Behind a trusted proxy,
+            ``host`` and ``x-forwarded-proto`` are those of the client's request.
         body: the whole body.
         address: the client's address.
-        prefix: the path below which a proxy shows this server, without a slash at its end.
+        prefix: path below which a proxy serves this server, without a trailing slash.
     """
 
     method: str
@@ -49,12 +49,12 @@ class HttpResponse:
     """Response of a route.
 
     Attributes:
-        body: all of it, or an iterator of chunks that are sent as they come; the iterator is closed when
-            the peer goes away.
+        body: whole body, or an iterator of chunks that are sent as they come; the iterator is closed when
+            the peer disconnects.
         status: HTTP status.
-        content_type: the ``Content-Type`` header.
+        content_type: value of the ``Content-Type`` header.
         headers: further headers.
-        cookies: the ``Set-Cookie`` headers, which cannot be joined into one (RFC 6265 section 3).
+        cookies: ``Set-Cookie`` headers, which cannot be joined into one (RFC 6265 section 3).
         is_live: True if late chunks are worthless: the next one is requested when the one before has arrived.
     """
 
@@ -67,18 +67,18 @@ class HttpResponse:
 
 
 Handler = Callable[[HttpRequest], HttpResponse | Awaitable[HttpResponse]]
-"""A route: a plain function, or a coroutine function, which then runs in a task of its own."""
+"""Handler of a route: a plain function, or a coroutine function, which runs in its own task."""
 
 
 class Work(Protocol):
-    """Account of the work that the server does for the clients of an address, which has a rate."""
+    """Rate-limited account of the work for the clients of an address."""
 
     @property
     def excess(self) -> float:
-        """Seconds until they are within their rate again; 0.0 where they are."""
+        """Return the seconds until they are within their rate again; 0.0 if they are."""
 
     def add(self, seconds: float, kind: Literal["pages", "pictures"]) -> None:
-        """Add seconds of processor time of work outside the page itself, such as in threads or streams."""
+        """Add seconds of processor time used outside the page itself, such as in threads or streams."""
 
 
 class Reader(Protocol):
@@ -96,14 +96,14 @@ class Reader(Protocol):
         of the topics.
 
         Args:
-            topics: absolute names; none for what shows no topic.
-            end: called once then, with the reason.
+            topics: absolute names; none for a response that shows no topic.
+            end: called once in that case, with the reason.
 
         Returns:
-            What is to be called when the answer has ended.
+            Function to call when the response has ended.
 
         Raises:
-            Refused: that has happened already, since the reader asked.
+            Refused: access was withdrawn since the request was admitted.
         """
 
 
@@ -120,10 +120,10 @@ def refusal_as_text(request: HttpRequest, refused: Refused) -> HttpResponse:
 
 
 class Audience(Enum):
-    """Clients that may request a route. Each route declares it; there is no default."""
+    """Clients that may request a route. Each route declares it, without a default."""
 
     ANYBODY = auto()
-    """Everybody, without credentials: the page reveals nothing of the robot (a health check)."""
+    """All clients, without credentials: the page reveals nothing of the robot (a health check)."""
     ADMITTED = auto()
     """Clients that may connect; the page shows what its :class:`Reader` may see."""
     EVERY_TOPIC = auto()
@@ -135,13 +135,13 @@ class Route(Generic[AnyReader]):
     """Path and method that a node or a gateway serves.
 
     Attributes:
-        path: as :class:`Routes` takes it, ``/stream`` or ``/packages/*``.
-        page: what answers; it shows and does what its reader may.
-        audience: who may ask.
-        method: upper case; what serves ``GET`` serves ``HEAD`` too. Pages of other origins may ask by any
+        path: path as in :class:`Routes`, such as ``/stream`` or ``/packages/*``.
+        page: handler, limited to the rights of its reader.
+        audience: clients that may request it.
+        method: HTTP method in upper case; ``GET`` includes ``HEAD``. Pages of other origins may use any
             other method only where they may connect by WebSocket (the setting `origins`).
-        refusal: how a request hears that it does not come to the page.
-        presses_stop: True for requests that press the emergency stop of the robot, which wait for nothing.
+        refusal: builds the response to a request that is refused before it reaches the page.
+        presses_stop: returns True for requests that press the robot's emergency stop, which never wait.
     """
 
     path: str
@@ -156,7 +156,7 @@ class MetricFamily(NamedTuple):
     """Metric with its samples, for ``/metrics``.
 
     Attributes:
-        name: as Prometheus writes it; that of a counter ends in ``_total``.
+        name: Prometheus name; that of a counter ends in ``_total``.
         help: one sentence.
         samples: labels and value of each.
     """
@@ -172,9 +172,9 @@ class HttpExtension(Generic[AnyReader]):
     """HTTP routes and metrics that a node or a gateway adds to the server. A node has it as its `http`.
 
     Attributes:
-        routes: its pages.
-        section: what it adds to the index page: HTML, of what the reader may see.
-        metrics: what it adds to ``/metrics``.
+        routes: pages.
+        section: returns HTML for the index page, limited to what the reader may see.
+        metrics: returns metrics for ``/metrics``.
     """
 
     routes: tuple[Route[AnyReader], ...] = ()
@@ -183,12 +183,12 @@ class HttpExtension(Generic[AnyReader]):
 
 
 def page_policy(script: str = "") -> Mapping[str, str]:
-    """Return the header that restricts an HTML page to what it needs (CSP Level 3).
+    """Return the Content-Security-Policy header of an HTML page (CSP Level 3).
 
     Only images and videos of this server are allowed, no inline scripts, and no framing by other sites.
 
     Args:
-        script: the text of its one script, if it has one.
+        script: text of its only script, if it has one.
     """
     digest = b64encode(sha256(script.encode()).digest()).decode()
     scripts = f"script-src 'sha256-{digest}'; " if script else ""
@@ -245,7 +245,7 @@ class Routes:
 
 
 class Hosts:
-    """Names that a listener answers to: the ``Host`` of a request (RFC 9110 section 7.2).
+    """Host names that a listener accepts in the ``Host`` of a request (RFC 9110 section 7.2).
 
     A site can make its own name lead to any address (DNS rebinding); its pages then count as pages of what
     is there. So a listener on a loopback address answers to ``localhost``, ``*.localhost``, loopback
@@ -254,7 +254,7 @@ class Hosts:
     ``Host`` comes from no browser, and is answered.
 
     Args:
-        names: globs of further names, without port (the setting `origins.hosts`).
+        names: globs of additional names, without port (the setting `origins.hosts`).
         loopback: True if the listener is only reached from this machine.
     """
 
@@ -265,7 +265,7 @@ class Hosts:
         self._names = any_of(names)
 
     def include(self, host: str) -> bool:
-        """Return True if the listener answers to the ``Host`` of a request, empty if there is none."""
+        """Return True if the listener accepts the ``Host`` of a request; empty: it has none."""
         if self._every_name or not host:
             return True
         name = host_name(host)
@@ -279,10 +279,10 @@ class Proxies:
     and ``-Prefix`` apply. From others these headers are dropped.
 
     Args:
-        networks: their addresses, or networks such as ``10.0.0.0/8``.
+        networks: addresses of the proxies, or networks such as ``10.0.0.0/8``.
 
     Raises:
-        ValueError: one is neither.
+        ValueError: an item is neither an address nor a network.
     """
 
     def __init__(self, networks: Iterable[str] = ()) -> None:
@@ -303,7 +303,7 @@ class Proxies:
             return address, ""
         hops = [_parameters(hop) for hop in given["forwarded"].split(",")]
         clients = [hop["for"] for hop in hops if "for" in hop] or given["x-forwarded-for"].split(",")
-        # Each proxy adds whom it has heard at the end: the first from there that is no proxy is the client.
+        # Each proxy appends its peer: the last address that is not a proxy is the client.
         for client in reversed(clients):
             named = host_name(client.strip().strip('"')) or client.strip()
             if _address(named) is None:
@@ -334,7 +334,7 @@ def any_of(globs: Iterable[str]) -> re.Pattern[str]:
 
 
 def is_local(host: str) -> bool:
-    """Return True if a host, by name or address, is this machine as seen from itself."""
+    """Return True if a host name or address is the loopback of this machine."""
     if host == "localhost" or host.endswith(".localhost"):
         return True
     address = _address(host)

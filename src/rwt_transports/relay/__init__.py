@@ -1,1 +1,1 @@
-"""Reaching a robot behind a NAT: the hub, the robot's connections to it, and what they say to each other."""
+"""Access to robots behind a NAT: the robot's connections to a hub, and their protocol."""

@@ -42,11 +42,11 @@ from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 logger = logging.getLogger("rwt_transports.relay.dial")
 
 IDLE_CONNECTIONS = 2
-"""Connections kept waiting: as many clients may come at once without one more round trip."""
+"""Number of idle connections: as many clients can connect at once without another round trip."""
 
 BACKOFF = Backoff(first=0.5, longest=30.0, jitter=0.5)
 STEADY_SECONDS = 5.0
-"""A connection to the hub that is closed before it has lasted so long counts as one more failure."""
+"""Minimum duration of a connection to the hub; a shorter one counts as a failure. In seconds."""
 MANY_FAILURES = 20
 """Enough for the longest wait."""
 
@@ -56,11 +56,11 @@ class RelayStatus:
     """Status of one outgoing connection to a hub.
 
     Attributes:
-        url: the hub, with the robot's path.
-        idle: connections that wait for a client.
-        clients: connections that serve one.
+        url: URL of the hub, with the robot's path.
+        idle: number of connections without a client.
+        clients: number of connections with a client.
         failures: attempts that failed since the last success.
-        error: why the last one failed; empty after a success.
+        error: reason of the last failure; empty after a success.
     """
 
     url: str
@@ -71,7 +71,7 @@ class RelayStatus:
 
     @property
     def connected(self) -> bool:
-        """True if a client that connects now is served."""
+        """True if a new client can be served."""
         return self.idle > 0
 
 
@@ -94,15 +94,15 @@ async def dial(
         url: ``wss://HUB/robots/NAME`` or ``ws://HUB/robots/NAME``; NAME is what clients call the robot.
         accept: makes the endpoint of each client; may raise :exc:`~rwt_transports.errors.Refused`, and the
             client is closed with 1008 and the reason, since it is connected to the hub already.
-        token: what the hub wants to see.
+        token: token of the robot for the hub.
         addresses: counts the clients of each address that the hub names; one of its own by default.
         buffers: what large messages of all clients are received in; of its own by default.
-        routes: the pages that the hub may ask for.
+        routes: pages for requests from the hub.
         tls: how to check the hub's certificate; by default against the system's authorities.
-        backoff: how long to wait between attempts, and after how many to give up.
+        backoff: delays between attempts, and their number.
 
     Raises:
-        BadUrl: the URL is not one of a hub.
+        BadUrl: the URL is not a hub's URL of a robot.
     """
     check_dial_url(url)
     headers = {INSTANCE: secrets.token_hex(8)}
@@ -146,7 +146,7 @@ def check_dial_url(url: str) -> str:
     """Return the robot's name in a dial-out URL.
 
     Raises:
-        BadUrl: naming what is wrong, with an example.
+        BadUrl: the URL is invalid; the text gives the fault and an example.
     """
     example = "for example wss://hub.example/robots/my_robot"
     try:
@@ -162,7 +162,7 @@ def check_dial_url(url: str) -> str:
 
 
 ServePage = Callable[[Sink, HttpRequest], Endpoint]
-"""Answers a request for a page over a connection, whose endpoint it returns."""
+"""Function that serves a request for a page over a connection, and returns the endpoint."""
 
 _ConnectOne = Callable[[Accept], AbstractAsyncContextManager[OutgoingConnection]]
 
@@ -236,7 +236,7 @@ class _Robot:
         if self._running.cancel_called:
             return
         if idle.code == REPLACED:
-            # The program that has the name now would be pushed out in turn.
+            # Reconnecting would displace the program that now has the name.
             self._shaky = MANY_FAILURES
         elif anyio.current_time() - opened >= STEADY_SECONDS:
             self._shaky = 0
@@ -271,10 +271,10 @@ class _IdleConnection:
     """Endpoint of a connection to the hub, until its client's endpoint takes over.
 
     Attributes:
-        address: the client's.
-        has_client: True if a client was assigned to it, let in or not.
-        code: with which code it ended, 0 if a client's endpoint took over.
-        ending: the same with the reason.
+        address: address of the client.
+        has_client: True if a client was assigned to it, admitted or not.
+        code: close code; 0 if a client's endpoint took over.
+        ending: close code and reason.
     """
 
     def __init__(

@@ -1,9 +1,9 @@
-"""Pages of a robot behind a NAT: an HTTP request goes over one of its connections, and the answer comes back.
+"""Pages of a robot behind a NAT: HTTP requests and responses over one of its connections.
 
 The assignment of a connection names a request in place of a client
 (:mod:`rwt_transports.relay.protocol`). The robot answers with a head, a text message, and with the body in
-binary messages, of which the last is followed by a close with 1000. So a picture and a stream that never ends
-go the same way, and whoever reads slowly holds back the robot.
+binary messages, of which the last is followed by a close with 1000. Images and endless streams are sent the
+same way, and a slow reader slows down the robot.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ WITHOUT_BODY: Final = frozenset({204, 205, 304})
 """Status codes of responses that never have a body (RFC 9110 section 6.4.1)."""
 
 PIECE_BYTES: Final = 64 * 1024
-"""Of a body that is sent at once."""
+"""Maximum size of a piece of a body."""
 
-#: Headers that are about one connection, and not about the page (RFC 9110 section 7.6.1).
+#: Headers of one connection, which are not forwarded (RFC 9110 section 7.6.1).
 _OF_THE_CONNECTION: Final = frozenset(
     {
         "connection", "content-length", "keep-alive", "proxy-connection", "te", "trailer",
@@ -41,7 +41,7 @@ _OF_THE_CONNECTION: Final = frozenset(
 
 
 def end_to_end(headers: Mapping[str, str]) -> dict[str, str]:
-    """Return the headers that are passed on."""
+    """Return the headers that are forwarded."""
     return {name: value for name, value in headers.items() if name.lower() not in _OF_THE_CONNECTION}
 
 
@@ -49,14 +49,14 @@ def end_to_end(headers: Mapping[str, str]) -> dict[str, str]:
 
 
 class PageServer:
-    """Robot's end of a connection that a request was assigned to."""
+    """Robot's end of a connection with an assigned request."""
 
     def __init__(self, sink: Sink, routes: Routes, request: HttpRequest) -> None:
         self._sink = sink
         self._routes = routes
         self._request = request
         self._flow_control: FlowControl | None = None
-        # Made by `run`: this is called where asyncio calls back, which anyio knows as no event loop.
+        # Created by `run`: anyio does not recognise the event loop inside asyncio's callbacks.
         self._scope: anyio.CancelScope | None = None
         self._closed = False
 
@@ -67,13 +67,13 @@ class PageServer:
         self._sink.close(POLICY, "nothing follows a request")
 
     def closed(self, code: int, reason: str) -> None:
-        """Cancel the page: the hub does not want the rest."""
+        """Cancel the page: the hub discards the rest."""
         self._closed = True
         if self._scope is not None:
             self._scope.cancel()
 
     async def run(self) -> None:
-        """Answer, until all is sent or the hub goes away."""
+        """Send the response, until it is complete or the hub disconnects."""
         if self._closed:
             return
         with anyio.CancelScope() as self._scope:
@@ -121,7 +121,7 @@ class PageInbox:
     """Receiver of one page, as the sink and flow control of its client."""
 
     received: Final = 0
-    """Bytes from the client: a request is one message, which has been received."""
+    """No-op: the request is one message, already received."""
 
     def __init__(self) -> None:
         self._frames: deque[Frame] = deque()
@@ -134,13 +134,13 @@ class PageInbox:
         self._changed.set()
 
     def close(self, code: int = NORMAL, reason: str = "") -> None:
-        """End the page: the robot has sent everything, or is gone."""
+        """End the page: the robot has sent everything, or is disconnected."""
         if self._ended is None:
             self._ended = (code, reason)
         self._changed.set()
 
     def drop(self) -> None:
-        """Forget what came and was not read."""
+        """Drop unread messages."""
         self._frames.clear()
 
     def when_empty(self, callback: Callable[[], None]) -> None:
@@ -150,7 +150,7 @@ class PageInbox:
             callback()
 
     def pause(self) -> None:
-        """No-op: a request sends nothing more."""
+        """No-op: the request is complete."""
 
     def resume(self) -> None:
         """No-op, like :meth:`pause`."""
@@ -173,9 +173,9 @@ class PageInbox:
         """Return the robot's response, whose body is read as it arrives.
 
         Args:
-            left: called once nobody reads any more, with a close code and why.
+            left: called once the reader has disconnected, with a close code and a reason.
             seconds: timeout for the head of the response, and for the end of one without a body.
-            head_only: True if the body is not asked for.
+            head_only: True if no body is requested.
         """
         try:
             with anyio.fail_after(seconds):

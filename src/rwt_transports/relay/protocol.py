@@ -25,7 +25,7 @@ from rwt_transports.endpoint import PeerInfo
 from rwt_transports.http.routes import HttpRequest
 
 ROBOTS: Final = "/robots/"
-"""Where robots dial in; the rest of the path is the robot's name."""
+"""Path for robots; the rest of the path is the robot's name."""
 
 INSTANCE: Final = "rwt-instance"
 """Request header with a random id of the program, which distinguishes two that use the same robot's name."""
@@ -34,7 +34,7 @@ REPLACED: Final = 4009
 """Close code for a robot whose name another program has taken."""
 
 TRANSPORT: Final = "dial"
-"""Name of the transport of clients behind a hub."""
+"""Name of the transport of clients that connect through a hub."""
 
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 _TAKEN: Final = frozenset({"robots", "healthz", "metrics"})
@@ -98,7 +98,7 @@ def decode_assignment(data: bytes) -> PeerInfo | HttpRequest:
     """Return the client or the page request of an assignment.
 
     Raises:
-        BadAssignment: the message is something else.
+        BadAssignment: the message is not an assignment.
     """
     try:
         assignment = _decoder.decode(data)
@@ -146,7 +146,7 @@ def is_robot_name(name: str) -> bool:
 
 
 def split_client_path(target: str) -> tuple[str, str]:
-    """Return the robot that a client asks for, and the rest of its path with the query."""
+    """Return the robot that a client requests, and the rest of the path with the query."""
     path, question, query = target.partition("?")
     name, _, rest = path.removeprefix("/").partition("/")
     return name, f"/{rest}{question}{query}"

@@ -25,7 +25,7 @@ class ClientHandshake:
         headers: request headers beside those of the handshake.
 
     Attributes:
-        request: what to send first.
+        request: request to send first.
     """
 
     __slots__ = ("_head", "_protocol", "_refusal", "_silent", "_where", "request")
@@ -67,7 +67,7 @@ class ClientHandshake:
             if self._protocol.handshake_exc is not None:
                 raise ConnectError(f"{self._where} answers the WebSocket handshake wrongly")
             return rest
-        # A refusal: its body, where the server says why, may still be arriving.
+        # A refusal: its body with the reason may still be arriving.
         self._refusal = True
         self._protocol.receive_data(self._head)
         self._refused()

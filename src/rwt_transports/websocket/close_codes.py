@@ -1,4 +1,4 @@
-"""Why a connection ended: the codes of RFC 6455 section 7.4.1, used where there are no close frames, too."""
+"""Close codes of RFC 6455 section 7.4.1, also used by transports without close frames."""
 
 from __future__ import annotations
 

@@ -49,9 +49,9 @@ _MOST_BLOCKS: Final = 16
 """Maximum number of final blocks in a message; known compressors write at most one."""
 
 SMALLEST_BYTES: Final = 100
-"""Bytes below which a message without context does not become smaller."""
+"""Minimum size of a message that is compressed without context; smaller ones would not shrink."""
 LARGEST_BYTES: Final = 1024 * 1024
-"""Bytes above which a message goes out as it is: compressing it would hold up all other peers for long."""
+"""Maximum size of a message that is compressed: compressing a larger one would block the event loop."""
 _LEVEL: Final = 3
 _MEMORY: Final = 5
 """Memory level of zlib, 1 to 9: at 5, with a window of 12 bits, a context takes 32 KiB."""
@@ -82,7 +82,7 @@ def _compressed_frame(packed: bytes, binary: bool) -> bytes:
 
 @cache
 def shared_framing(bits: int) -> Framing:
-    """Messages compressed without context, in a window of that many bits: the same object for every peer."""
+    """Framing of messages compressed without context in a window of that many bits; shared by all peers."""
 
     def whole(frame: Frame) -> bytes:
         if not SMALLEST_BYTES <= frame.size <= LARGEST_BYTES:
@@ -144,7 +144,7 @@ class _Inflater:
                     TOO_BIG,
                     f"a message inflates to more than {self._most} bytes, the limit (max_message_size)",
                 )
-            # Beyond that much it may hold more, even if it has taken all.
+            # At the maximum, more output may be pending, even if all input was consumed.
             is_full = len(inflated) == room
             piece = self._unpacker.unconsumed_tail
             if self._unpacker.eof:
@@ -175,7 +175,7 @@ class DeflateWire(WebSocketWire):
     """WebSocket wire of a server with permessage-deflate.
 
     Attributes:
-        take_steps: takes the steps in which a large message is inflated; None where nobody does, and it is
+        take_steps: runs the steps in which a large message is inflated; None: without steps, it is
             inflated at once.
     """
 

@@ -20,9 +20,9 @@ class DeflateTerms:
     """Agreed parameters (RFC 7692 section 7.1).
 
     Attributes:
-        keeps_context: True if what this side sends is in the context of what it sent before.
+        keeps_context: True if this side compresses in the context of earlier messages.
         peer_keeps_context: the same of the other side.
-        window_bits: of this side's window.
+        window_bits: size of this side's window in bits.
     """
 
     keeps_context: bool

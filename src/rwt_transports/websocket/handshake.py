@@ -27,10 +27,10 @@ class HandshakeAnswer:
 
     Attributes:
         status: 101 when the connection may open, else a 4xx.
-        head: the whole 101 response, empty for a refusal.
-        reason: why it was refused, one line.
-        deflate: what was agreed on compression; None where it was not.
-        subprotocol: what was agreed to speak; empty where nothing was.
+        head: whole 101 response; empty for a refusal.
+        reason: reason of a refusal, one line.
+        deflate: agreed parameters of compression; None without compression.
+        subprotocol: agreed subprotocol; empty if none.
     """
 
     status: int
@@ -57,8 +57,8 @@ def answer_handshake(
     """Check an upgrade request and return the response (RFC 6455 section 4.2).
 
     Args:
-        deflate: what may be compressed.
-        subprotocols: what is spoken besides rosbridge.
+        deflate: supported compression.
+        subprotocols: supported subprotocols besides rosbridge.
     """
     extensions = extension_factories(deflate)
     select = _selector(subprotocols)
@@ -66,7 +66,7 @@ def answer_handshake(
     try:
         given = Headers(list(headers))
     except InvalidHeader as error:
-        # HTTP lets control characters pass in values; the library does not.
+        # HTTP permits control characters in values; the library does not.
         return HandshakeAnswer(400, reason=_reason(error))
     response = protocol.accept(Request(path, given))
     if response.status_code == 101:
@@ -78,7 +78,7 @@ def answer_handshake(
         )
     failure = protocol.handshake_exc
     wrong_version = isinstance(failure, InvalidHeader) and failure.name == "Sec-WebSocket-Version"
-    # RFC 6455 section 4.4 asks for 426 with the version that is spoken.
+    # RFC 6455 section 4.4 requires 426 with the supported version.
     return HandshakeAnswer(426 if wrong_version else response.status_code, reason=_reason(failure))
 
 
@@ -99,7 +99,7 @@ def choose_subprotocol(offered: Iterable[str], spoken: Collection[str]) -> str |
 
     Args:
         offered: in the client's order.
-        spoken: what is spoken besides rosbridge.
+        spoken: supported subprotocols besides rosbridge.
     """
     return next((each for each in offered if each == SUBPROTOCOL or each in spoken), None)
 

@@ -351,12 +351,12 @@ class WebSocketWire:
             self._fail(violation.code, str(violation))
 
     def hold(self) -> None:
-        """Read nothing more until :meth:`go_on`: one read may have thousands of messages, or inflate to a
+        """Stop reading until :meth:`go_on`: one read may have thousands of messages, or inflate to a
         thousand times its size."""
         self._is_held = True
 
     def go_on(self) -> None:
-        """Read what has come meanwhile."""
+        """Read the bytes received meanwhile."""
         self._is_held = False
         self.feed(b"")
 
@@ -490,7 +490,7 @@ class WebSocketWire:
         self._frame(first, apply_mask(payload, key) if key else payload)
         return start + size
 
-    # -- too large a message -------------------------------------------------------------------------------
+    # -- messages over the limit ---------------------------------------------------------------------------
 
     def _admit(self, first: int, size: int) -> bool:
         """Return True if a data frame is within the limit of its message. The first that is not is reported,
@@ -525,7 +525,7 @@ class WebSocketWire:
         if self._skip_last:
             self._end_message()
 
-    # -- a payload that arrives in pieces ------------------------------------------------------------------
+    # -- payloads that arrive in pieces --------------------------------------------------------------------
 
     def _stage(self, staged: _Staged, data: bytes, position: int) -> int:
         """Copy the received part of the payload into its buffer. Returns the position behind it."""

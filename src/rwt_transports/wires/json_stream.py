@@ -1,9 +1,9 @@
 """JSON objects one after the other on a stream of bytes, as a wire (TCP-01 to TCP-03).
 
 Nothing separates the objects and nothing announces their length: an object ends with the brace that closes
-it. The scanner looks at braces and quotes only, keeps its place between reads, and never looks at a byte
-twice, so that a cut anywhere, inside a character, an escape or a string, changes nothing. What stands
-between objects and is not blank is handed over as a message of its own, so that the endpoint can refuse it.
+it. The scanner reads braces and quotes only, keeps its position between reads, and never reads a byte
+twice, so that cuts inside a character, an escape or a string have no effect. Text between
+objects that is not blank is delivered as a separate message, so that the endpoint can reject it.
 
 There is no binary on this wire (TCP-05): a binary frame is logged and left out.
 
@@ -34,8 +34,8 @@ END = b"\0"
 STRAY_BYTES = 1024
 """Maximum bytes between objects that are delivered at once."""
 
-#: How a browser begins. Any web page can send an HTTP request to any port, with a body of its choice: what it
-#: holds must not run, since no one asked where the page is from.
+#: Beginning of a browser's request. Any web page can send HTTP requests with any body to any port: their
+#: content must not be executed, because the origin of the page is not checked.
 _HTTP_REQUEST = re.compile(rb"\s*[A-Z]+ [/*h]")
 _STRUCTURE = re.compile(rb'[{}"]')
 _IN_STRING = re.compile(rb'["\\]')
@@ -56,11 +56,11 @@ class JsonStreamWire(StreamWire):
         buffers: ReceiveBufferPool | None = None,
     ) -> None:
         super().__init__(events, max_size, framing, buffers)
-        self._scanned = 0  # bytes of the buffer that were looked at
+        self._scanned = 0  # bytes of the buffer that were scanned
         self._depth = 0
         self._in_string = False
         self._skipping = False
-        self._fresh = True  # nothing was handed over yet
+        self._fresh = True  # nothing was delivered yet
 
     def feed(self, data: bytes) -> None:
         self._buffer += data

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 STAGING_BYTES = 256 * 1024
-"""First size of the buffer of a large message; it grows only as bytes really come."""
+"""Initial size of the buffer of a large message; it grows as bytes arrive."""
 POOLED_BYTES = 4 * 1024 * 1024
 """A buffer of up to this size is kept for the next large message."""
 
@@ -56,7 +56,7 @@ class ReceiveBufferPool:
         return bytearray(min(size, STAGING_BYTES))
 
     def give(self, buffer: bytearray) -> None:
-        """Keep `buffer` if it is larger than the one that is kept, and not too large."""
+        """Keep `buffer` for reuse if it is larger than the current one, and not too large."""
         if len(buffer) <= POOLED_BYTES and (self._kept is None or len(self._kept) < len(buffer)):
             self._kept = buffer
 

@@ -10,17 +10,17 @@ from rwt_transports.websocket.close_codes import POLICY
 from rwt_transports.wires.receive_buffer import STAGING_BYTES, ReceiveBufferPool
 
 PART_BYTES = 64 * 1024
-"""Bytes of a large message that are received at once."""
+"""Maximum size of one read of a large message."""
 
 
 class StreamWire(ABC):
     """Buffer of received bytes, from which a subclass takes messages.
 
     Args:
-        events: what the wire reports to, messages excepted.
+        events: receiver of the wire's events, except messages.
         max_size: largest message in bytes.
-        framing: how outgoing frames become bytes.
-        buffers: where is counted what has come of large messages.
+        framing: conversion of outgoing frames to bytes.
+        buffers: pool that counts the bytes of incomplete large messages.
     """
 
     __slots__ = ("_buffer", "_buffers", "_events", "_max_size", "_over", "_part", "framing", "message")

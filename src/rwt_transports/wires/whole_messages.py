@@ -51,7 +51,7 @@ class MessageWire(StreamWire):
 
     def feed(self, data: bytes) -> None:
         if not self._over and self._wanted == len(data) and not self._buffer:
-            self._finish(data)  # The whole message as the driver has it: not copied.
+            self._finish(data)  # The driver's own message, uncopied.
             return
         super().feed(data)
 
@@ -90,7 +90,7 @@ class MessageCutter:
     """Splits the connection's bytes into messages for its driver.
 
     Args:
-        take: gives the next bytes of the connection, None when there are none for now.
+        take: returns the next bytes of the connection, None if there are none now.
     """
 
     __slots__ = ("_buffer", "_kind", "_size", "_take", "_wanted")
@@ -104,7 +104,7 @@ class MessageCutter:
 
     @property
     def held(self) -> int:
-        """Bytes that the connection has handed over, and that are in no message yet."""
+        """Number of bytes taken from the connection that do not form a message yet."""
         return self._size
 
     def next(self) -> tuple[bytes, int] | None:

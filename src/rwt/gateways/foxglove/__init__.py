@@ -1,4 +1,4 @@
-"""The Foxglove gateway: how Foxglove's WebSocket protocol becomes verbs of the robot graph, and back."""
+"""The Foxglove gateway: translates between Foxglove's WebSocket protocol and the robot graph."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["FoxgloveGateway"]
 
 
 def __getattr__(name: str) -> object:
-    """Import the gateway when it is first used: its settings are also read where nothing is served."""
+    """Import the gateway on first use: settings are also read without a server."""
     if name != "FoxgloveGateway":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from rwt.gateways.foxglove.gateway import FoxgloveGateway

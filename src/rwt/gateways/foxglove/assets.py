@@ -1,4 +1,4 @@
-"""Files that clients fetch: what a URDF names by ``package://``, from the server's own pages for packages."""
+"""Files for clients: ``package://`` URLs of a URDF, read through the server's pages for packages."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Pages = Callable[[HttpRequest, "GraphView"], "HttpResponse | Awaitable[HttpRespo
 
 
 class Assets:
-    """Files that one client requests, sent one after the other."""
+    """Files that one client has requested, sent one at a time."""
 
     def __init__(
         self, graph: ClientGraph, replies: StatusLane, pages: Pages, settings: FoxgloveSettings, address: str
@@ -47,7 +47,7 @@ class Assets:
         self._closed = False
 
     def fetch(self, asked: FetchAsset, spawn: Callable[[Callable[[], Awaitable[None]], str], None]) -> None:
-        """Answer with a file, or with the reason why it is not available."""
+        """Send a file, or the reason why it is not available."""
         uri, id = asked.uri, asked.request_id
         if not uri.startswith(SCHEME):
             self._fail(id, f"{uri[:200]!r}: only files of packages are served, {SCHEME}NAME/PATH")
@@ -116,6 +116,6 @@ class Assets:
             self._replies.send(asset_failure(request_id, reason))
 
     def close(self) -> None:
-        """Answer nothing more."""
+        """Discard all requests."""
         self._closed = True
         self._asked.clear()

@@ -22,7 +22,7 @@ SCHEMA_ENCODINGS: Final[Mapping[str, str]] = {"cdr": "ros2msg", "ros1": "ros1msg
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TopicChannel:
-    """Topic as clients subscribe to it; `in_json` if viewers cannot read what the robot serialises."""
+    """Topic as announced to clients; `in_json` if viewers cannot read the robot's serialisation."""
 
     id: int
     topic: str
@@ -33,7 +33,7 @@ class TopicChannel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OfferedService:
-    """Service as clients call it."""
+    """Service as announced to clients."""
 
     id: int
     name: str
@@ -73,7 +73,7 @@ class Catalogue:
         return known
 
     def service(self, name: str, type: ServiceType) -> OfferedService:
-        """The service of that name and type."""
+        """Return the announced service of a name and type."""
         known = self._services.get(name)
         if known is None or known.type.name != type.name:
             self._count += 1
@@ -90,7 +90,7 @@ class Catalogue:
         return known
 
     def keep(self, listings: Iterable[RoleListing]) -> None:
-        """Forget what none of these shows."""
+        """Remove channels and services that no listing contains."""
         shown = {id for listing in listings for id in (*listing.channels, *listing.services)}
         self._channels = {name: each for name, each in self._channels.items() if each.id in shown}
         self._services = {name: each for name, each in self._services.items() if each.id in shown}
@@ -171,7 +171,7 @@ class RoleListing:
         self._welcome: tuple[Frame, ...] | None = None
 
     def refresh(self) -> Change:
-        """Look at the graph again."""
+        """Read the graph again."""
         role, catalogue = self.view.role, self._catalogue
         channels = {
             channel.id: channel

@@ -1,4 +1,4 @@
-"""One client of Foxglove's protocol: its frames in turn, and what it owns."""
+"""One client of Foxglove's protocol: its frames and its resources."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
     * Announced to the client: ``listing`` (channels and services of its role), ``connections`` (the
       connection graph it was last sent; None while it does not subscribe to it), ``time`` (flow of `time`
       messages, in which only the newest waits).
-    * What the client has, by kind of message: ``subscriptions``, ``publications``, ``services``,
+    * Resources of the client, by kind of message: ``subscriptions``, ``publications``, ``services``,
       ``parameters``, ``assets`` (None without files), ``playback`` (None without a recording).
     """
 
@@ -85,7 +85,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
         self.assets = None if pages is None else Assets(graph, replies, pages, settings, info.address)
         self.playback = None if playback is None else PlaybackControl(graph, replies, playback)
 
-    # -- what it says --------------------------------------------------------------------------------------
+    # -- from the client -----------------------------------------------------------------------------------
 
     def _resume(self, what: Iterator[None], now: float) -> None:
         self._run(what)
@@ -103,7 +103,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
                 self._run(self._refusing(op, steps))
 
     def _handle(self, message: said.Text | said.Binary) -> Iterator[None] | None:
-        """Do what a message asks; what may take long is returned as steps."""
+        """Process a message; long work is returned as steps."""
         match message:
             case said.MessageData():
                 return self.publications.publish(message)
@@ -182,7 +182,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
         self.replies.say(Level.ERROR, "internal error")
 
     def _each(self, op: str, items: Iterable[T], do: Callable[[T], None]) -> Iterator[None]:
-        """Do something with each item in steps, and report those that are rejected."""
+        """Apply a function to each item in steps, and report those that are rejected."""
         reasons: dict[str, None] = {}
         more = 0
         for item in items:
@@ -198,7 +198,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
         if reasons:
             self.replies.say(Level.ERROR, "; ".join(reasons) + (f"; and {more} more" if more else ""))
 
-    # -- what it is told -----------------------------------------------------------------------------------
+    # -- to the client -------------------------------------------------------------------------------------
 
     def take_change(self, change: Change) -> None:
         """Announce another listing, and end subscriptions of removed channels."""
@@ -214,7 +214,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
             if frame is not None:
                 self.replies.send(frame)
 
-    # -- life ----------------------------------------------------------------------------------------------
+    # -- life cycle ----------------------------------------------------------------------------------------
 
     def take_role(self, role: Role) -> None:
         """Switch to another role; permission to publish is checked again."""

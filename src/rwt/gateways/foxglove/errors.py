@@ -8,7 +8,7 @@ class FoxgloveError(Exception):
 
 
 class InvalidFrame(FoxgloveError):
-    """A frame that is no message of the protocol."""
+    """A frame is not a message of the protocol."""
 
 
 class NotPossible(FoxgloveError):

@@ -1,4 +1,4 @@
-"""The Foxglove gateway: its clients, what they share, and what tells them of the graph's changes."""
+"""The Foxglove gateway: its clients, their shared state, and the announcement of changes of the graph."""
 
 from __future__ import annotations
 
@@ -145,10 +145,10 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
         }
         return [capability for capability, is_there in has.items() if is_there]
 
-    # -- what is shown -------------------------------------------------------------------------------------
+    # -- announcements -------------------------------------------------------------------------------------
 
     def listing(self, role: Role) -> RoleListing:
-        """Return the present listing of a role."""
+        """Return the current listing of a role."""
         listing = self._listings.get(role)
         if listing is None:
             view = GraphView(self._graph, role, self.access.nobody.work)
@@ -214,7 +214,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
     # -- parameters ----------------------------------------------------------------------------------------
 
     def watched(self) -> None:
-        """Called when a client has changed the parameters that it watches."""
+        """Update the feed after a client changed the parameters that it watches."""
         clients = [client.parameters for client in self._clients.values()]
         names = {name for each in clients for name in each.watched}
         self._feed.watch(names, everything=any(each.watches_all for each in clients))
@@ -223,7 +223,7 @@ class FoxgloveGateway(ConnectionGateway[FoxgloveClient]):
         for client in self._clients.values():
             client.parameters.changed(values)
 
-    # -- life ----------------------------------------------------------------------------------------------
+    # -- life cycle ----------------------------------------------------------------------------------------
 
     def left(self, client: FoxgloveClient) -> None:
         """Remove a client whose connection has ended."""

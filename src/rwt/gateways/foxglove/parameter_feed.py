@@ -1,4 +1,4 @@
-"""Changes of all parameters, for the clients that watch some: from `/parameter_events`, and of the tree."""
+"""Changes of watched parameters, from `/parameter_events` and from the parameter tree."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class ParameterFeed:
         self._timer: Timer | None = None
 
     def watch(self, names: Iterable[str], *, everything: bool) -> None:
-        """Watch these parameters instead; or all of the nodes' and those that the tree has now."""
+        """Watch these parameters instead; None: all of the nodes' and those that the tree has now."""
         graph = self._shared.graph
         wanted = {name for name in names if ":" not in name}
         of_nodes = everything or any(":" in name for name in names)
@@ -51,7 +51,7 @@ class ParameterFeed:
             self._tree[name] = graph.parameters.watch(name, partial(self._on_tree, name))
 
     def close(self) -> None:
-        """Watch nothing any more."""
+        """Stop watching."""
         self.watch((), everything=False)
         if self._timer is not None:
             self._timer.cancel()
@@ -69,7 +69,7 @@ class ParameterFeed:
                 for each in event.deleted_parameters  # type: ignore[attr-defined]  # as above
             }
         except RobotError:
-            return  # Another process published what is no event, or a value of no type that there is.
+            return  # Another process published an invalid event, or a value of an unknown type.
         self._tell(values)
 
     def _on_tree(self, name: str, value: object) -> None:

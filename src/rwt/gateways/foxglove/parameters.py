@@ -41,21 +41,21 @@ _MAX_REQUESTS: Final = 16
 """Maximum number of pending requests per client."""
 
 Done = Callable[["Payload | str"], None]
-"""Is given the answer of a service, or why there is none."""
+"""Receives the response of a service, or the reason why there is none."""
 
 
 def to_client(name: str) -> str:
-    """A parameter's full name, `/node:name` or `/name`, as clients are told it."""
+    """Return the name that clients see for a parameter's full name, `/node:name` or `/name`."""
     return name.replace(":", ".", 1)
 
 
 def from_client(name: str, distro: Distro) -> str:
-    """A parameter's full name from what a client calls it: a node's name has no dots."""
+    """Return a parameter's full name from the client's name for it: a node's name has no dots."""
     return name.replace(".", ":", 1) if distro.parameters_belong_to_nodes and ":" not in name else name
 
 
 def described(name: str, value: object) -> dict[str, object]:
-    """A parameter as clients are told it; one without a value has been deleted."""
+    """Return a parameter as sent to clients; one without a value has been deleted."""
     if value is None:
         return {"name": to_client(name)}
     kind = _kind(value)
@@ -254,7 +254,7 @@ class ParameterRequests:
             answered = True
             self._calls -= 1
             done(str(outcome) if isinstance(outcome, CallFailed) else outcome)
-            # Not from within the answer: as many in a row would be as deep a stack.
+            # Not from within the callback: a series of answers would nest as deeply.
             self._want_turn()
 
         try:
@@ -280,14 +280,14 @@ class ParameterRequests:
         self.watched = wanted
 
     def unwatch(self, names: Iterable[str]) -> None:
-        """Tell it no more of these, or of any where it names none."""
+        """Stop reporting these parameters, or all if it names none."""
         gone = {from_client(name, self._graph.distro) for name in names}
         if not gone:
             self.watches_all = False
         self.watched = self.watched - gone if gone else set()
 
     def changed(self, values: Mapping[str, object]) -> None:
-        """Tell the client of changes that it watches and may read; None is a parameter that was deleted."""
+        """Send the changes that the client watches and may read; None is a deleted parameter."""
         allows = self._graph.role.allows
         found = [
             described(name, value)
@@ -298,7 +298,7 @@ class ParameterRequests:
             self._send(found)
 
     def close(self) -> None:
-        """Forget what is under way."""
+        """Discard pending requests."""
         self._closed = True
         self._due.clear()
         self.watched = set()

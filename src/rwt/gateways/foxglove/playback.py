@@ -26,7 +26,7 @@ PlaybackState = tuple[PlaybackStatus, float, int]
 
 
 def state_of(playback: Playback) -> PlaybackState:
-    """Return the present state of a playback."""
+    """Return the current state of a playback."""
     status = PlaybackStatus.PLAYING
     if playback.paused:
         at_end = playback.position_ns >= playback.end_ns
@@ -35,7 +35,7 @@ def state_of(playback: Playback) -> PlaybackState:
 
 
 def state_frame(playback: Playback, *, did_seek: bool, request_id: bytes = b"") -> Frame:
-    """Return the frame with the present state of a playback."""
+    """Return the frame with the current state of a playback."""
     status, speed, _ = state_of(playback)
     return playback_state(status, playback.position_ns, speed, did_seek=did_seek, request_id=request_id)
 
@@ -49,7 +49,7 @@ class PlaybackControl:
         self._playback = playback
 
     def request(self, asked: PlaybackControlRequest) -> None:
-        """Do what a client asks for, and tell it what the recording does then."""
+        """Execute a client's request, and send it the resulting state."""
         seeks = self._playback.seeks
         steps = self._calls(asked)
 

@@ -99,7 +99,7 @@ class ClientChannels:
             )
         except InvalidMessage as error:
             raise NotPossible(f"message data on {announced.topic}: {error}") from None
-        # Meanwhile the client's role may have become another, and the channel may have gone with it.
+        # The client's role may have changed meanwhile, and the channel may be closed.
         present = self._of(message)
         if present.channel is not announced.channel:
             raise NotPossible(f"message data: channel {message.channel_id} has become another one")

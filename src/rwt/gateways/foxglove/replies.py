@@ -1,4 +1,4 @@
-"""Replies to one client: everything that is sent to it besides samples of its channels."""
+"""Replies to one client: everything sent to it besides samples of its channels."""
 
 from __future__ import annotations
 

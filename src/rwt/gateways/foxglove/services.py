@@ -1,4 +1,4 @@
-"""The services that one client calls."""
+"""Service calls of one client."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class ServiceCalls:
-    """Calls of one client; a `timeout` in seconds, None for no timeout."""
+    """Calls of one client; `timeout` is in seconds, None for no timeout."""
 
     def __init__(
         self, graph: ClientGraph, replies: StatusLane, structure: int, timeout: float | None
@@ -36,7 +36,7 @@ class ServiceCalls:
         self._timeout = timeout
 
     def call(self, request: ServiceCallRequest, services: Mapping[int, OfferedService]) -> Generator[None]:
-        """Call a service; whatever becomes of it is answered under the call's id."""
+        """Call a service; the response or error is sent under the call's id."""
         try:
             yield from self._call(request, services)
         except (RobotError, AccessError, FoxgloveError) as error:
@@ -57,7 +57,7 @@ class ServiceCalls:
                 raise NotPossible(f"{service.name} has become another service: see `advertiseServices`")
             return payload
 
-        # Without the request's bytes, which a call that takes long would keep.
+        # Without the request's bytes, which a long call would retain.
         asked = replace(request, data=memoryview(b""))
         on_reply: Callable[[Payload | CallFailed], None] = partial(self._reply, asked)
         self._graph.call_service(service.name, request_of, on_reply, self._timeout)
@@ -68,7 +68,7 @@ class ServiceCalls:
             made = yield from long_payload(type.request, request.data, now, self._structure)
         else:
             made = payload_of(type.request, request.encoding, request.data, now)
-        return made.detach()  # The service may keep it, and the frame is gone then.
+        return made.detach()  # A copy: the service may keep it longer than the frame exists.
 
     def _reply(self, request: ServiceCallRequest, outcome: Payload | CallFailed) -> None:
         if isinstance(outcome, CallFailed):

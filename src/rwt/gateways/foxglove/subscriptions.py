@@ -91,7 +91,7 @@ class _Delivery:
         rules = rules_as_published(info.publishers if info else ())
         flow = replies.sink.flow(topic, rules, on_drop=self._drops.dropped, time_ns=clock.time_ns)
         self._flow = _NumberedFlow(flow, id)
-        # Open, and so without a queue of its own: what waits, waits for the network.
+        # Open, and so without a queue of its own: messages only wait for the network.
         self._gate = Throttle(clock, self._flow, self._drops.withheld, self._drops.dropped, Room(0))
 
     def begin(self) -> None:
@@ -148,12 +148,12 @@ class Subscriptions:
             delivery.end()
 
     def end(self, channels: Iterable[int]) -> None:
-        """End the subscriptions of channels that are not there any more."""
+        """End the subscriptions of removed channels."""
         gone = self._channels.intersection(channels)
         for id in [id for id, delivery in self._by_id.items() if delivery.channel.id in gone] if gone else ():
             self.unsubscribe(id)
 
     def close(self) -> None:
-        """End all."""
+        """End all subscriptions."""
         for id in tuple(self._by_id):
             self.unsubscribe(id)

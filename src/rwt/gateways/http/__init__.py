@@ -13,7 +13,7 @@ __all__ = ["HttpGateway", "HttpSettings"]
 
 
 def __getattr__(name: str) -> object:
-    """Import the gateway when it is first used: its settings are also read where nothing is served."""
+    """Import the gateway on first use: settings are also read without a server."""
     if name != "HttpGateway":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from rwt.gateways.http.gateway import HttpGateway

@@ -1,4 +1,4 @@
-"""Actions as resources: goals are made under an action, asked for, heard of as events, and canceled."""
+"""Actions as resources: goals are created under an action, queried, followed as events, and canceled."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class HttpGoal:
 
     Attributes:
         id: 32 hex digits; empty until the graph has given it.
-        failure: why it ended without a result; None where it has one, or runs.
+        failure: reason for ending without a result; None if it has one, or is active.
     """
 
     def __init__(self, goals: Goals, client: HttpClient, action: str) -> None:
@@ -87,7 +87,7 @@ class HttpGoal:
         self.id = self._sent.id
 
     def body(self) -> dict[str, object]:
-        """Return the present state of the goal."""
+        """Return the current state of the goal."""
         state = self._state
         if not self.ended and self._sent is not None:
             state = self._sent.status.name.lower()
@@ -133,7 +133,7 @@ class HttpGoal:
         self._timer = self.client.graph.clock.call_later(self._goals.keep_seconds, self.forget)
 
     def end_event(self) -> bytes:
-        """The last event of its streams."""
+        """Return the last event of the goal's streams."""
         body = self.body()
         return event({name: body[name] for name in ("state", "result", "reason")}, "result", _RESULT_ID)
 
@@ -154,7 +154,7 @@ class HttpGoal:
             reader.queue.tell(data)
 
     def forget(self) -> None:
-        """Give back what is kept of it; one that runs goes on unheard."""
+        """Release the stored goal; an active goal continues without readers."""
         if not self._goals.discard(self):
             return
         if self._timer is not None:
@@ -185,7 +185,7 @@ class GoalEventStream(ReaderStream):
 
     def _drop(self, reason: DropReason) -> None:
         self._dropped += 1
-        if self._dropped & (self._dropped - 1) == 0:  # After 1, 2, 4, … so that few are told of many.
+        if self._dropped & (self._dropped - 1) == 0:  # After 1, 2, 4, …: few notices about many drops.
             self.queue.tell(event({"dropped": self._dropped}, "drops"))
 
     def _close(self) -> None:
@@ -223,7 +223,7 @@ class Goals:
         return goal
 
     def make_room(self, client: HttpClient) -> None:
-        """Remove the client's oldest finished goal at its limit. Raises QuotaExceeded if all of them run."""
+        """Remove the client's oldest finished goal at its limit. Raises QuotaExceeded if all are active."""
         own = self._of_client.get(client, {})
         if len(own) < self._most:
             return
@@ -236,12 +236,12 @@ class Goals:
         )
 
     def add(self, goal: HttpGoal) -> None:
-        """Keep a goal that was sent."""
+        """Store a goal that was sent."""
         self._known[goal.action, goal.id] = goal
         self._of_client.setdefault(goal.client, {})[goal] = None
 
     def discard(self, goal: HttpGoal) -> bool:
-        """Keep a goal no longer; whether it was kept."""
+        """Remove a goal. Returns False if it was not stored."""
         if self._known.pop((goal.action, goal.id), None) is None:
             return False
         own = self._of_client[goal.client]
@@ -251,7 +251,7 @@ class Goals:
         return True
 
     def close(self) -> None:
-        """Forget all."""
+        """Remove all goals."""
         for goal in tuple(self._known.values()):
             goal.forget()
 
@@ -265,12 +265,12 @@ class ActionPages:
         self.goals = Goals(settings, several_processes=several_processes)
 
     def list(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        """The actions that are shown, with their types."""
+        """List the visible actions with their types."""
         Query(request)
         return value_response(request, [name_and_type(reader, each) for each in reader.actions()])
 
     def get(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        """One action, or one goal of it: its state, or its events."""
+        """Return an action, or a goal of it: its state, or its events."""
         found = _GOAL.search(request.path.rstrip("/"))
         if found is not None:
             return self._goal(request, reader, found)
@@ -290,12 +290,12 @@ class ActionPages:
         if media != EVENTS:
             return value_response(request, goal.body())
         if goal.ended and request.headers.get("last-event-id") == _RESULT_ID:
-            return HttpResponse(status=204)  # A reader that has its end shall not come back.
+            return HttpResponse(status=204)  # A reader that has received the end must not reconnect.
         with self._clients.client_of(request, reader) as client:
             return GoalEventStream(client, goal, self._settings.stream_bytes).response(request)
 
     async def send(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        """Send a goal to an action; it is a resource from then on."""
+        """Send a goal to an action, and make it a resource."""
         Query(request)
         path = request.path.rstrip("/")
         if not path.endswith("/goals"):
@@ -324,7 +324,7 @@ class ActionPages:
         return value_response(request, goal.body(), 201, {"Location": where, "Cache-Control": "no-store"})
 
     def cancel(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        """Ask that a goal end early; one that has ended is forgotten."""
+        """Cancel a goal, or remove one that has ended."""
         Query(request)
         found = _GOAL.search(request.path.rstrip("/"))
         if found is None:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 PATH: Final = "/api/services/"
 
 NOTICE: Final = "Gate-Notice"
-"""Header of a response: what the gate did to the request, such as clamping."""
+"""Header of a response with the gate's notices about the request, such as clamping."""
 
 WAITING: Final = "waiting"
 """State of a call or goal that waits for human approval."""
@@ -46,7 +46,7 @@ def preferred_wait(request: HttpRequest, most: float) -> float:
 
 
 def notice_headers(notices: Sequence[str]) -> Mapping[str, str]:
-    """Return the headers that tell what the gate did to a request."""
+    """Return the headers with the gate's notices about a request."""
     return {NOTICE: "; ".join(notices).encode("ascii", "backslashreplace").decode()} if notices else {}
 
 
@@ -65,7 +65,7 @@ class HttpCall:
         client: client that calls.
         service: absolute name of the service.
         outcome: response or error; None while the call is pending.
-        notices: what the gate did to the request.
+        notices: notices of the gate about the request, such as clamping.
         on_end: called with the outcome; set by :class:`HttpCalls`.
 
     Args:
@@ -118,7 +118,7 @@ class HttpCall:
 
     def response(self) -> Payload:
         """Return the response. Raises the error of a call that failed."""
-        assert self.outcome is not None  # Callers wait for it.
+        assert self.outcome is not None  # Invariant: callers wait for the outcome first.
         if isinstance(self.outcome, CallFailed):
             raise self.outcome
         return self.outcome

@@ -32,7 +32,7 @@ Handler = Callable[["HttpRequest", "GraphView"], HttpResponse | Awaitable[HttpRe
 
 
 SESSION: Final = "RWT-Session"
-"""Header with the name that a program gives itself, to be told from others with its token and address."""
+"""Header with the name that a program chooses, to distinguish it from others with its token and address."""
 
 MAX_SESSIONS: Final = 32
 """Maximum number of clients of one role, credential and address at a time; further programs without a session
@@ -142,7 +142,7 @@ class Clients(Visitors[HttpClient]):
             client.release()
 
     def _key_of(self, request: HttpRequest, owner: tuple[str, str, str]) -> Hashable:
-        """Return what tells a client from others of its owner: its session, or else its program.
+        """Return the identity of a client among those of its owner: its session, or else its program.
 
         Raises:
             HttpProblem: the session has another form.
@@ -151,7 +151,7 @@ class Clients(Visitors[HttpClient]):
         session = request.headers.get(SESSION.lower())
         shared = (owner, None, "")
         if presses_stop(request):
-            return shared  # Nothing rejects a stop, and it needs no client of its own.
+            return shared  # A stop is never rejected, and it needs no client of its own.
         if session is not None and not _is_session(session):
             raise problems.HttpProblem(
                 "invalid-request", f"{SESSION}: expected 1 to 64 letters, digits, `-` and `_`", where=SESSION
@@ -168,7 +168,7 @@ class Clients(Visitors[HttpClient]):
         """Apply the current roles of the settings, and end what they do not allow."""
         admission = self._gateway.access.admission
         for client in self.present:
-            client.hold()  # Ending its last stream must not let it leave meanwhile.
+            client.hold()  # Hold the client: ending its last stream must not remove it meanwhile.
             name = client.graph.role.name
             role = admission.roles.get(name)
             if role is not None:

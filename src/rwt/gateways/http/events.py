@@ -1,4 +1,4 @@
-"""Server-sent events (the HTML standard, section 9.2): a bounded queue for each reader; drops are told."""
+"""Server-sent events (the HTML standard, section 9.2): one bounded queue per reader; drops are reported."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rwt_transports.endpoint import FlowRules
 
 KEEP_ALIVE_SECONDS: Final = 15.0
-"""After so long without an event a comment is sent, so that proxies see that somebody is there."""
+"""Idle time after which a comment is sent, so that proxies keep the connection open, in seconds."""
 
 _KEEP_ALIVE: Final = b": nothing new\n\n"
 _CHUNK_BYTES: Final = 256 * 1024
@@ -32,19 +32,19 @@ def _whole(frame: Frame) -> bytes:
 
 
 def one_line(json: Buffer) -> bytes:
-    """JSON text without line breaks: outside of strings they are blanks, and in strings JSON has none."""
+    """Return JSON without line breaks: they only occur between tokens, where spaces replace them."""
     data = bytes(json)
     return data.translate(_SPACES) if b"\n" in data or b"\r" in data else data
 
 
 def event(data: object, name: str = "", id: str = "") -> bytes:
-    """One event whose data is a value of plain objects and payloads, as JSON."""
+    """Return an event whose data is a value of plain objects and payloads, as JSON."""
     head = (f"event: {name}\n" if name else "") + (f"id: {id}\n" if id else "")
     return head.encode() + b"data: " + one_line(json_of(data)) + b"\n\n"
 
 
 def payload_event(payload: Payload, name: str) -> bytes:
-    """One event whose data is a message."""
+    """Return an event whose data is a message."""
     return f"event: {name}\ndata: ".encode() + one_line(payload.json()) + b"\n\n"
 
 
@@ -86,14 +86,14 @@ class EventQueue:
         self._ended = False
         self._closed = False
 
-    # -- the sending side, a Flow --------------------------------------------------------------------------
+    # -- sending: methods of Flow ----------------------------------------------------------------------------
 
     def send(self, frame: Frame) -> None:
         """Queue one sample."""
         self.put(frame.framed(_whole))
 
     def put(self, data: bytes) -> None:
-        """Queue the bytes of one event, which others give way to."""
+        """Queue the bytes of one event; the oldest samples are dropped for it."""
         if self._ended:
             return
         if len(data) > self._max_bytes:
@@ -108,7 +108,7 @@ class EventQueue:
         self._awake.set()
 
     def join(self, burst: Burst) -> bool:
-        """Each sample is queued by itself."""
+        """No-op: each sample is queued on its own."""
         return False
 
     def send_message(self, pieces: Sequence[Frame], expires_ns: int = 0) -> None:
@@ -117,7 +117,7 @@ class EventQueue:
             self.send(piece)
 
     def configure(self, rules: FlowRules) -> None:
-        """The rules are given at the beginning."""
+        """No-op: the rules are constructor arguments."""
 
     def tell(self, data: bytes) -> None:
         """Queue an event that is not dropped, in front of the samples."""
@@ -126,12 +126,12 @@ class EventQueue:
             self._awake.set()
 
     def end(self) -> None:
-        """Let nothing follow what waits."""
+        """Accept no further events; queued ones are still sent."""
         self._ended = True
         self._awake.set()
 
     def close(self) -> None:
-        """Free everything, and let nothing follow; a second call does nothing."""
+        """Discard the queue and accept no further events. Idempotent."""
         self._ended = True
         self._waiting.clear()
         self._own.clear()
@@ -141,7 +141,7 @@ class EventQueue:
             self._closed = True
             self._on_close()
 
-    # -- the reading side ----------------------------------------------------------------------------------
+    # -- reading -------------------------------------------------------------------------------------------
 
     def __aiter__(self) -> EventQueue:
         return self
@@ -171,5 +171,5 @@ class EventQueue:
         return b"".join(taken)
 
     async def aclose(self) -> None:
-        """The reader has gone, or there is nothing more to read."""
+        """Release the queue: the reader disconnected, or the stream has ended."""
         self.close()

@@ -1,4 +1,4 @@
-"""The gateway: its routes, its metrics, and what it says of itself."""
+"""The gateway: its routes, metrics and self-description."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ if TYPE_CHECKING:
     from rwt_transports.http.routes import HttpRequest
 
 GATEWAY_NODE: Final = "/http_bridge"
-"""The node as which all clients over HTTP act."""
+"""Absolute name of the node as which all HTTP clients act."""
 
 PROTOCOL_VERSION: Final = "2.1.0"
-"""Of rosbridge, which its protocol text calls itself."""
+"""Version of the rosbridge protocol, from its specification."""
 
 SCHEMA_JSON: Final = "application/schema+json"
 OPENAPI_JSON: Final = "application/vnd.oai.openapi+json;version=3.1"
@@ -52,7 +52,7 @@ class HttpGateway(Gateway):
         settings: settings of the operator.
         linger: seconds that a client stays after its last request, and a publisher after its last client.
         capabilities: what else the port offers, for ``/version``.
-        several_processes: True if other processes serve the same port, each with the goals sent to it.
+        several_processes: True if other processes serve the same port; each only knows its own goals.
     """
 
     name = "http"

@@ -1,4 +1,4 @@
-"""The robot as a reader may use it, described in OpenAPI 3.1 with the JSON Schema of each type."""
+"""OpenAPI 3.1 description of the robot as one reader may use it, with the JSON Schema of each type."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ _WAITS: Final[Schema] = {
         "headers": {"Location": {"description": "of the call", "schema": _TEXT}},
     }
 }
-"""Response to what a gate holds for approval. With its content, generated clients would type each answer as
-one of two.
+"""Response to a request that waits for approval. With its content, generated clients would type each
+answer as one of two.
 """
 
 _SHARED: Final[Schema] = {
@@ -97,7 +97,7 @@ def describe(reader: GraphView, settings: HttpSettings, prefix: str, title: str)
 
 
 class _Description:
-    """Paths of one document, and their schemas."""
+    """Builder of the paths and schemas of one document."""
 
     def __init__(self, reader: GraphView, settings: HttpSettings) -> None:
         self._reader = reader
@@ -150,7 +150,7 @@ class _Description:
         return operation
 
     def _unused(self, id: str) -> str:
-        """Return an unused operation id: `/a_b` and `/a/b` are two topics."""
+        """Return an unused operation id: `/a_b` and `/a/b` would share one."""
         wanted = found = _NOT_IN_ID.sub("_", id)
         count = 1
         while found in self._ids:

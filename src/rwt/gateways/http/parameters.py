@@ -1,4 +1,4 @@
-"""Parameters as resources, by the services of rosapi, and so by its rules."""
+"""Parameters as resources, through rosapi's services and their rules."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ class ParameterPages:
         self._services = services
 
     async def list(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        """The names of the parameters that are shown."""
+        """List the names of the visible parameters."""
         Query(request)
         answer = await self._ask(request, reader, "get_param_names", {})
         return value_response(request, list(answer.names))
 
     async def get(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        """The value of one."""
+        """Return the value of a parameter."""
         Query(request)
         name = _name(request)
         answer = await self._ask(request, reader, "get_param", {"name": name})
@@ -50,7 +50,7 @@ class ParameterPages:
         raise HttpProblem("not-found", getattr(answer, "reason", "") or f"parameter {name} is not set")
 
     async def set(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        """Set one to the body."""
+        """Set a parameter to the body."""
         Query(request)
         name = _name(request)
         value = value_of(request)
@@ -65,7 +65,7 @@ class ParameterPages:
         return await self._change(request, reader, "set_param", {"name": name, "value": text})
 
     async def delete(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        """Remove one."""
+        """Delete a parameter."""
         Query(request)
         name = _name(request)
         has = await self._ask(request, reader, "has_param", {"name": name})
@@ -78,7 +78,7 @@ class ParameterPages:
     ) -> HttpResponse:
         try:
             answer = await self._ask(request, reader, service, values)
-        except ServiceFailed as failed:  # So ROS 1's rosapi says it.
+        except ServiceFailed as failed:  # ROS 1's rosapi reports a missing parameter this way.
             raise HttpProblem("parameter-rejected", str(failed)) from None
         if not getattr(answer, "successful", True):
             raise HttpProblem("parameter-rejected", answer.reason)

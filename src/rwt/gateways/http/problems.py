@@ -35,7 +35,7 @@ CONTENT_TYPE: Final = "application/problem+json"
 
 
 class ProblemKind(NamedTuple):
-    """One kind of problem: its status, its title, and what can be done, for the page that explains it."""
+    """Kind of problem: status, title, and remedy, for the page that explains it."""
 
     status: int
     title: str
@@ -81,7 +81,7 @@ KINDS: Final[Mapping[str, ProblemKind]] = MappingProxyType(
         "timeout": ProblemKind(504, "Nothing came in time", "wait longer, with `?wait=` or `?timeout=`"),
     }
 )
-"""Every kind of problem, by the last part of its `type`."""
+"""Kinds of problems by the last part of their `type`."""
 
 _OF_STATUS: Final[Mapping[int, str]] = {401: "not-authenticated", 403: "not-allowed", 429: "too-much"}
 
@@ -114,8 +114,8 @@ class HttpProblem(Exception):
     Attributes:
         kind: one of :data:`KINDS`.
         detail: what is wrong, and where.
-        instead: what to do; that of the kind by default.
-        where: what of the request the problem is about, as a JSON Pointer into its body or a query's name.
+        instead: remedy; by default that of the kind.
+        where: faulty part of the request: a JSON Pointer into its body, or a query's name.
     """
 
     def __init__(
@@ -139,7 +139,7 @@ class CallWaits(Exception):
     """The call waits for approval.
 
     Attributes:
-        response: response that says so.
+        response: response with status 202.
     """
 
     def __init__(self, response: HttpResponse) -> None:
@@ -152,7 +152,7 @@ REFUSALS: Final = (HttpProblem, RobotError, AccessError)
 
 
 def problem_of(error: Exception) -> HttpProblem:
-    """The problem that one of :data:`REFUSALS` is to a client."""
+    """Return the problem for one of :data:`REFUSALS`."""
     if isinstance(error, HttpProblem):
         return error
     kind = next((kind for known, kind in _OF_ERROR if isinstance(error, known)), "invalid-request")
@@ -166,7 +166,7 @@ def _pointer(path: str) -> str:
 
 
 def answer(request: HttpRequest, problem: HttpProblem) -> HttpResponse:
-    """A problem as a response."""
+    """Return the response with a problem."""
     status, title, _ = KINDS[problem.kind]
     body = {
         "type": f"{request.prefix}/api#{problem.kind}",

@@ -21,7 +21,7 @@ EVENTS: Final = "text/event-stream"
 HTML: Final = "text/html"
 
 VALUES: Final = (JSON, CBOR)
-"""In what a value is written; the first where a request does not say."""
+"""Supported media types; the first is the default."""
 
 
 def chosen(request: HttpRequest, offered: Sequence[str] = VALUES) -> str:
@@ -80,14 +80,14 @@ def value_response(
         HttpProblem: the request accepts neither JSON nor CBOR.
     """
     if chosen(request, (media, CBOR)) == CBOR:
-        import cbor2  # Only for those who use it.
+        import cbor2  # Imported here: only clients that accept CBOR need it.
 
         return tagged(request, cbor2.dumps(_converted(value, Payload.plain)), CBOR, status, headers)
     return tagged(request, json_of(value), media, status, headers)
 
 
 def json_of(value: object) -> bytes:
-    """A value of plain objects and payloads as JSON."""
+    """Return a value of plain objects and payloads as JSON."""
     return msgspec.json.encode(_converted(value, lambda payload: msgspec.Raw(bytes(payload.json()))))
 
 

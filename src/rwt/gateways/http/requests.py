@@ -85,7 +85,7 @@ class Query:
         return name in self._given
 
     def text(self, name: str) -> str | None:
-        """A text; None where it is not given, or empty."""
+        """Return a string; None if it is missing or empty."""
         return self._given.get(name) or None
 
     def flag(self, name: str) -> bool:
@@ -125,7 +125,7 @@ async def payload_of(type: MessageType, request: HttpRequest, now: Callable[[], 
     """Return the body as a message, decoded in steps if it is large; an empty body is a message of defaults.
 
     Raises:
-        HttpProblem: it is in a form that is not read here, or not well formed.
+        HttpProblem: its media type is not supported, or it is malformed.
         InvalidMessage: it does not fit the type.
     """
     body = request.body
@@ -152,7 +152,7 @@ def value_of(request: HttpRequest) -> object:
     if len(body) > IN_STEPS:
         raise HttpProblem("too-large", f"a value of {len(body)} bytes; {IN_STEPS} is the limit")
     if media_of(request) == CBOR:
-        # The decoder reads maps: so that any value may come, it becomes a member of one.
+        # The decoder only reads maps, so any other value is wrapped in one.
         return _cbor_map(b"\xa1\x61v" + body)["v"]
     try:
         finished(require_quick_numbers(body))

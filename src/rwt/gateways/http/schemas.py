@@ -1,4 +1,4 @@
-"""Message types as JSON Schema (2020-12), each once: as they are sent, and as they are taken."""
+"""Message types as JSON Schema (2020-12), each once per direction: sent and received."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Schema = dict[str, object]
 _SEXTET: Final = "[A-Za-z0-9+/]"
 
 INCOMING: Final = ".Input"
-"""Suffix of the name of a type's schema in which fields may be left out and take their defaults."""
+"""Suffix of the name of a received type's schema, in which missing fields take their defaults."""
 
 
 class Schemas:
@@ -36,13 +36,13 @@ class Schemas:
             return self._time(time, incoming=incoming)
         name = message.name.replace("/", ".") + (INCOMING if incoming else "")
         if name not in self.found:
-            self.found[name] = {}  # Its place, before those within it.
+            self.found[name] = {}  # Reserve its position before nested types.
             self.found[name] = self._object(message, incoming=incoming)
         return {"$ref": self._place + name}
 
     def _object(self, message: MessageType, *, incoming: bool) -> Schema:
         properties = {slot.name: self._field(slot, incoming=incoming) for slot in message.slots}
-        # No title: generators would call both forms of a type by it.
+        # No title: generators would give both forms of a type the same name.
         constants = [f"{each.name} = {each.value!r}" for each in message.definition.constants]
         name = message.registry.type_name(message)
         schema: Schema = {
@@ -98,7 +98,7 @@ class Schemas:
                 "type": "object",
                 "properties": {key: self._of(number, incoming=incoming) for key, number in numbers},
             }
-            if not incoming:  # Of a time that comes, what else it has is not looked at (JSN-05).
+            if not incoming:  # Other members of a received time are ignored (JSN-05).
                 schema["required"] = list(type.keys)
                 schema["additionalProperties"] = False
             self.found[name] = schema
@@ -114,7 +114,7 @@ def _base64(length: int | None) -> str:
 
 
 def document(message: MessageType) -> Schema:
-    """The schema of one type by itself, with those within it as its `$defs`."""
+    """Return the stand-alone schema of one type, with nested types as its `$defs`."""
     schemas = Schemas("#/$defs/")
     reference = schemas.reference(message)
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **reference, "$defs": schemas.found}

@@ -1,4 +1,4 @@
-"""Services as resources: what each takes and gives, and calls."""
+"""Services as resources: their types, and calls."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class ServicePages:
         self.calls = HttpCalls(settings)
 
     def list(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        """The services that are shown, with their types."""
+        """List the visible services with their types."""
         Query(request)
         return value_response(request, [name_and_type(reader, each) for each in reader.services()])
 
@@ -53,7 +53,7 @@ class ServicePages:
         return value_response(request, name_and_type(reader, service))
 
     async def call(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        """Call a service with the body as its request; the answer is its response."""
+        """Call a service with the body as its request, and return its response."""
         name = name_below(request, PATH, "service")
         longest = self._settings.wait_seconds
         seconds = Query(request, ("timeout",)).seconds("timeout", min(CALL_SECONDS, longest), longest)

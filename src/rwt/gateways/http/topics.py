@@ -1,4 +1,4 @@
-"""Topics as resources: the message that is kept, the next one, all of them as events; and publishing."""
+"""Topics as resources: the latched message, the next one, all messages as events, and publishing."""
 
 from __future__ import annotations
 
@@ -37,13 +37,13 @@ WAIT_SECONDS: Final = 5.0
 """Default time to wait for the next message if none is retained, in seconds."""
 
 _MARK: Final = object()
-"""Mark under which a client of the gateway advertises its topics."""
+"""Tag of the advertisements of this gateway's clients."""
 
 MAX_THROTTLE: Final = 3600.0
-"""Seconds between two events at most."""
+"""Maximum interval between two events, in seconds."""
 
 MAX_EVENTS: Final = 10_000
-"""Events that may wait for a reader at most."""
+"""Maximum size of a reader's event queue."""
 
 _EVENTS: Final = 100
 """Default size of a reader's event queue."""
@@ -61,7 +61,7 @@ class TopicPages:
         self._log = partial(access.audit.write, logging.INFO, "%s")
 
     def list(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
-        """The topics that are shown, with their types."""
+        """List the visible topics with their types."""
         Query(request)
         return value_response(request, [name_and_type(reader, each) for each in reader.topics()])
 
@@ -119,13 +119,13 @@ class TopicPages:
             publisher = _publisher(client.graph, name, type, is_latched)
             payload = await payload_of(publisher.type, request, client.graph.clock.time_ns)
             if len(request.body) >= IN_STEPS:
-                # That took turns: the role may be another one by now, and the publisher replaced.
+                # Decoding took turns: meanwhile the role may have changed, and the publisher been replaced.
                 publisher = _publisher(client.graph, name, payload.type.name, is_latched)
             with client.graph.notices() as notices:
                 publisher.publish(payload)
             publisher.counts.received += 1
             publisher.counts.received_bytes += len(request.body)
-        # A command that the gate has changed is no plain success.
+            # Report a command that the gate has changed.
         return value_response(request, {"gate": notices}) if notices else HttpResponse(status=204)
 
 
@@ -195,7 +195,7 @@ class TopicEvents(ReaderStream):
         self._stream = self._fanout.join(self._throttle, name, SAMPLES)
 
     def replay(self, after_ns: int) -> None:
-        """Send the samples that are kept for late readers and were published later than a moment."""
+        """Send the retained samples that were published after a time."""
         kept = (*self._fanout.subscription.history(), *self._client.graph.startup_samples(self._fanout))
         for sample in kept:
             if sample.stamp_ns > after_ns:

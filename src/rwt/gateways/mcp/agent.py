@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rwt_participant.messages import Message
 
 Act = Literal["publish", "call", "goals", "set_param"]
-"""Acts that change something at the robot, by the names of the rights in the settings of roles."""
+"""Rights that permit changes of the robot, as in the settings of roles."""
 
 
 ReportProgress = Callable[[float, float | None, str | None], Awaitable[None]]

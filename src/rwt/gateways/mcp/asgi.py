@@ -1,4 +1,4 @@
-"""An ASGI application as a page of this server: the SDK's transport is one."""
+"""Adapter that serves an ASGI application, such as the SDK's transport, as a page."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ if TYPE_CHECKING:
     from rwt_transports.asgi.types import App, Event, Scope
     from rwt_transports.http.routes import HttpRequest
 
-#: Headers that this server writes itself, and those that only concern one connection.
+#: Headers that this server writes itself, and hop-by-hop headers.
 _OWN_HEADERS: Final = frozenset({b"content-type", b"content-length", b"connection", b"transfer-encoding"})
 
 _EVENTS: Final = "text/event-stream"
 
-#: Of a stream that is begun here: nobody on the way may keep it, or hold it back.
+#: Headers of a stream that this module starts: proxies must not store or buffer it.
 _EVENT_HEADERS: Final = MappingProxyType(
     {"Cache-Control": "no-cache, no-transform", "X-Accel-Buffering": "no"}
 )
 
-#: Seconds after which an answer that has not begun becomes a stream. Of a stream this server learns at once
-#: that its reader has gone, and what the reader had asked for is ended; of an answer to come it does not.
+#: Seconds after which a response that has not begun becomes a stream. The disconnection of a stream's reader
+#: is noticed at once, and its request is cancelled; before the response begins, it is not noticed.
 _PATIENCE: Final = 0.25
 
 
@@ -39,9 +39,9 @@ class Exchange:
     """Request that an ASGI application answers in a task of its own; cancelled when the client disconnects.
 
     Args:
-        on_gone: called when nobody hears the answer any more, or it has ended.
+        on_gone: called when the reader has disconnected, or the response has ended.
         on_end: called once when the application has ended.
-        has_head: True if the head of the answer says something of its own, such as the id of a session: then
+        has_head: True if the head of the response carries information, such as the id of a session: then
             it is waited for, however long it takes.
     """
 
@@ -150,7 +150,7 @@ class Exchange:
 
     async def _send(self, message: Event) -> None:
         if message["type"] == "http.response.start":
-            HTTPStatus(message["status"])  # Raises ValueError for what is no status, before it is sent.
+            HTTPStatus(message["status"])  # Raises ValueError for an invalid status before it is sent.
             self._head = (message["status"], tuple(message.get("headers", ())))
             self._started.set()
             return
@@ -159,7 +159,7 @@ class Exchange:
             try:
                 await self._written.send(bytes(body))
             except (anyio.BrokenResourceError, anyio.ClosedResourceError):
-                return  # Nobody hears it; the task is cancelled.
+                return  # The reader has disconnected; the task is cancelled.
         if not message.get("more_body", False):
             self._written.close()
 
@@ -182,7 +182,7 @@ class _ResponseBody(AsyncIterator[bytes]):
         try:
             return await self._chunks.receive()
         except (anyio.EndOfStream, anyio.ClosedResourceError):
-            self._is_over = True  # What the application does after its answer, it may end.
+            self._is_over = True  # The application may continue after its response.
             self._chunks.close()
             raise StopAsyncIteration from None
 

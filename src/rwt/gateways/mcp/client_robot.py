@@ -28,7 +28,7 @@ logger = logging.getLogger(__name__)
 
 _ROSAPI: Final = "/rosapi"
 
-#: Timeout of questions to rosapi, in seconds.
+#: Timeout of calls of rosapi, in seconds.
 _ANSWER_SECONDS: Final = 5.0
 
 #: Seconds beyond the timeout of a call, which the graph keeps, in which a person may approve it.

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 
 class ToolError(Exception):
-    """A tool cannot do what it was asked. The text is for the agent: what is wrong, and what to do."""
+    """A tool failed. The text is for the agent: the cause and the remedy."""
 
 
 class AnswerNeeded(Exception):
-    """A person must be asked before a tool continues; the answer is expected under `key`."""
+    """A tool needs a person's permission to continue; the answer is expected under `key`."""
 
     def __init__(self, question: str, key: str) -> None:
         super().__init__(question)

@@ -1,4 +1,4 @@
-"""The gateway: agents at `/mcp`, on the port of all others, each under the role of its token."""
+"""The gateway: agents at `/mcp`, on the server's port, each with the role of its token."""
 
 from __future__ import annotations
 
@@ -76,15 +76,15 @@ PATH: Final = "/mcp"
 NODE: Final = "/mcp"
 """Absolute name of the node as which all agents act."""
 
-#: Seconds by which a yes holds for longer than what it is for, so that the robot can be stopped at the end.
+#: Seconds that an approval outlasts its command, so that the robot can be stopped at the end.
 _STOP_SECONDS: Final = 2.0
 
-#: Threads in which pictures and long texts are made at a time.
+#: Maximum number of threads that encode images and long texts.
 _THREADS: Final = 4
 
 _HOW_TO_ACT: Final = "give it a role that may: `mcp.default_role`, or a token of `auth.tokens`"
 
-#: In the scope of each request: who has sent it.
+#: Key of the sender in the scope of each request.
 _CALLER: Final = "rwt.caller"
 
 
@@ -96,7 +96,7 @@ class _Caller:
         role: role by its token, or that of agents without a token. May change while the request is served.
         is_stream: True if the request only opens a stream of events.
         presses_stop: True if the request presses the emergency stop.
-        at_end: callbacks of what runs for the request, called when nobody reads the response any more.
+        at_end: callbacks that cancel the request's work, called when the reader has disconnected.
     """
 
     info: PeerInfo
@@ -196,7 +196,7 @@ class McpGateway(Gateway):
             await anyio.sleep_forever()
 
     def reload_roles(self) -> None:
-        """Give each agent that is being served the role that it has now, or end what is done for it."""
+        """Apply the current roles to the agents being served; end the requests of those not admitted."""
         super().reload_roles()
         for caller in tuple(self._callers):
             try:
@@ -238,7 +238,7 @@ class McpGateway(Gateway):
         session = self._sessions.get(request.headers.get("mcp-session-id", ""))
         if session is not None:
             session.under_way += 1
-        # Bound to whoever opened it: a session's id alone is not enough to use it.
+            # Bound to its owner: a session's id alone does not authorise its use.
         user = AuthenticatedUser(AccessToken(token="", client_id=caller.owner, scopes=[]))
         exchange = Exchange(
             self._manager.asgi_app,
@@ -270,7 +270,7 @@ class McpGateway(Gateway):
             text = f"a request of {len(request.body)} bytes; the limit is {most} here (mcp.request_bytes)"
             raise Refused(413, text)
         if request.method == "GET":
-            return  # One for each session, and those are bounded.
+            return  # One per session, and the number of sessions is limited.
         posted = [each for each in self._callers if not each.is_stream]
         if len(posted) >= settings.requests:
             text = f"{len(posted)} requests of agents are under way (mcp.requests)"
@@ -311,13 +311,13 @@ class McpGateway(Gateway):
             session.under_way -= 1
             session.used_at = time.monotonic()
 
-    # -- what the server of the SDK asks ---------------------------------------------------------------------
+    # -- callbacks of the SDK's server -----------------------------------------------------------------------
 
     @asynccontextmanager
     async def agent(
         self, context: ServerRequestContext[Any, Any], allow: Allow | None = None
     ) -> AsyncIterator[Agent]:
-        """Whoever sent a request, until its answer is there or nobody hears it any more."""
+        """Return the sender of a request that is being served."""
         caller = _caller_of(context)
         running = sum(len(each.clients) for each in self._callers)
         if running >= self.settings.requests and not caller.presses_stop:
@@ -388,7 +388,7 @@ class McpGateway(Gateway):
         return answer
 
     def note(self, context: ServerRequestContext[Any, Any], text: str, *, acts: bool) -> None:
-        """Write into the audit what an agent does."""
+        """Write an action of an agent into the audit log."""
         caller = _caller_of(context)
         said = f"the agent {_name_of(context)} ({caller.role.name}, {caller.info.address}): {text}"
         line = self._log_rate.admit(one_line(said), time.monotonic())
@@ -400,7 +400,7 @@ class McpGateway(Gateway):
         key = (tool, outcome)
         self._tool_calls[key] = self._tool_calls.get(key, 0) + 1
 
-    # -- pages of others -------------------------------------------------------------------------------------
+    # -- pages of the SDK's application ----------------------------------------------------------------------
 
     def _section(self, request: HttpRequest, reader: GraphView) -> str:
         url = url_of(request, "http") + PATH
@@ -428,13 +428,13 @@ class McpGateway(Gateway):
 
 
 def _caller_of(context: ServerRequestContext[Any, Any]) -> _Caller:
-    assert context.request is not None  # Everything here comes by HTTP.
+    assert context.request is not None  # Every request here is an HTTP request.
     caller: _Caller = context.request.scope[_CALLER]
     return caller
 
 
 def _name_of(context: ServerRequestContext[Any, Any]) -> str:
-    """Return the name that an agent's program gives itself, shortened; it may be anything."""
+    """Return the name that an agent's program reports, shortened; it is not trusted."""
     params = context.session.client_params
     return "unnamed" if params is None else one_line(params.client_info.name[:60]) or "unnamed"
 
@@ -457,7 +457,7 @@ def _opens_session(request: HttpRequest) -> bool:
 
 
 def _note_once(notices: list[str], text: str) -> None:
-    """Note what the gate does to a command; a command may be repeated many times a second."""
+    """Record a notice of the gate about a command, once: a command may be repeated many times a second."""
     if text not in notices and len(notices) < _MAX_NOTICES:
         notices.append(text)
 

@@ -149,7 +149,7 @@ def _require_yes(answer: types.ElicitResult) -> None:
 
 
 def asked(needed: AnswerNeeded) -> types.InputRequiredResult:
-    """The question as the answer to a call."""
+    """Return the question as the result of a call."""
     form = types.ElicitRequestFormParams(message=needed.question, requested_schema=_FORM)
     return types.InputRequiredResult(
         input_requests={KEY: types.ElicitRequest(params=form)}, request_state=needed.key

@@ -38,11 +38,11 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 Allow = Callable[[str, str], Awaitable[None]]
-"""Asks a person whether the agent of some owner may do something; raises where the answer is no."""
+"""Asks a person to permit an action of an owner's agent; raises if the person declines."""
 
 
 class Host(Protocol):
-    """Surroundings of the server: identifies agents, logs and counts what they do."""
+    """Context of the server: identifies agents, logs and counts their actions."""
 
     questions: Questions
     settings: McpSettings
@@ -51,14 +51,14 @@ class Host(Protocol):
         """Return the sender of a request being handled; `allow` asks its user. Raises :exc:`ToolError`."""
 
     def note(self, context: Context, text: str, *, acts: bool) -> None:
-        """Write into the audit what an agent does."""
+        """Write an action of an agent into the audit log."""
 
     def count(self, tool: str, outcome: str) -> None:
         """Count a call of a tool: `done`, `asked`, `refused` or `failed`."""
 
 
 def make_server(host: Host, version: str) -> Server[Any]:
-    """The server of one gateway, or of one program at the other end of standard input and output."""
+    """Server of one gateway, or of one program connected over standard input and output."""
     handlers = _Handlers(host)
     return Server(
         "robot-web-tools",
@@ -77,7 +77,7 @@ def make_server(host: Host, version: str) -> Server[Any]:
 
 
 class _Handlers:
-    """Handlers of the protocol's requests."""
+    """Return the handlers of the protocol's requests."""
 
     def __init__(self, host: Host) -> None:
         self._host = host

@@ -1,4 +1,4 @@
-"""The rosbridge gateway: how ops become verbs of the robot graph, and events of the graph become frames."""
+"""The rosbridge gateway: translates ops to verbs of the robot graph, and its events to frames."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["Bridge"]
 
 
 def __getattr__(name: str) -> object:
-    """Import the bridge when it is first used: its settings are also read where nothing is served."""
+    """Import the bridge on first use: settings are also read without a server."""
     if name != "Bridge":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from rwt.gateways.rosbridge.bridge import Bridge

@@ -1,4 +1,4 @@
-"""The rosbridge gateway: its clients, and what they share."""
+"""The rosbridge gateway: its clients and their shared state."""
 
 from __future__ import annotations
 
@@ -72,8 +72,8 @@ class Bridge(ConnectionGateway[Peer]):
     Args:
         graph: the robot.
         settings: settings of the operator.
-        access: access rules of the server; by default the bridge makes its own, which know no disclosures.
-        loading: loads numpy beside the event loop; None loads it on first use.
+        access: access rules of the server; by default the bridge creates its own, without disclosures.
+        loading: loads numpy in a thread; None loads it on first use.
 
     Raises:
         SettingsError: a file that the settings name cannot be used, or a package is missing.
@@ -182,13 +182,13 @@ class ConnectedClients:
         self._publish_list()
 
     def joined(self, number: int, address: str) -> None:
-        """A client has connected."""
+        """Add a client that has connected."""
         moment = self._distro.time(self._clock.time_ns())
         self._clients[number] = {"ip_address": address, "connection_time": moment}
         self._changed()
 
     def left(self, number: int) -> None:
-        """A client has gone."""
+        """Remove a client that has disconnected."""
         self._clients.pop(number, None)
         self._changed()
 

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rwt_protocol.frames import Buffer
 
 LARGE_BYTES: Final = 64 * 1024
-"""Bytes of a message up to which numpy does nothing for it."""
+"""Maximum size of a message that needs no numpy, in bytes."""
 
 _NUMBERS: Final = re.compile(rb"\xd8[\x41-\x57]")
 """CBOR tags of typed arrays except octets (RFC 8746)."""
@@ -49,7 +49,7 @@ def _load() -> None:
     try:
         import_module("numpy")
     except ImportError:
-        return  # Who needs it is told so.
+        return  # The code that needs numpy reports the error.
 
 
 def _needs_numpy(data: bytes, binary: bool) -> bool:

@@ -57,7 +57,7 @@ class Peer(ConnectedClient[_Waiting]):
     Attributes by purpose:
 
     * Wire: ``_session`` (its wire state), ``_loading`` (holds large frames back until numpy is loaded).
-    * What the client has, by kind of op: ``topics``, ``services``, ``actions``.
+    * Resources of the client, by kind of op: ``topics``, ``services``, ``actions``.
     * Dispatch: ``_dispatch`` (bound method of the bridge's dispatcher), ``_unfinished`` (op whose steps wait
       for a later turn; it is not yet reported as done).
     """
@@ -142,7 +142,7 @@ class Peer(ConnectedClient[_Waiting]):
                 self.services.answer_usual(usual)
         except Exception as error:
             (op,) = self._session.decode(data, False, self._began)
-            assert isinstance(op, Op)  # The frame was found to hold one before the handler ran.
+            assert isinstance(op, Op)  # The frame was found to contain one message before the handler ran.
             self._after(op, self._bridge.dispatcher.refused(self, op, error))
         return True
 
@@ -166,7 +166,7 @@ class Peer(ConnectedClient[_Waiting]):
         self._do_all(items, self._began)
 
     def _do_all(self, items: Sequence[Op | Refusal], now: float) -> None:
-        """Run the messages of one frame, the first of which is counted already."""
+        """Run the messages of one frame; the first is already counted."""
         for number, item in enumerate(items):
             if number:
                 if (
@@ -201,9 +201,8 @@ class Peer(ConnectedClient[_Waiting]):
         }
         end = ends.get(refusal.op) if refusal.name else None
         if end is not None:
-            with suppress(
-                ProtocolError, RobotError, AccessError
-            ):  # It names nothing that waits, and is refused either way.
+            # A response without a pending request is rejected in either case.
+            with suppress(ProtocolError, RobotError, AccessError):
                 end(refusal.name, refusal.id, refusal.reason)
 
     def work(self, op: Op, steps: Steps) -> Op | None:
@@ -266,7 +265,7 @@ class Peer(ConnectedClient[_Waiting]):
         """Switch to the role that an `auth` op proves, or disconnect the client (AUT-03).
 
         Raises:
-            Refused: `op` is not valid, or the server has no secret, so that nobody needs it (AUT-04).
+            Refused: `op` is not valid, or the server has no secret and needs no authentication (AUT-04).
         """
         rosauth = self._bridge.access.admission.rosauth
         if rosauth is None:

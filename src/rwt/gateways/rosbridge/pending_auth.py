@@ -1,4 +1,4 @@
-"""Connections that must authenticate first: nothing of them reaches the graph before (AUT-01, AUT-08)."""
+"""Connections that must authenticate before they reach the graph (AUT-01, AUT-08)."""
 
 from __future__ import annotations
 
@@ -56,7 +56,9 @@ class PendingAuth:
         self._session = session
         self._admission = admission
         self._monotonic = clock.monotonic
-        self._timer: Timer | None = clock.call_later(timeout, self._too_late)  # None once decided.
+        self._timer: Timer | None = clock.call_later(
+            timeout, self._too_late
+        )  # None once the outcome is known.
 
     def receive(self, data: bytes, binary: bool) -> None:
         """Read the first message: one frame with the `auth` op and nothing else."""

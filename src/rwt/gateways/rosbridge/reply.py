@@ -1,4 +1,4 @@
-"""Replies to one client: every op that is sent to it, besides samples."""
+"""Replies to one client: every op sent to it, besides samples."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Replies(ControlLane):
         self._info = info
 
     def send(self, op: Op, fragment_size: int | None = None) -> bool:
-        """Send one op, in pieces of `fragment_size` characters if that is given (FRG-20).
+        """Send one op, in fragments of `fragment_size` characters if given (FRG-20).
 
         A `status` is only sent to clients that ask for its level (STA-02). If the op is too large, the client
         gets the reason instead: as a failed result, or as a `status`.
@@ -58,7 +58,7 @@ class Replies(ControlLane):
         return False
 
     def send_frame(self, frame: Frame, id: str | int | None, fragment_size: int | None = None) -> str | None:
-        """Send a frame, in pieces if `fragment_size` is given. Returns why it was not sent, or None."""
+        """Send a frame, in fragments if `fragment_size` is given. Returns None, or why it was not sent."""
         size = frame.size
         carries = self._info.max_message_size
         if carries and size > carries and fragment_size is None:

@@ -24,7 +24,7 @@ MAX_LENGTH = 4096
 
 
 class EntityKind(Enum):
-    """EntityKind of entity of a token."""
+    """Kind of entity of a token."""
 
     NODE = "NN"
     PUBLISHER = "MP"

@@ -24,17 +24,17 @@ MAX_BYTES: Final = 1024 * 1024
 """Maximum bytes of a text frame. Payloads are binary; each byte of JSON can cost fifty bytes once decoded."""
 
 Id = Annotated[int, Meta(ge=0, le=2**32 - 1)]
-"""An id that a client chooses: 32 bits on the wire."""
+"""Id that a client chooses: 32 bits on the wire."""
 
 ChannelId = Annotated[int, Meta(ge=0, le=2**63 - 1)]
-"""The id of a channel of the server, which stands in texts only."""
+"""Id of a channel of the server, which occurs in text frames only."""
 
 Name = Annotated[str, Meta(max_length=4096)]
 """A name or an address."""
 
 
 class ChannelSubscription(Struct, frozen=True, rename="camel"):
-    """One subscription that a client asks for, under an id of its own."""
+    """Requested subscription, under an id of the client."""
 
     id: Id
     channel_id: ChannelId
@@ -58,38 +58,38 @@ class Parameter(Struct, frozen=True):
 
 
 class Subscribe(Struct, frozen=True, tag_field="op", tag="subscribe"):
-    """Asks for the messages of channels."""
+    """Request to subscribe to channels."""
 
     subscriptions: list[ChannelSubscription]
 
 
 class Unsubscribe(Struct, frozen=True, rename="camel", tag_field="op", tag="unsubscribe"):
-    """Ends subscriptions."""
+    """Request to end subscriptions."""
 
     subscription_ids: list[Id]
 
 
 class Advertise(Struct, frozen=True, tag_field="op", tag="advertise"):
-    """Announces channels on which the client will publish."""
+    """Advertisement of channels on which the client will publish."""
 
     channels: list[ClientChannel]
 
 
 class Unadvertise(Struct, frozen=True, rename="camel", tag_field="op", tag="unadvertise"):
-    """Takes such channels back."""
+    """Request to withdraw advertised channels."""
 
     channel_ids: list[Id]
 
 
 class GetParameters(Struct, frozen=True, rename="camel", tag_field="op", tag="getParameters"):
-    """Asks for the values of parameters; of all where none is named."""
+    """Request for the values of parameters, or of all if none is named."""
 
     parameter_names: list[Name]
     id: Name | None = None
 
 
 class SetParameters(Struct, frozen=True, tag_field="op", tag="setParameters"):
-    """Sets parameters; with an id the client wants to hear their values then."""
+    """Request to set parameters; with an id, the new values are sent back."""
 
     parameters: list[Parameter]
     id: Name | None = None
@@ -98,7 +98,7 @@ class SetParameters(Struct, frozen=True, tag_field="op", tag="setParameters"):
 class SubscribeParameterUpdates(
     Struct, frozen=True, rename="camel", tag_field="op", tag="subscribeParameterUpdates"
 ):
-    """Asks to hear of changes of parameters; of all where none is named."""
+    """Request to watch parameters, or all if none is named."""
 
     parameter_names: list[Name]
 
@@ -106,35 +106,35 @@ class SubscribeParameterUpdates(
 class UnsubscribeParameterUpdates(
     Struct, frozen=True, rename="camel", tag_field="op", tag="unsubscribeParameterUpdates"
 ):
-    """Asks to hear of them no more; of none where none is named."""
+    """Request to stop watching parameters, or all if none is named."""
 
     parameter_names: list[Name]
 
 
 class SubscribeConnectionGraph(Struct, frozen=True, tag_field="op", tag="subscribeConnectionGraph"):
-    """Asks who publishes, subscribes and offers what, now and after every change."""
+    """Request for the connection graph, now and after every change."""
 
 
 class UnsubscribeConnectionGraph(Struct, frozen=True, tag_field="op", tag="unsubscribeConnectionGraph"):
-    """Asks to hear of that no more."""
+    """Request to end updates of the connection graph."""
 
 
 class FetchAsset(Struct, frozen=True, rename="camel", tag_field="op", tag="fetchAsset"):
-    """Asks for a file by its address."""
+    """Request for a file by its URI."""
 
     uri: Name
     request_id: Id
 
 
 class MessageData(Struct, frozen=True):
-    """A message of one of the client's channels."""
+    """Message on one of the client's channels."""
 
     channel_id: int
     data: memoryview
 
 
 class ServiceCallRequest(Struct, frozen=True):
-    """A call of a service."""
+    """Service call."""
 
     service_id: int
     call_id: int
@@ -146,10 +146,10 @@ class PlaybackControlRequest(Struct, frozen=True):
     """Request to play, pause, seek, or change the speed, in recorded seconds per second.
 
     Attributes:
-        seek_ns: nanoseconds since the epoch; None stays.
+        seek_ns: nanoseconds since the epoch; None keeps the position.
     """
 
-    plays: bool  # False pauses it.
+    plays: bool  # False pauses the playback.
     speed: float
     seek_ns: int | None
     request_id: bytes
@@ -168,10 +168,10 @@ Text = (
     | UnsubscribeConnectionGraph
     | FetchAsset
 )
-"""A message that is a text."""
+"""A message in a text frame."""
 
 Binary = MessageData | ServiceCallRequest | PlaybackControlRequest
-"""A message that is a binary frame."""
+"""A message in a binary frame."""
 
 _decode: Final[Callable[[bytes | memoryview], Text]] = msgspec.json.Decoder(Text).decode
 
@@ -183,7 +183,7 @@ _CHANNEL: Final = Layout("<BI")
 _CALL: Final = Layout("<BIII")
 _PLAYBACK: Final = Layout("<BBfBQI")
 
-#: Bytes of the longest id of a request, which comes back in the answer.
+#: Maximum size of the id of a request, which is returned in the response, in bytes.
 _LONGEST_ID: Final = 4096
 
 

@@ -1,4 +1,4 @@
-"""Types that viewers cannot read in the robot's serialisation: they are described, and sent, as JSON."""
+"""JSON Schema of types that viewers cannot read in the robot's serialisation; these are sent as JSON."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def _has_wide(message: MessageType, seen: set[str]) -> bool:
 
 
 class _TooLarge(Exception):
-    """The schema has too many fields."""
+    """Schema with too many fields."""
 
 
 class _Schemas:

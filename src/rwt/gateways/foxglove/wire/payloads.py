@@ -52,7 +52,7 @@ def long_payload(
         InvalidMessage: it does not fit.
         NotPossible: it is incomplete and has more than `structure` brackets.
     """
-    whole = bytes(data)  # The frame may be gone at the next step.
+    whole = bytes(data)  # The frame's buffer may be reused before the next step.
     is_dense = has_more_brackets(whole, structure // 2)
     try:
         return (yield from Payload.from_json_in_steps(type, whole, now, is_dense=is_dense))
@@ -64,5 +64,5 @@ def long_payload(
 
 
 def in_encoding(payload: Payload, encoding: str) -> tuple[Buffer, ...]:
-    """A message in one of the encodings, in parts."""
+    """Return a message in one of the encodings, in parts."""
     return tuple(payload.json_parts() if encoding == JSON else payload.serialised_parts())

@@ -32,7 +32,7 @@ Capability = Literal[
     "assets",
     "playbackControl",
 ]
-"""An optional part of the protocol."""
+"""Optional capability of the protocol."""
 
 
 class Level(IntEnum):
@@ -53,13 +53,13 @@ class PlaybackStatus(IntEnum):
 
 
 def text(op: str, **members: object) -> Frame:
-    """A text with these members, of which those that are None are left out."""
+    """Return a text frame with these members, without those that are None."""
     given = {name: value for name, value in members.items() if value is not None}
     return Frame(encoded({"op": op, **given}))
 
 
 def texts(op: str, member: str, items: Iterable[bytes]) -> list[Frame]:
-    """Texts with a list of items that are encoded already; none where there are no items."""
+    """Return text frames with a list of encoded items; none if there are no items."""
     frames: list[Frame] = []
     batch: list[bytes] = []
     size = 0
@@ -106,7 +106,7 @@ def _timestamp(time_ns: int) -> dict[str, int]:
 
 
 def status(level: Level, message: str, id: str | None = None) -> Frame:
-    """Something that a person should know; a later one of the same id takes its place."""
+    """Return a status message for a person; a later one of the same id replaces it."""
     return text("status", level=int(level), message=message, id=id)
 
 
@@ -126,29 +126,29 @@ def message_data(time_ns: int, payload: Sequence[Buffer]) -> GapFrame:
 
 
 def time(time_ns: int) -> Frame:
-    """The server's time, nanoseconds since the epoch."""
+    """Return the server's time; `time_ns` in nanoseconds since the epoch."""
     return Frame(_TIME(TIME, time_ns), binary=True)
 
 
 def service_call_response(service_id: int, call_id: int, encoding: str, payload: Sequence[Buffer]) -> Frame:
-    """The answer of a service."""
+    """Return the response of a service."""
     name = encoding.encode()
     head = _RESPONSE(SERVICE_CALL_RESPONSE, service_id, call_id, len(name)) + name
     return Frame(head, *payload, binary=True)
 
 
 def service_call_failure(service_id: int, call_id: int, message: str) -> Frame:
-    """Why a service has no answer."""
+    """Return the failure of a service call."""
     return text("serviceCallFailure", serviceId=service_id, callId=call_id, message=message)
 
 
 def asset(request_id: int, content: Sequence[Buffer]) -> Frame:
-    """A file."""
+    """Return the response with a file."""
     return Frame(_ASSET(FETCH_ASSET_RESPONSE, request_id, 0, 0), *content, binary=True)
 
 
 def asset_failure(request_id: int, message: str) -> Frame:
-    """Why there is no such file."""
+    """Return the response for a file that is not available."""
     said = message.encode()
     return Frame(_ASSET(FETCH_ASSET_RESPONSE, request_id, 1, len(said)), said, binary=True)
 

@@ -1,1 +1,1 @@
-"""Messages as a model sees them: bounded text, images, and words for scans, maps and clouds."""
+"""Messages as a model sees them: bounded text, images, and descriptions of scans, maps and clouds."""

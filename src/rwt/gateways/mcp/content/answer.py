@@ -1,4 +1,4 @@
-"""The result of a tool: texts and pictures, bounded in size."""
+"""Result of a tool: texts and images of bounded size."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ Answer = tuple[Part, ...]
 
 
 def as_text(value: object) -> str:
-    """Plain values as compact JSON; NaN and infinities, which it has not, are null."""
+    """Return plain values as compact JSON; NaN and infinities become null."""
     return msgspec.json.encode(value).decode()
 
 
 def bounded(text: str, most: int) -> str:
-    """A text of at most so many bytes of UTF-8, with a note in it where it was cut."""
+    """Return a text cut to a number of bytes of UTF-8, with a note at the cut."""
     data = text.encode()
     if len(data) <= most:
         return text

@@ -1,4 +1,4 @@
-"""Messages that are seen: images as they are, scans and maps drawn, made small enough for a model."""
+"""Messages as images for a model: camera images, and drawings of scans and maps, limited in size."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from rwt_participant.messages import Message
 if TYPE_CHECKING:
     from PIL.Image import Image
 
-#: Pixels of a compressed picture that are unpacked.
+#: Maximum number of pixels of a compressed image.
 _MAX_PIXELS: Final = 40_000_000
 
-#: Cells of a map that are drawn.
+#: Maximum number of cells of a map that is drawn.
 _MAX_CELLS: Final = 100_000_000
 
 _JPEG_QUALITY: Final = 80
@@ -61,7 +61,7 @@ def _shades(depth: Image) -> tuple[Image, str]:
 
 
 def draw_scan(message: Message, side: int) -> Answer:
-    """A `sensor_msgs/LaserScan` seen from above, ahead is up, with distances in words."""
+    """Draw a `sensor_msgs/LaserScan` from above, ahead is up, and describe distances."""
     import numpy as np
     from PIL import Image as pillow
     from PIL import ImageDraw
@@ -102,7 +102,7 @@ def _ring_step(reach: float) -> float:
     return step if reach / step >= 3 else step / 4
 
 
-#: Directions around the robot, in degrees counted to the left from ahead.
+#: Directions around the robot, in degrees counterclockwise from ahead.
 _SECTORS: Final = (("ahead", -30, 30), ("left", 30, 120), ("behind", 120, 240), ("right", -120, -30))
 
 

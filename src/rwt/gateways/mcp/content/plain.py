@@ -1,4 +1,4 @@
-"""Messages as plain values that a model can take in: long lists and octets give way to what they hold."""
+"""Messages as plain values for a model: long lists and octets are summarised."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from rwt.gateways.mcp.errors import ToolError
 from rwt_participant.messages import Message
 from rwt_participant.spelling import did_you_mean
 
-#: Numbers of a list that are shown as they are; of a longer one the first few, with what can be said of all.
+#: Maximum length of a list of numbers that is shown whole; longer ones are summarised.
 _NUMBERS: Final = 24
 _FIRST_NUMBERS: Final = 8
 
-#: Items of other lists that are shown.
+#: Maximum number of items shown of other lists.
 _ITEMS: Final = 12
 
-#: Characters of a text that are shown.
+#: Maximum number of characters shown of a string.
 _CHARACTERS: Final = 4000
 
 
 def plain(value: object) -> object:
-    """A message, or what one of its fields holds, as dicts, lists, texts and numbers of a bounded size."""
+    """Return a message, or the value of a field, as dicts, lists, strings and numbers of bounded size."""
     if isinstance(value, msgspec.Struct):
         names = type(value).__struct_encode_fields__
         return {
@@ -59,7 +59,7 @@ def _list(items: Sequence[object]) -> object:
 
 
 def _numbers(items: Sequence[object]) -> dict[str, object]:
-    import numpy as np  # Only long lists need it.
+    import numpy as np  # Imported here: only long lists need it.
 
     values = np.asarray(items, np.float64)
     finite = values[np.isfinite(values)]
@@ -68,7 +68,7 @@ def _numbers(items: Sequence[object]) -> dict[str, object]:
         about["finite"] = len(finite)
     if len(finite):
         least, most = float(finite.min()), float(finite.max())
-        # Each as its part: a sum of the largest floats would overflow, and so may rounding.
+        # Divide before adding: a sum of the largest floats would overflow.
         with np.errstate(over="ignore"):
             mean = float(np.clip((finite / len(finite)).sum(), least, most))
         about |= {"min": least, "max": most, "mean": mean}
@@ -111,7 +111,7 @@ def _item(value: object, index: str, path: str) -> object:
 
 
 def numeric_fields(message: Message, prefix: str = "") -> dict[str, float]:
-    """Every field of a message that holds one number, by its path; lists are left out."""
+    """Return the numeric fields of a message by their paths; lists are left out."""
     found: dict[str, float] = {}
     for name, attribute in zip(
         type(message).__struct_encode_fields__, message.__struct_fields__, strict=True

@@ -1,1 +1,1 @@
-"""The handlers of rosbridge's ops: each turns an op into verbs of the graph."""
+"""Handlers of rosbridge's ops; each translates an op into verbs of the graph."""

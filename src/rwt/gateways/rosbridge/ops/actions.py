@@ -1,4 +1,4 @@
-"""The ops about actions: goals, cancels, feedback and results, both ways, of one client."""
+"""Action ops of one client: goals, cancel requests, feedback and results, in both directions."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ if TYPE_CHECKING:
     from rwt_protocol.dispatcher import Steps
     from rwt_protocol.payloads import Encodable
 
-#: Where they stand in their ops.
+#: Paths of the payloads in their ops, for errors.
 _FEEDBACK: Final = "action_feedback.values"
 _RESULT: Final = "action_result.values"
 
 _OUTCOMES: Final = frozenset({GoalStatus.SUCCEEDED, GoalStatus.CANCELED})
 
-#: Goals whose sender has disconnected are remembered for a later `cancel_action_goal`, up to this many.
+#: Maximum number of stored goals whose sender has disconnected, for a later `cancel_action_goal`.
 _MAX_ORPHANS: Final = 1000
 
 
@@ -60,7 +60,7 @@ class PeerGoal:
     def __init__(self, client: PeerActions, op: SendActionGoal, args: Payload | None) -> None:
         name, suffix = split_suffix(op.action)
         self._client = client
-        # Not the op, whose arguments would be kept as long as the goal runs.
+        # Not the op: its arguments would be kept as long as the goal is active.
         self._name = op.action
         self._fragment_size = op.fragment_size
         self._listening = True
@@ -78,7 +78,7 @@ class PeerGoal:
         self.goal: ClientGoal = client.graph.send_goal(self.action, goal_of, events)
 
     def orphan(self) -> None:
-        """Report nothing more: the client has gone, and the goal runs on (ACT-19)."""
+        """Stop reporting: the client has disconnected, and the goal continues (ACT-19)."""
         self._listening = False
         self.goal.want_feedback(False)
 
@@ -116,7 +116,7 @@ class _ProvidedAction(Provided[Accepted]):
 
     def __init__(self, op: AdvertiseAction, graph: ClientGraph, address: str, replies: Replies) -> None:
         super().__init__(op.action, graph, address, replies)
-        self._type = op.type  # As the client spells it: it compares.
+        self._type = op.type  # In the client's spelling: clients compare it.
 
     def take(self, type: ActionType, goal: ServerGoal) -> None:
         """Accept every goal and send it to the client under a new id (ACT-12, ACT-13)."""
@@ -198,7 +198,7 @@ class PeerActions:
             self._sent.add(goal)
 
     def ended(self, goal: PeerGoal) -> None:
-        """A goal has its result."""
+        """Remove a goal that has its result."""
         self._sent.discard(goal)
         self._orphans.pop(goal, None)
 
@@ -287,7 +287,7 @@ class PeerActions:
         return self._provided.pending(op, action, id, f"no goal of {action} runs")[str(id)]
 
     def close(self) -> Steps:
-        """Let the goals run on; they can still be cancelled from the same address (ACT-19)."""
+        """Let the goals continue; they can still be cancelled from the same address (ACT-19)."""
         yield from self._provided.close()
         for goal in tuple(self._sent):
             goal.orphan()

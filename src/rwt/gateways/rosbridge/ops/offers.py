@@ -25,12 +25,12 @@ class Provided(Generic[T]):
     __slots__ = ("_count", "_name", "_replies", "address", "name", "pending", "role")
 
     def __init__(self, name: str, graph: ClientGraph, address: str, replies: Replies) -> None:
-        self._name = name  # As the client spells it.
+        self._name = name  # In the client's spelling.
         self._replies = replies
         self._count = 0
         self.name = resolve(name)
         self.address = address
-        self.role = graph.role.name  # At the time of advertising.
+        self.role = graph.role.name  # Distribution at the time of advertising.
         self.pending: dict[str, T] = {}
 
     def _add(self, kind: str, request: T) -> str:
@@ -88,7 +88,7 @@ class PeerOffers(Generic[T]):
             what: description of such a request, for the error.
 
         Raises:
-            Refused: there is none.
+            Refused: no such request is pending.
             NotAllowed: the role may not provide anything of that name (any more).
         """
         absolute = resolve(name)

@@ -1,4 +1,4 @@
-"""From the raw payload of an op to one of the right type, or a refusal that says where it does not fit."""
+"""Check the raw payload of an op against its type; an error names the field that does not fit."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rwt_interfaces.structs import MessageType
 
 IN_STEPS: Final = LARGE_BYTES
-"""Size of a payload from which it is checked in steps."""
+"""Minimum size of a payload that is checked in steps, in bytes."""
 
 
 def payload_of(type: MessageType, raw: Encodable, where: str, now: Callable[[], int]) -> Payload:
@@ -46,7 +46,7 @@ def payload_of(type: MessageType, raw: Encodable, where: str, now: Callable[[], 
         raise _refused(where, error) from None
     except InvalidMessage as error:
         if isinstance(raw, RawJson) and not raw.is_validated:
-            # A large payload was cut out of its frame unseen; only a full parse says what is wrong with it.
+            # A large payload was cut out of its frame unparsed; only a full parse finds the fault.
             validated = raw.validated()
             if validated.data != bytes(raw.data):
                 return payload_of(type, validated, where, now)
@@ -56,7 +56,7 @@ def payload_of(type: MessageType, raw: Encodable, where: str, now: Callable[[], 
 def payload_in_steps(
     type: MessageType, raw: RawJson | Decoded, where: str, now: Callable[[], int]
 ) -> Generator[None, None, Payload]:
-    """As :func:`payload_of`, in steps of about a millisecond at most."""
+    """Check a payload like :func:`payload_of`, in steps of about a millisecond."""
     try:
         if isinstance(raw, Decoded):
             yield
@@ -109,7 +109,7 @@ def arguments_of(type: MessageType, raw: Encodable, where: str, now: Callable[[]
 def arguments_in_steps(
     type: MessageType, raw: Encodable, where: str, now: Callable[[], int]
 ) -> Generator[None, None, Payload]:
-    """As :func:`arguments_of`, in steps where they are an object in JSON."""
+    """Check arguments like :func:`arguments_of`, in steps if they are a JSON object."""
     if isinstance(raw, RawJson) and raw.kind == "object":
         return (yield from payload_in_steps(type, raw, where, now))
     yield
@@ -131,5 +131,5 @@ def failure_text(values: Encodable | str, instead: str) -> str:
 
 
 def object_or_empty(values: Encodable | str) -> Encodable:
-    """A provider's values; some send a string where there is nothing to say (SVP-05)."""
+    """Return a provider's values; some send a string instead of none (SVP-05)."""
     return EMPTY if isinstance(values, str) else values

@@ -1,4 +1,4 @@
-"""From a client's `qos` object to the graph's policies, and to how its samples wait for a slow connection."""
+"""Translation of a client's `qos` object into the graph's policies and the rules of its queue."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def split_suffix(name: str) -> tuple[str, str | None]:
     return (base, suffix) if hash_ else (name, None)
 
 
-#: Where arguments and responses are in their ops, for errors.
+#: Paths of arguments and responses in their ops, for errors.
 _ARGUMENTS: Final = "call_service.args"
 _ANSWER: Final = "service_response.values"
 
@@ -117,7 +117,7 @@ class PeerServices:
             request = yield from arguments_in_steps(service.type.request, op.args, _ARGUMENTS, self._now)
 
         def request_of(type: ServiceType) -> Payload:
-            # Meanwhile another provider may have offered the service with another type.
+            # Another provider may have offered the service with another type meanwhile.
             if request is not None and request.type is type.request:
                 return request
             return arguments_of(type.request, op.args, _ARGUMENTS, self._now)
@@ -181,7 +181,7 @@ class PeerServices:
         return None
 
     def answer_usual(self, given: UsualResponse) -> None:
-        """As :meth:`answer`."""
+        """Answer like :meth:`answer`, in steps."""
         type, call = self._asked(given.service, given.id)
         self._reply(type, call, RawJson(bytes(given.values)))
 
@@ -194,7 +194,7 @@ class PeerServices:
         call.reply(response)
 
     def _answer_in_steps(self, op: ServiceResponse, values: RawJson) -> Steps:
-        # It waits on meanwhile, so that it ends with its provider or its time, whichever comes first.
+        # The call stays pending meanwhile, so that it ends with its provider or its timeout.
         type, _ = self._pending(op.service, op.id)[str(op.id)]
         try:
             response = yield from payload_in_steps(type.response, values, _ANSWER, self._now)

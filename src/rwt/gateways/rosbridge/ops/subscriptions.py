@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rwt_protocol import ops
     from rwt_protocol.codecs import Encoding
 
-#: A throttle rate beyond this many milliseconds, three hundred centuries, is no longer than it.
+#: Maximum throttle rate in milliseconds (three hundred centuries); larger ones count as this.
 _LONGEST_THROTTLE = 10**15
 
 
@@ -66,7 +66,7 @@ class ClientSubscription:
         return id_ in self._requests
 
     def put(self, op: ops.Subscribe, encoding: Encoding) -> None:
-        """Add a subscription, or change the one of the same id (SUB-09).
+        """Add a subscription, or replace the one of the same id (SUB-09).
 
         A new one receives the latched samples (SUB-13), the first also those of the publisher's first second
         (ADV-08).
@@ -88,7 +88,7 @@ class ClientSubscription:
             stream.replay(sample, self._throttle)
 
     def drop(self, id_: str | int | None) -> bool:
-        """End the subscription of that id, or all of them; whether there was one."""
+        """End the subscription of that id, or all. Returns False if there was none."""
         if id_ is not None and id_ not in self._requests:
             return False
         if id_ is None or len(self._requests) == 1:
@@ -100,7 +100,7 @@ class ClientSubscription:
         return True
 
     def close(self) -> None:
-        """Stop the flow and drop what waits in the throttle (DIS-01, THR-07)."""
+        """Stop the flow and drop the samples in the throttle (DIS-01, THR-07)."""
         count = len(self._requests)
         self._requests.clear()
         self._throttle.close()

@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from rwt_protocol.dispatcher import Steps
 
 
-#: Names under which one client may hear of one topic: `/a`, `a`, and what careless programs make of it.
+#: Maximum number of spellings under which one client subscribes to one topic, such as `/a`, `a` and `//a`.
 _MAX_SPELLINGS: Final = 4
 
-#: Names of topics, in any spelling, for which a client's publisher is remembered.
+#: Maximum number of names, in any spelling, in a client's cache of publishers.
 _MAX_NAMES: Final = 4096
 
 
@@ -52,7 +52,7 @@ class PeerTopics:
         self._now = graph.clock.time_ns
         self._room = Room(queued)
         self._publishers: dict[str, ClientPublisher] = {}
-        # Those on which the last message could be passed on as it came, by the topic in UTF-8.
+        # Publishers whose last message was passed through unchanged, by topic in UTF-8.
         self._exact: dict[bytes, ClientPublisher] = {}
         self._subscriptions: dict[str, ClientSubscription] = {}
 
@@ -62,14 +62,14 @@ class PeerTopics:
         self._forget_publisher(name)
 
     def unadvertise(self, op: Unadvertise) -> None:
-        """Take back one advertisement, or all of this client's for the topic (UNA-01 … UNA-03)."""
+        """Withdraw one advertisement, or all of this client's for the topic (UNA-01 … UNA-03)."""
         name = resolve(op.topic)
         if not self._graph.unadvertise(name, op.id):
             raise Refused(f"unadvertise: this client does not advertise {name}", level="warning")
         self._forget_publisher(name)
 
     def publish(self, op: Publish) -> Steps | None:
-        """Check the message once and hand it to the graph (PUB-01 … PUB-09); a large one in steps."""
+        """Check the message once and publish it (PUB-01 … PUB-09); a large one in steps."""
         publisher = self._publishers.get(op.topic)
         if publisher is None or op.qos is not None:
             publisher = self._new_publisher(op)
@@ -87,7 +87,7 @@ class PeerTopics:
     def publish_exact(self, topic: bytes, raw: bytes) -> bool:
         """Publish a small message unchanged, on a topic whose last message could be passed through.
 
-        Returns False, and does nothing, if the message needs a closer look.
+        Returns False, and does nothing, if the message needs a full check.
         """
         publisher = self._exact.get(topic)
         if publisher is None:
@@ -107,10 +107,10 @@ class PeerTopics:
         if isinstance(raw, RawJson | Decoded):
             payload = yield from payload_in_steps(type, raw, "publish.msg", self._now)
         else:
-            yield  # To read it was a step.
+            yield  # Reading it was a step.
             payload = payload_of(type, raw, "publish.msg", self._now)
             yield
-        # Meanwhile the client's role or the topic may have become another.
+            # The client's role or the topic may have changed meanwhile.
         publisher = self._publishers.get(op.topic) or self._new_publisher(op)
         if publisher.type is not type:
             payload = payload_of(publisher.type, raw, "publish.msg", self._now)
@@ -132,7 +132,7 @@ class PeerTopics:
         except UnknownTopicType as unknown:
             raise Refused(f"publish: {unknown}: send `advertise` first, or `type` with the message") from None
         if op.qos is not None:
-            self._forget_publisher(publisher.topic)  # It may have taken the place of another.
+            self._forget_publisher(publisher.topic)  # It may have replaced another publisher.
         if len(self._publishers) >= _MAX_NAMES:
             self.forget_publishers()
         self._publishers[op.topic] = publisher
@@ -141,19 +141,19 @@ class PeerTopics:
     def _warn_of_defaults(self, op: Publish, type: MessageType) -> None:
         """Warn a client of fields left to their defaults, if it wants warnings (PUB-04)."""
         if isinstance(op.msg, RawJson) and op.msg.dense:
-            return  # It would not have been taken if anything of weight were missing.
+            return  # A message with missing fields that matter would have been rejected.
         missing = missing_fields(type, op.msg.plain())
         if missing:
             text = f"publish.msg: defaults were taken for what is missing: {', '.join(missing)}"
             self._replies.send(Status(level="warning", msg=text, id=op.id))
 
     def _forget_publisher(self, topic: str) -> None:
-        """Look the topic's publisher up again at the next publish."""
+        """Remove the topic's publisher from the cache."""
         self._publishers = {name: held for name, held in self._publishers.items() if held.topic != topic}
         self._exact = {name: held for name, held in self._exact.items() if held.topic != topic}
 
     def forget_publishers(self) -> None:
-        """Ask again for the right to publish: the client's role is another one."""
+        """Check the right to publish again after a change of role."""
         self._publishers.clear()
         self._exact.clear()
 
@@ -200,7 +200,7 @@ class PeerTopics:
             del self._subscriptions[op.topic]
 
     def close(self) -> Steps:
-        """End the subscriptions; what is published ends with the client's graph (DIS-01)."""
+        """End the subscriptions; publishers end with the client's graph (DIS-01)."""
         while self._subscriptions:
             self._subscriptions.popitem()[1].close()
             yield
