@@ -1,7 +1,7 @@
 """Conformance suite for rosbridge v2: cases as data, and programs that play them.
 
 The suite grades any rosbridge server (`rosbridge-conformance ws://host:9090`) and any client library
-(`rosbridge-conformance client -- CMD`). It imports nothing of the server it was written beside.
+(`rosbridge-conformance client -- CMD`). It is independent of this project's server.
 """
 
 __all__ = ["SUITE_VERSION"]

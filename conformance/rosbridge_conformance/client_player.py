@@ -39,16 +39,16 @@ from rosbridge_conformance.wire.wrap import wrap
 
 _GOODBYE_SECONDS = 3.0
 _ANSWER_SECONDS = 10.0
-"""An answer says only that the program goes on, so there is no hurry."""
+"""Timeout of a response of the program, in seconds. It only confirms the command, so it is generous."""
 
 
 class _Unsupported(Exception):
-    """The library cannot do what the case is about; the text says what."""
+    """The library lacks the feature that the case tests; the text names it."""
 
 
 @dataclass(slots=True)
 class _Connection:
-    """One connection that the client under test made."""
+    """Connection of the client under test."""
 
     name: str
     wire: Wire
@@ -64,12 +64,12 @@ async def play_as_server(
     """Play one case.
 
     Args:
-        case: what to ask.
-        target: what is known about the client library.
-        program: the program around it, which has no connection yet.
-        listener: where it is told to connect to.
-        pace: the clock to go by.
-        tag: a part of names that no other case uses; stands for `@` in the case.
+        case: case to play.
+        target: description of the client library.
+        program: program around it, not connected yet.
+        listener: listener that it connects to.
+        pace: clock.
+        tag: unique part of names, which replaces `@` in the case.
     """
     player = _ClientPlayer(case, target, program, listener, pace, tag)
     unsupported, fault = "", None
@@ -129,7 +129,7 @@ class _ClientPlayer:
         return None
 
     async def leave(self) -> None:
-        """Let the client say goodbye; the program is killed if it cannot."""
+        """Disconnect the client; the program is killed if that fails."""
         try:
             async with asyncio.timeout(_GOODBYE_SECONDS):
                 await self._program.tell({"do": "close"})
@@ -177,7 +177,7 @@ class _ClientPlayer:
                 await self._close(step)
 
     async def _tell(self, command: Json, within: float | None) -> None:
-        """Have the program do something, and wait until it says that it has."""
+        """Send a command to the program, and wait for its confirmation."""
         told = self._named(command)
         if not isinstance(told, dict):
             raise TypeError("a command is an object")
@@ -295,7 +295,7 @@ class _ClientPlayer:
     # After the last step
 
     async def _finish(self) -> None:
-        """The client still works, sent nothing and told its user nothing that no step asked for."""
+        """Check that the client still works, and that no frames or events were unexpected."""
         if self._case.probe:
             for connection in tuple(self._connections.values()):
                 await self._probe(connection)
@@ -314,7 +314,7 @@ class _ClientPlayer:
             raise Stop(Difference("", "no further connection", "one more"))
 
     async def _probe(self, connection: _Connection) -> None:
-        """A subscription and a message: the client sends, and hears, after all that came before."""
+        """Probe the client with a subscription and a message, sent after everything else."""
         connection.probes += 1
         topic, mark = f"/@/probe_{connection.name}", f"{connection.name}{connection.probes}"
         if connection.probes == 1:
@@ -364,7 +364,7 @@ class _ClientPlayer:
             self._arrived.set()
 
     async def _sort(self, connection: _Connection, raw: Raw) -> None:
-        """Frames of probes, and questions to rosapi that no step expects, are kept apart."""
+        """Sort a frame: probes, and calls of rosapi that no step expects, are kept apart."""
         value = decode_text(raw)
         if isinstance(value, dict):
             if str(value.get("topic", "")).startswith(f"/{self._tag}/probe_"):
@@ -377,7 +377,7 @@ class _ClientPlayer:
         connection.frames.append(raw)
 
     async def _refuse(self, connection: _Connection, service: str, call: dict[str, Value]) -> None:
-        """This server has no rosapi, and says so at once (SRV-04)."""
+        """Reject a call of rosapi, which this server does not have (SRV-04)."""
         refusal: dict[str, Value] = {
             "op": "service_response",
             "service": service,
@@ -414,7 +414,7 @@ class _ClientPlayer:
         return connection.frames.popleft()
 
     async def _until(self, done: Callable[[], bool], seconds: float) -> bool:
-        """Wait for at most so long until something holds; whether it does."""
+        """Wait until a condition holds. Returns False after the timeout."""
         deadline = self._pace.now() + seconds
         while not done():
             self._arrived.clear()
@@ -432,5 +432,5 @@ class _ClientPlayer:
 
 
 def _word(value: Json | Value, key: str) -> str:
-    """A text in an object, or ""."""
+    """Return a string of an object, or ""."""
     return str(value.get(key, "")) if isinstance(value, dict) else ""

@@ -29,25 +29,25 @@ async def run_client_cases(
 ) -> Run:
     """Play cases as a server, against as many programs as there are jobs.
 
-    A program plays one case after the other and is started anew after a failure.
+    A program plays one case at a time and is restarted after a failure.
 
     Args:
-        cases: what to ask, already selected.
-        target: what is known about the client library; its name is what the program says.
-        command: starts the program.
-        url: where to listen, `ws://HOST:PORT`; more than one job needs port 0.
-        conditions: under which to play.
-        told: called with each result as it comes.
+        cases: selected cases.
+        target: description of the client library; its name is reported by the program.
+        command: command of the program.
+        url: URL to listen on, `ws://HOST:PORT`; more than one job needs port 0.
+        conditions: conditions of the run.
+        told: called with each result.
 
     Raises:
-        WireError: it is not possible to listen there.
+        WireError: the URL cannot be listened on.
         ProgramError: the program cannot be started.
     """
     if conditions.jobs > 1 and urlsplit(url).port != 0:
         raise WireError(f"{url}: more than one job needs port 0, or say --jobs 1")
     pace = RealPace()
     programs = _Programs(command)
-    first = await programs.take()  # A wrong command is said once, not by every case.
+    first = await programs.take()  # Report a wrong command once, not for every case.
     programs.give_back(first, whole=True)
     target = replace(target, name=first.library)
 

@@ -41,7 +41,7 @@ _EXIT_CODES = (
 )
 
 NAME = "rosbridge-conformance"
-"""The command that comes with the distribution."""
+"""Name of the installed command."""
 
 _EXAMPLES = f"""\
 examples:
@@ -75,7 +75,7 @@ _USAGE = """rosbridge-conformance URL [options]
 
 
 def main(argv: Sequence[str] | None = None, *, prog: str = NAME) -> int:
-    """Run the command line, whose texts call it `prog`; returns the exit code."""
+    """Run the command line under the name `prog`, and return the exit code."""
     given = list(sys.argv[1:] if argv is None else argv)
     try:
         if given[:1] == ["diff"]:
@@ -249,7 +249,7 @@ def _copy_adapters(folder: Path) -> int:
 async def _play(cases: Sequence[Case], target: Target, arguments: argparse.Namespace) -> Run:
     url = arguments.url
     dial = dialer(url)
-    wire = await dial("first")  # A wrong address is said once, not by every case.
+    wire = await dial("first")  # Report a wrong address once, not for every case.
     await wire.close()
     conditions = Conditions(
         max(1, arguments.jobs),
@@ -275,7 +275,7 @@ async def _play_client(
 
 
 def _check_files(arguments: argparse.Namespace) -> None:
-    """A report that cannot be written is said before minutes are spent on it.
+    """Check that the reports can be written, before the cases are played.
 
     Raises:
         ReportError: a file cannot be written.

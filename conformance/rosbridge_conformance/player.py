@@ -41,12 +41,12 @@ from rosbridge_conformance.wire.wires import Dial, Wire, WireClosed, WireError
 
 _PROBE_AGAIN = 0.5
 NO_TIME = 1e-6
-"""Seconds that are as good as none."""
+"""Shortest wait, in seconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One line of a transcript: what went over the wire, or what happened to it.
+    """Line of a transcript: a frame, or an event of the connection.
 
     Attributes:
         at: seconds since the case began.
@@ -61,11 +61,11 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Why a case failed.
+    """Failure of a case.
 
     Attributes:
-        step: number of the step from 1, or one more than there are for what comes after the last.
-        doing: the step in words.
+        step: number of the step from 1; after the last step, one more than there are steps.
+        doing: description of the step.
     """
 
     step: int
@@ -75,11 +75,11 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Played:
-    """Outcome of a case: the fault, if any, and what was tolerated.
+    """Outcome of a case: the fault, if any, and tolerated deviations.
 
     Attributes:
-        unsupported: what the client library under test cannot do at all, or "".
-        answers: how long each sign of life took that the server was asked for, in seconds.
+        unsupported: feature that the client library under test lacks, or "".
+        answers: response times of the server to probes, in seconds.
     """
 
     fault: Fault | None
@@ -91,7 +91,7 @@ class Played:
 
 
 class Stop(Exception):
-    """A step was not fulfilled; the case ends here."""
+    """A step failed; the case ends here."""
 
     def __init__(self, difference: Difference) -> None:
         super().__init__(str(difference))
@@ -108,12 +108,12 @@ CASE_BYTES: Final = 64 * 1024 * 1024
 TRANSCRIPT_LINES: Final = 2000
 """Maximum number of lines of a transcript."""
 
-_TOO_MUCH: Final = 1009  # "message too big", the nearest close code
+_TOO_MUCH: Final = 1009  # "message too big", the closest code
 
 
 @dataclass(slots=True)
 class _Client:
-    """One named connection: what has arrived and not been looked at."""
+    """Named connection with its unread frames."""
 
     name: str
     wire: Wire
@@ -138,11 +138,11 @@ async def play(case: Case, target: Target, dial: Dial, pace: Pace, tag: str) -> 
     """Play one case.
 
     Args:
-        case: what to ask.
-        target: what is known about the server.
-        dial: opens a connection to it.
-        pace: the clock to go by.
-        tag: a part of names that no other case uses at this time; stands for `@` in the case.
+        case: case to play.
+        target: description of the server.
+        dial: opens a connection to the server.
+        pace: clock.
+        tag: unique part of names, which replaces `@` in the case.
     """
     player = _Player(case, target, dial, pace, tag)
     try:
@@ -191,7 +191,7 @@ class _Player:
         return None
 
     async def leave(self) -> None:
-        """Close whatever is open."""
+        """Close all connections."""
         for client in (*self._clients.values(), *self._gone):
             if client.reader is not None:
                 client.reader.cancel()
@@ -355,7 +355,7 @@ class _Player:
     # After the last step
 
     async def _finish(self) -> None:
-        """Every connection still answers, and nothing came that no step asked for."""
+        """Check that every connection responds, and that no frames were unexpected."""
         if self._case.probe:
             for client in tuple(self._clients.values()):
                 await self._probe(client)
@@ -369,7 +369,7 @@ class _Player:
                     raise Stop(Difference(f"client {client.name}", "an open connection", "a closed one"))
 
     async def _probe(self, client: _Client) -> None:
-        """Ask the connection for a sign of life, after all it has sent before (section 0 of the facts)."""
+        """Probe a connection after everything it has sent (section 0 of the facts)."""
         client.probes += 1
         mark = f"{client.name}{client.probes}"
         if self._target.probe == "get_time":
@@ -444,7 +444,7 @@ class _Player:
             client.arrived.set()
 
     def _sort(self, client: _Client, raw: Raw) -> None:
-        """Answers to probes, status messages and all others are kept apart."""
+        """Sort a frame: responses to probes, status messages, and others."""
         value = None if isinstance(raw, bytes) else decode_text(raw)
         if isinstance(value, dict):
             mark = self._probe_mark(value)
@@ -488,12 +488,12 @@ def _is_status(pattern: Json) -> bool:
 
 
 def show(raw: Raw) -> str:
-    """A frame as it stands in transcripts."""
+    """Return a frame as shown in transcripts."""
     return f"{len(raw)} bytes: {raw[:200].hex()}" if isinstance(raw, bytes) else shorten(raw)
 
 
 def describe(step: Step) -> str:
-    """A step in a few words."""
+    """Describe a step in a few words."""
     match step:
         case Send():
             sent = step.body if isinstance(step.body, str) else json.dumps(step.body)

@@ -16,7 +16,7 @@ _END_SECONDS = 3.0
 
 
 class ProgramError(Exception):
-    """A program that cannot be used; the text says which and why."""
+    """A program cannot be used; the text names it and the reason."""
 
 
 class ProgramEnded(Exception):
@@ -24,30 +24,30 @@ class ProgramEnded(Exception):
 
 
 class Driven(Protocol):
-    """A client library that does what it is told: in a child process, or in this one for tests.
+    """Client library controlled by commands, in a child process, or in this one for tests.
 
     Attributes:
         on_event: called with each event.
-        on_noise: called with each line that means nothing.
+        on_noise: called with each unknown line.
     """
 
     on_event: Callable[[dict[str, Json]], None]
     on_noise: Callable[[str], None]
 
     async def tell(self, command: Mapping[str, Json]) -> dict[str, Json]:
-        """Have a command carried out, and give its answer. Raises ProgramEnded."""
+        """Execute a command, and return the response. Raises ProgramEnded."""
 
     def kill(self) -> None:
-        """End it at once."""
+        """Kill the program."""
 
 
 class Program:
-    """One running program around a client library.
+    """Running program around a client library.
 
     Attributes:
-        library: name and version of the library, as the program gives them.
+        library: name and version of the library, reported by the program.
         on_event: called with each event.
-        on_noise: called with each line that is no JSON object, and each line of standard error.
+        on_noise: called with each line that is not a JSON object, and each line of standard error.
     """
 
     def __init__(self, command: Sequence[str], process: asyncio.subprocess.Process) -> None:
@@ -67,10 +67,10 @@ class Program:
 
     @classmethod
     async def start(cls, command: Sequence[str]) -> Program:
-        """Start a program and wait until it says that it is ready.
+        """Start a program and wait until it reports that it is ready.
 
         Raises:
-            ProgramError: it cannot be started, or does not say so within 20 seconds.
+            ProgramError: it cannot be started, or is not ready within 20 seconds.
         """
         try:
             process = await asyncio.create_subprocess_exec(
@@ -97,10 +97,10 @@ class Program:
         return program
 
     async def tell(self, command: Mapping[str, Json]) -> dict[str, Json]:
-        """Send a command, and give the line that answers it.
+        """Send a command, and return the response.
 
         Raises:
-            ProgramEnded: there will be no answer.
+            ProgramEnded: the program has ended.
         """
         if self._process.stdin is None or self._readers[0].done():
             raise ProgramEnded
@@ -116,7 +116,7 @@ class Program:
         return await answer
 
     async def end(self) -> None:
-        """Close standard input; who does not end then is killed."""
+        """Close standard input; kill the program if it does not end."""
         if self._process.stdin is not None:
             self._process.stdin.close()
         try:
@@ -128,7 +128,7 @@ class Program:
         await asyncio.gather(*self._readers, return_exceptions=True)
 
     def kill(self) -> None:
-        """End it at once."""
+        """Kill the program."""
         if self._process.returncode is None:
             self._process.kill()
 
@@ -143,7 +143,7 @@ class Program:
             for answer in (self._hello, *self._answers.values()):
                 if not answer.done():
                     answer.set_exception(ProgramEnded())
-                    answer.exception()  # Whoever waits for it is told; nobody has to.
+                    answer.exception()  # Mark the exception as retrieved: the caller may not wait for it.
 
     async def _read_errors(self) -> None:
         assert self._process.stderr is not None

@@ -23,12 +23,12 @@ Verdict: TypeAlias = Literal["pass", "non-strict", "informational", "unimplement
 VERDICTS: tuple[Verdict, ...] = ("pass", "non-strict", "informational", "unimplemented", "fail")
 
 PlayOne: TypeAlias = Callable[[Case, str], Awaitable[Played]]
-"""Plays one case, with a part of names that no other case uses at this time."""
+"""Plays one case, with a unique part of names."""
 
 _LONGEST_CASE = 60.0
 
 _ASKED_AGAIN = 20
-"""Of so many failed cases each is asked once more; where more fail, it is not for want of time."""
+"""Maximum number of failed cases that are repeated: if more fail, lack of time is not the cause."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,9 +36,9 @@ class Result:
     """Result of one case.
 
     Attributes:
-        expected: why the target file says that it fails, or None.
-        missing: what the target does not declare, or a client library cannot do, for `unimplemented`.
-        again: whether it failed first, and not when it was asked once more, alone and with more time.
+        expected: reason in the target file for an expected failure, or None.
+        missing: feature that the target does not declare, or a client library lacks, for `unimplemented`.
+        again: True if it failed first, and passed when repeated alone and with more time.
     """
 
     case: Case
@@ -67,7 +67,7 @@ class Run:
     """All results of a run.
 
     Attributes:
-        stale: entries of the target's expected failures that no failing case answers to.
+        stale: expected failures of the target that did not occur.
     """
 
     target: Target
@@ -85,7 +85,7 @@ class Run:
 def select(
     cases: Sequence[Case], target: Target, run: Sequence[str] = (), skip: Sequence[str] = ()
 ) -> tuple[Case, ...]:
-    """Cases that suit the target and fit a glob of `run` and none of `skip`, by id, section or rule."""
+    """Return cases for the target that match a glob of `run` and none of `skip`, by id, section or rule."""
 
     def fits(case: Case, globs: Sequence[str]) -> bool:
         names = (case.id, case.section, *case.rules)
@@ -98,14 +98,14 @@ def select(
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """Under which conditions cases are played.
+    """Conditions of a run.
 
     Attributes:
-        jobs: how many cases at once.
-        strict: whether non-strict is a failure.
-        framing: what the wire keeps of messages.
-        several_clients: whether more than one connection reaches the same server.
-        outlives: whether the server goes on when the first connection has ended.
+        jobs: number of concurrent cases.
+        strict: True if non-strict is a failure.
+        framing: how the wire delimits messages.
+        several_clients: True if several connections reach the same server.
+        outlives: True if the server outlives the first connection.
     """
 
     jobs: int = 16
@@ -115,7 +115,7 @@ class Conditions:
     outlives: bool = True
 
     def missing(self, case: Case) -> tuple[str, ...]:
-        """Return what the case requires of the wire and this one lacks, as text."""
+        """Return the feature of the wire that a case requires and this wire lacks."""
         several = len(case.clients) > 1
         first_leaves = any(isinstance(step, Close) and step.client == case.clients[0] for step in case.steps)
         lacks = (
@@ -139,20 +139,20 @@ async def run_cases(
     pace: Pace | None = None,
     told: Callable[[Result], None] = lambda result: None,
 ) -> Run:
-    """Play cases, several at once, then those that measure time, then those that want to be alone.
+    """Play cases, several at once, then those that measure time, then those that must run alone.
 
-    Answers are waited for as long as this server's own take, as :class:`Tempo` has it. A case that failed is
-    asked once more at the end, alone and with twice the time, before it counts: the machine may have been
-    busy with something else.
+    Timeouts follow the response times of the server, see :class:`Tempo`. A case that failed is
+    repeated at the end, alone and with twice the time, before it counts: the machine may have been
+    busy.
 
     Args:
-        cases: what to ask, already selected.
-        target: what is known about the server.
-        dial: connects to it.
-        url: for the reports.
-        conditions: under which to play.
-        pace: the clock to go by; the machine's when not given.
-        told: called with each result as it comes.
+        cases: selected cases.
+        target: description of the server.
+        dial: opens a connection to the server.
+        url: URL for the reports.
+        conditions: conditions of the run.
+        pace: clock; by default that of the machine.
+        told: called with each result.
     """
     pace = pace or RealPace()
     tempo = Tempo(target, dial, pace, one_server=conditions.several_clients)
@@ -170,10 +170,10 @@ async def judge_cases(
     told: Callable[[Result], None] = lambda result: None,
     again: PlayOne | None = None,
 ) -> Run:
-    """Judge cases, whatever plays them; as `run_cases`.
+    """Play and judge cases like `run_cases`, by a given function.
 
     Args:
-        again: plays a case that has failed once more; it counts as failed at once when not given.
+        again: plays a failed case again; by default failures are final.
     """
     began = pace.now()
     judge = _Judge(target, play_one, conditions)
@@ -207,7 +207,7 @@ async def judge_cases(
     results = list(await asyncio.gather(*map(beside, order.together)))
     timed = await asyncio.gather(*map(in_company, order.timed))
     results += [result for result in timed if result.verdict != "fail"]
-    # One that measures time may have failed for its company.
+    # A case that measures time may have failed because of concurrent ones.
     not_yet = [result.case for result in timed if result.verdict == "fail"]
     results += [await one(case) for case in (*not_yet, *order.alone)]
     if again is not None and len(failed) <= _ASKED_AGAIN:
@@ -223,13 +223,13 @@ async def judge_cases(
 
 @dataclass(frozen=True, slots=True)
 class _Order:
-    """Which cases are played beside each other.
+    """Groups of cases by concurrency.
 
     Attributes:
-        together: are played beside each other, as many as there are jobs.
-        timed: cases that measure time. They wait most of theirs, and so they wait beside each other, when all
-            else is through.
-        alone: cases beside which nothing is played.
+        together: cases that are played concurrently, as many as there are jobs.
+        timed: cases that measure time. They mostly wait, and so are played concurrently, when all
+            others are done.
+        alone: cases that are played alone.
     """
 
     together: Sequence[Case]
@@ -238,7 +238,7 @@ class _Order:
 
     @classmethod
     def of(cls, cases: Sequence[Case], target: Target, jobs: int) -> _Order:
-        """Cases that wait longest begin first, and are through when the others are."""
+        """Return cases with the longest waits first, so that all end at about the same time."""
         together: list[Case] = []
         timed: list[Case] = []
         alone: list[Case] = []
@@ -249,19 +249,19 @@ class _Order:
                 (timed if jobs > 1 else alone).append(case)
             else:
                 together.append(case)
-        # What is known to fail comes last: it may leave the server busy with what never ends.
+        # Expected failures are last: they may leave the server busy forever.
         together.sort(key=lambda case: (target.reason(case.id) is not None, -_waiting(case)))
         timed.sort(key=_waiting, reverse=True)
         return cls(together, timed, alone)
 
 
 def _waiting(case: Case) -> float:
-    """Seconds that the case waits for whatever the server does."""
+    """Return the fixed waiting time of a case in seconds."""
     return sum(step.seconds for step in case.steps if isinstance(step, Wait | ExpectNothing))
 
 
 def _stale(target: Target, results: Sequence[Result]) -> tuple[str, ...]:
-    """Expected failures that were asked and did not fail."""
+    """Return the expected failures that were played and did not fail."""
 
     def answered(key: str) -> bool:
         asked = [result for result in results if fnmatch.fnmatchcase(result.case.id, key)]

@@ -18,31 +18,31 @@ from rosbridge_conformance.wire.pace import Pace
 from rosbridge_conformance.wire.wires import Dial
 
 LEAST_TIMEOUT = 0.5
-"""Seconds for an answer, however fast the server is, unless the target's own `timeout` is less."""
+"""Minimum timeout of a response in seconds, unless the target's `timeout` is less."""
 
 ANSWERS = 25.0
-"""An answer is waited for so many times as long as the slowest sign of life took of late."""
+"""Ratio of the timeout to the slowest recent response to a probe."""
 
 LEAST_SETTLE = 0.1
-"""Seconds until what one client did counts as seen by others, at the least."""
+"""Minimum time until others see the effect of a client's action, in seconds."""
 
 SPREADS = 8.0
 """Factor from a client's own measured time to the time allowed until others see its effect."""
 
 _OF_LATE = 32
-"""Number of signs of life that are remembered."""
+"""Number of responses to probes that are remembered."""
 
 _MEASURED = 40
-"""Number of answers in a measurement, for cases that measure time."""
+"""Number of responses in a measurement, for cases that measure time."""
 
 _BURST = 100
-"""Number of messages sent at once before it."""
+"""Number of messages sent at once before a measurement."""
 
 _WHOLE_SECOND = 1.0
-"""Seconds for an answer in a case that measures time; they are stretched with it."""
+"""Timeout of a response in a case that measures time, in seconds; scaled with the case."""
 
 _SILENCE = 15.0
-"""Seconds in which a server has to answer again after a case that failed, before the next is asked."""
+"""Time for a server to recover after a failed case, before the next one, in seconds."""
 
 _EVERY = 0.02
 
@@ -52,7 +52,7 @@ class _Load:
     """Load of a server.
 
     Attributes:
-        answer: seconds of the slowest of some answers.
+        answer: slowest of some response times, in seconds.
         message: seconds for one of many messages that arrive at once.
     """
 
@@ -66,23 +66,23 @@ class _Load:
 
 
 class Tempo:
-    """The time of one server: answers are waited for in proportion to what its own take.
+    """Timeouts for one server, in proportion to its response times.
 
-    `timeout` and `settle` of the target are the most that is waited. Cases that measure time are stretched:
-    a server that is busy is no faulty one. After a case that failed, the next waits until the server answers
-    a new connection, so that who hangs for a while fails once for it.
+    `timeout` and `settle` of the target are the maximum. Cases that measure time are scaled:
+    a busy server is not faulty. After a failed case, the next one waits until the server accepts
+    a new connection, so that a server that hangs for a time fails only once.
     """
 
     _numbers = itertools.count(1)
 
     def __init__(self, target: Target, dial: Dial, pace: Pace, *, one_server: bool = True) -> None:
-        """Know nothing of the server yet.
+        """Start without measurements.
 
         Args:
-            target: what is known about it.
-            dial: opens a connection to it.
-            pace: the clock to go by.
-            one_server: whether all connections reach the same server.
+            target: description of the server.
+            dial: opens a connection to the server.
+            pace: clock.
+            one_server: True if all connections reach the same server.
         """
         self._target = target
         self._dial = dial
@@ -98,7 +98,7 @@ class Tempo:
         self._measuring = asyncio.Lock()
 
     async def measure(self) -> None:
-        """Look how long it takes until one client hears what another begins to publish."""
+        """Measure the time until one client receives messages of another's new topic."""
         most = self._target.settle
         if most <= LEAST_SETTLE or not self._one_server:
             return
@@ -117,7 +117,7 @@ class Tempo:
         self._spread = next(heard, began + most) - began
 
     def limits(self) -> Target:
-        """The target with the times that are waited for it now."""
+        """Return the target with the current timeouts."""
         if not self._answers:
             return self._target
         slowest = max(self._answers)
@@ -127,16 +127,16 @@ class Tempo:
         return replace(self._target, timeout=timeout, settle=settle)
 
     async def play(self, case: Case, tag: str) -> Played:
-        """Play a case in the time that the server needs."""
+        """Play a case with timeouts for this server."""
         if not case.timed:
             return await self._play(case, tag)
-        async with self._measuring:  # Several may come at once.
+        async with self._measuring:  # Several cases may fail at once.
             if self._load is None:
                 self._load = await self._measured()
         return await self._stretched(case, self._load.times(case), tag)
 
     async def again(self, case: Case, tag: str) -> Played:
-        """Play a case that has failed, with at least twice the time, and that of the target."""
+        """Repeat a failed case with at least twice the time, and at least that of the target."""
         self._load = await self._measured()
         return await self._stretched(case, min(MOST, 2 * self._load.times(case)), tag, self._target.timeout)
 
@@ -150,7 +150,7 @@ class Tempo:
         return await self._play(stretched(case, times), tag, longer)
 
     async def _play(self, case: Case, tag: str, target: Target | None = None) -> Played:
-        async with self._answering:  # Nothing is asked while the server is waited for.
+        async with self._answering:  # No case is played while the server recovers.
             if self._failed_at > self._asked_at and not self._silent:
                 await self._wait_until_it_answers()
             target = target or self.limits()
@@ -163,12 +163,12 @@ class Tempo:
         return played
 
     async def _wait_until_it_answers(self) -> None:
-        """Ask a new connection for a sign of life; one that gives none is waited for once."""
+        """Probe the server over a new connection, and wait once for its recovery."""
         self._asked_at = self._pace.now()
         patient = replace(self._target, timeout=_SILENCE)
         played = await self._ask("It answers again", (Settle(("a",)),) * 2, ("a",), patient)
         self._silent = played.fault is not None
-        # The first may have waited for the server to come back; the next is what an answer takes now.
+        # The first response may include the recovery; the second one is typical.
         self._answers.extend(played.answers[1:])
 
     async def _measured(self) -> _Load:

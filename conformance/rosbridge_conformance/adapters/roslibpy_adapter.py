@@ -20,12 +20,12 @@ import roslibpy
 import roslibpy.ros1.actionlib as actionlib
 import roslibpy.tf
 
-#: Commands, messages and the library's objects, none of which has types.
+#: Commands, messages and the library's objects, which are untyped.
 Value = Any
 
 _SECONDS = 5.0
 
-#: The method for each question, and where its answer stands in a whole one.
+#: Method of each query, and the field of the response with the answer.
 _QUESTIONS = {
     "topics": ("get_topics", "topics"),
     "topic_type": ("get_topic_type", "type"),
@@ -42,11 +42,11 @@ _OUTPUT = threading.Lock()
 
 
 class Unsupported(Exception):
-    """The library has no such call; the text says what is missing."""
+    """The library has no such call; the text names it."""
 
 
 def say(line: dict[str, Value]) -> None:
-    """Write one line."""
+    """Write one line of JSON."""
     with _OUTPUT:
         sys.stdout.write(json.dumps(line, default=_plain) + "\n")
         sys.stdout.flush()
@@ -57,7 +57,7 @@ def _plain(value: Value) -> Value:
 
 
 def event(name: str, of: str, **more: Value) -> None:
-    """Tell what the library gave to its user."""
+    """Report an event of the library."""
     say({"event": name, "of": of, **more})
 
 
@@ -65,13 +65,13 @@ class Complaints(logging.Handler):
     """Handler that collects what the library logs as an error."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Tell one record."""
+        """Report one log record."""
         cause = f": {record.exc_info[1]!r}" if record.exc_info else ""
         say({"event": "complaint", "text": record.getMessage() + cause})
 
 
 class Adapter:
-    """One method for each command of the line protocol."""
+    """Commands of the line protocol, one method each."""
 
     def __init__(self) -> None:
         self._ros: Value = None
@@ -80,7 +80,7 @@ class Adapter:
     # The connection
 
     def connect(self, url: str, wait: bool = True) -> None:
-        """Open a new connection and forget everything before."""
+        """Open a new connection, and reset all state."""
         self._made = {}
         ros = self._ros = roslibpy.Ros(url)
         ros.on("close", lambda _: say({"event": "closed"}))
@@ -90,7 +90,7 @@ class Adapter:
             ros.factory.manager.run()
 
     def reconnect(self, url: str) -> None:
-        """The library comes back by itself."""
+        """No-op: the library reconnects on its own."""
         deadline = time.monotonic() + 2 * _SECONDS
         while not self._ros.is_connected:
             if time.monotonic() > deadline:
@@ -98,7 +98,7 @@ class Adapter:
             time.sleep(0.02)
 
     def close(self) -> None:
-        """Leave, and do not come back."""
+        """Disconnect without reconnecting."""
         ros, self._ros = self._ros, None
         if ros is None:
             return
@@ -120,7 +120,7 @@ class Adapter:
         return roslibpy.Topic(self._ros, topic, type, **options)
 
     def subscribe(self, **options: Value) -> None:
-        """Subscribe, and tell every message."""
+        """Subscribe, and report every message."""
         name = options.pop("as")
         self._made[name] = self._topic(**options)
         self._made[name].subscribe(lambda value: event("message", name, value=value))
@@ -140,7 +140,7 @@ class Adapter:
         self._made[of].unadvertise()
 
     def publish(self, msg: Value, of: str = "", topic: str = "", type: str = "") -> None:
-        """Publish on what was advertised, or on a topic that was not."""
+        """Publish on an advertised topic, or on another one."""
         publisher = self._made[of] if of else self._topic(topic, type)
         publisher.publish(roslibpy.Message(msg))
 
@@ -150,14 +150,14 @@ class Adapter:
         roslibpy.Service(self._ros, service, type).call(roslibpy.ServiceRequest(args), *_tells_response(name))
 
     def call_service(self, service: str, type: str | None = None, args: Value = None, **more: Value) -> None:
-        """Call a service; the answer is an event."""
+        """Call a service; the response is an event."""
         name = more.pop("as")
         for option in more:
             raise Unsupported(f"calls that do not block have no {option}")
         self._call(name, service, type, args)
 
     def advertise_service(self, service: str, type: str, answer: Value = None, **more: Value) -> None:
-        """Offer a service that always answers the same."""
+        """Offer a service with a constant response."""
         name, said = more["as"], answer or {}
 
         def handle(request: Value, response: Value) -> bool:
@@ -197,7 +197,7 @@ class Adapter:
         self._made[of]()
 
     def actionlib_goal(self, server: str, type: str, goal: Value, **more: Value) -> None:
-        """Send a goal over topics; the library waits for a first status before it lets go."""
+        """Send a goal over topics; the library waits for a first status before it sends."""
         name = more["as"]
 
         def send() -> None:
@@ -235,7 +235,7 @@ class Adapter:
         serving.start(work)
 
     def tf_subscribe(self, fixed_frame: str, frame: str, **more: Value) -> None:
-        """Ask for a transform."""
+        """Request a transform."""
         name = more["as"]
         client = roslibpy.tf.TFClient(self._ros, fixed_frame)
         client.subscribe(frame, lambda value: event("transform", name, value=value))
@@ -255,23 +255,23 @@ class Adapter:
         roslibpy.Param(self._ros, name).delete(*_tells_response(more["as"]))
 
     def ask(self, what: str, of_what: str | None = None, **more: Value) -> None:
-        """Ask rosapi, by the library's method for it."""
+        """Query rosapi by the library's own method."""
         if what not in _QUESTIONS:
             raise Unsupported(f"no question {what}")
         method, key = _QUESTIONS[what]
         given = [] if of_what is None else [of_what]
         answered, failed = _tells_response(more["as"])
-        # Some methods give the whole answer to their callback, some what was asked for.
+        # Some methods pass the whole response to their callback, some only the requested field.
         getattr(self._ros, method)(
             *given, lambda value: answered(value[key] if hasattr(value, "keys") else value), failed
         )
 
     def set_level(self, level: str, id: str | None = None) -> None:
-        """Say which statuses are wanted."""
+        """Set the level of status messages."""
         self._ros.set_status_level(level, id)
 
     def authenticate(self, **given: Value) -> None:
-        """Log in."""
+        """Authenticate."""
         names = ("mac", "client", "dest", "rand", "t", "level", "end")
         self._ros.authenticate(*(given[name] for name in names))
 
@@ -284,7 +284,7 @@ def _tells_response(name: str) -> tuple[Callable[[Value], None], Callable[[Value
 
 
 def answer(adapter: Adapter, command: dict[str, Value]) -> dict[str, Value]:
-    """Carry out one command."""
+    """Execute one command."""
     name = command.pop("do")
     what = getattr(adapter, name, None)
     if what is None:
@@ -299,7 +299,7 @@ def answer(adapter: Adapter, command: dict[str, Value]) -> dict[str, Value]:
 
 
 def main() -> None:
-    """Carry out commands until standard input ends."""
+    """Execute commands until standard input ends."""
     logging.basicConfig(level=logging.ERROR, handlers=[Complaints()])
     adapter = Adapter()
     say({"event": "ready", "library": "roslibpy", "version": version("roslibpy")})

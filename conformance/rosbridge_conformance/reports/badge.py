@@ -12,7 +12,7 @@ _COLOURS = {"A+": "#2c7a3f", "A": "#2c7a3f", "B": "#7a8a1c", "C": "#b7791f", "D"
 
 
 def render(run: Run, rules: Mapping[str, Rule]) -> str:
-    """An SVG picture, 20 pixels high."""
+    """Return an SVG image, 20 pixels high."""
     row, mark = conformance(run), grade(run)
     left, right = "rosbridge v2", f"{mark}  {row.passed}/{row.asked}"
     first, second = 7 * len(left) + 10, 7 * len(right) + 10

@@ -12,10 +12,10 @@ _ORDER = ("fail", "unimplemented", "informational", "non-strict", "pass")
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Two runs side by side.
+    """Comparison of two runs.
 
     Attributes:
-        worse: ids whose verdict got worse, or which were passed before and are gone.
+        worse: ids whose verdict got worse, or which passed before and are missing now.
     """
 
     better: tuple[str, ...]

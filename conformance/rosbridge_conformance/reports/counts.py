@@ -11,15 +11,15 @@ from rosbridge_conformance.runner import VERDICTS, Result, Run
 MARKS: Mapping[str, str] = {
     "pass": "✓", "non-strict": "~", "informational": "i", "unimplemented": "-", "fail": "✗"
 }  # fmt: skip
-"""One character for each verdict."""
+"""Symbol of each verdict."""
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """The verdicts of one section, or of all.
+    """Verdicts of one section, or of all.
 
     Attributes:
-        expected: how many of the failures the target file expects.
+        expected: number of failures that the target file expects.
     """
 
     name: str
@@ -28,17 +28,17 @@ class Row:
 
     @property
     def asked(self) -> int:
-        """Cases that were played and judged."""
+        """Number of cases that were played and judged."""
         return sum(self.counts[verdict] for verdict in ("pass", "non-strict", "fail"))
 
     @property
     def passed(self) -> int:
-        """Cases that did what the rule says, strictly or not."""
+        """Number of cases that passed, strictly or not."""
         return self.counts["pass"] + self.counts["non-strict"]
 
     @property
     def words(self) -> str:
-        """As in `41 pass, 2 fail`; verdicts that did not occur are left out."""
+        """Return text such as `41 pass, 2 fail`, without verdicts that did not occur."""
         return ", ".join(f"{self.counts[name]} {name}" for name in VERDICTS if self.counts[name])
 
 
@@ -51,17 +51,17 @@ def row(name: str, results: Iterable[Result]) -> Row:
 
 
 def conformance(run: Run) -> Row:
-    """All cases but those about robustness."""
+    """Count all cases except those about robustness."""
     return row("conformance", (result for result in run.results if not result.robustness))
 
 
 def robustness(run: Run) -> Row:
-    """The HARDEN cases: known defects of the field that a server should not share."""
+    """Count the HARDEN cases: known defects of other servers."""
     return row("robustness", (result for result in run.results if result.robustness))
 
 
 def by_section(run: Run) -> tuple[Row, ...]:
-    """One row for each section, in order of their names."""
+    """Return the counts of each section, by name."""
     sections: dict[str, list[Result]] = {}
     for result in run.results:
         sections.setdefault(result.case.section, []).append(result)
@@ -69,7 +69,7 @@ def by_section(run: Run) -> tuple[Row, ...]:
 
 
 def grade(run: Run) -> str:
-    """The grade (docs/how-to/conformance.md): A to D by what failed, `+` without failures in robustness.
+    """Return the grade (docs/how-to/conformance.md): A to D, with `+` without failures in robustness.
 
     A: nothing failed. B: no MUST failed. C: at most a tenth of the MUST cases failed. D: more. None where
     no case was judged.

@@ -33,5 +33,5 @@ def _reason(failed: Result) -> str:
 
 
 def _value(value: object) -> str:
-    # JSON of texts, numbers and lists of texts is TOML, but for the one character that TOML wants escaped.
+    # JSON of strings, numbers and lists of strings is TOML, except for one character that TOML escapes.
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

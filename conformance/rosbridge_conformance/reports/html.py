@@ -37,7 +37,7 @@ d=>d.hidden=e.target.checked&&d.dataset.verdict!=='fail');
 
 
 def render(run: Run, rules: Mapping[str, Rule]) -> str:
-    """The whole page."""
+    """Return the whole page."""
     title = f"rosbridge conformance: {escape(run.target.name)}"
     cases = "\n".join(_case(result, rules) for result in run.results)
     return f"""<!doctype html>

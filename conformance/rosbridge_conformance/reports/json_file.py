@@ -14,11 +14,11 @@ from rosbridge_conformance.suite.rules import Rule
 from rosbridge_conformance.suite.values import Json
 
 FORMAT = 1
-"""Version of the form of these files."""
+"""Version of the file format."""
 
 
 class ReportError(ValueError):
-    """A results file that cannot be read; the text says which and why."""
+    """A results file cannot be read; the text names it and the reason."""
 
 
 class Recorded(TypedDict):
@@ -29,7 +29,7 @@ class Recorded(TypedDict):
 
 
 def render(run: Run, rules: Mapping[str, Rule]) -> str:
-    """Everything that is known about a run."""
+    """Return all data of a run."""
     value: dict[str, Json] = {
         "format": FORMAT,
         "suite": SUITE_VERSION,
@@ -74,10 +74,10 @@ def _result(result: Result) -> Json:
 
 
 def read_results(path: Path) -> dict[str, Recorded]:
-    """Verdict and level by case id.
+    """Return verdict and level by case id.
 
     Raises:
-        ReportError: the file is no such report.
+        ReportError: the file is not such a report.
     """
     try:
         value = json.loads(path.read_text(encoding="utf-8"))

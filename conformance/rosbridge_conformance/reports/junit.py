@@ -11,7 +11,7 @@ from rosbridge_conformance.suite.rules import Rule
 
 
 def render(run: Run, rules: Mapping[str, Rule]) -> str:
-    """One test suite; expected failures and what is not implemented are skipped, stale expectations fail."""
+    """Return one test suite; expected failures and missing features are skipped, stale expectations fail."""
     failures = sum(1 for result in run.results if result.unexpected) + len(run.stale)
     skipped = sum(1 for result in run.results if _skipped(result))
     suite = ElementTree.Element(
@@ -54,7 +54,7 @@ def _add(suite: ElementTree.Element, result: Result, rules: Mapping[str, Rule]) 
 
 
 def _clean(text: str) -> str:
-    """Without the characters that XML 1.0 cannot hold."""
+    """Return a text without characters that XML 1.0 does not allow."""
     return "".join(
         c if c in "\t\n" or (" " <= c < "\ud800") or ("\ue000" <= c <= "\ufffd") or c > "\uffff" else "�"
         for c in text

@@ -11,7 +11,7 @@ from rosbridge_conformance.suite.rules import Rule
 
 
 def render(run: Run, rules: Mapping[str, Rule]) -> str:
-    """A table of sections, and a table of what failed."""
+    """Return a table of sections and a table of failures."""
     lines = [
         f"## rosbridge conformance of {run.target.name}: grade {grade(run)}",
         "",

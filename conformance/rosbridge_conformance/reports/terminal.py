@@ -14,7 +14,7 @@ from rosbridge_conformance.suite.target import Target
 
 
 class Progress:
-    """Says what failed as soon as that is sure, and keeps a count on terminals."""
+    """Progress of a run: prints failures once they are final, and a counter on terminals."""
 
     def __init__(self, out: TextIO, total: int, rules: Mapping[str, Rule]) -> None:
         self._out = out
@@ -24,7 +24,7 @@ class Progress:
         self._live = out.isatty()
 
     def __call__(self, result: Result) -> None:
-        """Take one more result."""
+        """Add a result."""
         self._done += 1
         if result.unexpected:
             self._clear()
@@ -34,7 +34,7 @@ class Progress:
             self._out.flush()
 
     def end(self) -> None:
-        """Take the count away."""
+        """Erase the counter."""
         self._clear()
 
     def _clear(self) -> None:
@@ -56,7 +56,7 @@ def failure(result: Result, rules: Mapping[str, Rule]) -> str:
 
 
 def report(run: Run, rules: Mapping[str, Rule], *, verbose: bool = False) -> str:
-    """The end of a run: counts by section, failures expected and stale, the grade."""
+    """Return the summary: counts by section, expected and stale failures, and the grade."""
     lines = [f"{run.target.name} at {run.url}: {len(run.results)} cases in {run.seconds:.1f} s", ""]
     lines += [_line(row) for row in by_section(run)]
     lines += ["", _line(conformance(run)), _line(robustness(run))]
@@ -93,7 +93,7 @@ def _frames(result: Result) -> str:
 
 
 def listing(cases: Sequence[Case], target: Target, *, steps: bool) -> str:
-    """The selected cases, with their steps if wanted."""
+    """Return the selected cases, with their steps if requested."""
     text = ""
     for case in cases:
         text += f"{case.id}  {case.level} {case.profile} {' '.join(case.rules)}  {case.title}\n"

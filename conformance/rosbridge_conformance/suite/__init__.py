@@ -1,1 +1,1 @@
-"""Cases of the suite, the rules they test, and the targets that are graded."""
+"""Cases of the suite, the rules that they test, and the graded targets."""

@@ -18,7 +18,7 @@ PROFILES = (
     "CORE", "PNG", "CBOR", "CBOR-RAW", "FRAGMENT-IN", "FRAGMENT-OUT", "ACTION", "ACTIONLIB", "ROSAPI", "AUTH",
     "STATUS", "GLOB", "QOS", "TF-REPUBLISH", "TCP", "CLIENT-COUNT", "PARAMETERS",
 )  # fmt: skip
-"""Parts of the protocol that a target declares; CORE is for every server."""
+"""Parts of the protocol that a target declares; CORE applies to every server."""
 
 TEXTS = ("ros1", "ros2", "2.0.0")
 """The three protocol texts: the two branches of rosbridge_suite, and the rewritten one of 2026."""
@@ -36,8 +36,8 @@ class Send:
     """Send a frame `times` times, `every` seconds apart; text and hex go out as they stand.
 
     Attributes:
-        via: what a frame to a client library is wrapped in, innermost first.
-        fragment_size: characters of text in each fragment, when it goes out in fragments.
+        via: wrappings of a frame to a client library, innermost first.
+        fragment_size: characters of text in each fragment, if fragments are sent.
     """
 
     client: str
@@ -51,7 +51,7 @@ class Send:
 
 @dataclass(frozen=True, slots=True)
 class Tolerated:
-    """A frame that is not what the rule says but is known in the field; it makes the verdict non-strict."""
+    """Frame that deviates from the rule but is common in the field; it makes the verdict non-strict."""
 
     frame: Json
     why: str
@@ -59,11 +59,11 @@ class Tolerated:
 
 @dataclass(frozen=True, slots=True)
 class Expect:
-    """The next frame of a client has to match; `within` seconds, or the target's time limit.
+    """Expectation: the next frame of a client matches, `within` seconds or the target's timeout.
 
     Attributes:
-        via: what the frame comes wrapped in, outermost first.
-        fragment_size: most characters in the data of a fragment, when it comes in fragments.
+        via: wrappings of the frame, outermost first.
+        fragment_size: maximum characters in the data of a fragment, if fragments are received.
     """
 
     client: str
@@ -76,7 +76,7 @@ class Expect:
 
 @dataclass(frozen=True, slots=True)
 class ExpectAll:
-    """The next frames of a client have to match these, in any order."""
+    """Expectation: the next frames of a client match these, in any order."""
 
     client: str
     frames: tuple[Json, ...]
@@ -85,7 +85,7 @@ class ExpectAll:
 
 @dataclass(frozen=True, slots=True)
 class ExpectNothing:
-    """No frame, or no frame that matches, may come for some seconds."""
+    """Expectation: no frame, or no matching frame, for some seconds."""
 
     client: str
     seconds: float
@@ -94,7 +94,7 @@ class ExpectNothing:
 
 @dataclass(frozen=True, slots=True)
 class ExpectClose:
-    """The server has to close the connection, with one of the codes if any are given."""
+    """Expectation: the server closes the connection, with one of the codes if given."""
 
     client: str
     codes: tuple[int, ...]
@@ -103,28 +103,28 @@ class ExpectClose:
 
 @dataclass(frozen=True, slots=True)
 class Wait:
-    """Let time pass."""
+    """Wait for some seconds."""
 
     seconds: float
 
 
 @dataclass(frozen=True, slots=True)
 class Settle:
-    """Wait until the server has handled all these clients have sent, and others know of it."""
+    """Wait until the server has handled everything from these clients, visibly for others."""
 
     clients: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Open:
-    """Connect a client, again or for the first time; where clients are graded: wait until it connects."""
+    """Connect or reconnect a client; in cases of client libraries, wait until it connects."""
 
     client: str
 
 
 @dataclass(frozen=True, slots=True)
 class Close:
-    """The suite's side ends a connection: politely, or by cutting the line."""
+    """End a connection from the suite's side: by closing it, or by cutting it."""
 
     client: str
     abruptly: bool = False
@@ -132,7 +132,7 @@ class Close:
 
 @dataclass(frozen=True, slots=True)
 class Tell:
-    """Tell the program around a client library what to do next, and wait until it says that it has."""
+    """Send a command to the program around a client library, and wait for its confirmation."""
 
     command: Json
     within: float | None = None
@@ -140,7 +140,7 @@ class Tell:
 
 @dataclass(frozen=True, slots=True)
 class Hear:
-    """The next thing that a client library gives to its user has to match."""
+    """Expectation: the next event of a client library matches."""
 
     event: Json
     within: float | None = None
@@ -148,7 +148,7 @@ class Hear:
 
 @dataclass(frozen=True, slots=True)
 class HearNothing:
-    """A client library may give nothing to its user for some seconds."""
+    """Expectation: no event of a client library for some seconds."""
 
     seconds: float
 
@@ -179,26 +179,26 @@ class Divergence:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One question to a server, or to a client library.
+    """Case for a server or a client library.
 
     Attributes:
-        id: the path below the folder of cases without its ending; never changes once released.
-        title: what a right server or client does, in a sentence of at most 80 characters.
-        rules: ids of the rules it checks.
-        spec: section by protocol text, for the texts that say so.
-        level: how strongly it is asked; HARDEN is reported apart, INFO never fails.
-        profile: the part of the protocol it belongs to.
-        ros: the ROS generations it makes sense for.
+        id: path below the folder of cases without extension; never changes once released.
+        title: correct behaviour, in a sentence of at most 80 characters.
+        rules: ids of the tested rules.
+        spec: section by protocol text, for texts with this rule.
+        level: requirement level; HARDEN is reported separately, INFO never fails.
+        profile: part of the protocol.
+        ros: ROS generations that it applies to.
         needs: features that the target has to declare.
         clients: names of all connections, in order of first use; the first is open from the start, unless
             the first step tells a client library to connect.
-        alone: whether other cases may not run meanwhile.
-        timed: whether it measures time, and only others that do so too may run meanwhile.
-        leftover: whether frames may come that no step expects.
-        probe: whether every open connection has to answer after the last step.
-        notes: for each step the sentence that its file gives, or "".
+        alone: True if no other case may run meanwhile.
+        timed: True if it measures time; only other such cases may run meanwhile.
+        leftover: True if unexpected frames are allowed.
+        probe: True if every open connection must respond after the last step.
+        notes: description of each step in its file, or "".
         example: names of the examples in the protocol texts that it replays.
-        side: who is graded.
+        side: graded side.
     """
 
     id: str
@@ -223,5 +223,5 @@ class Case:
 
     @property
     def section(self) -> str:
-        """The folder the case is in."""
+        """Folder of the case."""
         return self.id.partition("/")[0]

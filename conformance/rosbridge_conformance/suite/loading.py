@@ -1,4 +1,4 @@
-"""Strict reader of case files: rejects unknown keys, naming the file and the place."""
+"""Strict parser of case files: rejects unknown keys, with file and location."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ from rosbridge_conformance.suite.values import Json
 from rosbridge_conformance.wire.line_protocol import COMMANDS
 
 CASES = Path(__file__).parents[1] / "cases"
-"""The cases of this suite for servers."""
+"""Cases of this suite for servers."""
 
 CLIENT_CASES = Path(__file__).parents[1] / "cases-client"
-"""The cases of this suite for client libraries."""
+"""Cases of this suite for client libraries."""
 
 REQUIRED = ("title", "rules", "level", "profile", "steps")
 OPTIONAL = (
@@ -67,7 +67,7 @@ VERBS: Mapping[str, tuple[str, ...]] = {
 """Verbs of a step, and the keys allowed with each."""
 
 CLIENT_VERBS = ("tell", "hear", "hear_nothing")
-"""Verbs only for cases of client libraries; they concern the program around the library."""
+"""Verbs only for cases of client libraries; they address the program around the library."""
 
 _ID = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*(/[a-z0-9]+(-[a-z0-9]+)*)+")
 _RULE = re.compile(r"[A-Z]+-\d{2}")
@@ -77,14 +77,14 @@ _ASKING = (Expect, ExpectAll, ExpectNothing, ExpectClose, Hear, HearNothing)
 
 
 class CaseError(ValueError):
-    """A case file that cannot be used; the text says which, where and what is expected."""
+    """A case file is invalid; the text gives file, location and expected value."""
 
 
 def load_cases(folder: Path = CASES) -> tuple[Case, ...]:
-    """All cases below a folder, sorted by id.
+    """Return all cases below a folder, sorted by id.
 
     Raises:
-        CaseError: a file is no case, or two cases have one title.
+        CaseError: a file is invalid, or two cases have the same title.
     """
     cases = tuple(load_case(path, folder) for path in sorted(folder.rglob("*.json")))
     seen: dict[str, str] = {}
@@ -96,7 +96,7 @@ def load_cases(folder: Path = CASES) -> tuple[Case, ...]:
 
 
 def load_case(path: Path, folder: Path) -> Case:
-    """One case; its id is its path below `folder`."""
+    """Return one case; its id is its path below `folder`."""
     case_id = path.relative_to(folder).with_suffix("").as_posix()
     try:
         value: Json = json.loads(path.read_text(encoding="utf-8"))
@@ -108,10 +108,10 @@ def load_case(path: Path, folder: Path) -> Case:
 
 
 def read_case(case_id: str, value: Json) -> Case:
-    """One case from the value of its file.
+    """Return one case from the content of its file.
 
     Raises:
-        CaseError: naming the place, as `topics/echo: steps[2].within: …`.
+        CaseError: the content is invalid; the text gives the location (`topics/echo: steps[2].within: …`).
     """
     at = _Place(case_id)
     if _ID.fullmatch(case_id) is None:
@@ -152,7 +152,7 @@ def read_case(case_id: str, value: Json) -> Case:
 
 
 class _Place:
-    """Where in a file the reader is; it reads values of one kind and names the place when they are not."""
+    """Location in a file: reads values of an expected kind, and raises errors with the location."""
 
     def __init__(self, where: str, path: str = "") -> None:
         self._where = where
@@ -268,7 +268,7 @@ def _divergences(at: _Place, value: Json) -> tuple[Divergence, ...]:
 
 
 def _clients(at: _Place, steps: list[Step]) -> tuple[str, ...]:
-    """Clients in order of first use; the first is open from the start, the others are opened at first use."""
+    """Return clients in order of first use; the first is open from the start, the others from first use."""
     names: dict[str, None] = {}
     for step in steps:
         for name in _clients_of(step):

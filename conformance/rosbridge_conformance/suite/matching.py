@@ -1,7 +1,7 @@
 """Patterns that describe a frame, and their matching.
 
-A pattern is JSON. Plain values stand for themselves: numbers compare as numbers (`1` fits `1.0`), objects
-have to have the same keys, lists the same items in order. An object with a key that begins with `$` is a
+A pattern is JSON. Plain values match equal values: numbers compare as numbers (`1` matches `1.0`), objects
+need the same keys, lists the same items in order. An object with a key that begins with `$` is a
 matcher.
 """
 
@@ -29,7 +29,7 @@ from rosbridge_conformance.suite.values import (
 from rosbridge_conformance.wire.cbor import same_float, typed_array
 
 KINDS = ("anything", "string", "text", "number", "int", "bool", "object", "array", "null")
-"""Kinds for `$any`; `text` is a string that is not empty."""
+"""Kinds for `$any`; `text` is a non-empty string."""
 
 MATCHERS: Mapping[str, tuple[str, ...]] = {
     "$any": (),
@@ -56,7 +56,7 @@ MATCHERS: Mapping[str, tuple[str, ...]] = {
     "$json": (),
     "$index": (),
 }
-"""Matchers, and the keys that may stand beside them. `$open` stands in plain objects and is not listed."""
+"""Matchers, and the keys allowed beside them. `$open` is used in plain objects and not listed."""
 
 _CLOCK_SLACK = 3600.0
 
@@ -88,10 +88,10 @@ class Context:
     """Context of a match, besides the frame.
 
     Attributes:
-        names: values bound so far; a match that fails binds nothing.
-        ros: the target's ROS generation, which decides how times look.
-        three_part: whether the target reports type names in three parts.
-        now: the target's idea of the time, seconds since 1970.
+        names: values bound so far; a failed match binds nothing.
+        ros: ROS generation of the target, which determines the form of times.
+        three_part: True if the target reports type names in three parts.
+        now: time of the target, seconds since 1970.
     """
 
     names: MutableMapping[str, Value] = field(default_factory=dict)
@@ -105,9 +105,9 @@ class Difference:
     """Place where a frame does not match its pattern.
 
     Attributes:
-        path: as in `msg.header.stamp`.
-        expected: in words or JSON.
-        got: in JSON, or "nothing".
+        path: path such as `msg.header.stamp`.
+        expected: expected value in words or JSON.
+        got: actual value in JSON, or "nothing".
     """
 
     path: str
@@ -121,13 +121,13 @@ class Difference:
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """A frame that fits; `extra` names keys of the frame itself that the pattern did not ask for."""
+    """Match of a frame; `extra` are keys of the frame itself that the pattern does not have."""
 
     extra: tuple[str, ...] = ()
 
 
 def match_frame(pattern: Json, frame: Value, context: Context) -> Match | Difference:
-    """Match a whole frame; extra keys of its own are reported, extra keys inside it are a difference."""
+    """Match a whole frame; extra keys at top level are reported, nested ones are a difference."""
     trial = Context(dict(context.names), context.ros, context.three_part, context.now)
     extra: tuple[str, ...] = ()
     if isinstance(pattern, dict) and isinstance(frame, dict) and not _is_matcher(pattern):
@@ -169,7 +169,7 @@ def _is_matcher(pattern: dict[str, Json]) -> bool:
 
 
 def _differ(pattern: Json, value: Value, path: str, context: Context) -> Difference | None:
-    """The first difference, or None."""
+    """Return the first difference, or None."""
     if isinstance(pattern, dict):
         if _is_matcher(pattern):
             return _differ_matcher(pattern, value, path, context)
@@ -272,7 +272,7 @@ def _differ_tagged(pattern: dict[str, Json], value: Value, path: str, context: C
 
 
 def _words(pattern: Json) -> str:
-    """A pattern for people."""
+    """Return a pattern as text for people."""
     if not isinstance(pattern, dict) or not _is_matcher(pattern):
         return as_text(as_value(pattern))
     if "$any" in pattern:
@@ -315,7 +315,7 @@ def _is_near(pattern: dict[str, Json], operand: Json, value: Value, _: Context) 
 
 
 def _is_float(operand: Json, value: Value) -> bool:
-    """A float of 64 bits; the operand may be "NaN", "Infinity" or "-Infinity" (CBR-05)."""
+    """Match a float of 64 bits; the operand may be "NaN", "Infinity" or "-Infinity" (CBR-05)."""
     if not isinstance(value, float) or isinstance(value, NarrowFloat):
         return False
     return isinstance(operand, str | int | float) and same_float(value, float(operand))
@@ -339,7 +339,7 @@ def _contains(pattern: dict[str, Json], operand: Json, value: Value, context: Co
 
 
 def _is_type_name(operand: Json, value: Value, context: Context) -> bool:
-    """`pkg/Name` written as the target writes it; `pkg/srv/Name` and `pkg/action/Name` say their kind."""
+    """Match a type name `pkg/Name` in the target's form; `pkg/srv/Name`, `pkg/action/Name` give the kind."""
     parts = str(operand).split("/")
     package, name = parts[0], parts[-1]
     kind = parts[1] if len(parts) == 3 else "msg"
@@ -347,7 +347,7 @@ def _is_type_name(operand: Json, value: Value, context: Context) -> bool:
 
 
 def _is_time(operand: Json, value: Value, context: Context) -> bool:
-    """`[seconds, nanoseconds]` in the spelling of the target's ROS generation (JSN-05)."""
+    """Match `[seconds, nanoseconds]` in the form of the target's ROS generation (JSN-05)."""
     keys = ("secs", "nsecs") if context.ros == 1 else ("sec", "nanosec")
     if not isinstance(operand, list) or not isinstance(value, dict) or set(value) != set(keys):
         return False
@@ -355,7 +355,7 @@ def _is_time(operand: Json, value: Value, context: Context) -> bool:
 
 
 def _is_now(_: Json, value: Value, context: Context) -> bool:
-    """A time near now; servers with clocks of their own get an hour."""
+    """Match a time near now; servers with their own clock may differ by an hour."""
     keys = ("secs", "nsecs") if context.ros == 1 else ("sec", "nanosec")
     if not isinstance(value, dict) or set(value) != set(keys):
         return False
@@ -366,7 +366,7 @@ def _is_now(_: Json, value: Value, context: Context) -> bool:
 
 
 def _is_base64(operand: Json, value: Value) -> bool:
-    """Standard padded base64 text of the bytes given in hexadecimal (JSN-01)."""
+    """Match standard padded base64 of bytes given in hexadecimal (JSN-01)."""
     return value == base64.b64encode(bytes.fromhex(str(operand))).decode()
 
 
@@ -398,7 +398,7 @@ _TESTS: Mapping[str, Callable[[dict[str, Json], Json, Value, Context], bool]] = 
 
 
 def _same(left: Value, right: Value) -> bool:
-    """Equality that tells 1 from true and from 1.0: an id comes back as it was (ENV-02)."""
+    """Match equal values, where 1, true and 1.0 differ: ids are returned unchanged (ENV-02)."""
     if isinstance(left, float) and isinstance(right, float):
         return left == right or (math.isnan(left) and math.isnan(right))
     return type(left) is type(right) and left == right

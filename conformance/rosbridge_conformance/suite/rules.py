@@ -1,4 +1,4 @@
-"""Rules that cases test, by id, and the reasons why some have no case."""
+"""Rules that cases test, by id, and reasons for rules without a case."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ _FOLDER = Path(__file__).parents[1]
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """One rule of the protocol as it is spoken in the field.
+    """Rule of the protocol as used in the field.
 
     Attributes:
-        levels: as in `MUST` or `MUST/COMPAT`.
-        text: what it says.
-        no_case: why no case of the server suite checks it, or "".
+        levels: requirement levels, such as `MUST` or `MUST/COMPAT`.
+        text: text of the rule.
+        no_case: reason why no case of the server suite tests it, or "".
     """
 
     id: str
@@ -27,7 +27,7 @@ class Rule:
 
 
 def load_rules() -> Mapping[str, Rule]:
-    """All rules of `rules.json`, with the reasons of `coverage.json`."""
+    """Return all rules of `rules.json`, with the reasons of `coverage.json`."""
     texts = json.loads((_FOLDER / "rules.json").read_text(encoding="utf-8"))
     reasons = json.loads((_FOLDER / "coverage.json").read_text(encoding="utf-8"))["without_case"]
     return {

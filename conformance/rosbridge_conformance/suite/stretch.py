@@ -1,8 +1,8 @@
-"""Cases that measure time, on the time of the server that is asked.
+"""Scaling of cases that measure time to the speed of the server.
 
-A case that is timed says its times for a server and a machine that answer at once. Where an answer takes
-longer, all its times become longer alike: what it waits, and the throttle that it asks for. What it asks
-about, the order of things and their relation, stays.
+The times in a timed case are for a server that responds at once. If responses take
+longer, all times are scaled: waits and requested throttles. The tested behaviour,
+their order and relation, stays the same.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from rosbridge_conformance.suite.case import (
 from rosbridge_conformance.suite.values import Json
 
 AT_ONCE = 0.02
-"""Seconds for an answer, or for all messages of a case, up to which its times are as its file says."""
+"""Maximum response time, or time for all messages of a case, without scaling, in seconds."""
 
 MOST = 8.0
-"""A server that is slower still is asked with times that are so many times longer."""
+"""Maximum scaling factor."""
 
 _THROTTLE = "throttle_rate"
 
 
 def factor(slowest: float) -> float:
-    """Return the factor for all times, for a server whose slowest answer took `slowest` seconds."""
+    """Return the scaling factor for a server whose slowest response took `slowest` seconds."""
     return min(MOST, max(1.0, slowest / AT_ONCE))
 
 
 def stretched(case: Case, times: float) -> Case:
-    """The case with all its times so many times longer."""
+    """Return the case with all its times scaled."""
     if times == 1.0:
         return case
     return replace(case, steps=tuple(_step(step, times) for step in case.steps))
@@ -56,7 +56,7 @@ def _step(step: Step, times: float) -> Step:
 
 
 def _throttled(body: Json, times: float) -> Json:
-    """A subscription with a longer throttle; it is in whole milliseconds, of which odd values may matter."""
+    """Return a subscription with a scaled throttle, in whole milliseconds; odd values stay odd."""
     if not isinstance(body, Mapping):
         return body
     rate = body.get(_THROTTLE)

@@ -12,25 +12,25 @@ from typing import Literal, get_args
 from rosbridge_conformance.suite.case import PROFILES, Case
 
 SHIPPED = Path(__file__).parents[1] / "targets"
-"""Servers that come with the suite; `--target NAME` finds them by name."""
+"""Target files of servers in the suite, for `--target NAME`."""
 
 SHIPPED_CLIENTS = Path(__file__).parents[1] / "targets-client"
-"""Client libraries that come with the suite."""
+"""Target files of client libraries in the suite."""
 
 Probe = Literal["loopback", "get_time"]
 
 FEATURES = ("auto-advertise", "call-timeout", "new-rosapi", "no-auth", "unasked-status")
-"""Optional things inside profiles that a target declares by name; cases ask for them in `needs`."""
+"""Optional features that a target declares by name; cases require them in `needs`."""
 
 CLIENT_FEATURES = ("tf-topics", "tf-service")
-"""The same for client libraries: how they ask tf2_web_republisher."""
+"""Optional features of client libraries: the interface of tf2_web_republisher that they use."""
 
 WIRE_FEATURES = ("messages", "lines", "stream", "several-clients")
-"""Features that follow from the URL and that no target declares."""
+"""Features that follow from the URL and are not declared."""
 
 
 class TargetError(ValueError):
-    """A target file that cannot be used; the text says which, where and what is expected."""
+    """A target file is invalid; the text gives file, location and expected value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,19 +38,19 @@ class Target:
     """A server or client library under test.
 
     Attributes:
-        name: for the reports.
-        ros: 1 or 2; decides how times look and which cases are asked.
-        type_names: whether introspection reports `pkg/Name` or `pkg/msg/Name`.
-        profiles: the parts of the protocol it claims.
-        features: optional things it claims.
+        name: name in reports.
+        ros: 1 or 2; determines the form of times and the selected cases.
+        type_names: form of type names in introspection, `pkg/Name` or `pkg/msg/Name`.
+        profiles: supported parts of the protocol.
+        features: supported optional features.
         settle: seconds until what one client did can be seen by another (discovery), at the most; after a
             case for clients, seconds in which nothing may come.
-        timeout: seconds to wait for a frame, at the most.
-        probe: how to ask whether a connection is alive; not used for clients.
-        auth_secret: what the AUTH cases compute the mac with, and other cases log in with.
-        expected: case id or glob → why it fails; a stale entry is an error.
-        unstable: case id or glob → why it fails in some runs and not in others.
-        alone: ids or globs of cases beside which no other may run, as they hold up all connections there.
+        timeout: maximum wait for a frame, in seconds.
+        probe: request that probes whether a connection is alive; not used for clients.
+        auth_secret: secret of the mac, in AUTH cases and for authentication in others.
+        expected: reason of an expected failure, by case id or glob; a stale entry is an error.
+        unstable: reason of an occasional failure, by case id or glob.
+        alone: ids or globs of cases that must run alone, because they block all connections of the server.
     """
 
     name: str = "unnamed server"
@@ -71,7 +71,7 @@ class Target:
         return self.ros in case.ros
 
     def missing(self, case: Case, wire_features: frozenset[str]) -> tuple[str, ...]:
-        """Return what the case requires and the target does not declare."""
+        """Return the features that the case requires and the target does not declare."""
         has = {*self.features, *self.profiles, *wire_features}
         needed = [] if case.profile in self.profiles else [f"profile {case.profile}"]
         return (*needed, *(name for name in case.needs if name not in has))
@@ -81,42 +81,42 @@ class Target:
         return case.alone or any(fnmatch.fnmatchcase(case.id, glob) for glob in self.alone)
 
     def reason(self, case_id: str) -> str | None:
-        """Why the case is expected to fail, always or at times, or None."""
+        """Return the reason for an expected failure, always or at times, or None."""
         known = (*self.expected.items(), *self.unstable.items())
         return next((why for key, why in known if fnmatch.fnmatchcase(case_id, key)), None)
 
 
 def shipped() -> tuple[str, ...]:
-    """Names of the servers that come with the suite."""
+    """Return the names of the servers in the suite."""
     return _names_in(SHIPPED)
 
 
 def shipped_clients() -> tuple[str, ...]:
-    """Names of the client libraries that come with the suite."""
+    """Return the names of the client libraries in the suite."""
     return _names_in(SHIPPED_CLIENTS)
 
 
 def find_target(name: str) -> Target:
-    """A server by file name, or by the name of a shipped one.
+    """Return a server by file name, or by the name of one in the suite.
 
     Raises:
-        TargetError: there is none, or it cannot be used.
+        TargetError: it does not exist, or is invalid.
     """
     return _find(name, SHIPPED, FEATURES)
 
 
 def find_client_target(name: str) -> Target:
-    """A client library, as `find_target`."""
+    """Return a client library, like `find_target`."""
     return _find(name, SHIPPED_CLIENTS, CLIENT_FEATURES)
 
 
 def with_known(target: Target, path: Path, suite: str) -> Target:
-    """The target with the failures of a file besides its own: its `[expected_failures]` and `[unstable]`.
+    """Return the target with the `[expected_failures]` and `[unstable]` of a file added.
 
     Args:
-        target: what is known without the file.
-        path: the file; its `suite` is the version that it is for.
-        suite: the version of the cases that are asked.
+        target: target without the file.
+        path: file; its `suite` is the version that it is for.
+        suite: version of the cases.
 
     Raises:
         TargetError: the file cannot be read, or was made for a suite in which other cases may fail.
@@ -162,7 +162,7 @@ def _find(name: str, folder: Path, features: tuple[str, ...]) -> Target:
 
 
 class _Fields:
-    """The fields of one target file, read one by one."""
+    """Parser of the fields of one target file."""
 
     _KNOWN = (
         "name", "ros", "type_names", "profiles", "features", "settle", "timeout", "probe", "auth_secret",

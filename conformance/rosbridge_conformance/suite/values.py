@@ -15,25 +15,25 @@ Value: TypeAlias = Union[bool, int, float, str, bytes, "Tagged", list["Value"], 
 
 @dataclass(frozen=True, slots=True)
 class Tagged:
-    """A CBOR tag (RFC 8949 section 3.4) and what it is put on."""
+    """CBOR tag (RFC 8949 section 3.4) with its content."""
 
     tag: int
     content: Value
 
 
 def as_value(value: Json) -> Value:
-    """The same value: every JSON value is one, though lists and dicts do not say so to a type checker."""
+    """Return the same value, typed: type checkers do not accept lists and dicts as JSON values."""
     return cast(Value, value)
 
 
 class NarrowFloat(float):
-    """A CBOR float that came in 16 or 32 bits (CBR-05 wants 64)."""
+    """CBOR float of 16 or 32 bits (CBR-05 requires 64)."""
 
     __slots__ = ()
 
 
 class NotJson(ValueError):
-    """Text that is not one JSON document; the text says why."""
+    """A text is not one JSON document; the message gives the reason."""
 
 
 def _refuse_constant(token: str) -> float:
@@ -41,10 +41,10 @@ def _refuse_constant(token: str) -> float:
 
 
 def read_json(text: str) -> Json:
-    """One JSON document, with NaN and Infinity refused as RFC 8259 says.
+    """Parse one JSON document without NaN and Infinity (RFC 8259).
 
     Raises:
-        NotJson: it is something else.
+        NotJson: the text is not valid.
     """
     try:
         value: Json = json.loads(text, parse_constant=_refuse_constant)
@@ -56,7 +56,7 @@ def read_json(text: str) -> Json:
 
 
 def as_text(value: Value) -> str:
-    """A value in one line, for people: JSON, with bytes and tags in a notation of their own."""
+    """Return a value in one line for people: JSON, with a notation for bytes and tags."""
     return json.dumps(_printable(value), ensure_ascii=False)
 
 
@@ -73,5 +73,5 @@ def _printable(value: Value) -> Json:
 
 
 def shorten(text: str) -> str:
-    """The text of a frame for one line."""
+    """Return the text of a frame in one line."""
     return text if len(text) <= 300 else f"{text[:240]}… ({len(text)} characters)"

@@ -1,4 +1,4 @@
-"""`auth` op, computed when it is sent because its times must be close to now (AUT-05, AUT-06)."""
+"""The `auth` op, computed when it is sent because its times must be close to now (AUT-05, AUT-06)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rosbridge_conformance.suite.values import Json
 
 
 def fill_auth(body: Json, secret: str | None) -> Json:
-    """Replace `{"$auth": {…}}` by an `auth` frame; all else stays.
+    """Replace `{"$auth": {…}}` by an `auth` frame; other frames stay unchanged.
 
     What is inside `$auth` overrides fields before the mac is made: `t` and `end` are seconds from now; `mac`
     is put in as it stands, `mac_length` cuts the right one short, `upper` writes it in capitals, `wrong_from`
@@ -40,6 +40,6 @@ def fill_auth(body: Json, secret: str | None) -> Json:
 
 
 def authentication_mac(secret: str, fields: dict[str, Json]) -> str:
-    """Lower-case hexadecimal SHA-512 over the fields as rosauth joins them (AUT-05)."""
+    """Return the lower-case hexadecimal SHA-512 of the fields joined as in rosauth (AUT-05)."""
     order = ("client", "dest", "rand", "t", "level", "end")
     return hashlib.sha512((secret + "".join(str(fields[name]) for name in order)).encode()).hexdigest()

@@ -1,7 +1,7 @@
 """Small CBOR reader (RFC 8949) for the frames that servers send.
 
-It keeps what the cases ask about: tags, byte strings, and floats that came in less than 64 bits. It refuses
-indefinite lengths, which clients in the field cannot read (CBR-08).
+It preserves tags, byte strings, and floats of less than 64 bits, which cases test. It rejects
+indefinite lengths, which clients in the field do not support (CBR-08).
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ _DEEPEST = 200
 
 
 class NotCbor(ValueError):
-    """Bytes that are not one definite-length CBOR item; the text says what and where."""
+    """Bytes are not one definite-length CBOR item; the text gives fault and offset."""
 
 
 def read_cbor(data: bytes) -> Value:
     """Decode exactly one item.
 
     Raises:
-        NotCbor: the bytes are cut short, continue after the item, or hold what this reader refuses.
+        NotCbor: the bytes are truncated, continue after the item, or are not supported by this reader.
     """
     reader = _Reader(data)
     value = reader.item(0)
@@ -52,7 +52,7 @@ class _Reader:
         raise NotCbor(f"indefinite or reserved length at byte {self.at - 1}")
 
     def item(self, depth: int) -> Value:
-        """The item at the reading position."""
+        """Return the item at the current offset."""
         if depth > _DEEPEST:
             raise NotCbor("nested too deeply")
         initial = self._take(1)[0]
@@ -115,7 +115,7 @@ _ELEMENTS = {
 
 
 def typed_array(value: Tagged) -> list[Value] | None:
-    """The elements of an RFC 8746 typed array, or None if the tag or its content is no such array."""
+    """Return the elements of an RFC 8746 typed array, or None if it is not one."""
     element = _ELEMENTS.get(value.tag)
     if element is None or not isinstance(value.content, bytes):
         return None
@@ -125,5 +125,5 @@ def typed_array(value: Tagged) -> list[Value] | None:
 
 
 def same_float(left: float, right: float) -> bool:
-    """Equality that also takes two NaN for equal."""
+    """Return True if two values are equal; NaN equals NaN."""
     return left == right or (math.isnan(left) and math.isnan(right))

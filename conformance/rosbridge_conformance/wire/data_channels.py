@@ -1,6 +1,6 @@
-"""Connections over WebRTC data channels: an offer by HTTP, and a channel for each connection.
+"""Connections over WebRTC data channels: an HTTP offer, and a channel for each connection.
 
-They share one peer connection, since each channel is a client of its own. Needs aiortc.
+They share one peer connection, because each channel is a separate client. Needs aiortc.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class DataChannelWire:
         self._channel.send(data)
 
     async def receive(self) -> str | bytes:
-        """The next message; raises WireClosed when there will be none."""
+        """Return the next message. Raises WireClosed at the end."""
         received = await self._received.get()
         if received is None:
             self._received.put_nowait(None)
@@ -50,7 +50,7 @@ class DataChannels:
     """A peer connection to one server.
 
     Args:
-        url: of the server, `webrtc+http://` or `webrtc+https://`.
+        url: URL of the server, `webrtc+http://` or `webrtc+https://`.
     """
 
     def __init__(self, url: str) -> None:
@@ -62,7 +62,7 @@ class DataChannels:
         self._opening = asyncio.Lock()
 
     async def dial(self, tag: str) -> Wire:
-        """Open one more channel. Raises WireError."""
+        """Open a channel. Raises WireError."""
         async with self._opening:
             try:
                 async with asyncio.timeout(_OPEN_SECONDS):

@@ -13,15 +13,15 @@ _WITH_HOST = ("ws", "wss", "webrtc+http", "webrtc+https")
 
 
 class BadAddress(Exception):
-    """The URL of the server cannot be read."""
+    """The URL of the server is invalid."""
 
 
 def dialer(url: str) -> Dial:
-    """Return what connects to a server.
+    """Return the function that connects to a server.
 
     Raises:
-        BadAddress: the URL has another scheme than ws, wss, tcp, unix, stdio, webrtc+http or webrtc+https,
-            or lacks what its scheme needs.
+        BadAddress: the scheme is not ws, wss, tcp, unix, stdio, webrtc+http or webrtc+https, or the URL
+            is incomplete.
     """
     parts = urlsplit(url)
     try:
@@ -52,7 +52,7 @@ def dialer(url: str) -> Dial:
 
 def _data_channels(url: str) -> Dial:
     try:
-        from rosbridge_conformance.wire.data_channels import DataChannels  # An extra that few need.
+        from rosbridge_conformance.wire.data_channels import DataChannels  # An optional dependency.
     except ImportError as missing:
         raise BadAddress(f"{url}: WebRTC needs aiortc: pip install aiortc ({missing})") from missing
     return DataChannels(url).dial

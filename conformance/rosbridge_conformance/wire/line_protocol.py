@@ -34,7 +34,7 @@ COMMANDS: Final[Mapping[str, tuple[str, ...]]] = {
     "set_level": ("level", "id"),
     "authenticate": ("mac", "client", "dest", "rand", "t", "level", "end"),
 }  # fmt: skip
-"""Commands and the keys that each takes. `as` names what is made, `of` says what was made before."""
+"""Commands and their keys. `as` names a new object, `of` refers to an existing one."""
 
 EVENTS: Final[Mapping[str, tuple[str, ...]]] = {
     "message": ("of", "value"),
@@ -54,8 +54,8 @@ EVENTS: Final[Mapping[str, tuple[str, ...]]] = {
 """Events of a program, and their keys besides `event`."""
 
 ASIDE: Final = ("status", "closed", "complaint", "uncaught")
-"""Events that a step hears only if it asks for them, and that may come at any time.
+"""Events that may occur at any time; only steps that expect them receive them.
 
-A library complains where it reports an error; an exception that reaches nobody is `uncaught`, which lets a
-case pass as non-strict at best.
+A library reports errors as `complaint`; an unhandled exception is `uncaught`, with which a
+case is non-strict at best.
 """

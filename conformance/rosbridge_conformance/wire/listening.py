@@ -1,4 +1,4 @@
-"""WebSocket server of the suite, whose connections are played by a case."""
+"""WebSocket server of the suite, whose connections are controlled by a case."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Listener:
     """WebSocket listener for the client under test.
 
     Attributes:
-        url: with the port that was free.
+        url: URL with the actual port.
     """
 
     def __init__(self, url: str, arrived: asyncio.Queue[Wire], gate: asyncio.Event) -> None:
@@ -26,12 +26,12 @@ class Listener:
         self._gate = gate
 
     async def accept(self) -> Wire:
-        """The next connection; whoever was kept waiting is let in."""
+        """Return the next connection, after accepting one whose handshake was delayed."""
         self._gate.set()
         return await self._arrived.get()
 
     def keep_waiting(self) -> None:
-        """Let connections wait for the answer to their handshake until they are accepted."""
+        """Delay handshakes of connections until they are accepted."""
         self._gate.clear()
 
     @property
@@ -45,7 +45,7 @@ async def listen(url: str) -> AsyncIterator[Listener]:
     """Listen; leaving closes every connection.
 
     Raises:
-        WireError: the URL is no ws://HOST:PORT, or the port is taken.
+        WireError: the URL is not ws://HOST:PORT, or the port is in use.
     """
     parts = urlsplit(url)
     if parts.scheme != "ws" or parts.hostname is None or parts.port is None:
@@ -79,4 +79,4 @@ async def listen(url: str) -> AsyncIterator[Listener]:
         try:
             yield Listener(f"ws://{host}:{port}", arrived, gate)
         finally:
-            gate.set()  # The server waits for whoever is let in.
+            gate.set()  # Release delayed handshakes: the server waits for them.

@@ -7,31 +7,31 @@ from typing import Protocol
 
 
 class Pace(Protocol):
-    """A clock that can be waited on."""
+    """Clock with waits."""
 
     def now(self) -> float:
-        """Seconds since any fixed moment."""
+        """Return the seconds since a fixed time."""
 
     async def sleep(self, seconds: float) -> None:
-        """Let time pass."""
+        """Wait for some seconds."""
 
     async def wait(self, event: asyncio.Event, seconds: float) -> bool:
-        """Wait for an event for at most so long; whether it came."""
+        """Wait for an event. Returns False after the timeout."""
 
 
 class RealPace:
-    """The time of this machine."""
+    """Clock of this machine."""
 
     def now(self) -> float:
-        """Seconds of the event loop's clock."""
+        """Return the seconds of the event loop's clock."""
         return asyncio.get_running_loop().time()
 
     async def sleep(self, seconds: float) -> None:
-        """Let time pass."""
+        """Wait for some seconds."""
         await asyncio.sleep(seconds)
 
     async def wait(self, event: asyncio.Event, seconds: float) -> bool:
-        """Wait for an event for at most so long; whether it came."""
+        """Wait for an event. Returns False after the timeout."""
         try:
             async with asyncio.timeout(seconds):
                 await event.wait()

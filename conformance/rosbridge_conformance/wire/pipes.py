@@ -12,7 +12,7 @@ from pathlib import Path
 from rosbridge_conformance.wire.wires import StreamWire, Wire, WireError
 
 SOCKET = "{socket}"
-"""Stands in a command for the path of a Unix socket on which the program takes further clients."""
+"""Placeholder in a command for the path of a Unix socket for further clients."""
 
 _START_SECONDS = 20.0
 _END_SECONDS = 5.0
@@ -20,10 +20,10 @@ _LOOK_AGAIN = 0.02
 
 
 class Programs:
-    """Servers that are started for one case each.
+    """Server programs, started for each case.
 
-    A program ends with the client on its pipes. Where its command has ``{socket}`` in it, for example
-    ``rwt serve stdio: unix://{socket}``, the other clients of the case reach it there.
+    A program ends with the client on its pipes. If its command contains ``{socket}``, for example
+    ``rwt serve stdio: unix://{socket}``, the other clients of the case connect to this socket.
     """
 
     def __init__(self, command: list[str]) -> None:
@@ -33,7 +33,7 @@ class Programs:
         weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
 
     async def dial(self, tag: str) -> Wire:
-        """The pipes of a new program, or one more connection to that of the same case.
+        """Return the pipes of a new program, or another connection to the program of the same case.
 
         Raises:
             WireError: it cannot be started, or does not listen.
@@ -100,7 +100,7 @@ class _Program(StreamWire):
         raise WireError(f"the program ended, or did not listen on unix://{socket}")
 
     async def send(self, data: str | bytes) -> None:
-        """Send one message and a line break, which ends it where messages are lines."""
+        """Send one message and a line break, which delimits messages in lines."""
         await super().send(data + "\n" if isinstance(data, str) else data)
 
     async def close(self, *, abruptly: bool = False) -> None:

@@ -13,12 +13,12 @@ _COLOUR_MANAGEMENT = {b"gAMA", b"iCCP", b"sRGB", b"cHRM", b"tRNS"}
 
 
 class NotPng(ValueError):
-    """Data that is no picture a rosbridge client can read; the text says why and names the rule."""
+    """Data is not an image that rosbridge clients can read; the text gives reason and rule."""
 
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """Width and height in pixels, and three bytes for each pixel in row order."""
+    """Image: width and height in pixels, and three bytes per pixel in row order."""
 
     width: int
     height: int

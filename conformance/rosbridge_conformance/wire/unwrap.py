@@ -12,7 +12,7 @@ from rosbridge_conformance.wire.png import NotPng, read_data
 
 
 def decode_text(raw: str | bytes) -> Value | Difference:
-    """The value of a frame that should be JSON in a text frame."""
+    """Return the value of a JSON text frame."""
     if isinstance(raw, bytes):
         return Difference("", "a text frame", f"a binary frame of {len(raw)} bytes")
     try:
@@ -22,7 +22,7 @@ def decode_text(raw: str | bytes) -> Value | Difference:
 
 
 def decode_cbor(raw: str | bytes) -> Value | Difference:
-    """The value of a frame that should be CBOR in a binary frame."""
+    """Return the value of a CBOR binary frame."""
     if isinstance(raw, str):
         return Difference("", "a binary frame with CBOR", shorten(raw))
     try:
@@ -32,7 +32,7 @@ def decode_cbor(raw: str | bytes) -> Value | Difference:
 
 
 def open_png(frame: Value) -> str | Difference:
-    """The text in the picture of a `png` op (PNG-01 to PNG-07)."""
+    """Return the text in the image of a `png` op (PNG-01 to PNG-07)."""
     if not isinstance(frame, dict) or frame.get("op") != "png":
         return Difference("op", '"png"', as_text(frame))
     data = frame.get("data")
@@ -73,7 +73,7 @@ def first_fault_of_fragment(frame: Value, number: int, size: int) -> Difference 
 
 
 def join_fragments(frames: Sequence[dict[str, Value]], size: int) -> str | Difference:
-    """The text of fragments that are right one by one."""
+    """Return the joined text of valid fragments."""
     first = frames[0]
     for frame in frames:
         for key in ("id", "total"):

@@ -16,21 +16,21 @@ from websockets.asyncio.connection import Connection
 from websockets.exceptions import ConnectionClosed, InvalidHandshake, InvalidStatus, InvalidURI
 
 MESSAGE_BYTES = 16 * 1024 * 1024
-"""Largest message that is received."""
+"""Maximum size of a received message."""
 
 _READ_SIZE = 65536
 _OPEN_SECONDS = 10.0
 
 _CLOSE_SECONDS = 1.0
-"""Seconds for a goodbye of the server; the connection is closed in any case."""
+"""Timeout of the closing handshake in seconds; the connection is closed in any case."""
 
 
 class WireError(Exception):
-    """A connection that cannot be made; the text says where to and why."""
+    """A connection cannot be opened; the text gives address and reason."""
 
 
 def _why(error: Exception) -> str:
-    """Why there is no connection, in words of the suite."""
+    """Return the reason of a failed connection, in the suite's words."""
     match error:
         case ConnectionRefusedError():
             return "nobody listens there"
@@ -48,14 +48,16 @@ def _why(error: Exception) -> str:
             return "it does not speak TLS"
         case OSError(errno=int(number)):
             return os.strerror(number)
-    return "nobody listens there"  # asyncio joins what several addresses of a host said, without a number.
+    return (
+        "nobody listens there"  # asyncio joins the errors of several addresses of a host, without an errno.
+    )
 
 
 class WireClosed(Exception):
     """The other side closed the connection.
 
     Attributes:
-        code: of the WebSocket close frame, 1006 if there was none; 0 on other wires.
+        code: code of the WebSocket close frame, 1006 without one; 0 on other wires.
     """
 
     def __init__(self, code: int) -> None:
@@ -64,27 +66,27 @@ class WireClosed(Exception):
 
 
 class Wire(Protocol):
-    """One open connection."""
+    """Open connection."""
 
     async def send(self, data: str | bytes) -> None:
         """Send one message: text, or bytes as a binary frame. Raises WireClosed."""
 
     async def receive(self) -> str | bytes:
-        """The next message; raises WireClosed when there will be none."""
+        """Return the next message. Raises WireClosed at the end."""
 
     async def close(self, *, abruptly: bool = False) -> None:
-        """End the connection, with or without a goodbye."""
+        """Close the connection, or cut it."""
 
 
 Dial: TypeAlias = Callable[[str], Awaitable[Wire]]
-"""Opens one more connection to the server under test. It is given the tag of the case: a server that is a
-program is started for each case, and further connections of the case are to the same one."""
+"""Opens a connection to the server under test, for the tag of a case: a server that is a
+program is started for each case, and further connections of the case reach the same one."""
 
 Framing: TypeAlias = Literal["messages", "lines", "stream"]
 
 
 def framing_of(url: str) -> Framing:
-    """Return how a wire delimits messages: by itself, by line breaks, or not at all."""
+    """Return how a wire delimits messages: by frames, by line breaks, or not at all."""
     scheme = urlsplit(url).scheme
     if scheme in ("ws", "wss", "webrtc+http", "webrtc+https"):
         return "messages"
@@ -92,7 +94,7 @@ def framing_of(url: str) -> Framing:
 
 
 class WebSocketWire:
-    """A WebSocket connection, whoever opened it."""
+    """WebSocket connection of either side."""
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
@@ -122,21 +124,21 @@ class WebSocketWire:
             raise WireClosed(error.rcvd.code if error.rcvd else 1006) from error
 
     async def receive(self) -> str | bytes:
-        """The next message; raises WireClosed when there will be none."""
+        """Return the next message. Raises WireClosed at the end."""
         try:
             return await self._connection.recv()
         except ConnectionClosed as error:
             raise WireClosed(error.rcvd.code if error.rcvd else 1006) from error
 
     async def close(self, *, abruptly: bool = False) -> None:
-        """End the connection, with or without a goodbye."""
+        """Close the connection, or cut it."""
         if abruptly:
             self._connection.transport.abort()
         await self._connection.close()
 
 
 class JsonCutter:
-    """Cuts a stream of characters into JSON objects by counting braces outside strings (TCP-01)."""
+    """Splitter of a stream of characters into JSON objects, by braces outside strings (TCP-01)."""
 
     def __init__(self) -> None:
         self._text = ""
@@ -148,11 +150,11 @@ class JsonCutter:
 
     @property
     def pending(self) -> int:
-        """Characters of an object that has not ended."""
+        """Number of characters of an incomplete object."""
         return len(self._text)
 
     def feed(self, text: str) -> list[str]:
-        """The objects that end in this piece."""
+        """Return the objects that end in this piece."""
         self._text += text
         objects: list[str] = []
         while self._at < len(self._text):
@@ -181,7 +183,7 @@ class JsonCutter:
 
 
 class StreamWire:
-    """JSON objects one after another on a stream of bytes."""
+    """Connection with JSON objects on a byte stream."""
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._reader = reader
@@ -210,7 +212,7 @@ class StreamWire:
             raise WireClosed(0) from error
 
     async def receive(self) -> str | bytes:
-        """The next object; raises WireClosed when there will be none."""
+        """Return the next object. Raises WireClosed at the end."""
         while not self._ready:
             try:
                 data = await self._reader.read(_READ_SIZE)
@@ -225,11 +227,11 @@ class StreamWire:
         return self._ready.pop(0)
 
     async def close(self, *, abruptly: bool = False) -> None:
-        """End the connection, with or without a goodbye."""
+        """Close the connection, or cut it."""
         if abruptly:
             self._writer.transport.abort()
         self._writer.close()
         try:
             await self._writer.wait_closed()
         except OSError:
-            return  # The peer was faster, which is as closed as can be.
+            return  # The peer closed it first.

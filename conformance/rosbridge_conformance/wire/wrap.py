@@ -1,4 +1,4 @@
-"""Wrapping of frames for a client library, as servers do it: CBOR, png, fragments."""
+"""Wrapping of frames for a client library: CBOR, png, fragments."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 
 
 def wrap(frame: Json, via: Sequence[str], fragment_size: int, fragment_id: str) -> list[str | bytes]:
-    """Return what is sent for one frame, with the innermost wrapping first.
+    """Return the frames to send for one frame and its wrappings, innermost first.
 
     Args:
         frame: the frame; for CBOR, bytes are `{"$bytes": hex}` and tags `{"$tag": n, "$content": …}`.
-        via: out of png, cbor and fragments.
+        via: wrappings: png, cbor and fragments.
         fragment_size: characters of text in each fragment.
-        fragment_id: a string that is not empty.
+        fragment_id: non-empty string.
     """
     texts = [json.dumps(frame)]
     for wrapping in via:
@@ -37,7 +37,7 @@ def wrap(frame: Json, via: Sequence[str], fragment_size: int, fragment_id: str) 
 
 
 def fragments(text: str, size: int, mark: str) -> list[str]:
-    """The text in `fragment` ops, in order, zero based (FRG-01, FRG-02)."""
+    """Return the text as `fragment` ops, in order, numbered from zero (FRG-01, FRG-02)."""
     parts = [text[start : start + size] for start in range(0, len(text), size)]
     return [
         json.dumps({"op": "fragment", "id": mark, "data": part, "num": number, "total": len(parts)})
@@ -46,7 +46,7 @@ def fragments(text: str, size: int, mark: str) -> list[str]:
 
 
 def png(text: str) -> bytes:
-    """A picture whose pixels are the text: 8-bit RGB, padded with line breaks (PNG-02, PNG-03)."""
+    """Return a PNG whose pixels are the text: 8-bit RGB, padded with line breaks (PNG-02, PNG-03)."""
     data = text.encode()
     width = max(1, math.isqrt(len(data) // 3))
     height = math.ceil(len(data) / 3 / width)
@@ -62,7 +62,7 @@ def _chunk(kind: bytes, data: bytes) -> bytes:
 
 
 def cbor(value: Json) -> bytes:
-    """Definite lengths, least integers, floats of 64 bits (RFC 8949; CBR-01, CBR-05)."""
+    """Encode in CBOR: definite lengths, shortest integers, floats of 64 bits (RFC 8949; CBR-01, CBR-05)."""
     if value is None or isinstance(value, bool):
         return {None: b"\xf6", False: b"\xf4", True: b"\xf5"}[value]
     if isinstance(value, int):
@@ -83,7 +83,7 @@ def cbor(value: Json) -> bytes:
 
 
 def _head(major: int, count: int) -> bytes:
-    """A type and a count in the fewest bytes (RFC 8949 section 3)."""
+    """Encode a major type and a count in the fewest bytes (RFC 8949 section 3)."""
     first = major << 5
     if count < 24:
         return bytes([first | count])

@@ -1,1 +1,1 @@
-"""From one sample in the graph to many clients: shared publishers, fan-out, throttling, drop notices."""
+"""Delivery of samples from the graph to clients: shared publishers, fan-out, throttling, drop notices."""

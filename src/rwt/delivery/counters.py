@@ -1,4 +1,4 @@
-"""Counters of a gateway since it began: integers on objects that the hot path holds anyway."""
+"""Counters of a gateway: integers on objects that the hot path uses anyway."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ if TYPE_CHECKING:
     from rwt_transports.endpoint import DropReason, Traffic
 
 MAX_TOPICS = 1000
-"""The most topics that are remembered; clients choose their names. Those not in use are forgotten first."""
+"""Maximum number of topics with counters; clients choose the names. Unused ones are removed first."""
 
 
 UNKNOWN = "unknown"
-"""The op of a message that names none of the protocol's."""
+"""Op counted for messages whose op is unknown."""
 
 
 class EncodingCounts:
@@ -31,10 +31,10 @@ class TopicCounts:
 
     Attributes:
         received: messages that clients published.
-        received_bytes: bytes of their payloads, as they came.
-        sent: by encoding.
-        dropped: samples that did not go to a client, by reason.
-        users: shared publishers and fan-outs that count here now.
+        received_bytes: bytes of their payloads as received.
+        sent: counters by encoding.
+        dropped: samples that were not sent to a client, by reason.
+        users: number of shared publishers and fan-outs that use the counters.
     """
 
     __slots__ = ("dropped", "received", "received_bytes", "sent", "topic", "users")
@@ -52,7 +52,7 @@ class TopicCounts:
         return self.sent.setdefault(name, EncodingCounts())
 
     def drop(self, reason: DropReason) -> None:
-        """Count a sample that did not go to a client."""
+        """Count a sample that was not sent to a client."""
         self.dropped[reason] = self.dropped.get(reason, 0) + 1
 
 
@@ -60,10 +60,10 @@ class Counters:
     """Counters of a gateway.
 
     Attributes:
-        topics: by absolute name.
-        refusals: by op; what names no op of the protocol is `unknown`.
-        clients: clients so far.
-        present: clients here now that have no connection of their own, and come with each request.
+        topics: counters by absolute name.
+        refusals: rejections by op; unknown ops count as `unknown`.
+        clients: number of clients since the start.
+        present: number of present clients without a connection (HTTP).
         calls: service calls.
         goals: goals sent to actions.
         missed_deadlines: deadlines of publishers and of subscriptions.
@@ -106,7 +106,7 @@ class Counters:
             self._unused[counts.topic] = None
 
     def _forget_one(self) -> None:
-        # Not looked for among all topics: with 10,000 in use that would be most of what a new one costs.
+        # No search among all topics: with 10,000 in use, it would dominate the cost of a new one.
         name = next(iter(self._unused), None)
         if name is not None:
             del self._unused[name], self.topics[name]

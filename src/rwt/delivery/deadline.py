@@ -1,4 +1,4 @@
-"""Noticing that no message has come within a deadline: one timer, and one clock reading per message."""
+"""Detection of missed deadlines: one timer, and one clock reading per message."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ if TYPE_CHECKING:
     from rwt_participant.timers import Timer
 
 SHORTEST: Final = 0.01
-"""Seconds; a deadline below it is watched as if it were this one."""
+"""Minimum deadline in seconds; shorter ones count as this."""
 _SAME_MOMENT: Final = 1e-6
-"""Two clock readings this close, in seconds, are the same moment: sums of floats round."""
+"""Tolerance of clock readings in seconds, because sums of floats round."""
 
 
 class DeadlineWatch:
-    """Calls `on_missed` once for each period of `seconds` without a call of :meth:`met`."""
+    """Watchdog that calls `on_missed` once for each period of `seconds` without a call of :meth:`met`."""
 
     __slots__ = ("_clock", "_last", "_on_missed", "_seconds", "_timer")
 

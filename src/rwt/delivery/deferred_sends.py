@@ -38,7 +38,7 @@ class DeferredSends:
         self._is_scheduled = self._is_stepping = False
 
     def add(self, steps: Iterator[None], send: Callable[[], None]) -> None:
-        """Call `send` after `steps` and all samples that wait already: before this returns, if that is
+        """Call `send` after `steps` and all queued samples: before this returns, if that is
         fast."""
         self.waiting.append((steps, send))
         self._added += 1
@@ -46,7 +46,7 @@ class DeferredSends:
             self._go_on()
 
     def steps(self) -> Iterator[None]:
-        """Take the steps of all samples that wait now, and send them."""
+        """Run the steps of all samples queued now, and send them."""
         last = self._added
         while self._sent < last and self.waiting:
             self._step()
@@ -59,7 +59,7 @@ class DeferredSends:
             self._step()
 
     def clear(self) -> None:
-        """Drop all samples that wait."""
+        """Drop all queued samples."""
         self.waiting.clear()
         self._sent = self._added
 

@@ -1,4 +1,4 @@
-"""Tells a client which samples did not reach it, and why: at most one notice per topic and second."""
+"""Notices to a client about dropped samples and the reason: at most one per topic and second."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ _BECAUSE: Final = {
 class DropNotices:
     """Samples of one topic that one client did not get.
 
-    What a client asked to have dropped (`throttle_rate`) is counted only. The rest is reported: a second
+    Drops that a client requested (`throttle_rate`) are only counted. Others are reported: a second
     after the first drop, with the count since the subscription began.
 
     Args:
-        topic: as the client spells it.
-        describe: what is said of samples that were lost, by the reason and how many they are.
+        topic: name in the client's spelling.
+        describe: returns the text of a notice for a reason and a number of samples.
     """
 
     def __init__(
@@ -61,26 +61,26 @@ class DropNotices:
         self._unreported: set[str] = set()
         self._timer: Timer | None = None
         self._logged = float("-inf")
-        self._last = ""  # Last notice: an equal one says nothing new.
+        self._last = ""  # Last notice, which is not repeated.
 
     def withheld(self, reason: DropReason) -> None:
         """Count a sample that the throttle dropped, as the client requested."""
         self._counts.drop(reason)
 
     def dropped(self, reason: DropReason) -> None:
-        """Count a sample that was dropped on its way to the client."""
+        """Count a sample that was dropped, and report it."""
         self._counts.drop(reason)
         self._total[reason] = self._total.get(reason, 0) + 1
         self._schedule(reason)
 
     def deadline_missed(self) -> None:
-        """No sample came within the time that the client expects one in."""
+        """Report a missed deadline of the subscription."""
         self._deadlines += 1
         self._counters.missed_deadlines += 1
         self._schedule("deadline")
 
     def close(self) -> None:
-        """Report nothing more."""
+        """Stop reporting."""
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
@@ -128,7 +128,7 @@ class NoticeFlow:
         self._flow: Flow | None = None
 
     def send(self, frame: Frame) -> None:
-        """Send a notice in place of one that still waits."""
+        """Send a notice in place of a queued one."""
         if self._flow is None:
             self._flow = self._sink.flow(f"status of {self._topic}", FlowRules(depth=1, notes=True))
         self._flow.send(frame)

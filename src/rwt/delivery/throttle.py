@@ -1,4 +1,4 @@
-"""When a sample may go to one client: throttle and queue, by the THR rules, and how old it may be."""
+"""Throttle of one client's topic: rate, queue and lifespan, by the THR rules."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rwt_protocol.frames import Burst, Frame
     from rwt_transports.endpoint import Flow
 
-#: Two clock readings this close, in seconds, are the same moment: sums of floats round.
+#: Tolerance of clock readings in seconds, because sums of floats round.
 _SAME_MOMENT = 1e-6
 
 
@@ -28,7 +28,7 @@ def _refuse(_burst: Burst) -> bool:
 
 
 SendTo = Callable[[Callable[["Frame"], None]], None]
-"""Gives the frame of a sample to a function: now, or once it is encoded."""
+"""Passes the frame of a sample to a function: now, or once it is encoded."""
 
 
 class Room:
@@ -95,11 +95,11 @@ class Throttle:
 
     @property
     def join(self) -> Callable[[Burst], bool]:
-        """Lets a burst of an open gate go; where messages are sent in pieces, each goes by itself."""
+        """Function that queues a burst of an open gate; fragmented messages are sent separately."""
         return _refuse if self._piece else self._flow.join
 
     def cut_to(self, size: int) -> None:
-        """Send what is longer than `size` characters in pieces; 0 sends everything whole (FRG-20)."""
+        """Send messages of more than `size` characters in fragments; 0: never (FRG-20)."""
         self._piece = size
 
     def _send_pieces(self, frame: Frame) -> None:
@@ -127,14 +127,14 @@ class Throttle:
         self._last = max(self._last, at)
 
     def watch(self, lifespan_ns: int, deadline: DeadlineWatch | None) -> None:
-        """Send nothing older than `lifespan_ns` (0: any age), and tell `deadline` of every sample."""
+        """Drop samples older than `lifespan_ns` (0: any age), and notify `deadline` of every sample."""
         self._lifespan_ns = lifespan_ns
         if self._deadline is not None:
             self._deadline.close()
         self._deadline = deadline
 
     def offer(self, sample: Sample, send_to: SendTo) -> None:
-        """Take one sample: send it now, keep it for later, or drop it."""
+        """Process one sample: send it now, queue it, or drop it."""
         if self._deadline is not None:
             self._deadline.met()
         if not self._queue and self._due():
@@ -166,7 +166,7 @@ class Throttle:
         return sample, send_to
 
     def close(self) -> None:
-        """Drop what is queued, and what is being encoded (THR-07)."""
+        """Drop queued samples, and those being encoded (THR-07)."""
         self._is_closed = True
         self._stop_timer()
         while self._queue:

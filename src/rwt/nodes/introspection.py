@@ -34,7 +34,7 @@ _NOBODY: Final = bytes(16)
 
 
 class NotObservable(Exception):
-    """The calls of the graph cannot be published: it is a ROS 1 graph, or its backend does not see them."""
+    """The calls of the graph cannot be observed: it is a ROS 1 graph, or its backend does not see them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +121,7 @@ class Introspection(CallObserver):
         known, publisher = self._publishers.get(topic, ("", None))
         if publisher is not None and known == type_name:
             return publisher
-        if publisher is not None:  # The service is offered again, with another type.
+        if publisher is not None:  # The service was offered again with another type.
             del self._publishers[topic]
             publisher.close()
         try:

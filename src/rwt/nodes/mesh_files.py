@@ -24,8 +24,8 @@ logger = logging.getLogger(__name__)
 
 PATH: Final = "/packages/"
 
-#: What a scene is made of. Packages hold more, and some of it, as a launch file with a password, is not for
-#: every client.
+#: Extensions of served files, those of scenes. Packages contain other files, such as launch files with
+#: passwords, which are not for every client.
 CONTENT_TYPES: Final[Mapping[str, str]] = MappingProxyType(
     {
         ".dae": "model/vnd.collada+xml",
@@ -82,7 +82,7 @@ class MeshFiles:
         for folder in folders:
             for root in _packages(folder):
                 self._roots.setdefault(package_name(root), root)
-        # A robot's looks are no secret of one topic.
+        # The appearance of a robot needs no right to one topic.
         self.http: Final = HttpExtension((Route(f"{PATH}*", self._page, Audience.ADMITTED),))
 
     @property
@@ -100,7 +100,7 @@ class MeshFiles:
             known = ", ".join(self.names)
             return _refusal(404, f"there is no package {package!r} here; there is {known}")
         path = _below(root, rest)
-        if path is None or not isfile(path):  # which has no exceptions for names that are too long
+        if path is None or not isfile(path):  # raises no exceptions for names that are too long
             return _refusal(404, f"package {package} has no file {rest!r}")
         if self._within and not any(path.resolve().is_relative_to(each) for each in self._within):
             return _refusal(
@@ -129,7 +129,7 @@ def _packages(folder: Path) -> Iterator[Path]:
 def _walk(folder: Path, seen: set[Path]) -> Iterator[Path]:
     """Iterate over the folders with a `package.xml`, without descending into them."""
     if folder.resolve() in seen:
-        return  # a link to where the walk has been
+        return  # a link to a visited folder
     seen.add(folder.resolve())
     if (folder / "package.xml").is_file():
         yield folder
@@ -158,7 +158,7 @@ def _file(path: Path, content_type: str, known_tag: str) -> HttpResponse:
     except OSError as error:
         return _refusal(403, f"{path.name} cannot be read: {error.strerror}")
     tag = f'"{state.st_mtime_ns:x}-{state.st_size:x}"'
-    # "no-cache" lets a browser keep it and ask each time whether it still holds (RFC 9111 section 5.2.2.4).
+    # With "no-cache", browsers store it and revalidate it on each use (RFC 9111 section 5.2.2.4).
     headers = {"ETag": tag, "Cache-Control": "no-cache"}
     if tag in known_tag:
         return HttpResponse(b"", 304, content_type, headers)

@@ -1,4 +1,4 @@
-"""Battery that empties, faster while the robot drives, and its topic `/battery_state`."""
+"""Battery that drains, faster while the robot drives, and its topic `/battery_state`."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Battery:
 
     Attributes:
         level: 1.0 full, 0.0 empty.
-        current: what is drawn now, amperes.
+        current: current draw, amperes.
     """
 
     def __init__(self) -> None:
@@ -35,11 +35,11 @@ class Battery:
 
     @property
     def voltage(self) -> float:
-        """Volts at this level."""
+        """Voltage at this level."""
         return EMPTY_VOLTAGE + (FULL_VOLTAGE - EMPTY_VOLTAGE) * self.level
 
     def swap(self) -> None:
-        """Replace the battery by a full one."""
+        """Recharge the battery."""
         self.level = 1.0
 
     def drain(self, velocity: Velocity, seconds: float) -> None:
@@ -51,7 +51,7 @@ class Battery:
 
 
 class BatteryPublisher:
-    """Publishes `/battery_state`."""
+    """Publisher of `/battery_state`."""
 
     def __init__(self, node: Node, battery: Battery) -> None:
         self._node = node
@@ -60,7 +60,7 @@ class BatteryPublisher:
         self._states = node.advertise("battery_state", "sensor_msgs/BatteryState")
 
     def publish(self) -> None:
-        """Publish the state of this moment."""
+        """Publish the current state."""
         battery = self._battery
         self._states.publish(
             {

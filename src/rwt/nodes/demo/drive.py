@@ -1,4 +1,4 @@
-"""A differential drive: two driven wheels, what they are asked for, and where that takes the robot."""
+"""A differential drive: two wheels, velocity commands, and the resulting motion."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from rwt.nodes.demo.world.map import World
 
-#: Longest way between two collision checks, metres; far less than any wall is thick.
+#: Maximum distance between two collision checks, metres; far less than the thickness of walls.
 _CHECK_EVERY = 0.02
 
 
@@ -28,7 +28,7 @@ class Chassis:
 
 @dataclass(slots=True)
 class MotorLimits:
-    """MotorLimits of the motors, in m/s, rad/s, m/s² and rad/s²."""
+    """Limits of the motors, in m/s, rad/s, m/s² and rad/s²."""
 
     speed: float = 0.8
     turn_rate: float = 2.0
@@ -38,7 +38,7 @@ class MotorLimits:
 
 @dataclass(frozen=True, slots=True)
 class Velocity:
-    """Forwards in m/s and counterclockwise in rad/s."""
+    """Velocity: forwards in m/s, counterclockwise in rad/s."""
 
     linear: float = 0.0
     angular: float = 0.0
@@ -56,11 +56,11 @@ class DifferentialDrive:
     """Motion of the robot, step by step: pose, velocity and wheel angles.
 
     Attributes:
-        limits: may be changed at any time.
-        pose: in the map frame.
-        velocity: what the robot does now.
-        left_angle: how far the left wheel has turned since the start, radians.
-        right_angle: how far the right wheel has turned since the start, radians.
+        limits: limits of the motors; may be changed at any time.
+        pose: pose in the map frame.
+        velocity: current velocity.
+        left_angle: rotation of the left wheel since the start, radians.
+        right_angle: rotation of the right wheel since the start, radians.
         enabled: True if the motors have power.
         bumped: True if the last step ended at something solid.
     """
@@ -73,7 +73,7 @@ class DifferentialDrive:
         self.reset()
 
     def reset(self) -> None:
-        """Stand at the start of the world with the wheels at zero. The motors stay as they are."""
+        """Return to the start with the wheels at zero. The motors keep their state."""
         self.pose = self._world.start
         self.velocity = STANDSTILL
         self.left_angle = 0.0
@@ -81,11 +81,11 @@ class DifferentialDrive:
         self.bumped = False
 
     def stop(self) -> None:
-        """Stand still at once, as brakes do."""
+        """Stop at once, as with brakes."""
         self.velocity = STANDSTILL
 
     def step(self, wanted: Velocity, seconds: float) -> None:
-        """Follow `wanted` within the limits for `seconds`; something solid in the way stops the robot."""
+        """Follow `wanted` within the limits for `seconds`; obstacles stop the robot."""
         limits = self.limits
         if not self.enabled:
             wanted = STANDSTILL
@@ -109,7 +109,7 @@ class DifferentialDrive:
         for _ in range(checks):
             there = self.pose.moved(linear, angular, slice_)
             if linear and self._world.clearance(there.x, there.y) < self._chassis.radius:
-                # A round body can always turn where it stands, so only the way forwards is lost.
+                # A round body can always turn in place, so only forward motion is blocked.
                 self.bumped = True
                 linear = 0.0
                 there = self.pose.moved(0.0, angular, slice_)
@@ -128,7 +128,7 @@ def _clamp(value: float, limit: float) -> float:
 
 
 def _approach(value: float, target: float, change: float) -> float:
-    # The slack is for sums of steps that miss the target by a rounding.
+    # The tolerance is for sums of steps that miss the target by rounding.
     if abs(target - value) <= change + 1e-9:
         return target
     return value + math.copysign(change, target - value)

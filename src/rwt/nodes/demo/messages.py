@@ -28,38 +28,38 @@ def frame(node: Node, name: str) -> str:
 
 
 def time(nanoseconds: int) -> Message:
-    """A time or a duration."""
+    """Return a time or a duration."""
     seconds, rest = divmod(nanoseconds, NANOSECONDS)
     return {"sec": seconds, "nanosec": rest}
 
 
 def header(stamp_ns: int, frame: str) -> Message:
-    """`std_msgs/Header`."""
+    """Return a `std_msgs/Header`."""
     return {"stamp": time(stamp_ns), "frame_id": frame}
 
 
 def vector(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Message:
-    """`geometry_msgs/Vector3` and `Point`."""
+    """Return a `geometry_msgs/Vector3` or `Point`."""
     return {"x": x, "y": y, "z": z}
 
 
 def turn_about_y(angle: float) -> Message:
-    """`geometry_msgs/Quaternion` of a wheel on its axle."""
+    """Return a `geometry_msgs/Quaternion` of a wheel on its axle."""
     return {"x": 0.0, "y": math.sin(angle / 2), "z": 0.0, "w": math.cos(angle / 2)}
 
 
 def pose(value: Pose) -> Message:
-    """`geometry_msgs/Pose`."""
+    """Return a `geometry_msgs/Pose`."""
     return {"position": vector(value.x, value.y), "orientation": quaternion_from_yaw(value.heading)}
 
 
 def twist(velocity: Velocity) -> Message:
-    """`geometry_msgs/Twist`."""
+    """Return a `geometry_msgs/Twist`."""
     return {"linear": vector(x=velocity.linear), "angular": vector(z=velocity.angular)}
 
 
 def transform(stamp_ns: int, parent: str, child: str, translation: Message, rotation: Message) -> Message:
-    """`geometry_msgs/TransformStamped`."""
+    """Return a `geometry_msgs/TransformStamped`."""
     return {
         "header": header(stamp_ns, parent),
         "child_frame_id": child,
@@ -68,11 +68,11 @@ def transform(stamp_ns: int, parent: str, child: str, translation: Message, rota
 
 
 def planar_transform(stamp_ns: int, parent: str, child: str, value: Pose) -> Message:
-    """`geometry_msgs/TransformStamped` of a pose on the floor."""
+    """Return a `geometry_msgs/TransformStamped` of a pose on the floor."""
     return transform(stamp_ns, parent, child, vector(value.x, value.y), quaternion_from_yaw(value.heading))
 
 
 def read_pose(message: Any) -> Pose:
-    """Position and heading of a `geometry_msgs/Pose`; a quaternion of zeros is a heading of 0."""
+    """Return position and heading of a `geometry_msgs/Pose`; a quaternion of zeros is a heading of 0."""
     position = message.position
     return Pose(position.x, position.y, yaw_from_quaternion(message.orientation))

@@ -1,4 +1,4 @@
-"""The demo robot: every part of it, joined on one node."""
+"""The demo robot: all of its parts on one node."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ from rwt_participant.goals import ReceivedGoal
 from rwt_participant.messages import Message, ParameterValue
 from rwt_tf2 import quaternion_from_yaw
 
-#: Seconds from one control step to the next.
+#: Period of control steps in seconds.
 CONTROL_PERIOD = 0.05
-#: Seconds from one battery state, diagnosis and hello to the next.
+#: Period of battery state, diagnostics and chatter in seconds.
 REPORT_PERIOD = 1.0
-#: The longest time that one step makes up for when the program was held up, seconds.
+#: Maximum time that one step covers after a delay of the program, in seconds.
 _LONGEST_STEP = 0.2
 
 
-#: What `ROS3D.DepthCloud` calls `f` is so many times the focal length by the crop, both in pixels.
+#: Ratio of `f` of `ROS3D.DepthCloud` to the focal length divided by the crop, both in pixels.
 _CROP_OF_FOCAL = 500.0
 #: The `f` of the stock page, for an OpenNI camera.
 _OPENNI_F = 525.0
@@ -61,7 +61,7 @@ TUNABLES: Final[Mapping[Number, float]] = {
 
 
 class DemoRobot:
-    """A differential-drive robot in a walled world, simulated.
+    """Simulated differential-drive robot in a walled world.
 
     It drives by `/cmd_vel`, `/navigate_to_pose` and, on ROS 1, `/move_base`, moves its arm by
     `/arm_controller/follow_joint_trajectory` and `/arm_controller/joint_trajectory`, publishes `/odom`,
@@ -74,14 +74,14 @@ class DemoRobot:
 
     Args:
         graph: graph of the robot; its clock is the robot's clock.
-        world: map to drive in; by default a house of 10 m by 8 m.
-        seed: seed of the laser's noise, so that two runs measure the same.
+        world: map; by default a house of 10 m by 8 m.
+        seed: seed of the laser's noise, for reproducible runs.
         namespace: namespace of its names, for several robots in one graph; they share `/tf` and
             `/tf_static`, where the frames of one in `/anna` are `anna/odom` and so on.
         lens: lens of the cameras.
 
     Attributes:
-        http: the meshes that its description names, for :func:`rwt.serve`.
+        http: meshes of its description, for :func:`rwt.serve`.
     """
 
     def __init__(
@@ -128,13 +128,13 @@ class DemoRobot:
             node.close()
 
     def _start(self) -> None:
-        """Start all timers at the same moment, so that those that are due together wake the program once."""
+        """Start all timers at the same time, so that timers due together wake the program once."""
         self._node.create_timer(CONTROL_PERIOD, self._step)
         self._scans.start()
         self._node.create_timer(REPORT_PERIOD, self._report)
         publish_diagnostics(self._node, self._drive, self._battery, self._navigation, REPORT_PERIOD)
         graph, namespace = self._node.graph, self._node.namespace
-        # The square in the middle of the image; two tiles of 3 m reach through a room.
+        # The square in the middle of the image; two tiles of 3 m cover a room.
         self._depth_cloud = DepthCloudEncoder(
             graph,
             namespace=namespace,
@@ -177,7 +177,7 @@ class DemoRobot:
         self._drive.step(self._wanted(), seconds)
         self._battery.drain(self._drive.velocity, seconds)
         if self._battery.level == 0.0:
-            # A demo that ran overnight must still drive in the morning.
+            # A demo must still drive after hours.
             self._battery.swap()
             self._node.log.warning("the battery was empty and has been swapped for a full one")
         self._arm_controller.step()
@@ -196,7 +196,7 @@ class DemoRobot:
         self._node.advertise_service("enable_motors", "std_srvs/SetBool", self._enable_motors)
 
     def _reset(self, request: object) -> messages.Message:
-        """Return to the start with a full battery and the arm at rest; the motors stay as they are."""
+        """Return to the start with a full battery and the arm at rest; the motors keep their state."""
         self._navigation.abort("the robot was reset")
         self._arm_controller.abort("the robot was reset")
         self._arm.reset()
@@ -266,11 +266,11 @@ def _add_two_ints(request: Message) -> messages.Message:
     return {"sum": total}
 
 
-#: Maximum count of Fibonacci numbers, from 0 on, that fit the message's int32.
+#: Number of Fibonacci numbers, from 0 on, that fit the message's int32.
 _MAX_NUMBERS = 47
 
 _ADD_TWO_INTS = {"jazzy": "example_interfaces/AddTwoInts", "noetic": "rospy_tutorials/AddTwoInts"}
-#: Action type, and how many numbers more than the order the tutorial finds: programs rely on either.
+#: Action type, and number of results beyond the order in the tutorial, on which programs rely.
 _FIBONACCI = {"jazzy": ("example_interfaces/Fibonacci", 1), "noetic": ("actionlib_tutorials/Fibonacci", 2)}
 
 
@@ -278,7 +278,7 @@ class Fibonacci:
     """Action `/fibonacci` of ROS's tutorials, slow enough to cancel.
 
     Attributes:
-        rate: numbers in a second.
+        rate: numbers per second.
     """
 
     rate = 2.0

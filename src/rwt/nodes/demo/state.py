@@ -21,14 +21,14 @@ from rwt.nodes.demo.world.pose import Pose
 from rwt_graph import Node
 from rwt_tf2 import quaternion_from_euler, quaternion_from_yaw
 
-#: Diagonals of the odometry's covariances: sure of everything but drifting in x, y and yaw.
+#: Diagonals of the odometry's covariances: drift in x, y and yaw only.
 _POSE_COVARIANCE = [0.001 if i in (0, 7, 35) else 1e-6 if i % 7 == 0 else 0.0 for i in range(36)]
 
 _ARM_JOINTS = tuple(joint.name for joint in ARM)
 
 
 class StatePublisher:
-    """Publishes `/odom`, `/tf`, `/tf_static`, `/joint_states`, and `/robot_pose` for pages with a map."""
+    """Publisher of `/odom`, `/tf`, `/tf_static`, `/joint_states`, and `/robot_pose` for pages with a map."""
 
     def __init__(
         self, node: Node, drive: DifferentialDrive, arm: Arm, chassis: Chassis, odom_origin: Pose
@@ -39,7 +39,7 @@ class StatePublisher:
         self._origin = odom_origin
         self._map, self._odom_frame, self._base = (frame(node, name) for name in (MAP, ODOM, BASE))
         axes = ["y", "y", *(joint.axis for joint in ARM)]
-        #: Parent, link, place and rotation by angle of each wheel and then of each link of the arm.
+        #: Parent, link, position and rotation by angle of the wheels, then of the links of the arm.
         self._moving = [
             (
                 frame(node, mount.parent),
@@ -74,7 +74,7 @@ class StatePublisher:
         self._fixed.publish({"transforms": transforms})
 
     def publish(self) -> None:
-        """Publish the present state on every topic that has subscribers."""
+        """Publish the current state on every topic with subscribers."""
         stamp = self._node.clock.time_ns()
         if self._pose.subscriber_count:
             self._pose.publish(messages.pose(self._drive.pose))

@@ -13,7 +13,7 @@ class Teleop:
     """The last velocity command.
 
     Attributes:
-        timeout: seconds after which a command no longer holds.
+        timeout: seconds after which a command expires.
     """
 
     timeout = 0.5
@@ -26,14 +26,14 @@ class Teleop:
 
     @property
     def velocity(self) -> Velocity | None:
-        """The command that holds now, or None after a silence."""
-        # A step that ends with the timeout still belongs to the command; rounding must not take it away.
+        """Return the current command, or None if it has expired."""
+        # A step that ends with the timeout still belongs to the command, despite rounding.
         if self._last is not None and self._node.clock.monotonic() - self._since > self.timeout + 1e-6:
             self._last = None
         return self._last
 
     def forget(self) -> None:
-        """Drop the command, as if it had expired."""
+        """Drop the command."""
         self._last = None
 
     def _on_twist(self, twist: Message) -> None:

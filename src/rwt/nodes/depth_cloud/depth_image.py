@@ -1,4 +1,4 @@
-"""Depth and colour as one image, and back: the depth-cloud encoder of Toris et al. 2015, section IV-C.
+"""Encoding of depth and colour as one image: the depth-cloud encoder of Toris et al. 2015, section IV-C.
 
 The image is 2N x 2N pixels::
 

@@ -16,7 +16,7 @@ from rwt_participant.handles import Handle
 T = TypeVar("T")
 
 LOOK_EVERY: Final = 0.2
-"""Seconds within which a first listener is noticed, and that the last one has left."""
+"""Interval at which the number of subscribers is checked, in seconds."""
 
 _COMPLAIN_EVERY: Final = 10.0
 

@@ -1,4 +1,4 @@
-"""Interactive markers and their controls as messages, with handles for controls that have no shape of their
+"""Interactive markers and their controls as messages, with handles for controls without shapes of their
 own."""
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Control = Mapping[str, object]
 
 
 class Axis(IntEnum):
-    """An axis of the marker."""
+    """Axis of the marker."""
 
     X = 0
     Y = 1
@@ -48,24 +48,24 @@ class Mode(IntEnum):
     MOVE_ROTATE_3D = 9
 
 
-#: `orientation_mode`: turned with the marker, or as its frame is.
+#: `orientation_mode`: of the marker, or of its frame.
 _INHERIT, _FIXED = 0, 1
 
 _HALF = math.sqrt(0.5)
-#: How a control, whose own axis is x, is turned to have it along each axis of the marker.
+#: Rotation of a control, whose own axis is x, to each axis of the marker.
 _TURNS: Final[Mapping[Axis, Quaternion]] = {
     Axis.X: UPRIGHT,
     Axis.Y: (0.0, 0.0, _HALF, _HALF),
     Axis.Z: (0.0, -_HALF, 0.0, _HALF),
 }
-#: Not quite opaque: ros3djs draws such colours as they are, and others in the light of a lamp at one side.
+#: Not quite opaque: ros3djs does not shade such colours.
 _COLOURS: Final[Mapping[Axis, Colour]] = {
     Axis.X: Colour(0.9, 0.15, 0.15, 0.9),
     Axis.Y: Colour(0.15, 0.8, 0.15, 0.9),
     Axis.Z: Colour(0.2, 0.35, 1.0, 0.9),
 }
 _WHITE = Colour(1.0, 1.0, 1.0)
-#: Corners of the circle that a ring is.
+#: Number of corners of a ring.
 _SEGMENTS = 24
 
 
@@ -82,17 +82,17 @@ def interactive_marker(
     """Return a `visualization_msgs/InteractiveMarker`.
 
     Args:
-        name: unique in its server.
-        frame: what `at` and `orientation` are relative to; the marker moves with it.
-        at: metres.
+        name: name, unique in its server.
+        frame: frame of `at` and `orientation`; the marker moves with it.
+        at: position in metres.
         scale: size of the handles, metres.
-        description: shown above the marker.
+        description: text above the marker.
     """
     shown = list(controls)
     if description:
         shown.append(_control(Mode.NONE, "", [text(description, 0.15 * scale, _WHITE, (0, 0, 1.2 * scale))]))
     return {
-        # A stamp of zero: the marker stays fixed to its frame when that moves.
+        # With a stamp of zero, the marker moves with its frame.
         "header": {"frame_id": frame, "stamp": {"sec": 0, "nanosec": 0}},
         "name": name,
         "pose": pose(at, orientation),
@@ -105,14 +105,14 @@ def interactive_marker(
 def move_axis(
     axis: Axis | str, *shapes: Shape, name: str = "", scale: float = 1.0, fixed: bool = False
 ) -> Control:
-    """Dragging moves the marker along one of its axes.
+    """Return a control that moves the marker along one of its axes.
 
     Args:
-        axis: also by name, `"x"`.
-        shapes: what is dragged; two arrows without any.
-        name: what feedback says; `move_x` and so on by default.
-        scale: of the arrows: each ends that many metres from the middle.
-        fixed: True if the axes are those of the frame, however the marker is turned.
+        axis: axis, also by name (`"x"`).
+        shapes: handles; two arrows by default.
+        name: name in feedback; by default `move_x` and so on.
+        scale: distance of the arrows' ends from the middle in metres.
+        fixed: True for the axes of the frame instead of the marker.
     """
     chosen = _axis(axis)
     handles = shapes or tuple(_arrows(chosen, scale))
@@ -122,7 +122,7 @@ def move_axis(
 def rotate_axis(
     axis: Axis | str, *shapes: Shape, name: str = "", scale: float = 1.0, fixed: bool = False
 ) -> Control:
-    """Dragging turns the marker around one of its axes: by a ring of radius scale/2 without any shapes."""
+    """Return a control that turns the marker around an axis; by default a ring of radius scale/2."""
     chosen = _axis(axis)
     handles = shapes or (_ring(chosen, scale),)
     return _control(Mode.ROTATE_AXIS, name or f"rotate_{chosen.name.lower()}", handles, chosen, fixed)
@@ -131,29 +131,29 @@ def rotate_axis(
 def move_plane(
     normal: Axis | str, *shapes: Shape, name: str = "", scale: float = 1.0, fixed: bool = False
 ) -> Control:
-    """Dragging moves the marker in the plane that stands upright on an axis: by a ring without any shapes."""
+    """Return a control that moves the marker in the plane perpendicular to an axis; by default a ring."""
     chosen = _axis(normal)
     handles = shapes or (_ring(chosen, scale),)
     return _control(Mode.MOVE_PLANE, name or "move_plane", handles, chosen, fixed)
 
 
 def move_3d(*shapes: Shape, name: str = "move_3d") -> Control:
-    """Dragging moves the marker in the plane that faces the viewer most."""
+    """Return a control that moves the marker in the plane of the view."""
     return _control(Mode.MOVE_3D, name, shapes)
 
 
 def button(*shapes: Shape, name: str = "button") -> Control:
-    """A click is reported, and opens the menu where there is one."""
+    """Return a control that reports clicks, and opens the menu if there is one."""
     return _control(Mode.BUTTON, name, shapes)
 
 
 def menu_control(*shapes: Shape, name: str = "menu") -> Control:
-    """A click opens the menu, and nothing can be dragged."""
+    """Return a control that opens the menu, without dragging."""
     return _control(Mode.MENU, name, shapes)
 
 
 def six_dof(scale: float = 1.0, *, fixed: bool = False) -> list[Control]:
-    """Six controls: moving along, and turning around, each axis."""
+    """Return six controls: moving along, and turning around, each axis."""
     return [make(axis, scale=scale, fixed=fixed) for axis in Axis for make in (rotate_axis, move_axis)]
 
 
@@ -173,7 +173,7 @@ def _control(
         "orientation_mode": _FIXED if fixed else _INHERIT,
         "interaction_mode": int(mode),
         "always_visible": True,
-        # Without a frame, a shape is relative to the marker. A stamp of zero goes with that.
+        # Without a frame and with a stamp of zero, a shape is relative to the marker.
         "markers": [
             {"header": {"frame_id": "", "stamp": {"sec": 0, "nanosec": 0}}, **shape} for shape in shapes
         ],

@@ -1,4 +1,4 @@
-"""Feedback of viewers: what a person did to a marker."""
+"""Feedback of viewers about markers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The menu of a marker: entries in entries, some with a check mark."""
+"""Menu of a marker: nested entries, some with a check mark."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Awaitable, Callable, Iterator, Mapping
 from rwt.nodes.interactive_markers.feedback import Feedback
 
 OnFeedback = Callable[[Feedback], Awaitable[None] | None]
-"""Told of an event; a coroutine function runs in a task of its own for each event."""
+"""Called with an event; a coroutine function runs in a task for each event."""
 
 #: `visualization_msgs/MenuEntry.FEEDBACK`: the viewer reports the choice and does nothing else.
 _REPORT = 0
@@ -17,10 +17,10 @@ class MenuEntry:
     """Menu entry. Changes show when the server applies its changes.
 
     Attributes:
-        number: what feedback names it by; from 1 on, unique in its menu.
-        checked: with a check mark, without one, or None for an entry that has no place for one.
-        visible: True if it is shown, and what is under it.
-        on_select: called when it is chosen, in place of the marker's own callback.
+        number: number in feedback, from 1, unique in its menu.
+        checked: state of the check mark; None for an entry without one.
+        visible: True if it is shown, with the entries below it.
+        on_select: called when it is selected, instead of the marker's callback.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class MenuEntry:
 
 
 class Menu:
-    """A menu, for one marker or several."""
+    """Menu of one or several markers."""
 
     def __init__(self) -> None:
         self._entries: dict[int, MenuEntry] = {}
@@ -63,11 +63,11 @@ class Menu:
         parent: MenuEntry | None = None,
         checked: bool | None = None,
     ) -> MenuEntry:
-        """Add an entry below the present ones.
+        """Append an entry.
 
         Args:
-            on_select: called when it is chosen; None leaves that to the marker's own callback.
-            parent: the entry under which it goes; one with entries under it cannot be chosen itself.
+            on_select: called when it is selected; None for the marker's callback.
+            parent: parent entry, which then cannot be selected itself.
             checked: None for an entry without a check mark.
 
         Raises:
@@ -96,5 +96,5 @@ class Menu:
                 }
 
 
-#: Neither rviz nor ros3djs has check marks in its menus, so they are written as text, as ROS does.
+#: Check marks as text, as in ROS: neither rviz nor ros3djs has them in menus.
 _MARKS = {True: "[x] ", False: "[  ] ", None: ""}

@@ -20,7 +20,7 @@ from rwt_participant.messages import Message, MessageLike
 
 logger = logging.getLogger(__name__)
 
-#: Seconds for which a marker belongs to the viewer that has last dragged it.
+#: Time for which a marker belongs to the viewer that last dragged it, in seconds.
 _GRIP = 1.0
 
 
@@ -30,7 +30,7 @@ class NoSuchMarker(RobotError, LookupError):
 
 @dataclass(slots=True)
 class _Entry:
-    """Marker, as it will be once changes are applied."""
+    """Marker with pending changes."""
 
     marker: Message
     on_feedback: OnFeedback | None
@@ -43,7 +43,7 @@ class _Entry:
     def redraw_menu(self) -> None:
         if self.menu is None:
             return
-        # `convert` gives the very class that the marker's field has, so that the two can be compared.
+        # `convert` returns the class of the marker's field, so that both can be compared.
         type = next(each.type for each in msgspec.structs.fields(self.marker) if each.name == "menu_entries")
         entries = msgspec.convert(list(self.menu.messages()), type=type)
         if entries != self.marker.menu_entries:
@@ -54,15 +54,15 @@ class _Entry:
 class InteractiveMarkerServer:
     """Server of the markers of one namespace; reports events to callbacks.
 
-    Changes show when :meth:`apply_changes` is called, all at once; those that a callback makes do when it
+    Changes take effect together with :meth:`apply_changes`, and those of a callback when it
     returns. Every method may be called from any thread once the graph runs.
 
     Args:
-        node: whose topics they are; closing it ends the server too.
-        namespace: what the topics are under, `/goal_marker`: a viewer's "topic".
+        node: node of the topics; closing it closes the server, too.
+        namespace: namespace of the topics, such as `/goal_marker`; the "topic" in viewers.
 
     Raises:
-        InvalidGraphName: `namespace` is not a name that ROS allows.
+        InvalidGraphName: ROS does not allow `namespace`.
     """
 
     def __init__(self, node: Node, namespace: str) -> None:
@@ -88,10 +88,10 @@ class InteractiveMarkerServer:
         """Add a marker, or replace the one of that name.
 
         Args:
-            marker: a `visualization_msgs/InteractiveMarker`, as :func:`interactive_marker` makes one. A
+            marker: a `visualization_msgs/InteractiveMarker`, such as that of :func:`interactive_marker`. A
                 header without a stamp keeps the marker fixed to its frame.
-            on_feedback: called with every event but the choice of menu entries that have a callback.
-            menu: shown in place of the message's own `menu_entries`.
+            on_feedback: called with every event, except selections of menu entries with a callback.
+            menu: menu instead of the message's `menu_entries`.
 
         Raises:
             InvalidMessage: `marker` does not fit its type, or has no name.
@@ -107,10 +107,10 @@ class InteractiveMarkerServer:
 
         Args:
             pose: `geometry_msgs/Pose`.
-            frame: what it is relative to; None for the frame that the marker has.
+            frame: frame of the pose; None for the marker's frame.
 
         Raises:
-            NoSuchMarker: there is none of that name.
+            NoSuchMarker: no marker has that name.
             InvalidMessage: `pose` does not fit its type.
         """
         place = Payload.from_value(self._pose, pose, now=lambda: 0).value()
@@ -121,7 +121,7 @@ class InteractiveMarkerServer:
         """Return the marker, including changes that are not applied yet.
 
         Raises:
-            NoSuchMarker: there is none of that name.
+            NoSuchMarker: no marker has that name.
         """
         with self._lock:
             return self._entry(name).marker
@@ -130,7 +130,7 @@ class InteractiveMarkerServer:
         """Remove a marker.
 
         Raises:
-            NoSuchMarker: there is none of that name.
+            NoSuchMarker: no marker has that name.
         """
         with self._lock:
             self._entry(name)
@@ -188,7 +188,7 @@ class InteractiveMarkerServer:
         with self._lock:
             return self._sequence, list(self._shown.values())
 
-    # -- what people do ------------------------------------------------------------------------------------
+    # -- feedback ------------------------------------------------------------------------------------------
 
     def _on_feedback(self, message: Message) -> None:
         try:
@@ -204,10 +204,10 @@ class InteractiveMarkerServer:
         self.apply_changes()
 
     def _take(self, entry: _Entry, feedback: Feedback) -> bool:
-        """Return True if an event is valid; take over its pose."""
+        """Apply the pose of an event. Returns False if it is invalid."""
         now = self._node.clock.monotonic()
         if feedback.client != entry.client and now < entry.held_until:
-            # Two people who drag one marker would tear it apart.
+            # Only one viewer may drag a marker at a time.
             logger.debug("%s is held by another client than %s", feedback.marker, feedback.client)
             return False
         frame = entry.marker.header.frame_id

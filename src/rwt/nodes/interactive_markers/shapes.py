@@ -18,7 +18,7 @@ UPRIGHT: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 
 class Colour(NamedTuple):
-    """Red, green, blue and opacity, each 0 to 1."""
+    """Colour: red, green, blue and opacity, each 0 to 1."""
 
     r: float
     g: float
@@ -33,24 +33,24 @@ _ARROW, _CUBE, _SPHERE, _CYLINDER, _TEXT, _MESH, _TRIANGLES = 0, 1, 2, 3, 9, 10,
 
 
 def box(size: Point, colour: Colour = GREY, at: Point = (0.0, 0.0, 0.0)) -> Shape:
-    """A box of that length, width and height around `at`."""
+    """Return a box of a length, width and height around `at`."""
     return _shape(_CUBE, size, colour, at)
 
 
 def sphere(diameter: float, colour: Colour = GREY, at: Point = (0.0, 0.0, 0.0)) -> Shape:
-    """A ball around `at`."""
+    """Return a sphere around `at`."""
     return _shape(_SPHERE, (diameter, diameter, diameter), colour, at)
 
 
 def cylinder(diameter: float, height: float, colour: Colour = GREY, at: Point = (0.0, 0.0, 0.0)) -> Shape:
-    """A cylinder around `at` that stands on its base."""
+    """Return an upright cylinder around `at`."""
     return _shape(_CYLINDER, (diameter, diameter, height), colour, at)
 
 
 def arrow(
     tail: Point, head: Point, width: float, colour: Colour = GREY, orientation: Quaternion = UPRIGHT
 ) -> Shape:
-    """An arrow from `tail` to `head`, both turned by `orientation`; `width` is that of the shaft."""
+    """Return an arrow from `tail` to `head`, both rotated by `orientation`; `width` is that of the shaft."""
     points = [_point(tail), _point(head)]
     return {
         **_shape(_ARROW, (width, 2 * width, 3 * width), colour, orientation=orientation),
@@ -59,7 +59,7 @@ def arrow(
 
 
 def text(words: str, height: float, colour: Colour = GREY, at: Point = (0.0, 0.0, 0.0)) -> Shape:
-    """Words around `at` that face the viewer; a capital letter is `height` high."""
+    """Return text around `at` that faces the viewer; capital letters have that `height`."""
     return {**_shape(_TEXT, (height, height, height), colour, at), "text": words}
 
 
@@ -77,7 +77,7 @@ def mesh(resource: str, scale: float = 1.0, colour: Colour | None = None) -> Sha
 
 
 def triangles(corners: Sequence[Point], colour: Colour, orientation: Quaternion = UPRIGHT) -> Shape:
-    """Triangles, three corners each, turned by `orientation`."""
+    """Return triangles of three corners each, rotated by `orientation`."""
     return {
         **_shape(_TRIANGLES, (1.0, 1.0, 1.0), colour, orientation=orientation),
         "points": [_point(corner) for corner in corners],
@@ -85,12 +85,12 @@ def triangles(corners: Sequence[Point], colour: Colour, orientation: Quaternion 
 
 
 def pose(at: Point, orientation: Quaternion = UPRIGHT) -> Mapping[str, object]:
-    """`geometry_msgs/Pose`."""
+    """Return a `geometry_msgs/Pose`."""
     return {"position": _point(at), "orientation": quaternion(orientation)}
 
 
 def quaternion(value: Quaternion) -> Mapping[str, object]:
-    """`geometry_msgs/Quaternion`."""
+    """Return a `geometry_msgs/Quaternion`."""
     return _fields("xyzw", value, "a rotation")
 
 

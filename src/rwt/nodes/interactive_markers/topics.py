@@ -27,19 +27,19 @@ _TYPE = "visualization_msgs/InteractiveMarker"
 _DEPTH = QoS(depth=100)
 #: `visualization_msgs/InteractiveMarkerUpdate`.
 _KEEP_ALIVE, _UPDATE = 0, 1
-#: Seconds between two signs of life; a client of ROS 1 gives a server up after two without one.
+#: Interval of keep-alive messages in seconds; ROS 1 clients drop a server after two without one.
 _KEEP_ALIVE_PERIOD = 0.5
 PUBLISHES_STATE: Final = {"jazzy": False, "noetic": True}
-"""True if viewers get all markers from a latched topic, otherwise from a service, by distribution."""
+"""True if viewers get all markers from a latched topic, otherwise from a service; by distribution."""
 
 
 class MarkerTopics:
     """Publishers, subscriptions and services of one server.
 
     Args:
-        node: publishes, and names the server to clients.
-        namespace: absolute, or relative to the node's.
-        snapshot: the sequence number and all markers that clients know of.
+        node: node that publishes; its name identifies the server.
+        namespace: namespace, absolute or relative to the node's.
+        snapshot: returns the sequence number and all published markers.
         on_feedback: called with each message of the topic `feedback`.
     """
 

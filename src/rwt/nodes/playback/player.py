@@ -34,7 +34,7 @@ NODE: Final = "/rosbag2_player"
 
 SLOWEST: Final = 0.001
 FASTEST: Final = 1000.0
-"""The rates at which a recording can be played."""
+"""Range of playback rates."""
 
 BATCH: Final = 200
 """Maximum number of messages published in one turn of the event loop."""
@@ -151,12 +151,12 @@ class Player:
 
     @property
     def position_ns(self) -> int:
-        """Present time of the recording, in nanoseconds since the epoch."""
+        """Current time of the recording, in nanoseconds since the epoch."""
         if self.paused:
             return self._anchor_ns
         gone = round((self._clock.monotonic() - self._anchor_at) * self.rate * NANOSECONDS)
         position = self._anchor_ns + gone
-        # A message that is late is published late; time does not overtake it.
+        # Late messages are published late; time does not overtake them.
         return position if self._next is None else min(position, self._next.log_time)
 
     def _place(self, position_ns: int) -> None:
@@ -276,7 +276,7 @@ class Player:
         """Publish the messages that are due, in several turns of the event loop if there are many."""
         for _ in range(BATCH):
             if self.paused:
-                return  # By a subscriber.
+                return  # A subscriber may have paused or closed the player.
             if self._next is None or not self._is_due(self._next.log_time):
                 break
             self._publish_next()
@@ -292,7 +292,7 @@ class Player:
     def _publish_next(self) -> bool:
         """Publish the next message. Returns False if it was the last."""
         message = self._next
-        assert message is not None and self._ahead is not None  # Checked by the callers.
+        assert message is not None and self._ahead is not None  # Callers check that there is one.
         self._next = self._ahead.next()
         self._publish(message)
         return self._next is not None
@@ -345,7 +345,7 @@ class Player:
 def _bounds(recording: Recording, options: PlayOptions) -> tuple[int, int]:
     if recording.start_ns >= END_OF_TIME_NS:
         raise ValueError("the recording begins after the 19th of January 2038, where ROS time ends")
-    # The index of a damaged file may say that it ends before it begins.
+    # In the index of a damaged file, the end may be before the beginning.
     last = max(recording.start_ns, min(recording.end_ns, END_OF_TIME_NS - 1))
     length = (last - recording.start_ns) / NANOSECONDS
     if not 0 <= options.start <= length:

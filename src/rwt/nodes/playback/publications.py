@@ -100,7 +100,7 @@ class Publications:
         name = self._remap.get(topic.name, topic.name)
         try:
             publisher = self._participant.advertise(name, message, combined(topic.offered_qos))
-        except RobotError as error:  # one bad name or type must not keep the others from being played
+        except RobotError as error:  # a bad name or type must not prevent playing the others
             self.skipped[topic.name] = str(error)
             return
         self._by_topic[topic.name, topic.type] = _Publication(publisher, message, read)

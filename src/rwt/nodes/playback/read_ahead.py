@@ -65,7 +65,7 @@ class ReadAhead:
                 if not self._put(message):
                     break
         except Exception as error:
-            # What was read until then is played; a file may be damaged anywhere, and in any way.
+            # Play everything read so far: a file may be damaged anywhere, in any way.
             self.failure = str(error) or type(error).__name__
             logger.warning("the recording cannot be read any further: %s", self.failure)
         finally:

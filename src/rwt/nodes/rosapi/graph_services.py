@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rwt_graph.nodes.node import Node
     from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 
-#: What an actionlib server's topics end in; all five together make an action of ROS 1 (API-12).
+#: Suffixes of an actionlib server's topics; all five together are a ROS 1 action (API-12).
 _ACTIONLIB = ("cancel", "feedback", "goal", "result", "status")
 
 
@@ -179,8 +179,9 @@ def _two_part(name: str) -> str:
     except InterfaceError:
         return name
 
+    # Clients that see a topic or a service may see its nodes: their names in responses need no rule.
 
-# The nodes of a topic or a service are visible to whom it is visible: their names in answers need no rule.
+
 SERVICES: Final = (
     Service("topics", "Topics", topics, (Lists("topic", ("topics", "types")),), is_listing=True),
     Service("topics_for_type", "TopicsForType", topics_for_type, (Lists("topic", ("topics",)),)),
@@ -225,5 +226,5 @@ SERVICES: Final = (
     Service("get_time", "GetTime", get_time, NOTHING),
 )
 
-# On ROS 1 its absence is the answer: that is how clients tell the two apart.
+# Clients recognise ROS 1 by the absence of this service.
 VERSION: Final = Service("get_ros_version", "GetROSVersion", get_ros_version, NOTHING)

@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 _DESCRIPTION = "robot_description"
 
 MOST_VALUES: Final = 32_768
-"""Values in the text of one parameter: what is made of a text takes many times its bytes."""
+"""Maximum number of values in the text of one parameter: decoded, a text takes many times its size."""
 
 MOST_DEFAULT: Final = 1 << 20
-"""Characters of what to answer where a parameter is not set."""
+"""Maximum length of a default value in characters."""
 
 _LONG_TEXT: Final = 4 << 20
-"""Characters beyond which the contents of strings count as values, because telling them apart takes long."""
+"""Length from which the contents of strings count as values, because parsing takes long."""
 
 _STRING: Final = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"')
 
@@ -63,7 +63,7 @@ def _as_json(default: str) -> str:
     if not default:
         return "null"
     try:
-        msgspec.json.decode(default, type=msgspec.Raw)  # Read, and nothing made of it.
+        msgspec.json.decode(default, type=msgspec.Raw)  # Validates the text without creating objects.
     except (msgspec.DecodeError, RecursionError):
         return json.dumps(default)
     return default
@@ -132,7 +132,7 @@ async def delete_param(node: Node, request: Any) -> Answer:
     try:
         await node.params.delete(request.name)
     except NotFound as error:
-        # ROS 1's rosapi asks whether it is there first, and has nothing to say where it is not.
+        # ROS 1's rosapi checks whether the parameter exists, and reports nothing if it does not.
         return {} if not CONVENTIONS[node.distro.name].reports_failures else _failed(node, str(error))
     except RobotError as error:
         return _failed(node, str(error))

@@ -1,4 +1,4 @@
-"""Message definitions as rosapi describes them: a flat list of TypeDefs, the asked type first (API-03)."""
+"""Message definitions in rosapi's form: a flat list of TypeDefs, the requested type first (API-03)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TypeDef = dict[str, str | list[str] | list[int]]
 #: ROS 2's rosapi names scalars as IDL does (API-04).
 _IDL_NAMES = {"bool": "boolean", "float32": "float", "float64": "double", "byte": "octet", "char": "uint8"}
 
-#: ROS 1's times are no messages; rosapi describes them as if they were (API-03).
+#: ROS 1's times are not messages, but rosapi describes them as messages (API-03).
 _TIMES: dict[str, TypeDef] = {
     name: {
         "type": name,

@@ -26,13 +26,13 @@ NAME: Final = "/tf2_web_republisher"
 SERVICE: Final = "/republish_tfs"
 
 TOPIC_TIMEOUT: Final = 10.0
-"""Seconds that a topic waits for a subscriber where the request says 0."""
+"""Default time that a topic waits for a subscriber, in seconds, for a request of 0."""
 
 MOST_STREAMS: Final = 100
-"""Goals and topics at once. Pages that are closed leave theirs behind, so the oldest gives way."""
+"""Maximum number of goals and topics. Closed pages leave theirs behind, so the oldest is ended."""
 
 _PACKAGE = "tf2_web_republisher"
-#: What the action is called on ROS 2, by the newest clients; the bridge takes every spelling.
+#: Type of the action on ROS 2 in the newest clients; the bridge accepts every spelling.
 _PACKAGE_OF_ROS_2 = "tf2_web_republisher_interfaces"
 
 
@@ -128,6 +128,6 @@ def listen(node: Node) -> Buffer:
 
 
 def _subscribe(node: Node, topic: str, take: Callable[[Message], None]) -> None:
-    # A topic that is there keeps its type: older programs of ROS 1 have tf/tfMessage, with equal fields.
+    # An existing topic keeps its type: older ROS 1 programs use tf/tfMessage, with equal fields.
     known = node.graph.topic(topic)
     node.subscribe(topic, take, None if known is not None and known.type else _TYPE)

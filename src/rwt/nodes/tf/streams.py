@@ -13,10 +13,10 @@ from rwt_participant.qos import Durability, QoS
 from rwt_tf2 import Buffer, StampedTransform, Transform, write_transform
 
 FEEDBACK_TIMEOUT: Final = 10.0
-"""Seconds that a goal goes on without a client that takes its feedback: a page may come back."""
+"""Time that a goal continues without a reader of its feedback, in seconds: a page may reconnect."""
 
 DIGITS: Final = 6
-"""Decimals that are sent: a micrometre, a microradian. All of a float's would double the size in JSON."""
+"""Number of decimals sent: a micrometre, a microradian. Full precision would double the size in JSON."""
 
 
 def to_message(transforms: Iterable[StampedTransform]) -> dict[str, object]:
@@ -38,7 +38,7 @@ def _rounded(stamped: StampedTransform) -> StampedTransform:
 
 
 class GoalStream:
-    """Stream that is the feedback of one goal.
+    """Stream of transforms as feedback of one goal.
 
     Attributes:
         reason: reason why it was stopped; empty while it runs.
@@ -63,7 +63,7 @@ class GoalStream:
         self._taken_at = self._clock.monotonic()
 
     def tick(self) -> None:
-        """Send what is due, if anything (TFR-06)."""
+        """Send the transforms that are due, if any (TFR-06)."""
         now = self._clock.monotonic()
         if not self._goal.feedback_wanted:
             self._filter.forget()

@@ -1,4 +1,4 @@
-"""Requests of transforms, and filters that select those that have moved since they were sent."""
+"""Requests for transforms, and filters that select those that have moved since they were sent."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from rwt_tf2.transform import bare
 T = TypeVar("T", Transform, StampedTransform)
 
 DEFAULT_RATE: Final = 10.0
-"""Messages a second where the request says 0."""
+"""Default rate in Hz, for a request of 0."""
 
 HIGHEST_RATE: Final = 100.0
-"""Higher rates are taken as this one."""
+"""Maximum rate in Hz; higher ones count as this."""
 
 LOWEST_RATE: Final = 0.001
-"""Lower rates are taken as this one: those of the smallest floats have no period."""
+"""Minimum rate in Hz; lower ones count as this, because the smallest floats have no period."""
 
 MOST_FRAMES: Final = 1000
-"""More frames in one request are refused."""
+"""Maximum number of frames in one request."""
 
 
 class InvalidRequest(ValueError):
-    """A request is rejected; the text says what to change."""
+    """A request is rejected; the text gives the remedy."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ class Request:
             raise InvalidRequest(
                 f"at most {MOST_FRAMES} source_frames, got {len(message.source_frames)}; none means all"
             )
-        # The original divides by a rate of 0 (TFR-01).
+        # tf2_web_republisher itself divides by a rate of 0 (TFR-01).
         rate = max(LOWEST_RATE, min(message.rate or DEFAULT_RATE, HIGHEST_RATE))
         sources = tuple(dict.fromkeys(map(bare, message.source_frames)))
         return cls(bare(message.target_frame), sources, message.angular_thres, message.trans_thres, 1 / rate)
@@ -124,7 +124,7 @@ def make_filter(request: Request, missing: MissingFrames) -> TargetFrameFilter |
 class TargetFrameFilter(TransformFilter[Transform]):
     """Filter of each source frame relative to the target (TFR-02), sent again if it has moved (TFR-04).
 
-    Transforms are stamped with the present time. Frames that cannot be looked up are left out, also at first:
+    Transforms are stamped with the current time. Frames that cannot be looked up are omitted, also at first:
     tf2_web_republisher sends zeros then (TFR-07).
     """
 
@@ -167,7 +167,7 @@ class TreeFilter(TransformFilter[StampedTransform]):
     """Filter of each frame relative to its parent, sent again only if the poses of frames change.
 
     A robot that drives moves one transform of its tree, and every frame as seen from the map. What the client
-    holds stays within the thresholds for each frame as seen from the root: where that is exceeded, all
+    has stays within the thresholds for each frame as seen from the root: where that is exceeded, all
     transforms from there up to the root that have changed at all are sent, parents first, with their own
     stamps. Angles are the rotation's own.
     """

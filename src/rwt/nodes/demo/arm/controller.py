@@ -18,17 +18,17 @@ from rwt_participant.messages import Message
 from rwt_tf2 import stamp_ns
 
 ACTION: Final = "control_msgs/FollowJointTrajectory"
-#: How far the first waypoint may be from where the arm is if it is to be there at once, radians.
+#: Maximum distance of the first waypoint from the arm's position if its time is 0, radians.
 _START_TOLERANCE: Final = 0.05
 #: Seconds from one feedback to the next.
 _FEEDBACK_EVERY: Final = 0.1
-#: Of `control_msgs/FollowJointTrajectory`, where no other code says it better.
+#: Error code of `control_msgs/FollowJointTrajectory` for errors without a code of their own.
 _INVALID_GOAL: Final = -1
 _NAMES: Final = tuple(joint.name for joint in ARM)
 
 
 class TrajectoryRefused(ValueError):
-    """A trajectory that the arm cannot follow; the text says why."""
+    """The arm cannot follow a trajectory; the text gives the reason."""
 
 
 class _ActiveTrajectory:
@@ -60,7 +60,7 @@ class ArmController:
         node.subscribe("arm_controller/joint_trajectory", self._take, type="trajectory_msgs/JointTrajectory")
 
     def step(self) -> None:
-        """Move the arm to its place on the trajectory now."""
+        """Move the arm to its current position on the trajectory."""
         run = self._run
         if run is None:
             return
@@ -114,7 +114,7 @@ class ArmController:
         try:
             await run.ended.wait()
         finally:
-            # Whatever ends the wait, an arm without a goal must not go on.
+            # However the wait ends, an arm without a goal must stop.
             if self._run is run:
                 self._finish("")
         if goal.cancel_requested:
@@ -124,7 +124,7 @@ class ArmController:
         return _result(0, "")
 
     def _give_feedback(self, run: _ActiveTrajectory, seconds: float) -> None:
-        # A step may come a hair early by rounding; half a step of slack keeps the rate.
+        # Rounding may make a step slightly early; half a step of tolerance keeps the rate.
         is_due = seconds - run.last_feedback >= _FEEDBACK_EVERY - 0.025
         if run.goal is None or not is_due or not run.goal.feedback_wanted:
             return
@@ -153,7 +153,7 @@ class ArmController:
                 _check_speeds(here, waypoint)
                 waypoints.append(waypoint)
             elif here is waypoints[0] and seconds == 0 and _is_near(here.positions, waypoint.positions):
-                continue  # many planners begin with where the arm is already
+                continue  # many planners begin at the arm's position
             else:
                 raise TrajectoryRefused(
                     f"a point at {seconds:g} s comes after one at {here.seconds:g} s; "

@@ -1,4 +1,4 @@
-"""A small arm with six joints: how it is built, and how it moves along trajectories."""
+"""A small arm with six joints: dimensions, and motion along trajectories."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Arm:
         self.velocities: tuple[float, ...] = (0.0,) * len(ARM)
 
     def go(self, trajectory: Trajectory, seconds: float) -> None:
-        """Take the angles of a trajectory after so many seconds, within the joints' limits."""
+        """Set the angles of a trajectory at a time in seconds, within the joints' limits."""
         positions, self.velocities = trajectory.at(seconds)
         # A spline may swing further than its waypoints.
         self.positions = tuple(

@@ -14,9 +14,9 @@ class Waypoint:
     """Positions of all joints at a time.
 
     Attributes:
-        seconds: since the trajectory began.
+        seconds: time since the start of the trajectory.
         positions: radians.
-        velocities: radians a second; None where the message has none.
+        velocities: radians per second; None if the message has none.
     """
 
     seconds: float
@@ -28,7 +28,7 @@ class Trajectory:
     """Joint angles over time: cubic splines between waypoints that both have velocities, else linear.
 
     Args:
-        waypoints: one or more, in order of time; the first is where the joints are at its time and before.
+        waypoints: one or more, in order of time; before the first, the joints are at its positions.
     """
 
     def __init__(self, waypoints: Sequence[Waypoint]) -> None:
@@ -37,16 +37,16 @@ class Trajectory:
 
     @property
     def duration(self) -> float:
-        """Seconds until the last waypoint."""
+        """Duration in seconds."""
         return self._times[-1]
 
     @property
     def goal(self) -> Angles:
-        """The angles of the last waypoint."""
+        """Angles of the last waypoint."""
         return self._waypoints[-1].positions
 
     def at(self, seconds: float) -> tuple[Angles, Angles]:
-        """Positions and velocities at a time; before the first waypoint and after the last all stand."""
+        """Return positions and velocities at a time; velocities are zero outside of the waypoints."""
         after = bisect_right(self._times, seconds)
         if after == 0 or after == len(self._waypoints):
             held = self._waypoints[max(0, after - 1)].positions

@@ -12,12 +12,12 @@ from typing import Final
 from rwt.nodes.demo.model.shapes import Shape, text
 from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
-#: The package that they are in.
+#: Package of the meshes.
 PACKAGE: Final = "rwt_demo"
-#: Where :mod:`rwt.nodes.mesh_files` would serve it.
+#: Path at which :mod:`rwt.nodes.mesh_files` would serve it.
 PATH: Final = f"/packages/{PACKAGE}/meshes/"
 
-#: How much of its colour a surface has in the dark. Viewers have a lamp at one side or none at all.
+#: Ambient share of a surface's colour: viewers have one lamp or none.
 _GLOW: Final = 0.5
 
 _DAE: Final = """<?xml version="1.0" encoding="utf-8"?>
@@ -57,7 +57,7 @@ class Visual:
     colour: tuple[float, float, float]
 
     def collada(self) -> str:
-        """The mesh as a COLLADA document."""
+        """Return the mesh as a COLLADA document."""
         surface = self.shape.surface()
         return _DAE.format(
             glow=_colour(self.colour, _GLOW),
@@ -84,12 +84,12 @@ def mesh_pages(visuals: Mapping[str, Visual]) -> HttpExtension:
             return HttpResponse(f"package {PACKAGE} has no mesh {name!r}; it has {known}\n".encode(), 404)
         return HttpResponse(visual.collada().encode(), content_type="model/vnd.collada+xml")
 
-    # As with the files of rwt.nodes.mesh_files: a robot's looks are no secret of one topic.
+    # As in rwt.nodes.mesh_files: the appearance of a robot needs no right to one topic.
     return HttpExtension((Route(f"{PATH}*", page, Audience.ADMITTED),))
 
 
 def mesh_url(link: str) -> str:
-    """The ``package://`` URL of a link's mesh, as a URDF has it."""
+    """Return the ``package://`` URL of a link's mesh."""
     return f"package://{PACKAGE}/meshes/{link}.dae"
 
 

@@ -1,4 +1,4 @@
-"""The shapes that the robot is made of: as URDF says them, and as surfaces of triangles."""
+"""Shapes of the robot, as URDF and as triangle meshes."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from xml.etree import ElementTree as ET
 
 Point = tuple[float, float, float]
 
-#: Corners of what is round.
+#: Number of corners of a circle.
 _AROUND: Final = 32
-#: Bands of a sphere from pole to pole.
+#: Number of bands of a sphere from pole to pole.
 _BANDS: Final = 12
 
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """Triangles, counterclockwise as seen from outside.
+    """Triangle mesh, counterclockwise as seen from outside.
 
     Attributes:
         points: corners, metres.
         normals: unit normal at each point.
-        triangles: three indexes of points each.
+        triangles: indexes of three points each.
     """
 
     points: Sequence[Point]
@@ -34,23 +34,23 @@ class Surface:
 
 @dataclass(frozen=True, slots=True)
 class Cuboid:
-    """A box around the origin; metres."""
+    """Box around the origin; metres."""
 
     x: float
     y: float
     z: float
 
     def element(self, inset: float = 0.0) -> ET.Element:
-        """For URDF, every side so many metres further in."""
+        """Return URDF of the box, shrunk by a margin in metres."""
         return ET.Element("box", size=" ".join(text(side - 2 * inset) for side in (self.x, self.y, self.z)))
 
     def surface(self) -> Surface:
-        """The six flat sides."""
+        """Return the six flat sides."""
         points: list[Point] = []
         normals: list[Point] = []
         for axis in range(3):
             for sign in (-1.0, 1.0):
-                # Two more directions, so that the three turn like x, y and z.
+                # Two further directions, which form a right-handed system with the first.
                 for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1)):
                     points.append(self._corner(axis, sign, a * sign, float(b)))
                 normals += [_axes(axis, sign, 0.0, 0.0)] * 4
@@ -64,18 +64,18 @@ class Cuboid:
 
 @dataclass(frozen=True, slots=True)
 class Cylinder:
-    """A cylinder around the origin that stands on z; metres."""
+    """Cylinder around the origin along z; metres."""
 
     radius: float
     length: float
 
     def element(self, inset: float = 0.0) -> ET.Element:
-        """For URDF, its surface so many metres further in."""
+        """Return URDF of the shape, shrunk by a margin in metres."""
         radius, length = text(self.radius - inset), text(self.length - 2 * inset)
         return ET.Element("cylinder", radius=radius, length=length)
 
     def surface(self) -> Surface:
-        """A smooth side and two flat ends."""
+        """Return a smooth side and two flat ends."""
         top, side = self.length / 2, self.radius
         return _revolved(
             (
@@ -88,16 +88,16 @@ class Cylinder:
 
 @dataclass(frozen=True, slots=True)
 class Sphere:
-    """A sphere around the origin; metres."""
+    """Sphere around the origin; metres."""
 
     radius: float
 
     def element(self, inset: float = 0.0) -> ET.Element:
-        """For URDF, its surface so many metres further in."""
+        """Return URDF of the shape, shrunk by a margin in metres."""
         return ET.Element("sphere", radius=text(self.radius - inset))
 
     def surface(self) -> Surface:
-        """A smooth surface."""
+        """Return a smooth surface."""
         return _revolved(tuple(pairwise(self._rims())))
 
     def _rims(self) -> Iterator[_Rim]:
@@ -112,7 +112,7 @@ Shape = Cuboid | Cylinder | Sphere
 
 @dataclass(frozen=True, slots=True)
 class _Rim:
-    """Circle about z, with the outward and upward components of the normal there."""
+    """Circle about z, with the outward and upward components of its normals."""
 
     radius: float
     z: float
@@ -121,7 +121,7 @@ class _Rim:
 
 
 def text(value: float) -> str:
-    """A number in the URDF's notation."""
+    """Return a number in URDF notation."""
     return f"{value:.6g}"
 
 

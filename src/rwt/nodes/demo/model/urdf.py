@@ -16,12 +16,12 @@ BASE = "base_link"
 LASER = "laser"
 CASTER = "caster_link"
 CAMERA = "camera_link"
-#: z forwards, x to the right, y down: how ROS gives what a camera sees (REP 103).
+#: Rotation of an optical frame: z forward, x right, y down (REP 103).
 OPTICAL = "camera_optical_frame"
-#: What drivers of OpenNI cameras call that frame.
+#: Name of that frame in drivers of OpenNI cameras.
 OPENNI_OPTICAL = "camera_rgb_optical_frame"
 ARM_BASE = "arm_base_link"
-#: The point of the hand, z out of it.
+#: Tip of the hand, with z outwards.
 TOOL = "tool_link"
 LEFT_WHEEL = "left_wheel_link"
 RIGHT_WHEEL = "right_wheel_link"
@@ -35,24 +35,24 @@ _LASER_SIZE = (0.035, 0.04)  # radius, height
 _CASTER_RADIUS = 0.03
 _CAMERA_SIZE = (0.03, 0.1, 0.03)
 _CAMERA_HEIGHT = 0.3
-#: Behind the laser, so that it does not stand before the camera.
+#: Behind the laser, out of the camera's view.
 _ARM_X = -0.12
 _ARM_BASE_SIZE = (0.04, ARM[0].height)  # radius, height
 _ARM_COLOURS = ((0.9, 0.5, 0.1), (0.85, 0.85, 0.85))
 _BLACK = (0.1, 0.1, 0.1)
 _WHEEL_WIDTH = 0.03
-#: How far within its mesh the same shape is, so that the mesh hides it.
+#: Margin by which a shape is smaller than its mesh, so that the mesh hides it.
 _INSET = 0.002
 
 
 @dataclass(frozen=True, slots=True)
 class Mount:
-    """Where a link sits on its parent; :data:`BASE` is on the floor between the wheels. Metres.
+    """Position of a link on its parent, in metres; :data:`BASE` is on the floor between the wheels.
 
     Wheels turn around y, which is an axle across the robot.
 
     Attributes:
-        rpy: how it is turned about the parent's x, y and z, in this order; radians.
+        rpy: rotation about the parent's x, y and z, in this order; radians.
     """
 
     link: str
@@ -64,7 +64,7 @@ class Mount:
 
 
 def fixed_mounts(chassis: Chassis) -> tuple[Mount, ...]:
-    """The links that never move on the robot."""
+    """Return the fixed links."""
     return (
         Mount(LASER, z=_GROUND_CLEARANCE + _BODY_HEIGHT + _LASER_SIZE[1] / 2),
         Mount(CASTER, x=-chassis.radius + 2 * _CASTER_RADIUS, z=_CASTER_RADIUS),
@@ -76,18 +76,18 @@ def fixed_mounts(chassis: Chassis) -> tuple[Mount, ...]:
 
 
 def camera_mount(chassis: Chassis) -> Mount:
-    """The camera, which looks forwards from a mast."""
+    """Return the camera, which looks forward from a mast."""
     return Mount(CAMERA, x=chassis.radius / 2, z=_CAMERA_HEIGHT)
 
 
 def wheel_mounts(chassis: Chassis) -> tuple[Mount, Mount]:
-    """The left and the right wheel."""
+    """Return the left and the right wheel."""
     half, up = chassis.track / 2, chassis.wheel_radius
     return Mount(LEFT_WHEEL, y=half, z=up), Mount(RIGHT_WHEEL, y=-half, z=up)
 
 
 def arm_mounts() -> tuple[Mount, ...]:
-    """The links of the arm, in the order of its joints, where these are at 0."""
+    """Return the links of the arm, in the order of its joints, at joint angles of 0."""
     parents = (ARM_BASE, *(joint.link for joint in ARM))
     return tuple(
         Mount(joint.link, z=joint.height, parent=parent) for joint, parent in zip(ARM, parents, strict=False)
@@ -95,7 +95,7 @@ def arm_mounts() -> tuple[Mount, ...]:
 
 
 def visuals(chassis: Chassis) -> Mapping[str, Visual]:
-    """The visual of each link that has one, around its visual origin."""
+    """Return the visuals by link, around their origins."""
     wheel = Visual(Cylinder(chassis.wheel_radius, _WHEEL_WIDTH), _BLACK)
     return {
         BASE: Visual(Cylinder(chassis.radius, _BODY_HEIGHT), (0.2, 0.4, 0.8)),
@@ -113,7 +113,7 @@ def visuals(chassis: Chassis) -> Mapping[str, Visual]:
 
 
 def urdf(chassis: Chassis, name: str = "demo_robot") -> str:
-    """The description as XML text."""
+    """Return the description as XML text."""
     robot = ET.Element("robot", name=name)
     seen = visuals(chassis)
     _link(robot, BASE, seen, "0 0 0.09")
@@ -123,7 +123,7 @@ def urdf(chassis: Chassis, name: str = "demo_robot") -> str:
         _joint(robot, f"{joint}_joint", mount)
     _frame(robot, "camera_optical_joint", optical)
     for joint, mount in zip((LEFT_JOINT, RIGHT_JOINT), wheel_mounts(chassis), strict=True):
-        # A cylinder stands on z: a quarter turn around x lays it on the axle.
+        # Cylinders are along z: a quarter turn around x puts it on the axle.
         _link(robot, mount.link, seen, rpy="1.5707963 0 0")
         _joint(robot, joint, mount, axis="0 1 0")
     _link(robot, ARM_BASE, seen, f"0 0 {text(ARM[0].height / 2)}")
@@ -172,7 +172,7 @@ def _arm_joint(robot: ET.Element, joint: ArmJoint, mount: Mount) -> None:
 def _joint(
     robot: ET.Element, name: str, mount: Mount, axis: str | None = None, kind: str = "continuous"
 ) -> ET.Element:
-    """Return a joint of that kind about an axis, or a fixed one."""
+    """Return a joint of a kind about an axis, or a fixed one."""
     joint = ET.SubElement(robot, "joint", name=name, type="fixed" if axis is None else kind)
     ET.SubElement(joint, "parent", link=mount.parent)
     ET.SubElement(joint, "child", link=mount.link)

@@ -1,4 +1,4 @@
-"""A marker to drag to where the robot should go, in the viewers that show interactive markers."""
+"""Interactive marker that sets the goal of the robot."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from rwt_tf2 import quaternion_from_yaw
 
 NAMESPACE = "goal_marker"
 _NAME = "goal"
-#: Not quite opaque: ros3djs draws such colours as they are, and others in the light of a lamp.
+#: Not quite opaque: ros3djs does not shade such colours.
 _ORANGE = Colour(1.0, 0.55, 0.0, 0.9)
-#: Metres: as wide as the robot with some room around, and above the floor, which hides what lies in it.
+#: Diameter and height in metres: wider than the robot, and above the floor, which would hide it.
 _SIZE = 0.8
 _HEIGHT = 0.02
 
@@ -54,7 +54,7 @@ class GoalMarker:
         if feedback.event is Event.MOUSE_DOWN:
             self._grabbed_at = self._pose()
         elif feedback.event is Event.MOUSE_UP and self._grabbed_at != self._pose():
-            # A click alone, which opens the menu, is no order to drive.
+            # A click without dragging only opens the menu.
             await self._drive(feedback)
 
     def _pose(self) -> Message:

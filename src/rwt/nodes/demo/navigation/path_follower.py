@@ -1,4 +1,4 @@
-"""Follows a path: the velocity at each moment."""
+"""Path follower: computes the velocity for each step."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ from collections.abc import Sequence
 from rwt.nodes.demo.drive import STANDSTILL, MotorLimits, Velocity
 from rwt.nodes.demo.world.pose import Pose, wrap_angle
 
-#: The robot steers at the point this far ahead on the way, metres.
+#: Look-ahead distance on the path, metres.
 _LOOK_AHEAD = 0.3
-#: Distance between the points that the way is cut into, metres.
+#: Distance between points of the path, metres.
 _SPACING = 0.05
-#: A larger error of heading is first turned away on the spot, radians.
+#: Heading error above which the robot first turns in place, radians.
 _TURN_FIRST = 0.8
 #: Radians per second for each radian of error.
 _STEERING = 3.0
-#: The share of the robot's acceleration that braking for the goal plans with.
+#: Share of the robot's acceleration that is planned for braking at the goal.
 _BRAKING = 0.6
 
 
 class PathFollower:
-    """Steers along one path to a pose.
+    """Follower of one path to a pose.
 
     Attributes:
-        goal: where to end, in the frame of the way.
+        goal: final pose, in the frame of the path.
     """
 
-    #: Metres and radians from the goal that count as there.
+    #: Tolerances of the goal in metres and radians.
     position_tolerance = 0.05
     heading_tolerance = 0.05
 
@@ -43,11 +43,11 @@ class PathFollower:
             self._ahead[i] = self._ahead[i + 1] + math.dist(self._points[i], self._points[i + 1])
 
     def remaining(self, pose: Pose) -> float:
-        """Metres still to drive."""
+        """Remaining distance in metres."""
         return self._ahead[self._reached] + pose.distance_to(*self._points[self._reached])
 
     def off_track(self, pose: Pose) -> float:
-        """Metres from the robot to where on the way it should be."""
+        """Distance of the robot from the path in metres."""
         return pose.distance_to(*self._points[self._reached])
 
     def arrived(self, pose: Pose) -> bool:
@@ -58,13 +58,13 @@ class PathFollower:
         )
 
     def steer(self, pose: Pose) -> Velocity:
-        """The velocity to drive with from here."""
-        # The nearest point a little ahead: a path may cross itself.
+        """Return the velocity for a pose."""
+        # The nearest point within a short distance ahead: a path may cross itself.
         ahead = range(self._reached, min(len(self._points), self._reached + 20))
         self._reached = min(ahead, key=lambda i: pose.distance_to(*self._points[i]))
         if self.arrived(pose):
             return STANDSTILL
-        # Once in place only the heading is corrected, unless the turn has carried the robot off again.
+        # At the goal only the heading is corrected, unless turning has moved the robot away.
         slack = self.position_tolerance if self._turning else self.position_tolerance / 2
         self._turning = pose.distance_to(self.goal.x, self.goal.y) <= slack
         if self._turning:
@@ -78,7 +78,7 @@ class PathFollower:
         speed = min(
             limits.speed * math.cos(error) ** 2,
             math.sqrt(2 * _BRAKING * limits.acceleration * self.remaining(pose)),
-            # Never faster than the turn towards the target can be made.
+            # Limited by the speed of turning towards the target.
             limits.turn_rate * _LOOK_AHEAD / max(abs(error), 0.1),
         )
         return Velocity(speed, turn)

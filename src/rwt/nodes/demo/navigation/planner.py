@@ -1,4 +1,4 @@
-"""A way from here to there that keeps off the walls: A* over coarse cells, then straightened."""
+"""Path planner that avoids walls: A* over coarse cells, then straightened."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from rwt.nodes.demo.world.map import World
 
 Point = tuple[float, float]
 
-#: Side of a planning cell, metres; a way needs no finer grid than half the robot.
+#: Side of a planning cell, metres; half the size of the robot suffices.
 _CELL = 0.1
-#: Below this distance to a wall a cell costs more, so that ways keep to the middle of doors; metres.
+#: Distance to walls below which cells cost more, so that paths use the middle of doors; metres.
 _COMFORT = 0.5
-#: How far the free cell that stands for a point may be from it, metres.
+#: Maximum distance of a point from the free cell that represents it, metres.
 _SNAP = 0.3
 
 _STEPS = tuple((dx, dy, math.hypot(dx, dy)) for dx in (-1, 0, 1) for dy in (-1, 0, 1) if dx or dy)
@@ -25,7 +25,7 @@ class NoPath(Exception):
 
 
 class Planner:
-    """Finds ways for a round robot in a world that stands still."""
+    """Path planner for a round robot in a static world."""
 
     def __init__(self, world: World, body_radius: float, margin: float = 0.05) -> None:
         floor = world.floor
@@ -40,7 +40,7 @@ class Planner:
         """Return the corners of a path from `start` to exactly `goal`, in metres in the map frame.
 
         Raises:
-            NoPath: the goal is in or too close to something solid, or walled off.
+            NoPath: the goal is in or too close to an obstacle, or unreachable.
         """
         if self._world.clearance(*goal) < self._needed:
             msg = f"the goal ({goal[0]:.4g}, {goal[1]:.4g}) is within {self._needed:.2f} m of something solid"

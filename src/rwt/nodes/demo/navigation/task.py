@@ -1,6 +1,6 @@
 """Actions `/navigate_to_pose` and, on ROS 1, `/move_base`: plan a path, follow it, plan again.
 
-:meth:`Navigation.steer` drives, once a control step; the coroutine of the action only waits for the end.
+:meth:`Navigation.steer` drives in each control step; the coroutine of the action only waits for the end.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ from rwt_participant.goals import GoalStatus, ReceivedGoal
 from rwt_participant.messages import Message
 
 ACTION = "nav2_msgs/NavigateToPose"
-#: Seconds between two feedbacks.
+#: Interval of feedback in seconds.
 _FEEDBACK_EVERY = 0.2
-#: Seconds of standing still on the way after which the task is given up.
+#: Time without motion after which the task is aborted, in seconds.
 _PATIENCE = 5.0
-#: Metres off the path, after driving by hand, at which a new one is planned.
+#: Distance from the path, after manual driving, at which a new one is planned, in metres.
 _REPLAN_AT = 0.4
 
 
 @dataclass(frozen=True, slots=True)
 class _Interface:
-    """Spelling of a navigation task in one action.
+    """Conventions of one navigation action.
 
     Attributes:
-        target: returns the pose of a goal, a `geometry_msgs/PoseStamped`.
+        target: returns the `geometry_msgs/PoseStamped` of a goal.
         pose_field: field of the feedback with the pose of the robot.
-        has_progress: True if feedback and result have more than that.
+        has_progress: True if feedback and result have further fields.
     """
 
     target: Callable[[Message], Message]
@@ -79,7 +79,7 @@ _MOVE_BASE_TYPES: Final = {"noetic": "move_base_msgs/MoveBase"}
 
 
 class Navigation:
-    """Serves the action and, while a goal is active, says how to drive."""
+    """Action server that computes velocities while a goal is active."""
 
     def __init__(self, node: Node, drive: DifferentialDrive, planner: Planner, odom_origin: Pose) -> None:
         self._node = node
@@ -103,7 +103,7 @@ class Navigation:
         return self._task is not None
 
     def steer(self, overridden: bool) -> Velocity:
-        """The velocity to drive with now; `overridden`, while driving by hand, only pauses the task."""
+        """Return the velocity for this step; manual driving (`overridden`) only pauses the task."""
         task = self._task
         if task is None:
             return STANDSTILL
@@ -121,7 +121,7 @@ class Navigation:
         return self._follow(task)
 
     def abort(self, reason: str) -> None:
-        """Give up the active goal, if there is one."""
+        """Abort the active goal, if there is one."""
         self._finish(GoalStatus.ABORTED, reason)
 
     def _follow(self, task: _NavigationTask) -> Velocity:
@@ -186,7 +186,7 @@ class Navigation:
         try:
             await task.ended.wait()
         finally:
-            # Whatever ends the wait, a robot without a goal must not drive on.
+            # However the wait ends, a robot without a goal must stop.
             if self._task is task:
                 self._task = None
         if task.status is GoalStatus.CANCELED:
@@ -208,7 +208,7 @@ class Navigation:
 
     def _give_feedback(self, task: _NavigationTask) -> None:
         now = self._node.clock.monotonic()
-        # A step may come a hair early by rounding; half a step of slack keeps the rate.
+        # Rounding may make a step slightly early; half a step of tolerance keeps the rate.
         if now - task.last_feedback < _FEEDBACK_EVERY - 0.025:
             return
         task.last_feedback = now

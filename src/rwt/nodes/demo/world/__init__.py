@@ -1,1 +1,1 @@
-"""The demo robot's surroundings, and what its sensors see of them."""
+"""The demo robot's world and sensors."""

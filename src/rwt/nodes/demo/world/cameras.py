@@ -1,4 +1,4 @@
-"""The colour camera and the depth camera: `/camera/…`. They are one device with one lens and one frame."""
+"""Colour and depth camera, `/camera/…`: one device with one lens and one frame."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from rwt_participant.qos import SENSOR_DATA
 if TYPE_CHECKING:
     from rwt.nodes.demo.world.view import View
 
-#: The cloud has every second row and column of every third image: whole, it would be 147 MB/s.
+#: The cloud has every second row and column of every third image; a full one would be 147 MB/s.
 _POINTS_SKIP, _POINTS_EVERY = 2, 3
-#: Of the compressed images, as image_transport has it.
+#: JPEG quality of compressed images, as in image_transport.
 _JPEG_QUALITY = 80
 
 
 class CameraPublisher:
-    """Publishes `/camera/image_raw`, its compressed form, `/camera/depth/image_raw` and
+    """Publisher of `/camera/image_raw`, its compressed form, `/camera/depth/image_raw` and
     `/camera/depth/points`, each only while it has subscribers, and their camera infos.
 
     Images are drawn in a worker thread, from arrays: numpy is loaded with the first subscriber.
@@ -57,14 +57,14 @@ class CameraPublisher:
         self._drawn = (self._colours, self._jpegs, self._depths, self._points)
 
     def set_rate(self, rate: float) -> None:
-        """Publish `rate` images a second from now on."""
+        """Start to publish `rate` images per second."""
         self._period = 1 / rate
         if self._timer is not None:
             self._timer.cancel()
             self._timer = self._node.create_timer(self._period, self._shoot)
 
     def follow_subscribers(self) -> None:
-        """Start and stop the timer with the subscribers: an idle robot is not woken thirty times a second."""
+        """Run the timer while there are subscribers, so that an idle robot does not wake up."""
         wanted = self._is_heard(*self._drawn, self._infos, self._depth_infos)
         if wanted and self._timer is None:
             self._timer = self._node.create_timer(self._period, self._shoot)
@@ -73,7 +73,7 @@ class CameraPublisher:
             self._timer = None
 
     async def _shoot(self) -> None:
-        """Publish one image of each subscribed kind, all of the same moment."""
+        """Publish one image of each subscribed kind, all of the same time."""
         header = messages.header(self._node.clock.time_ns(), self._frame)
         self._shots += 1
         for infos in (self._infos, self._depth_infos):

@@ -1,4 +1,4 @@
-"""The optics of a pinhole camera, and how ROS describes them."""
+"""Optics of a pinhole camera, and their description in ROS."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Lens:
     Attributes:
         width: columns of the image.
         height: rows of the image.
-        field_of_view: from the left edge to the right one, radians.
+        field_of_view: horizontal field of view, radians.
     """
 
     width: int = 640
@@ -26,7 +26,7 @@ class Lens:
 
     @property
     def focal(self) -> float:
-        """Focal length, pixels."""
+        """Focal length in pixels."""
         return self.width / 2 / math.tan(self.field_of_view / 2)
 
     @property
@@ -40,7 +40,7 @@ class Lens:
         return (self.height - 1) / 2
 
     def camera_info(self, header: Message, distro: Distro) -> Message:
-        """`sensor_msgs/CameraInfo`, as the distribution calls its matrices."""
+        """Return `sensor_msgs/CameraInfo` with the distribution's names of matrices."""
         f, cx, cy = self.focal, self.cx, self.cy
         matrices = (
             [0.0] * 5,

@@ -1,4 +1,4 @@
-"""A laser scanner that sees the world's boxes and pillars, and its topic `/scan`.
+"""Laser scanner of the world's boxes and pillars, and its topic `/scan`.
 
 Each visible side is cast onto the rays within its angle of view instead of each ray onto every side: one pass
 over about a thousand ray hits, where walking a grid takes tens of thousands of cells. That is a fraction of a
@@ -26,9 +26,9 @@ class Lidar:
     Attributes:
         ray_count: rays in a scan.
         angle_min: direction of the first ray from the robot's heading, radians.
-        angle_increment: from ray to ray, counterclockwise, radians.
-        range_min: the shortest distance it can measure, metres.
-        range_max: the longest distance it can measure, metres.
+        angle_increment: angle between rays, counterclockwise, radians.
+        range_min: minimum measurable distance, metres.
+        range_max: maximum measurable distance, metres.
         noise: standard deviation of a range, metres.
     """
 
@@ -42,15 +42,15 @@ class Lidar:
         self.noise = 0.0
         self._world = world
         self._random = random.Random(seed)
-        # Drawn once: a scan takes a random stretch of it, which is far cheaper than drawing for each ray.
+        # Drawn once: scans use random sections of it, which is far cheaper than drawing for each ray.
         self._errors = [self._random.gauss(0.0, 1.0) for _ in range(16 * ray_count)]
         angles = [self.angle_min + i * self.angle_increment for i in range(ray_count)]
-        # Twice around: a span of rays that crosses the seam is then one run of indices.
+        # Twice around, so that a span of rays across the seam is one range of indices.
         self._cos = [math.cos(angle) for angle in angles] * 2
         self._sin = [math.sin(angle) for angle in angles] * 2
 
     def scan(self, pose: Pose) -> list[float]:
-        """Metres to what each ray hits, seen from `pose`, to the millimetre; infinite beyond the range."""
+        """Return the range of each ray from `pose` in metres, rounded to millimetres; infinite if too far."""
         ranges = [math.inf] * (2 * self.ray_count)
         for box in self._world.boxes:
             self._see_box(box, pose, ranges)
@@ -94,7 +94,7 @@ class Lidar:
         cos, sin = self._cos, self._sin
         for ray in self._rays(math.atan2(y1, x1), math.atan2(y2, x2)):
             facing = cos[ray] * normal_x + sin[ray] * normal_y
-            # A ray along the side would be a division by zero; the side's neighbours catch it.
+            # A ray along the side would divide by zero; it hits an adjacent side.
             if facing > 1e-9:
                 distance = away / facing
                 if distance < ranges[ray]:
@@ -130,7 +130,7 @@ def _relative(point: tuple[float, float], pose: Pose) -> tuple[float, float]:
 
 
 class ScanPublisher:
-    """Publishes `/scan`."""
+    """Publisher of `/scan`."""
 
     def __init__(self, node: Node, drive: DifferentialDrive, lidar: Lidar) -> None:
         self._node = node
@@ -142,11 +142,11 @@ class ScanPublisher:
         self._timer: Timer | None = None
 
     def start(self) -> None:
-        """Publish scans from now on."""
+        """Start to publish scans."""
         self._timer = self._node.create_timer(self._period, self._scan)
 
     def set_rate(self, rate: float) -> None:
-        """Scan `rate` times a second from now on."""
+        """Start to scan `rate` times per second."""
         self._period = 1 / rate
         if self._timer is not None:
             self._timer.cancel()

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 
 from rwt.nodes.demo.world.pose import ORIGIN, Pose
 
-#: The values of `nav_msgs/OccupancyGrid` that are used here.
+#: Values of `nav_msgs/OccupancyGrid`.
 FREE = 0
 OCCUPIED = 100
 
 
 @dataclass(frozen=True, slots=True)
 class Box:
-    """A wall or a piece of furniture, sides along the axes; metres in the map frame."""
+    """Axis-aligned box (wall or furniture); metres in the map frame."""
 
     left: float
     bottom: float
@@ -27,7 +27,7 @@ class Box:
     top: float
 
     def distance(self, x: float, y: float) -> float:
-        """Metres from a point to the box; 0 inside."""
+        """Return the distance of a point from the box in metres; 0 inside."""
         dx = self.left - x if x < self.left else x - self.right if x > self.right else 0.0
         dy = self.bottom - y if y < self.bottom else y - self.top if y > self.top else 0.0
         return math.hypot(dx, dy)
@@ -35,14 +35,14 @@ class Box:
 
 @dataclass(frozen=True, slots=True)
 class Pillar:
-    """A round obstacle; metres in the map frame."""
+    """Round obstacle; metres in the map frame."""
 
     x: float
     y: float
     radius: float
 
     def distance(self, x: float, y: float) -> float:
-        """Metres from a point to the pillar; 0 inside."""
+        """Return the distance of a point from the pillar in metres; 0 inside."""
         return max(0.0, math.hypot(x - self.x, y - self.y) - self.radius)
 
 
@@ -51,9 +51,9 @@ class World:
     """Closed floor with obstacles.
 
     Attributes:
-        floor: the whole rectangle; nothing is outside.
-        boxes: walls and furniture, the outer walls among them.
-        start: where the robot begins, in the map frame.
+        floor: rectangle that contains everything.
+        boxes: walls, including the outer ones, and furniture.
+        start: initial pose of the robot, in the map frame.
     """
 
     floor: Box
@@ -62,7 +62,7 @@ class World:
     start: Pose = ORIGIN
 
     def clearance(self, x: float, y: float) -> float:
-        """Metres from a point to the nearest solid thing; 0 inside one and outside the floor."""
+        """Return the distance of a point from the nearest obstacle in metres; 0 inside or off the floor."""
         floor = self.floor
         nearest = min(x - floor.left, floor.right - x, y - floor.bottom, floor.top - y)
         for box in self.boxes:
@@ -94,7 +94,7 @@ class Grid:
 
 
 def draw_map(world: World, resolution: float = 0.05) -> Grid:
-    """The world as an occupancy grid; a cell is occupied when its centre is in something solid."""
+    """Return the occupancy grid; a cell is occupied if its centre is in an obstacle."""
     floor = world.floor
     columns = math.ceil((floor.right - floor.left) / resolution - 1e-9)
     rows = math.ceil((floor.top - floor.bottom) / resolution - 1e-9)
@@ -116,7 +116,7 @@ def draw_map(world: World, resolution: float = 0.05) -> Grid:
 
 
 def walled(floor: Box, thickness: float = 0.1) -> tuple[Box, ...]:
-    """The four outer walls that close a floor, inside its rectangle."""
+    """Return the four outer walls of a floor, inside its rectangle."""
     left, bottom, right, top = floor.left, floor.bottom, floor.right, floor.top
     return (
         Box(left, bottom, right, bottom + thickness),
@@ -127,7 +127,7 @@ def walled(floor: Box, thickness: float = 0.1) -> tuple[Box, ...]:
 
 
 def house() -> World:
-    """The demo's world: 10 m by 8 m, two rooms in the west, a hall with pillars and a store in the east."""
+    """Return the demo's world: 10 m by 8 m, two rooms in the west, a hall and a store in the east."""
     floor = Box(-5.0, -4.0, 5.0, 4.0)
     inner_walls = (
         # Between the western rooms and the hall, with a door to each room.

@@ -1,4 +1,4 @@
-"""Where something is on the floor, and how it is turned."""
+"""Position and heading on the floor."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class Pose:
     heading: float = 0.0
 
     def distance_to(self, x: float, y: float) -> float:
-        """Metres from here to a point."""
+        """Return the distance to a point in metres."""
         return math.hypot(x - self.x, y - self.y)
 
     def after(self, other: Pose) -> Pose:
-        """`other`, given relative to this pose, in the frame that this pose is given in."""
+        """Return `other`, which is relative to this pose, in the frame of this pose."""
         cos, sin = math.cos(self.heading), math.sin(self.heading)
         return Pose(
             self.x + cos * other.x - sin * other.y,
@@ -34,13 +34,13 @@ class Pose:
         )
 
     def seen_from(self, base: Pose) -> Pose:
-        """This pose relative to `base`; the inverse of :meth:`after`."""
+        """Return this pose relative to `base`; the inverse of :meth:`after`."""
         cos, sin = math.cos(base.heading), math.sin(base.heading)
         dx, dy = self.x - base.x, self.y - base.y
         return Pose(cos * dx + sin * dy, cos * dy - sin * dx, wrap_angle(self.heading - base.heading))
 
     def moved(self, linear: float, angular: float, seconds: float) -> Pose:
-        """Where the pose is after driving an arc for `seconds` at constant m/s and rad/s."""
+        """Return the pose after an arc of `seconds` at constant m/s and rad/s."""
         turn = angular * seconds
         if abs(turn) < 1e-9:
             chord, direction = linear * seconds, self.heading
@@ -57,6 +57,6 @@ ORIGIN = Pose()
 
 
 def wrap_angle(angle: float) -> float:
-    """The same direction in (-π, π]."""
+    """Return the same direction in (-π, π]."""
     wrapped = math.remainder(angle, math.tau)
     return math.pi if wrapped == -math.pi else wrapped

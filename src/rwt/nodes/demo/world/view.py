@@ -1,7 +1,7 @@
 """View of a camera on the robot: colours and depths, by casting one ray per column.
 
-Everything solid reaches from the floor to the ceiling, so one ray tells a whole column: how far the wall is,
-where its floor and ceiling lines are, and which strip of its texture is seen. That draws 640x480 in a few
+All obstacles reach from the floor to the ceiling, so one ray determines a whole column: distance of the wall,
+its floor and ceiling lines, and the visible strip of its texture. An image of 640x480 takes a few
 milliseconds on one core. It needs numpy, so this module is imported with the first subscriber.
 """
 
@@ -22,7 +22,7 @@ from rwt.nodes.demo.world.pose import Pose
 
 Floats = NDArray[np.float32]
 
-#: From the floor to the ceiling, metres.
+#: Height of the ceiling, metres.
 CEILING: Final = 1.6
 #: Distances that the depth camera measures, metres; anything else is 0, which is unknown (REP 118).
 NEAREST, FARTHEST = 0.3, 8.0
@@ -30,7 +30,7 @@ NEAREST, FARTHEST = 0.3, 8.0
 _ALONG: Final = 32
 _UP: Final = 64
 _SHADES: Final = 16
-#: Metres at which a wall has the darkest shade.
+#: Distance at which a wall has the darkest shade, metres.
 _DARKEST: Final = 10.0
 _TILE: Final = 0.5  # side of a floor tile, metres
 _COLOURS: Final = (
@@ -42,7 +42,7 @@ _COLOURS: Final = (
     (130, 100, 160),
     (90, 160, 150),
 )
-#: Of `sensor_msgs/PointField`.
+#: Number of a float32 in `sensor_msgs/PointField`.
 _FLOAT32: Final = 7
 _FIELDS: Final = ("x", "y", "z", "rgb")
 _STEP: Final = 4 * len(_FIELDS)
@@ -54,7 +54,7 @@ class RayHits:
 
     Attributes:
         depth: metres along the viewing axis.
-        texel: where in the atlas the strip of texture begins.
+        texel: offset of the strip of texture in the atlas.
     """
 
     pose: Pose
@@ -72,7 +72,7 @@ class View:
     def __init__(self, world: World, lens: Lens, height: float) -> None:
         self._height = height
         self._slopes = (lens.cx - np.arange(lens.width, dtype=np.float32)) / np.float32(lens.focal)
-        # How far a ray of each row rises in a metre of depth, and where it meets the floor or the ceiling.
+        # Rise of each row's ray per metre of depth, and depth at which it meets the floor or the ceiling.
         self._rises = (lens.cy - np.arange(lens.height, dtype=np.float32)) / np.float32(lens.focal)
         self._planes = np.where(
             self._rises < 0, -height / self._rises, (CEILING - height) / np.maximum(self._rises, 1e-6)
@@ -95,7 +95,7 @@ class View:
         return RayHits(pose, depth, ((colour % len(_COLOURS) * _SHADES + shade) * _ALONG + strip) * _UP)
 
     def colours(self, hits: RayHits) -> NDArray[np.uint8]:
-        """The image, rows x columns x red, green, blue."""
+        """Return the image, rows x columns x red, green, blue."""
         above = np.multiply.outer(self._rises, hits.depth)
         above += np.float32(self._height)
         above *= np.float32(_UP / CEILING)
@@ -107,7 +107,7 @@ class View:
         return np.ascontiguousarray(image.view(np.uint8).reshape(*image.shape, 4)[:, :, :3])
 
     def depths(self, hits: RayHits) -> NDArray[np.uint16]:
-        """Millimetres along the viewing axis, rows x columns; 0 where nothing is measured (REP 118)."""
+        """Return the depth image in millimetres, rows x columns; 0 is unknown (REP 118)."""
         metres = np.minimum(self._planes[:, None], hits.depth)
         metres[(metres < NEAREST) | (metres > FARTHEST)] = 0
         return (metres * np.float32(1000) + np.float32(0.5)).astype(np.uint16)
@@ -125,7 +125,7 @@ class View:
         image[:horizon] = self._ceiling[:horizon, None]
         pose, reach = hits.pose, self._planes[horizon:]
         cos, sin = math.cos(pose.heading), math.sin(pose.heading)
-        # + 1000: truncation is then rounding down, whichever side of the origin a tile is on.
+        # + 1000 makes the numbers positive, so that truncation rounds down.
         x = np.multiply.outer(reach, ((cos - self._slopes * sin) / _TILE).astype(np.float32))
         y = np.multiply.outer(reach, ((sin + self._slopes * cos) / _TILE).astype(np.float32))
         x += np.float32(pose.x / _TILE + 1000)
@@ -137,13 +137,13 @@ class View:
 
 
 class _Sides:
-    """Vertical sides of all boxes, as arrays."""
+    """Return the vertical sides of all boxes as arrays."""
 
     def __init__(self, boxes: Sequence[Box]) -> None:
         def column(values: list[float]) -> Floats:
             return np.array(values, np.float32)[:, None]
 
-        # Sides along y stand at an x, sides along x at a y; each from a first to a last coordinate.
+        # Sides along y have an x, sides along x a y; each has a first and a last coordinate.
         self._at_x = column([at for box in boxes for at in (box.left, box.right)])
         self._x_from = column([box.bottom for box in boxes for _ in "lr"])
         self._x_to = column([box.top for box in boxes for _ in "lr"])
@@ -165,7 +165,7 @@ class _Sides:
         depth = np.concatenate((depth_x, depth_y))
         side = depth.argmin(axis=0)
         ray = np.arange(len(dx))
-        # The floor is closed by walls: only a ray that slips between two sides at a corner hits nothing.
+        # Walls enclose the floor: only a ray between two sides at a corner hits nothing.
         nearest = np.minimum(depth[side, ray], np.float32(2 * _DARKEST))
         along = np.nan_to_num(np.concatenate((along_x, along_y))[side, ray]) + np.float32(1000)
         box = (side % len(self._at_x)) // 2
@@ -179,7 +179,7 @@ def _hit_pillar(
     direction: tuple[Floats, Floats],
     found: tuple[Floats, Floats, NDArray[np.int32]],
 ) -> None:
-    """Add a pillar to the hits of the rays where it is nearer."""
+    """Replace the hits of rays that meet a pillar first."""
     (dx, dy), (depth, along, colour) = direction, found
     x, y = pillar.x - pose.x, pillar.y - pose.y
     # |t * d - p| = r, solved for the smaller t.
@@ -195,7 +195,7 @@ def _hit_pillar(
 
 
 def _atlas() -> NDArray[np.uint32]:
-    """Return every texture in every shade: colour, shade, texel along the wall, texel up, flattened."""
+    """Return all textures in all shades: colour, shade, texel along the wall, texel up, flattened."""
     grain = np.random.default_rng(1).normal(1.0, 0.05, (_ALONG, _UP))
     grain[:, :4] *= 0.5  # a skirting board
     grain[:: _ALONG // 2] *= 0.75  # joints, twice a metre
@@ -226,7 +226,7 @@ def point_cloud(
     Args:
         depths: rows x columns, millimetres; 0 is unknown.
         colours: rows x columns x red, green, blue.
-        skip: every so many rows and columns become points.
+        skip: distance between rows, and columns, that become points.
     """
     down, across = (
         (np.arange(0, count, skip, dtype=np.float32) - np.float32(centre)) / np.float32(lens.focal)
