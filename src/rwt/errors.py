@@ -4,4 +4,4 @@ from __future__ import annotations
 
 
 class ServerError(Exception):
-    """The server cannot continue, although its settings are valid; the text says why and what to do."""
+    """The server cannot continue, although its settings are valid; the text gives reason and remedy."""

@@ -1,4 +1,4 @@
-"""The certificate of the server's own making while it runs: renewed, and its authority offered to devices."""
+"""Certificate created by the server: renewal while it runs, and a page with its authority for devices."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _PERIOD: Final = 3600.0
 
 
 class CertificateRenewal:
-    """Replaces the certificate if it expires or no longer names the machine; checks every hour."""
+    """Hourly check that replaces a certificate which expires or no longer names the machine."""
 
     def __init__(self, clock: Clock, context: SSLContext, settings: TlsSettings) -> None:
         self._clock = clock
@@ -40,7 +40,7 @@ class CertificateRenewal:
         self._timer = self._clock.call_later(_PERIOD, self._look)
 
     def close(self) -> None:
-        """Look no more."""
+        """Stop checking."""
         self._timer.cancel()
 
 

@@ -1,4 +1,4 @@
-"""The protocols that a server speaks beside rosbridge, and how their gateways are made."""
+"""Gateways of a server besides rosbridge."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rwt.access.settings import SettingsError
 from rwt.composition.extensions import extension_for
 from rwt_transports.http.routes import HttpResponse
 
-# What only some servers have is imported in the functions that make it.
+# Optional parts are imported in the functions that create them.
 if TYPE_CHECKING:
     from collections.abc import Awaitable
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rwt_transports.http.routes import HttpExtension, HttpRequest
 
 _PACKAGES: Final = "/packages/"
-"""Path of the files that robot descriptions name."""
+"""Path of the files of robot descriptions."""
 
 
 def _foxglove(graph: Graph, settings: Settings, access: Access, http: Sequence[HttpExtension]) -> Gateway:

@@ -1,4 +1,4 @@
-"""Which graph a server stands in front of, and which interfaces it knows."""
+"""Graph and interfaces of a server, from its settings."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rwt_graph.clock import Clock
 
 MakeGraph: TypeAlias = "Callable[[Registry, Clock | None], Graph]"
-"""Makes the graph of a server, as the class :class:`~rwt_graph.memory.graph.MemoryGraph` does."""
+"""Factory of the graph of a server, such as :class:`~rwt_graph.memory.graph.MemoryGraph`."""
 
 
 def make_registry(settings: Settings) -> Registry:
@@ -50,7 +50,7 @@ def make_graph(
     """Return the graph of the settings, not entered; `make` replaces the setting `graph`.
 
     Raises:
-        SettingsError: the extra for it is not installed, or what is asked for contradicts itself.
+        SettingsError: its extra is not installed, or the settings contradict each other.
         GraphError: Zenoh's options cannot be used.
     """
     if registry is None:
@@ -70,11 +70,14 @@ def make_graph(
         joined: Graph = _ros2().Ros2Graph(registry, clock)
         return joined
     if settings.graph != "zenoh":
-        # An entry point is what a program would pass to `Server` as `graph`.
+        # An entry point is a factory, like the argument `graph` of `Server`.
         make = extension_for("graph", "rwt.graphs", settings.graph, ("memory", "ros2", "zenoh"))
         return make(registry, clock)
     try:
-        from rwt_graph.zenoh import ZenohGraph, ZenohOptions  # An extra: imported only where it is asked for.
+        from rwt_graph.zenoh import (  # An optional dependency, imported only if configured.
+            ZenohGraph,
+            ZenohOptions,
+        )
     except ImportError as error:
         raise SettingsError(
             "`graph`: the graph over Zenoh needs more packages: pip install eclipse-zenoh xxhash"
@@ -100,7 +103,7 @@ def make_graph(
 
 def _ros2() -> ModuleType:
     try:
-        import rwt_graph.ros2  # Needs ROS 2: imported only where it is asked for.
+        import rwt_graph.ros2  # Needs ROS 2, imported only if configured.
     except ImportError as error:
         raise SettingsError(
             f"`graph`: ROS 2 is not available ({error}): source its setup.bash, for example that in"

@@ -1,4 +1,4 @@
-"""Where clients come in: the listeners of a server and its connections to hubs, with their pages."""
+"""Listeners of a server and its connections to hubs, with their pages."""
 
 from __future__ import annotations
 
@@ -98,7 +98,9 @@ class Listeners:
 
     def asgi(self, *, loopback: bool) -> AbstractAsyncContextManager[AsgiListener]:
         """Accept clients of an ASGI server; `loopback` if it is only reached from this machine."""
-        from rwt_transports.asgi import asgi_listener  # Few servers are mounted in an app.
+        from rwt_transports.asgi import (
+            asgi_listener,  # Imported here, because few servers are mounted in an app.
+        )
 
         url = "ws://127.0.0.1" if loopback else "ws://0.0.0.0"
         return asgi_listener(

@@ -18,7 +18,7 @@ from rwt.nodes.tf import Tf2WebRepublisher
 from rwt_graph.nodes.node import Node
 from rwt_transports.http.routes import HttpExtension
 
-# What only some servers have is imported in the functions that start it.
+# Optional parts are imported in the functions that start them.
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 class ReadyNode(Protocol):
-    """A node that works from its construction until it is closed. What it brings to HTTP is its `http`."""
+    """Node that works from its construction until it is closed. `http` is its HTTP extension."""
 
     def close(self) -> None:
         """Leave the graph."""
@@ -60,7 +60,7 @@ NODES: Final[Mapping[str, Callable[[Graph, Settings], ReadyNode]]] = MappingProx
 """Built-in nodes of the setting `nodes`. A row that needs heavy libraries imports them when called."""
 
 ON_EVERY_WORKER: Final[frozenset[str]] = frozenset({"web_video_server"})
-"""The nodes that each worker process starts: those with pages, since any process may be asked for them."""
+"""Nodes that each worker process starts: those with pages, because any process may receive requests."""
 
 
 def _make_node(name: str, graph: Graph, settings: Settings) -> ReadyNode:
@@ -120,7 +120,7 @@ def _commanded_recorder(graph: Graph, settings: Settings) -> RecorderNode:
     from rwt.nodes.recording import ExtraMissing, RecorderFolderError, RecorderLimits, RecorderNode
 
     given = settings.recorder
-    assert given.folder is not None  # It is started where a folder is named.
+    assert given.folder is not None  # It is started if a folder is configured.
     limits = RecorderLimits(given.recording_bytes, given.folder_bytes)
     try:
         return RecorderNode(graph, given.folder, limits)
@@ -144,7 +144,7 @@ def start_gateway_node(graph: Graph, urls: Sequence[str], settings: Settings) ->
         ports = [urlsplit(url).port for url in each if url.startswith(("ws:", "wss:"))]
         if ports and ports[0] is not None:
             node.parameters.declare(name, ports[0])
-            node.parameters.set(name, ports[0])  # ROS 1 keeps the value of the server before.
+            node.parameters.set(name, ports[0])  # ROS 1 keeps the value of the previous server.
     return node
 
 
@@ -191,7 +191,7 @@ def start_script(
         Middleware between the transports and the bridge, which injects the script's faults.
 
     Raises:
-        SettingsError: the script is wrong, or the graph notes no messages.
+        SettingsError: the script is invalid, or the graph does not record messages.
     """
     from rwt.testing.errors import ScriptError
     from rwt.testing.observed_graph import ObservedGraph

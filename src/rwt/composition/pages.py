@@ -49,7 +49,7 @@ roslibpy.Ros(host="{host}", port={port}).run()  # roslibpy</pre>
 
 
 Gather = Callable[[bytes], Awaitable[bytes]]
-"""Makes of the metrics of this process those of all that serve its port."""
+"""Merges the metrics of this process with those of all processes on its port."""
 
 
 def routes(
@@ -62,7 +62,7 @@ def routes(
 ) -> Routes:
     """Return the routes of the server, its nodes and gateways; `gather` joins metrics of worker processes.
 
-    The server's win, except that an extension may replace ``/``, which otherwise shows ``/index``.
+    Those of the server take precedence, but an extension may replace ``/``, by default ``/index``.
     """
     extensions = tuple(extensions)
     index = partial(_index, bridge, metrics, extensions)
@@ -128,7 +128,7 @@ def _admitted(
     A request that presses the emergency stop has no rate of work.
 
     Raises:
-        Refused: they are none of the audience, or their address is beyond its rate of work.
+        Refused: the sender is not of the audience, or its address exceeds its rate of work.
     """
     reader = access.reader(peer_of(request))
     if audience is Audience.EVERY_TOPIC and not reader.sees_every_topic:
@@ -152,13 +152,13 @@ def guarded(
     turns: Turns | None = None,
     presses_stop: Callable[[HttpRequest], bool] | None = None,
 ) -> Handler:
-    """A page that only its audience gets, as the graph's reader that the request proves to be, and that is
-    refused for a while to addresses that cause too much work. Where the turn of the event loop has seen as
-    much work as one may, the page waits for one of its own.
+    """Return a page for its audience only, with the reader that the request proves to be. It is
+    refused to addresses that exceed their rate of work. If the current turn of the event loop is
+    full, the page waits for its own turn.
 
-    Unless the page is for anybody, scripts of other origins may read the answer where their page may connect
-    by WebSocket (the setting `origins`; the Fetch standard's CORS protocol, without credentials). Elsewhere
-    they get an answer that their browser keeps from them, and what would act is refused before it does.
+    Unless the page is public, scripts of other origins may read the response if their page may connect
+    by WebSocket (the setting `origins`; the Fetch standard's CORS protocol, without credentials). Otherwise
+    their browser hides the response, and requests with effects are refused beforehand.
     """
 
     presses = presses_stop or _presses_nothing
@@ -167,7 +167,7 @@ def guarded(
         if audience is Audience.ANYBODY:
             return page(request, access.nobody)
         origin = request.headers.get("origin")
-        # An origin is ASCII (RFC 6454 section 6.2); what is not cannot be sent back, whatever globs allow.
+        # An origin is ASCII (RFC 6454 section 6.2); others cannot be sent back, even if globs allow them.
         if origin and not (
             origin.isascii() and access.admission.allows_page(request.headers, loopback=loopback)
         ):
@@ -265,12 +265,12 @@ def _metrics(metrics: ServerMetrics, gather: Gather | None) -> HttpResponse | Aw
 
 
 async def _with_others(own: HttpResponse, gather: Gather) -> HttpResponse:
-    assert isinstance(own.body, bytes)  # Metrics are no stream.
+    assert isinstance(own.body, bytes)  # Metrics are not a stream.
     return replace(own, body=await gather(own.body))
 
 
 def _rows(pairs: Iterable[tuple[str, str]]) -> str:
-    # Escaped all at once: there may be thousands. A name of the graph has no white space.
+    # Escaped together: there may be thousands. Names of the graph have no white space.
     rows = html.escape("\n".join(f"{name} {type_name}" for name, type_name in pairs))
     if not rows:
         return "<tr><td>none"
@@ -281,13 +281,13 @@ _FEATURES: Final = {"/webrtc": "webrtc", "/whep": "whep", "/whip": "whip"}
 
 
 def _features(routes: Iterable[Route[GraphView]]) -> Sequence[str]:
-    """Return the features that pages check for first: a response 404 is an error on their console."""
+    """Return the features that pages check first, because a 404 response is an error on their console."""
     paths = {route.path for route in routes}
     return [name for path, name in _FEATURES.items() if path in paths]
 
 
 def _role(features: Sequence[str], request: HttpRequest, reader: GraphView) -> HttpResponse:
-    """Return what the reader may do, as globs of absolute names by act, and the server's features."""
+    """Return the reader's rights, as globs of absolute names by right, and the server's features."""
     role = reader.role
     body = {
         "role": role.name,

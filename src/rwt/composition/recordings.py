@@ -1,4 +1,4 @@
-"""A folder of recordings that agents may look at."""
+"""Folder of recordings that agents may read."""
 
 from __future__ import annotations
 

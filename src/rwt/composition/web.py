@@ -1,4 +1,4 @@
-"""The robot's page served alone, for a robot whose rosbridge server is another one."""
+"""Server of the dashboard alone, for robots with another rosbridge server."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _HERE_IS_NO_ROBOT: Final = "there is no robot here: this port serves the page al
 
 
 class _Nobody:
-    """Reader of static pages, which reveal nothing of the robot."""
+    """Reader of static pages, which do not depend on the robot."""
 
     work = Work(0.0, 0.0, WorkTotals(), time.monotonic)
 
@@ -45,10 +45,10 @@ async def serve_page(
     """Serve the page within the block.
 
     Args:
-        url: where to listen, ``ws://HOST:PORT`` or ``wss://HOST:PORT``.
-        robot: the rosbridge server that the page connects to; without one it asks.
-        layouts: a folder of layouts to offer.
-        hosts: names by which it may be addressed, see :class:`rwt_transports.http.routes.Hosts`.
+        url: URL to listen on, ``ws://HOST:PORT`` or ``wss://HOST:PORT``.
+        robot: rosbridge server that the page connects to; None: the page asks.
+        layouts: folder of layouts.
+        hosts: accepted host names, see :class:`rwt_transports.http.routes.Hosts`.
         tls: certificate and key for ``wss``.
 
     Raises:

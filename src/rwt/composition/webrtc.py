@@ -1,4 +1,4 @@
-"""WebRTC beside the listeners of a server: its peers, out of its settings. The extra `webrtc`."""
+"""WebRTC peers of a server, from its settings. Needs the extra `webrtc`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The settings of a server: their models, where they are read from, and what is said of wrong ones."""
+"""Settings of a server: models, sources and errors."""
 
 from rwt.access.settings import SettingsError
 from rwt.settings.models import Settings

@@ -1,4 +1,4 @@
-"""The settings in words: their keys, what each expects, and what is wrong with a value."""
+"""Keys and types of settings, and texts of errors."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from rwt_protocol.error_text import (
 )
 
 Key = tuple[str, ...]
-"""The way to a setting from the top: tables, then its own name."""
+"""Path of a setting: tables, then its own name."""
 
 _NAME: Final = "NAME"
 
 
 def known_settings(model: type[BaseModel] = Settings, above: Key = ()) -> Iterator[tuple[Key, FieldInfo]]:
-    """Every setting that can be written, in order; `NAME` stands where the operator chooses a name."""
+    """Return the keys of all settings in order, with `NAME` for names that the operator chooses."""
     tables: list[tuple[Key, type[BaseModel]]] = []
     for name, field in model.model_fields.items():
         kind = plain_type(field.annotation)
@@ -58,7 +58,7 @@ def is_secret(key: Sequence[str]) -> bool:
 
 
 def explain(error: ValidationError) -> tuple[Key, str]:
-    """The first thing that is wrong: where, and one line about it that names the key."""
+    """Return path and text of the first error."""
     first = first_error(error)
     found, _ = locate(Settings, first["loc"])
     # An item of a list: the list is the setting.

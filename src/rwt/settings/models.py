@@ -1,4 +1,4 @@
-"""Settings of a server, with their defaults: the models alone. `rwt.settings.sources` reads them."""
+"""Models of the settings of a server, with their defaults. `rwt.settings.sources` reads them."""
 
 from __future__ import annotations
 
@@ -219,7 +219,7 @@ class WebSettings(Table):
 
 
 class Settings(BridgeSettings):
-    """The settings of a server, every one of them."""
+    """All settings of a server."""
 
     listen: Annotated[
         tuple[str, ...],

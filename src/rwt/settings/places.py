@@ -14,18 +14,18 @@ _MAX_LINES: Final = 2000
 def line_of(path: Path, key: Sequence[str]) -> int | None:
     """Return the line at which a setting or its table begins, from 1; None if it is not found.
 
-    The beginning of the file is parsed again and again, until it has the setting.
+    Growing parts of the file are parsed until one contains the setting.
     """
     try:
         lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
     except (OSError, ValueError):
         return None
-    begins = 0  # Of the statement after the last beginning that is valid.
+    begins = 0  # Start of the statement after the last valid part.
     for number in range(min(len(lines), _MAX_LINES)):
         try:
             values = tomllib.loads("".join(lines[: number + 1]))
         except (ValueError, RecursionError):
-            continue  # Within a list or a string of several lines.
+            continue  # Inside a list or a string of several lines.
         if _has(values, key):
             return begins + 1
         begins = number + 1

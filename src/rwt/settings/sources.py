@@ -1,4 +1,4 @@
-"""Where settings come from: a TOML file, the environment, the command line; the later ones win."""
+"""Sources of settings: a TOML file, the environment, the command line; later ones take precedence."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from rwt.settings.places import line_of
 
 ENVIRONMENT_PREFIX: Final = "RWT_"
 FILE_VARIABLE: Final = "RWT_CONFIG"
-"""The variable that names the file when the command line does not."""
+"""Variable with the default file name."""
 
 CLIENT_VARIABLES: Final = frozenset({"RWT_URL", "RWT_TOKEN"})
-"""Variables of the commands that connect to a robot; they are not settings of a server."""
+"""Variables of commands that connect to a robot, which are not settings of a server."""
 
 DEFAULT: Final = "default"
 
@@ -40,9 +40,9 @@ class Given:
     """Value of a setting, with its source.
 
     Attributes:
-        key: the way to the setting.
-        value: what it is set to; text where the source has only text.
-        source: where, in words: a file, a variable, an option.
+        key: key of the setting.
+        value: value; text if the source only has text.
+        source: description of the source: file, variable or option.
     """
 
     key: Key
@@ -55,8 +55,8 @@ class LoadedSettings:
     """Settings with the sources of their values.
 
     Attributes:
-        settings: the outcome.
-        sources: for each key that was set, where; all others have their defaults.
+        settings: merged settings.
+        sources: source of each key that was set; the others have their defaults.
         file: TOML file; None without one.
     """
 
@@ -65,18 +65,18 @@ class LoadedSettings:
     file: Path | None = None
 
     def source(self, key: Key) -> str:
-        """Where the value of a setting came from."""
+        """Return the source of a setting."""
         return self.sources.get(key, DEFAULT)
 
     def with_places(self, text: str) -> str:
-        """Return an error text with the places of the settings that it names."""
+        """Return an error text with the sources of the settings that it names."""
         places = [self.place(key) for key in _named_in(text)]
         found = list(dict.fromkeys(place for place in places if place != DEFAULT))
         return f"{', '.join(found)}: {text}" if found else text
 
     def place(self, key: Key) -> str:
         """Return where a setting or a table comes from, with the line in a file."""
-        for length in range(len(key), min(len(key), 2) - 1, -1):  # A default has the place of its table.
+        for length in range(len(key), min(len(key), 2) - 1, -1):  # A default has the source of its table.
             for known, source in self.sources.items():
                 if known[:length] == key[:length]:
                     return placed(key[:length], source, self.file)
@@ -91,13 +91,13 @@ def load_settings(
     """Merge the settings of all sources.
 
     Args:
-        file: a TOML file; without it the variable ``RWT_CONFIG`` may name one.
-        environment: variables; those that begin with ``RWT_`` are settings, ``__`` stands between a table and
-            what is in it. A list is written as in TOML, or with commas.
-        command_line: what options say.
+        file: TOML file; by default that of the variable ``RWT_CONFIG``, if set.
+        environment: variables; those that begin with ``RWT_`` are settings, with ``__`` between a table and
+            its members. A list is written as in TOML, or with commas.
+        command_line: values of options.
 
     Raises:
-        SettingsError: a source cannot be read, names an unknown setting, or holds a wrong value.
+        SettingsError: a source cannot be read, or has an unknown setting or an invalid value.
     """
     variables = environment or {}
     if file is None and variables.get(FILE_VARIABLE):
@@ -124,7 +124,7 @@ def with_changes(settings: Settings | None, changes: Mapping[str, object]) -> Se
         changes: values by the names of settings at the top.
 
     Raises:
-        SettingsError: an unknown setting, or a wrong value.
+        SettingsError: a setting is unknown, or a value is invalid.
     """
     given = settings or Settings()
     if not changes:
@@ -142,7 +142,7 @@ def read_settings(path: Path) -> Settings:
     """Read a single TOML file.
 
     Raises:
-        SettingsError: the file cannot be read, is not TOML, or holds an unknown key or a wrong value.
+        SettingsError: the file cannot be read, is not TOML, or has an unknown key or an invalid value.
     """
     return load_settings(path).settings
 
@@ -151,7 +151,7 @@ def from_text(dotted: str, text: str, source: str) -> Given:
     """Parse a setting from text, for example ``limits.connections`` and ``20``.
 
     Raises:
-        SettingsError: the text begins like a list, and is none.
+        SettingsError: the text begins like a list, but is invalid.
     """
     return _from_text(tuple(dotted.split(".")), text, source)
 
@@ -168,7 +168,7 @@ def _from_text(key: Key, text: str, source: str) -> Given:
 
 
 def _plain_value(key: Key, text: str) -> object:
-    """Return the boolean or number that a text stands for; the text itself for other types."""
+    """Return the boolean or number in a text, or the text itself."""
     match kind_of(key):
         case builtins.bool:
             return {"true": True, "1": True, "false": False, "0": False}.get(text.strip().lower(), text)
@@ -183,7 +183,7 @@ def _in_file(path: Path) -> Iterator[Given]:
         values = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
-    except ValueError as error:  # TOMLDecodeError, UnicodeDecodeError, and a number of thousands of digits.
+    except ValueError as error:  # TOMLDecodeError, UnicodeDecodeError, or a number with thousands of digits.
         raise SettingsError(f"{path}: not TOML: {error}") from error
     except RecursionError:
         raise SettingsError(f"{path}: tables or lists are nested too deeply") from None

@@ -53,7 +53,7 @@ def kept_authority(folder: Path, names: Sequence[str], now: datetime.datetime) -
     path = folder / _AUTHORITY
     if (kept := _read(path)) is None:
         _write(path, pem(make_authority(names, now)), replace=False)
-        kept = _read(path)  # Another process may have been first.
+        kept = _read(path)  # Another process may have created it first.
     elif ends_soon(kept.certificate, now):
         logger.warning("the authority in %s expires: creating a new one, to be installed on devices", path)
         _write(path, pem(make_authority(names, now)))

@@ -16,7 +16,7 @@ def server_tls(settings: TlsSettings) -> ssl.SSLContext | None:
     """Return the context of listeners (TLS 1.2 or later); None if no certificate is configured (CFG-02).
 
     Raises:
-        SettingsError: a file cannot be read, or is not what it should be.
+        SettingsError: a file cannot be read, or has invalid content.
     """
     if (files := _files(settings)) is None:
         return None

@@ -33,7 +33,7 @@ _FOR_EVERY_ORIGIN: Final = {
 
 
 class WebPageError(ValueError):
-    """The folder of layouts, the robot's URL or an origin is invalid; the text says which and why."""
+    """The folder of layouts, the robot's URL or an origin is invalid; the text names it and the reason."""
 
 
 class WebPage:
