@@ -162,7 +162,7 @@ class FieldChecks:
         "_checks",
         "_count",
         "_float_sum",
-        "_is_bounded",
+        "_has_lists",
         "_key",
         "_max_bytes",
         "_max_items",
@@ -183,7 +183,7 @@ class FieldChecks:
         self._max_bytes = settings.largest_bytes
         self._max_items = settings.largest_items
         self._count = _compile_count(type)
-        self._is_bounded = self._count is None and not type.long_fields
+        self._has_lists = has_lists(type)
         self._float_sum = _compile_float_sum(type) if settings.finite else None
         checks: list[_Check] = []
         for path, limit in (settings.fields if limits is None else limits).items():
@@ -222,7 +222,7 @@ class FieldChecks:
             self._float_sum is None or (payload.is_passthrough and not _find_null(payload.json()))
         ):
             return payload, None
-        if not self._is_bounded:
+        if self._has_lists:
             self._require_few(payload)
         given = payload.value()
         # A finite sum proves that every number is finite. Finite numbers may overflow: then look at each.
@@ -509,6 +509,11 @@ def _compile_float_sum(type: MessageType) -> Callable[[object], float] | None:
         return total
 
     return float_sum if numbers or lists or messages else None
+
+
+def has_lists(type: MessageType) -> bool:
+    """Return True if messages of a type have lists or long texts, so that decoding one may take long."""
+    return _compile_count(type) is not None or bool(type.long_fields)
 
 
 def _compile_count(type: MessageType) -> Callable[[object, int], int] | None:

@@ -42,7 +42,6 @@ logger: Final = logging.getLogger("rwt.bridge")
 #: Maximum number of types whose compiled checks of requests and goals are cached; then the cache is cleared.
 _MAX_TYPES: Final = 1000
 
-
 #: Maximum number of topics that the answer to a press names, because they could not be stopped.
 _MAX_FAULTS: Final = 5
 

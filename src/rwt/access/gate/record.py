@@ -15,7 +15,7 @@ from rwt.access.gate.audit.file import AuditFile, encode
 from rwt_transports.http.addresses import network_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
     from rwt.access.audit import Audit
     from rwt.access.gate.audit.budget import Source
