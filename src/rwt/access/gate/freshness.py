@@ -105,14 +105,14 @@ class Freshness:
     Commands of a stalled client are rejected until it sends the stop message and, not together with it, a
     command, or pauses for longer than the timeout.
 
-    Args:
+    Attributes:
         seconds: dead-man timeout.
     """
 
-    __slots__ = ("_seconds", "_streams")
+    __slots__ = ("_streams", "seconds")
 
     def __init__(self, seconds: float) -> None:
-        self._seconds = seconds
+        self.seconds = seconds
         self._streams: dict[Actor, _Stream] = {}
 
     def check(
@@ -134,7 +134,7 @@ class Freshness:
         was_stop, stream.was_stop = stream.was_stop, is_stop
         streamed = stream.count >= _STREAM
         stream.at = now
-        if gap > self._seconds:
+        if gap > self.seconds:
             stream.since, stream.count, stream.had_gap = now, 0, True
         elif streamed and stream.state is _State.DRIVING:
             stream.pace += ((gap - stream.pace) / 8) if stream.pace else gap
@@ -152,13 +152,13 @@ class Freshness:
         if stream.state in (_State.RELEASED, _State.DRIVING):
             return ""
         return (
-            f"commands of this client waited in a stalled connection for more than {self._seconds:g} s:"
+            f"commands of this client waited in a stalled connection for more than {self.seconds:g} s:"
             " send the stop message, or pause for as long, and begin again"
         )
 
     def _next(self, stream: _Stream, gap: float, late: float, *, streamed: bool, was_stop: bool) -> _State:
         """Return the state after a command that moves the robot."""
-        if late > self._seconds:
+        if late > self.seconds:
             return _State.STALLED
         taken = stream.at - stream.since
         is_burst = (
@@ -169,13 +169,13 @@ class Freshness:
         )
         state = stream.state
         if state in (_State.RELEASED, _State.DRIVING):
-            is_gap = state is _State.DRIVING and gap > self._seconds and streamed
+            is_gap = state is _State.DRIVING and gap > self.seconds and streamed
             return _State.STALLED if is_gap or is_burst else _State.DRIVING
         if was_stop and gap > max(stream.pace, _LEAST_PACE) / 2:
             return _State.DRIVING
         if state is _State.PROBING and not is_burst:
             return _State.DRIVING if stream.count >= _PROBES else state
-        return _State.PROBING if gap > self._seconds else _State.STALLED
+        return _State.PROBING if gap > self.seconds else _State.STALLED
 
     def _add(self, client: Actor, now: float) -> _Stream:
         if len(self._streams) >= _MAX_CLIENTS:

@@ -446,9 +446,9 @@ class GuardedTopic:
             client.topics.add(self)
         self._paused_at.update(before._paused_at)
         self._motion.take_over(before._motion)
-        leases = self.lease, before.lease
-        if None not in leases and len({lease.settings.seconds for lease in leases if lease}) == 1:
-            self._freshness = before._freshness  # Commands that waited are still rejected.
+        streams = before._freshness
+        if self._freshness is not None and streams is not None and self._freshness.seconds == streams.seconds:
+            self._freshness = streams  # Commands that waited are still rejected.
         self.driven_in, self.stopped_in = before.driven_in, before.stopped_in
         if self.is_emergency and self.driven_in == gate.presses:
             gate.stop_path.note_topic(self)
