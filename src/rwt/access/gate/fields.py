@@ -158,17 +158,6 @@ class FieldChecks:
         NoSuchField: the type has no such field, or it does not have the type that the limit is for.
     """
 
-    __slots__ = (
-        "_checks",
-        "_count",
-        "_float_sum",
-        "_has_lists",
-        "_key",
-        "_max_bytes",
-        "_max_items",
-        "_type",
-    )
-
     def __init__(
         self,
         rule: Rule,
@@ -187,8 +176,7 @@ class FieldChecks:
         self._float_sum = _compile_float_sum(type) if settings.finite else None
         checks: list[_Check] = []
         for path, limit in (settings.fields if limits is None else limits).items():
-            attributes = _resolve(type, path, limit, key)
-            parts = list(zip(path.split("[]"), attributes.split("[]"), strict=True))
+            parts = _resolve(type, path, limit, key)
             leaf: _Check
             if limit.one_of:
                 leaf = _one_of(limit, key)
@@ -294,12 +282,10 @@ def describe_fields(payload: Payload, limits: Mapping[str, FieldLimit]) -> str:
             return value
 
         try:
-            attributes = _resolve(payload.type, path, limit, "")
+            parts = _resolve(payload.type, path, limit, "")
         except NoSuchField:
             continue  # Of another rule, for another kind of act.
-        _at(list(zip(path.split("[]"), attributes.split("[]"), strict=True)), note)(
-            payload.value(), "", 0.0, []
-        )
+        _at(parts, note)(payload.value(), "", 0.0, [])
         if len(values) == 1:
             found.append(f"{path} = {str(values[0])[:100]}")
         elif values:
@@ -309,8 +295,8 @@ def describe_fields(payload: Payload, limits: Mapping[str, FieldLimit]) -> str:
     return ", ".join(found)
 
 
-def _resolve(type: MessageType, path: str, limit: FieldLimit, key: str) -> str:
-    """Return a path with the names of attributes in place of fields, which the type has.
+def _resolve(type: MessageType, path: str, limit: FieldLimit, key: str) -> list[tuple[str, str]]:
+    """Return the parts of a path between the `[]`, as ROS and as Python spells them.
 
     Raises:
         NoSuchField: it has not, or the limit does not fit.
@@ -336,14 +322,14 @@ def _resolve(type: MessageType, path: str, limit: FieldLimit, key: str) -> str:
         raise NoSuchField(
             f'`{key}."{path}"`: expected a {"text" if limit.one_of else "number"}, and it is {kind}'
         )
-    return ".".join(attributes)
+    return list(zip(path.split("[]"), ".".join(attributes).split("[]"), strict=True))
 
 
 def _at(parts: Sequence[tuple[str, str]], leaf: _Check) -> _Check:
     """Compile a check of the fields at a path of a message.
 
     Args:
-        parts: parts of the path between the `[]`, as ROS and as Python spells them.
+        parts: parts of the path, from :func:`_resolve`.
         leaf: check of the fields.
     """
     (text, attributes), *rest = parts
