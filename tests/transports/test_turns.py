@@ -25,8 +25,11 @@ class Loop:
         self._next: list[Callable[[], None]] = []
         self._later: list[tuple[float, Callable[[], None]]] = []
 
-    def turns(self, **options: object) -> Turns:
-        return Turns(1.0, self._next.append, self._call_later, lambda: self.now, **options)  # type: ignore[arg-type]
+    def turns(self, *, one_at_a_time: bool = False, is_held_back: Callable[[], bool] | None = None) -> Turns:
+        return Turns(
+            1.0, self._next.append, self._call_later, lambda: self.now,
+            one_at_a_time=one_at_a_time, is_held_back=is_held_back,
+        )  # fmt: skip
 
     def _call_later(self, seconds: float, call: Callable[[], None]) -> None:
         self._later.append((self.now + seconds, call))

@@ -86,8 +86,7 @@ class Admission:
         self.roles = known
         self.rosauth = rosauth
         self._tokens = Tokens(auth.tokens, known)
-        is_open = not self._tokens and rosauth is None
-        name = auth.default_role or ("admin" if is_open else None)
+        name = auth.role_without_credentials
         self.default_role: Role | None = known[name] if name else None
         self._origins = Origins(settings.origins.allow)
 

@@ -10,7 +10,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, Literal, NamedTuple
 
 if TYPE_CHECKING:
-    from rwt.access.gate.rules import GatedAct
     from rwt.access.roles import Act
 
 Kind = Literal["topic", "service", "action"]
@@ -23,21 +22,19 @@ class Decision(NamedTuple):
     Attributes:
         kind: kind of resource that it is about.
         act: permission that the role needs.
-        gated: acts whose gate rules are checked, when the verb or what it returns is used.
     """
 
     kind: Kind
     act: Act
-    gated: tuple[GatedAct, ...] = ()
 
 
 VERBS: Final[Mapping[str, Decision]] = {
     "advertise": Decision("topic", "publish"),
-    "publisher": Decision("topic", "publish", ("publish", "goal")),
+    "publisher": Decision("topic", "publish"),
     "subscribe": Decision("topic", "subscribe"),
-    "call_service": Decision("service", "call", ("call", "set_param", "goal")),
+    "call_service": Decision("service", "call"),
     "advertise_service": Decision("service", "provide"),
-    "send_goal": Decision("action", "goals", ("goal",)),
+    "send_goal": Decision("action", "goals"),
     "cancel_goal": Decision("action", "goals"),
     "advertise_action": Decision("action", "provide"),
 }

@@ -158,7 +158,6 @@ async def test_every_method_is_a_verb_with_a_rule_or_concerns_the_clients_own(gr
 
 def test_every_verb_has_a_row_in_the_table_of_decisions() -> None:
     assert set(decisions.VERBS) == set(VERBS) - {"require"}
-    assert {verb for verb, decision in decisions.VERBS.items() if decision.gated} == set(ACTS)
 
 
 @pytest.mark.anyio

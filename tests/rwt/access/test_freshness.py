@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import random
 from typing import Any
 
 import pytest
 
 from rwt_graph.api import Sample
+from rwt_interfaces.payload import Payload
 from tests.rwt.access.gated_robot import DRIVE, GATE, GatedRobot, drive
 
 PERIOD = 0.05
@@ -214,3 +216,18 @@ def test_stamped_commands_that_waited_are_dropped_though_others_follow_closely(a
     moved = [speed for speed in heard if speed]
     assert 8 <= len(moved) <= 12
     assert heard[-1] == 0.0
+
+
+def test_a_large_command_is_not_decoded_to_find_its_age() -> None:
+    rule = {"topics": ["/wave"], "stop": {}, "lease": {"seconds": LEASE}, "finite": False}
+    robot = GatedRobot({"wave": rule})
+    type = robot.graph.registry.message("std_msgs/Float64MultiArray")
+    robot.graph.participant("/arm").subscribe("/wave", lambda sample: None, type)
+    text = json.dumps({"layout": {"dim": [], "data_offset": 0}, "data": [0.5] * 100_000}).encode()
+    payload = Payload.from_json(type, text)
+    assert payload.is_passthrough
+    gate = robot.gate
+    actor = gate.join("driver", robot.access.admission.roles["admin"], "10.0.0.1")
+    heard: list[Payload] = []
+    gate.join_topic(actor, "/wave", type).publish(actor, payload, heard.append)
+    assert heard == [payload] and not payload.is_decoded

@@ -102,23 +102,6 @@ class Approval(PendingCall):
         until: end of the timeout, in seconds of the steady clock.
     """
 
-    __slots__ = (
-        "_approvals",
-        "act",
-        "asked_ns",
-        "client",
-        "content",
-        "go",
-        "id",
-        "name",
-        "refuse",
-        "rule",
-        "slot",
-        "subject",
-        "timer",
-        "until",
-    )
-
     def __init__(self, approvals: Approvals, id: str, subject: Subject, rule: Rule, content: str) -> None:
         self._approvals = approvals
         self.id = id
@@ -353,27 +336,11 @@ class Approvals:
             self._deny(approval, None, "the client has left")
         self._granted = {key: held for key, held in self._granted.items() if key.client is not client}
 
-    def stop(self, rules: Collection[str], why: str) -> None:
-        """Deny the requests and drop the approvals of rules that the emergency stop is for.
-
-        Args:
-            rules: keys of the rules.
-            why: reason for the clients.
-        """
+    def drop(self, rules: Collection[str], why: str) -> None:
+        """Deny the requests and drop the approvals of rules, by the keys of these."""
         for approval in [each for each in self._pending.values() if each.rule.key in rules]:
             self._deny(approval, None, why)
         self._granted = {key: held for key, held in self._granted.items() if key.rule not in rules}
-
-    def review(self, unchanged: Collection[str], why: str) -> None:
-        """Deny the requests and drop the approvals of rules that were replaced.
-
-        Args:
-            unchanged: keys of the rules that stay.
-            why: reason for the clients.
-        """
-        for approval in [each for each in self._pending.values() if each.rule.key not in unchanged]:
-            self._deny(approval, None, why)
-        self._granted = {key: held for key, held in self._granted.items() if key.rule in unchanged}
 
     def _forget_expired(self) -> None:
         now = self._clock.monotonic()

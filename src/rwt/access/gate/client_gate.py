@@ -6,7 +6,7 @@ import json
 import re
 from contextvars import copy_context
 from functools import partial
-from typing import TYPE_CHECKING, Final, Protocol, TypeVar
+from typing import TYPE_CHECKING, Final
 from uuid import uuid4
 
 from rwt.access.errors import AccessError, GateRefused, NotAllowed
@@ -23,6 +23,7 @@ from rwt_participant.qos import Durability
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from rwt.access.client_graph import ClientPublisher
     from rwt.access.gate.approvals import Approval
     from rwt.access.gate.gate import Gate
     from rwt.access.gate.record import Actor
@@ -52,46 +53,29 @@ _MAX_SHOWN_BYTES: Final = 2000
 #: Maximum number of topics per client whose first publication is not recorded again; then all are forgotten.
 _MAX_RECORDED: Final = 1000
 
-T = TypeVar("T", bound="Inner")
 
+class _CheckedPublisher:
+    """Publisher of a client in front of another one."""
 
-class Inner(Protocol):
-    """Publisher behind the gate: of a topic, and for one client where it keeps samples or runs goals."""
+    __slots__ = ("_actor", "_gate", "_inner", "counts", "topic", "type")
 
-    @property
-    def topic(self) -> str:
-        """Absolute name of the topic."""
-        ...
-
-    @property
-    def type(self) -> MessageType:
-        """Type of the messages."""
-        ...
-
-    @property
-    def counts(self) -> TopicCounts:
-        """Counters of the topic."""
-        ...
-
-    @property
-    def publish(self) -> Callable[[Payload], None]:
-        """Function that publishes a message."""
-        ...
-
-
-class GatedPublisher:
-    """Publisher of a client on a topic with gate rules."""
-
-    __slots__ = ("_actor", "_gate", "_guarded", "_inner", "counts", "topic", "type")
-
-    def __init__(self, gate: Gate, actor: Actor, inner: Inner, guarded: GuardedTopic) -> None:
+    def __init__(self, gate: Gate, actor: Actor, inner: ClientPublisher) -> None:
         self._gate = gate
         self._actor = actor
         self._inner = inner
+        self.topic: str = inner.topic
+        self.type: MessageType = inner.type
+        self.counts: TopicCounts = inner.counts
+
+
+class GatedPublisher(_CheckedPublisher):
+    """Publisher of a client on a topic with gate rules."""
+
+    __slots__ = ("_guarded",)
+
+    def __init__(self, gate: Gate, actor: Actor, inner: ClientPublisher, guarded: GuardedTopic) -> None:
+        super().__init__(gate, actor, inner)
         self._guarded = guarded
-        self.topic = inner.topic
-        self.type = inner.type
-        self.counts = inner.counts
 
     def publish(self, payload: Payload) -> None:
         """Publish a message if it passes the rules.
@@ -106,7 +90,7 @@ class GatedPublisher:
         guarded.publish(self._actor, payload, self._inner.publish)
 
 
-class GoalPublisher:
+class GoalPublisher(_CheckedPublisher):
     """Publisher of a client on a topic whose messages are goals of an action, as in ROS 1.
 
     Args:
@@ -116,16 +100,11 @@ class GoalPublisher:
         action: absolute name of the action.
     """
 
-    __slots__ = ("_action", "_actor", "_gate", "_inner", "counts", "topic", "type")
+    __slots__ = ("_action",)
 
-    def __init__(self, gate: Gate, actor: Actor, inner: Inner, action: str) -> None:
-        self._gate = gate
-        self._actor = actor
-        self._inner = inner
+    def __init__(self, gate: Gate, actor: Actor, inner: ClientPublisher, action: str) -> None:
+        super().__init__(gate, actor, inner)
         self._action = action
-        self.topic = inner.topic
-        self.type = inner.type
-        self.counts = inner.counts
 
     def publish(self, payload: Payload) -> None:
         """Publish a goal if it passes the rules for the action, and those for the topic.
@@ -170,24 +149,29 @@ class StopPublisher:
             raise GateRefused(f"these were not stopped: {undelivered}")
 
 
-class PendingApproval(PendingCall):
-    """Service call that requires approval: first the request for approval is pending, then the call itself.
+class _Waiting:
+    """Act that requires approval.
 
     Attributes:
-        asked: request for approval; if a call requires several, the last one.
-        then: the call, once it is approved.
+        asked: request for approval; if the act requires several, the last one.
     """
 
-    __slots__ = ("asked", "then")
-
-    def __init__(self) -> None:
-        self.asked: Approval | None = None
-        self.then: PendingCall | None = None
+    asked: Approval | None = None
 
     @property
     def approval(self) -> Approval | None:
-        """Request for approval that the call waits for; None if it waits for none."""
+        """Request for approval that the act waits for; None if it waits for none."""
         return self.asked if self.asked is not None and self.asked.is_pending else None
+
+
+class PendingApproval(_Waiting, PendingCall):
+    """Service call that requires approval: first the request for approval is pending, then the call itself.
+
+    Attributes:
+        then: the call, once it is approved.
+    """
+
+    then: PendingCall | None = None
 
     def cancel(self) -> None:
         """Withdraw the request, and cancel the call."""
@@ -196,16 +180,13 @@ class PendingApproval(PendingCall):
                 each.cancel()
 
 
-class WaitingGoal(ClientGoal):
+class WaitingGoal(_Waiting, ClientGoal):
     """Goal that requires approval.
 
     States::
 
         pending ──send(), once approved──> sent: every method forwards to the sent goal
            └──refuse(), cancel(), abandon()──> ended: never sent
-
-    Attributes:
-        asked: request for approval; if the goal requires several, the last one.
 
     Args:
         id: goal id under which it is sent.
@@ -216,17 +197,11 @@ class WaitingGoal(ClientGoal):
     def __init__(self, id: str, action: str, refused: Callable[[CallFailed], None]) -> None:
         self.id = id
         self.action = action
-        self.asked: Approval | None = None
         self._refused = refused
         self._sent: ClientGoal | None = None
         self._wants_feedback = True
         self._has_ended = False
         self._reason = ""
-
-    @property
-    def approval(self) -> Approval | None:
-        """Request for approval that the goal waits for; None if it waits for none."""
-        return self.asked if self.asked is not None and self.asked.is_pending else None
 
     @property
     def status(self) -> GoalStatus:
@@ -325,7 +300,7 @@ class ClientGate:
     @staticmethod
     def approval_of(pending: PendingCall | ClientGoal | None) -> Approval | None:
         """Return the request for approval that a call or goal waits for; None if it waits for none."""
-        return pending.approval if isinstance(pending, PendingApproval | WaitingGoal) else None
+        return pending.approval if isinstance(pending, _Waiting) else None
 
     # Topics
 
@@ -385,7 +360,7 @@ class ClientGate:
         if self._gate.rules.all and name.startswith(f"{GATE_NODE}/"):
             raise NotAllowed(f"{name} is the gate's own")
 
-    def publisher(self, inner: T) -> T | GatedPublisher | GoalPublisher:
+    def publisher(self, inner: ClientPublisher) -> ClientPublisher:
         """Return a publisher that checks the rules; `inner` itself if there are none for the topic."""
         gate, actor = self._gate, self._actor
         if gate.recorder.keeps_all and inner.topic not in self._recorded:
@@ -393,7 +368,7 @@ class ClientGate:
                 self._recorded.clear()
             self._recorded.add(inner.topic)
             gate.recorder.note("allowed", "publish", inner.topic, actor, "begins to publish")
-        publisher: T | GatedPublisher = inner
+        publisher = inner
         if gate.rules.of("publish", inner.topic):
             publisher = GatedPublisher(gate, actor, inner, gate.join_topic(actor, inner.topic, inner.type))
         as_goal = _GOAL_TOPIC.fullmatch(inner.topic)
@@ -496,13 +471,7 @@ class ClientGate:
         def go() -> None:
             waiting.then = send(kept)
 
-        def refuse(why: str) -> None:
-            on_reply(ServiceFailed(why))
-
-        def ask(approval: Approval) -> None:
-            waiting.asked = approval
-
-        self._ask(needed, kept, ask, go, refuse)
+        self._ask(needed, kept, waiting, go, lambda why: on_reply(ServiceFailed(why)))
         return waiting
 
     def as_caller(self, send: Callable[[], PendingCall]) -> PendingCall:
@@ -549,18 +518,14 @@ class ClientGate:
             return send(goal_id, goal)
         kept = goal.detach()
         waiting = WaitingGoal(goal_id, action, refused)
-
-        def ask(approval: Approval) -> None:
-            waiting.asked = approval
-
-        self._ask(needed, kept, ask, lambda: waiting.send(lambda id: send(id, kept)), waiting.refuse)
+        self._ask(needed, kept, waiting, lambda: waiting.send(lambda id: send(id, kept)), waiting.refuse)
         return waiting
 
     def _ask(
         self,
         needed: Needed,
         payload: Payload,
-        asked: Callable[[Approval], None],
+        waiting: _Waiting,
         go: Callable[[], None],
         refuse: Callable[[str], None],
     ) -> None:
@@ -580,7 +545,7 @@ class ClientGate:
                 refuse(str(refused))
                 return
             if others:
-                self._ask(others, payload, asked, go, refuse)
+                self._ask(others, payload, waiting, go, refuse)
 
         try:
             subject = gate.approvals.subject(self._actor, act, name, rule, payload)
@@ -591,7 +556,7 @@ class ClientGate:
             return
         approval.go = next_one
         approval.refuse = refuse
-        asked(approval)
+        waiting.asked = approval
 
 
 def _names_like(glob: str) -> tuple[str, ...]:

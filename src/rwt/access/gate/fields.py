@@ -158,17 +158,6 @@ class FieldChecks:
         NoSuchField: the type has no such field, or it does not have the type that the limit is for.
     """
 
-    __slots__ = (
-        "_checks",
-        "_count",
-        "_float_sum",
-        "_is_bounded",
-        "_key",
-        "_max_bytes",
-        "_max_items",
-        "_type",
-    )
-
     def __init__(
         self,
         rule: Rule,
@@ -183,12 +172,11 @@ class FieldChecks:
         self._max_bytes = settings.largest_bytes
         self._max_items = settings.largest_items
         self._count = _compile_count(type)
-        self._is_bounded = self._count is None and not type.long_fields
+        self._has_lists = has_lists(type)
         self._float_sum = _compile_float_sum(type) if settings.finite else None
         checks: list[_Check] = []
         for path, limit in (settings.fields if limits is None else limits).items():
-            attributes = _resolve(type, path, limit, key)
-            parts = list(zip(path.split("[]"), attributes.split("[]"), strict=True))
+            parts = _resolve(type, path, limit, key)
             leaf: _Check
             if limit.one_of:
                 leaf = _one_of(limit, key)
@@ -222,7 +210,7 @@ class FieldChecks:
             self._float_sum is None or (payload.is_passthrough and not _find_null(payload.json()))
         ):
             return payload, None
-        if not self._is_bounded:
+        if self._has_lists:
             self._require_few(payload)
         given = payload.value()
         # A finite sum proves that every number is finite. Finite numbers may overflow: then look at each.
@@ -294,12 +282,10 @@ def describe_fields(payload: Payload, limits: Mapping[str, FieldLimit]) -> str:
             return value
 
         try:
-            attributes = _resolve(payload.type, path, limit, "")
+            parts = _resolve(payload.type, path, limit, "")
         except NoSuchField:
             continue  # Of another rule, for another kind of act.
-        _at(list(zip(path.split("[]"), attributes.split("[]"), strict=True)), note)(
-            payload.value(), "", 0.0, []
-        )
+        _at(parts, note)(payload.value(), "", 0.0, [])
         if len(values) == 1:
             found.append(f"{path} = {str(values[0])[:100]}")
         elif values:
@@ -309,8 +295,8 @@ def describe_fields(payload: Payload, limits: Mapping[str, FieldLimit]) -> str:
     return ", ".join(found)
 
 
-def _resolve(type: MessageType, path: str, limit: FieldLimit, key: str) -> str:
-    """Return a path with the names of attributes in place of fields, which the type has.
+def _resolve(type: MessageType, path: str, limit: FieldLimit, key: str) -> list[tuple[str, str]]:
+    """Return the parts of a path between the `[]`, as ROS and as Python spells them.
 
     Raises:
         NoSuchField: it has not, or the limit does not fit.
@@ -336,14 +322,14 @@ def _resolve(type: MessageType, path: str, limit: FieldLimit, key: str) -> str:
         raise NoSuchField(
             f'`{key}."{path}"`: expected a {"text" if limit.one_of else "number"}, and it is {kind}'
         )
-    return ".".join(attributes)
+    return list(zip(path.split("[]"), ".".join(attributes).split("[]"), strict=True))
 
 
 def _at(parts: Sequence[tuple[str, str]], leaf: _Check) -> _Check:
     """Compile a check of the fields at a path of a message.
 
     Args:
-        parts: parts of the path between the `[]`, as ROS and as Python spells them.
+        parts: parts of the path, from :func:`_resolve`.
         leaf: check of the fields.
     """
     (text, attributes), *rest = parts
@@ -509,6 +495,11 @@ def _compile_float_sum(type: MessageType) -> Callable[[object], float] | None:
         return total
 
     return float_sum if numbers or lists or messages else None
+
+
+def has_lists(type: MessageType) -> bool:
+    """Return True if messages of a type have lists or long texts, so that decoding one may take long."""
+    return _compile_count(type) is not None or bool(type.long_fields)
 
 
 def _compile_count(type: MessageType) -> Callable[[object, int], int] | None:

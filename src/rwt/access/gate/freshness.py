@@ -69,11 +69,11 @@ class _Stream:
         count: commands since then.
         had_gap: True after the first gap. The first commands of a client were not queued during one.
         pace: usual interval between two commands, in seconds; 0 until it is known.
-        was_neutral: True if the last command was the stop message.
+        was_stop: True if the last command was the stop message.
         delays: delays in real time and in ROS time. A simulation's clock may run at another speed.
     """
 
-    __slots__ = ("at", "count", "delays", "had_gap", "pace", "since", "state", "was_neutral")
+    __slots__ = ("at", "count", "delays", "had_gap", "pace", "since", "state", "was_stop")
 
     def __init__(self, now: float) -> None:
         self.state = _State.RELEASED
@@ -81,7 +81,7 @@ class _Stream:
         self.count = 0
         self.had_gap = False
         self.pace = 0.0
-        self.was_neutral = True
+        self.was_stop = True
         self.delays = (_Delay(), _Delay())
 
 
@@ -105,60 +105,60 @@ class Freshness:
     Commands of a stalled client are rejected until it sends the stop message and, not together with it, a
     command, or pauses for longer than the timeout.
 
-    Args:
+    Attributes:
         seconds: dead-man timeout.
     """
 
-    __slots__ = ("_seconds", "_streams")
+    __slots__ = ("_streams", "seconds")
 
     def __init__(self, seconds: float) -> None:
-        self._seconds = seconds
+        self.seconds = seconds
         self._streams: dict[Actor, _Stream] = {}
 
     def check(
-        self, client: Actor, command: msgspec.Struct, neutral: msgspec.Struct, now: float, clock: Clock
+        self, client: Actor, command: msgspec.Struct | None, now: float, clock: Clock, *, is_stop: bool
     ) -> str:
         """Return why a command must not move the robot; empty if it may.
 
         Args:
             client: client that sent the command.
-            command: value of the message.
-            neutral: value of the stop message.
+            command: value of the message; None for a large one, which is not decoded: its stamp is ignored.
             now: monotonic time.
             clock: clock of the graph.
+            is_stop: True for the stop message.
         """
-        is_neutral = _is_equal(command, neutral)
         stream = self._streams.get(client)
         if stream is None:
             stream = self._add(client, now)
         gap = now - stream.at
-        was_neutral, stream.was_neutral = stream.was_neutral, is_neutral
+        was_stop, stream.was_stop = stream.was_stop, is_stop
         streamed = stream.count >= _STREAM
         stream.at = now
-        if gap > self._seconds:
+        if gap > self.seconds:
             stream.since, stream.count, stream.had_gap = now, 0, True
         elif streamed and stream.state is _State.DRIVING:
             stream.pace += ((gap - stream.pace) / 8) if stream.pace else gap
         stream.count += 1
         late = 0.0
-        if "header" in command.__struct_fields__ and (stamp := _stamp_of(command)):
+        has_header = command is not None and "header" in command.__struct_fields__
+        if has_header and (stamp := _stamp_of(command)):
             times = (now, clock.time_ns() / NANOSECONDS)
             late = min(delay.of(time - stamp, now) for delay, time in zip(stream.delays, times, strict=True))
-        if is_neutral:
+        if is_stop:
             if stream.state is _State.DRIVING:
                 stream.state = _State.RELEASED
             return ""
-        stream.state = self._next(stream, gap, late, streamed=streamed, was_neutral=was_neutral)
+        stream.state = self._next(stream, gap, late, streamed=streamed, was_stop=was_stop)
         if stream.state in (_State.RELEASED, _State.DRIVING):
             return ""
         return (
-            f"commands of this client waited in a stalled connection for more than {self._seconds:g} s:"
+            f"commands of this client waited in a stalled connection for more than {self.seconds:g} s:"
             " send the stop message, or pause for as long, and begin again"
         )
 
-    def _next(self, stream: _Stream, gap: float, late: float, *, streamed: bool, was_neutral: bool) -> _State:
+    def _next(self, stream: _Stream, gap: float, late: float, *, streamed: bool, was_stop: bool) -> _State:
         """Return the state after a command that moves the robot."""
-        if late > self._seconds:
+        if late > self.seconds:
             return _State.STALLED
         taken = stream.at - stream.since
         is_burst = (
@@ -169,13 +169,13 @@ class Freshness:
         )
         state = stream.state
         if state in (_State.RELEASED, _State.DRIVING):
-            is_gap = state is _State.DRIVING and gap > self._seconds and streamed
+            is_gap = state is _State.DRIVING and gap > self.seconds and streamed
             return _State.STALLED if is_gap or is_burst else _State.DRIVING
-        if was_neutral and gap > max(stream.pace, _LEAST_PACE) / 2:
+        if was_stop and gap > max(stream.pace, _LEAST_PACE) / 2:
             return _State.DRIVING
         if state is _State.PROBING and not is_burst:
             return _State.DRIVING if stream.count >= _PROBES else state
-        return _State.PROBING if gap > self._seconds else _State.STALLED
+        return _State.PROBING if gap > self.seconds else _State.STALLED
 
     def _add(self, client: Actor, now: float) -> _Stream:
         if len(self._streams) >= _MAX_CLIENTS:
@@ -184,17 +184,9 @@ class Freshness:
         return stream
 
 
-def _is_equal(one: msgspec.Struct, other: msgspec.Struct) -> bool:
-    """Return True if two messages of one type are equal, headers apart."""
-    for name in one.__struct_fields__:  # No generator, because it runs for every command.
-        if name != "header" and getattr(one, name) != getattr(other, name):
-            return False
-    return True
-
-
-def _stamp_of(message: msgspec.Struct) -> float:
+def _stamp_of(message: msgspec.Struct | None) -> float:
     """Return the time in a message's header in seconds; 0 if it has no stamp."""
-    stamp: msgspec.Struct | None = getattr(message.header, "stamp", None)  # type: ignore[attr-defined]
+    stamp: msgspec.Struct | None = getattr(getattr(message, "header", None), "stamp", None)
     if stamp is None:
         return 0.0
     seconds, nanoseconds = (getattr(stamp, name) for name in stamp.__struct_fields__)

@@ -42,7 +42,6 @@ logger: Final = logging.getLogger("rwt.bridge")
 #: Maximum number of types whose compiled checks of requests and goals are cached; then the cache is cleared.
 _MAX_TYPES: Final = 1000
 
-
 #: Maximum number of topics that the answer to a press names, because they could not be stopped.
 _MAX_FAULTS: Final = 5
 
@@ -143,14 +142,9 @@ class Gate(GateState):
                 requires a restart. Nothing has changed.
         """
         before = self.settings
-        if (settings.rules, settings.mode, settings.emergency) == (
-            before.rules,
-            before.mode,
-            before.emergency,
-        ):
-            self._require_same_audit(settings)
-            return
         self._require_reloadable(settings)
+        if settings == before:
+            return
         old = self.rules, self._topics, self._sweep, self._checks, dict(self.faults)
         topics = self._topics
         self.rules, self._topics, self._sweep, self._checks = Rules(settings.rules), {}, deque(), {}
@@ -175,15 +169,11 @@ class Gate(GateState):
         unchanged = {
             rule.key for rule in old[0].all if settings.rules.get(rule.key.split(".", 2)[2]) == rule.settings
         }
-        self.approvals.review(unchanged, "the settings have changed")
         changed = sorted({rule.key for rule in (*old[0].all, *self.rules.all)} - unchanged)
+        self.approvals.drop(changed, "the settings have changed")
         text = f"rules replaced; changed are {', '.join(changed) or 'none'}"
         self.recorder.note("reload", "reload", "", None, text, before=before.mode, after=settings.mode)
         self.leases_changed()
-
-    def _require_same_audit(self, settings: GateSettings) -> None:
-        if settings.audit != self.settings.audit:
-            raise BadRule("`gate.audit`: cannot change while the server runs: restart it")
 
     def _require_reloadable(self, settings: GateSettings) -> None:
         """Check a change that does not depend on the graph.
@@ -191,7 +181,8 @@ class Gate(GateState):
         Raises:
             BadRule: it requires a restart, or would end the emergency stop somewhere.
         """
-        self._require_same_audit(settings)
+        if settings.audit != self.settings.audit:
+            raise BadRule("`gate.audit`: cannot change while the server runs: restart it")
         if bool(settings.rules) != bool(self.settings.rules):
             raise BadRule("`gate.rules`: the first and the last rule require a restart of the server")
         if not self.stopped_by:
@@ -390,7 +381,7 @@ class Gate(GateState):
         needed = [
             (act, ", ".join(names), rule)
             for (act, rule), names in asked.items()
-            if not self._is_approved(actor, act, ", ".join(names), rule, payload)
+            if not self.approvals.take(self.approvals.subject(actor, act, ", ".join(names), rule, payload))
         ]
         if not self.is_observing:
             return payload, needed
@@ -398,9 +389,6 @@ class Gate(GateState):
             key = f"{rule.key}.approval"
             self.recorder.note("would refuse", act, name, actor, f"needs a person's yes ({key})", key)
         return payload, []
-
-    def _is_approved(self, actor: Actor, act: GatedAct, name: str, rule: Rule, payload: Payload) -> bool:
-        return self.approvals.take(self.approvals.subject(actor, act, name, rule, payload))
 
     def _describe(self, act: GatedAct, name: str, payload: Payload) -> str:
         """Return the fields of a message that rules for its name limit, with their values."""
@@ -615,15 +603,8 @@ class Gate(GateState):
         self.stopped_reason = reason[:500]
         self.stopped_ns = self.clock.time_ns()
         self.stop_path.press()
-        self.recorder.note(
-            "stop",
-            "stop",
-            "",
-            actor,
-            f"stopped by {by}: {self.stopped_reason}",
-            before="released",
-            after="stopped",
-        )
+        text = f"stopped by {by}: {self.stopped_reason}"
+        self.recorder.note("stop", "stop", "", actor, text, before="released", after="stopped")
         self.stop_path.in_turns(self._rest(self.presses))
         if self.is_observing:
             self.stopped_by = ""  # Nothing is rejected.
@@ -633,7 +614,7 @@ class Gate(GateState):
     def _rest(self, press: int) -> Iterator[None]:
         """Stop, a step each, what no client drove before a press; end the leases, and cancel all goals."""
         emergencies = {rule.key for rule in self.rules.all if rule.settings.emergency}
-        self.approvals.stop(emergencies, f"the emergency stop is on: stopped by {self.last_by}")
+        self.approvals.drop(emergencies, f"the emergency stop is on: stopped by {self.last_by}")
         for topic in tuple(self._topics.values()):
             self._stop_topic(topic, press)
             yield
@@ -682,15 +663,8 @@ class Gate(GateState):
         self.last_by = str(actor or "the robot")
         self.stopped_reason = reason[:500]
         self.stopped_ns = self.clock.time_ns()
-        self.recorder.note(
-            "stop",
-            "release",
-            "",
-            actor,
-            f"released by {self.last_by}: {self.stopped_reason}",
-            before="stopped",
-            after="released",
-        )
+        text = f"released by {self.last_by}: {self.stopped_reason}"
+        self.recorder.note("stop", "release", "", actor, text, before="stopped", after="released")
         if self.on_stop is not None:
             self.on_stop()
 

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable
 from contextvars import ContextVar
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Final, Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Final, Literal, get_args
 
 from rwt.access.audit import one_line
 from rwt.access.gate.audit.budget import AuditBudget
@@ -15,10 +15,11 @@ from rwt.access.gate.audit.file import AuditFile, encode
 from rwt_transports.http.addresses import network_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Mapping
 
     from rwt.access.audit import Audit
     from rwt.access.gate.audit.budget import Source
+    from rwt.access.gate.topic import GuardedTopic
     from rwt.access.roles import Role
     from rwt.access.settings.gate import AuditSettings
     from rwt_graph.clock import Clock
@@ -80,15 +81,6 @@ _MAX_TEXT: Final = 2000
 _MAX_VALUE_BYTES: Final = 2000
 
 
-class ActorTopic(Protocol):
-    """Guarded topic, as its clients know it."""
-
-    name: str
-
-    def leave(self, client: Actor, why: str) -> None:
-        """Remove a client that no longer publishes here, and release its lease."""
-
-
 Value = object | Callable[[], object]
 """Value of an audit line, or a function that returns it."""
 
@@ -112,7 +104,7 @@ class Actor:
         self.name = name
         self.rights = rights
         self.address = address
-        self.topics: set[ActorTopic] = set()
+        self.topics: set[GuardedTopic] = set()
         self.on_notice: Callable[[str], None] | None = None
         self.on_approval: Callable[[str], None] | None = None
 
@@ -230,8 +222,6 @@ class Recorder:
             about: client that caused what the gate does itself; its budget is charged.
         """
         self.counts[decision] += 1
-        if self._file is not None:
-            self._write(decision, act, name, client, text, rule, before, after, about)
         if decision in _LOGGED:
             who = "the robot" if client is None else str(client)
             self._audit.write(
@@ -239,20 +229,8 @@ class Recorder:
                 "gate: %s: %s by %s: %s",
                 decision, one_line(f"{act} {name}".rstrip()), one_line(who), one_line(text),
             )  # fmt: skip
-
-    def _write(
-        self,
-        decision: Decision,
-        act: str,
-        name: str,
-        client: Actor | None,
-        text: str,
-        rule: str,
-        before: Value,
-        after: Value,
-        about: Actor | None,
-    ) -> None:
-        """Write a line within the budget of the source, or count the event."""
+        if self._file is None:
+            return
         payer = client or about
         source = _ROBOT if payer is None else (payer.credential, network_of(payer.address))
         key = (source, decision, act, name, rule)

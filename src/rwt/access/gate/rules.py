@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Final, Literal, TypeGuard
 
 from rwt.access.roles import absolute_globs, glob_pattern
 
@@ -16,15 +16,21 @@ if TYPE_CHECKING:
 GatedAct = Literal["publish", "call", "goal", "set_param"]
 """Act with gate rules; for every other act the role alone decides."""
 
-_KEYS: Final[Mapping[GatedAct, str]] = {
+RULE_KEYS: Final[Mapping[GatedAct, str]] = {
     "publish": "topics",
     "call": "services",
     "goal": "actions",
     "set_param": "parameters",
 }
+"""Key of a rule's names, by act."""
 
 #: Maximum number of cached look-ups: names come from clients. At the limit the cache is cleared.
 _MAX_NAMES: Final = 4096
+
+
+def is_gated(act: str) -> TypeGuard[GatedAct]:
+    """Return True if rules can be about an act."""
+    return act in RULE_KEYS
 
 
 class Rule:
@@ -43,7 +49,7 @@ class Rule:
         self.settings = settings
         self.type: MessageType | None = None
         self._patterns: dict[GatedAct, re.Pattern[str]] = {
-            act: glob_pattern(absolute_globs(getattr(settings, key))) for act, key in _KEYS.items()
+            act: glob_pattern(absolute_globs(getattr(settings, key))) for act, key in RULE_KEYS.items()
         }
         self._roles = glob_pattern(settings.roles)
 

@@ -9,11 +9,12 @@ import logging
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
+    from rwt.access.gate.topic import GuardedTopic
     from rwt_graph.clock import Clock
     from rwt_participant.timers import Timer
 
@@ -31,26 +32,6 @@ MAX_DRIVEN: Final = 64
 #: Seconds of one turn, and number of steps, for stopping what nobody drove since the last stop.
 _TURN_SECONDS: Final = 0.002
 _TURN_STEPS: Final = 256
-
-
-class Stoppable(Protocol):
-    """Topic that the gate stops."""
-
-    name: str
-
-    @property
-    def is_held(self) -> bool:
-        """True if a client holds the lease."""
-
-    @property
-    def wants_repeat(self) -> bool:
-        """True if the stop message has to be published once more."""
-
-    def emergency_stop(self) -> None:
-        """Publish the stop message, and repeat it."""
-
-    def publish_stop(self) -> None:
-        """Publish the stop message."""
 
 
 class StopPath:
@@ -72,15 +53,15 @@ class StopPath:
     def __init__(self, clock: Clock, failed: Callable[[str, Exception], None]) -> None:
         self._clock = clock
         self._failed = failed
-        self._topics: dict[Stoppable, None] = {}
+        self._topics: dict[GuardedTopic, None] = {}
         self._actions: dict[str, Cancel] = {}
-        self._repeated: dict[Stoppable, None] = {}
+        self._repeated: dict[GuardedTopic, None] = {}
         self._timer: Timer | None = None
         self._is_repeating = False
 
     # Driven since the last stop
 
-    def note_topic(self, topic: Stoppable) -> None:
+    def note_topic(self, topic: GuardedTopic) -> None:
         """Note a topic that a client drives; beyond the limit it is stopped in turns.
 
         A topic with a lease takes the place of one without, which an attacker could have driven before.
@@ -92,7 +73,7 @@ class StopPath:
             del self._topics[unheld]
         self._topics[topic] = None
 
-    def forget_topic(self, topic: Stoppable) -> None:
+    def forget_topic(self, topic: GuardedTopic) -> None:
         """Forget a topic that is closed."""
         self._topics.pop(topic, None)
 
@@ -157,13 +138,13 @@ class StopPath:
 
     # Repetition
 
-    def repeat(self, topic: Stoppable) -> None:
+    def repeat(self, topic: GuardedTopic) -> None:
         """Repeat the stop message of a topic while it wants that."""
         self._repeated[topic] = None
         if self._timer is None:
             self._timer = self._clock.call_urgently(REPEAT_SECONDS, self._repeat_all)
 
-    def end_repeats(self, topic: Stoppable) -> None:
+    def end_repeats(self, topic: GuardedTopic) -> None:
         """End the repetition for a topic; no-op if there is none."""
         self._repeated.pop(topic, None)
 

@@ -6,7 +6,7 @@ import logging
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from rwt.access.errors import GateRefused
-from rwt.access.gate.fields import Clamped, FieldChecks, Motion, NoSuchField
+from rwt.access.gate.fields import Clamped, FieldChecks, Motion, NoSuchField, has_lists
 from rwt.access.gate.freshness import Freshness
 from rwt.access.gate.lease import Lease
 from rwt.access.quotas import RateLimit
@@ -32,15 +32,14 @@ _ROUNDING: Final = 1e-6
 #: Seconds of silence required of a client that kept publishing while the robot was stopped.
 _PAUSE_SECONDS: Final = 1.0
 
-
 #: Number of paused identities above which old ones are dropped.
 _MAX_PAUSED: Final = 1000
 
 #: Types whose zeros stop a robot, if the rules state no stop message.
 _STOPPED_BY_ZEROS: Final = frozenset({"geometry_msgs/Twist", "geometry_msgs/TwistStamped"})
 
-#: Maximum size of a message that is compared with the stop message, in bytes.
-_MAX_STOP_BYTES: Final = 64 * 1024
+#: Maximum size of a message that is decoded before its limits are checked, in bytes.
+_MAX_DECODED_BYTES: Final = 64 * 1024
 
 LOST_BY_RELOAD: Final = "lost by a reload of the settings"
 
@@ -89,7 +88,8 @@ class GuardedTopic:
 
     Attributes by purpose:
 
-    * Stalled connections: ``_freshness`` (of the commands; None without a lease).
+    * Stalled connections: ``_freshness`` (of the commands; None without a lease), ``_has_lists`` (False: a
+      message of any size is decoded before its limits are checked).
     * Rules: ``_rules``, ``_compiled``, ``_by_role`` (compiled for each role on first use), ``fault``.
     * Lease and clients: ``lease``, ``_lease_owner`` (identity that it counts for), ``users``, ``_paused_at``
       (identities of paused clients, with the time of the last rejected message: another connection or
@@ -143,6 +143,7 @@ class GuardedTopic:
         self._prepared: Payload | None = None
         self._zeros = Payload.from_value(type, {}).value() if type.name in _STOPPED_BY_ZEROS else None
         self._is_stamped = False
+        self._has_lists = has_lists(type)
         self.is_emergency = any(rule.settings.emergency for rule in self._rules)
         self.driven_in = self.stopped_in = -1
         try:
@@ -313,7 +314,9 @@ class GuardedTopic:
         """
         if self._freshness is None or self._neutral is None:
             return
-        why = self._freshness.check(client, payload.value(), self._neutral, now, self._gate.clock)
+        command = payload.value() if not self._has_lists or _is_small(payload) else None
+        is_stop = command is not None and _is_equal(command, self._neutral)
+        why = self._freshness.check(client, command, now, self._gate.clock, is_stop=is_stop)
         if why:
             if not self._gate.is_observing:
                 lease.release(client, "lost by a stalled connection")
@@ -353,8 +356,7 @@ class GuardedTopic:
         neutral = self._neutral or self._zeros
         if neutral is None:
             return False
-        is_small = payload.is_decoded or payload.kept_size <= _MAX_STOP_BYTES
-        return is_small and _is_equal(payload.value(), neutral)
+        return _is_small(payload) and _is_equal(payload.value(), neutral)
 
     # Stopping
 
@@ -444,9 +446,9 @@ class GuardedTopic:
             client.topics.add(self)
         self._paused_at.update(before._paused_at)
         self._motion.take_over(before._motion)
-        leases = self.lease, before.lease
-        if None not in leases and len({lease.settings.seconds for lease in leases if lease}) == 1:
-            self._freshness = before._freshness  # Commands that waited are still rejected.
+        streams = before._freshness
+        if self._freshness is not None and streams is not None and self._freshness.seconds == streams.seconds:
+            self._freshness = streams  # Commands that waited are still rejected.
         self.driven_in, self.stopped_in = before.driven_in, before.stopped_in
         if self.is_emergency and self.driven_in == gate.presses:
             gate.stop_path.note_topic(self)
@@ -485,7 +487,14 @@ class GuardedTopic:
             self._publisher = None
 
 
+def _is_small(payload: Payload) -> bool:
+    """Return True if a message may be decoded here: its size is not limited yet."""
+    return payload.is_decoded or payload.kept_size <= _MAX_DECODED_BYTES
+
+
 def _is_equal(one: msgspec.Struct, other: msgspec.Struct) -> bool:
     """Return True if two messages of one type are equal, headers apart."""
-    names = (name for name in one.__struct_fields__ if name != "header")
-    return all(getattr(one, name) == getattr(other, name) for name in names)
+    for name in one.__struct_fields__:  # No generator, because it runs for every command.
+        if name != "header" and getattr(one, name) != getattr(other, name):
+            return False
+    return True

@@ -219,6 +219,12 @@ class AuthSettings(Table):
         default_factory=dict, description="bearer tokens, each under a name of its own"
     )
 
+    @property
+    def role_without_credentials(self) -> str | None:
+        """Name of the role of clients without credentials; None if they are rejected."""
+        is_open = not self.tokens and self.rosauth_secret_file is None
+        return self.default_role or ("admin" if is_open else None)
+
     @model_validator(mode="after")
     def _tokens_differ(self) -> AuthSettings:
         names: dict[bytes, str] = {}

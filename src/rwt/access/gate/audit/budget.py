@@ -17,8 +17,10 @@ OTHERS: Final[Source] = ("", "others")
 #: Maximum number of sources with a budget of their own.
 _MAX_SOURCES: Final = 1000
 
-#: Share of a file that one source may fill at once, as a divisor; a credential may fill four times as much.
-_SHARE: Final = 8
+#: Fraction of a file that one source may fill at once.
+_SOURCE_FRACTION: Final = 1 / 8
+
+#: Number of sources that one credential may be, each with all of its budget.
 _SOURCES_OF_CREDENTIAL: Final = 4
 
 #: Smallest burst in bytes, where files are tiny.
@@ -61,8 +63,8 @@ class AuditBudget:
     """
 
     def __init__(self, file_bytes: int, files: int, keep_seconds: float) -> None:
-        self._burst = max(file_bytes / _SHARE, _MIN_BURST_BYTES)
-        self._rate = file_bytes * max(files - 1, 0.5) / keep_seconds / _SHARE
+        self._burst = max(file_bytes * _SOURCE_FRACTION, _MIN_BURST_BYTES)
+        self._rate = file_bytes * max(files - 1, 0.5) / keep_seconds * _SOURCE_FRACTION
         self._sources: dict[Source, _Bucket] = {}
         self._credentials: dict[str, _Bucket] = {}
         self._left_out: dict[Source, Counter[str]] = {}

@@ -195,7 +195,7 @@ def _explain(arguments: argparse.Namespace) -> int:
 
 def _rows(loaded: LoadedSettings, role: Role) -> Iterator[dict[str, Sequence[str] | str]]:
     """Return what a role may do. A glob is decided like a name: a narrower one has a row of its own."""
-    from rwt.access.gate.rules import Rules
+    from rwt.access.gate.rules import RULE_KEYS, Rules, is_gated
     from rwt.access.roles import ACTS, absolute_globs
 
     gate = loaded.settings.gate
@@ -203,14 +203,13 @@ def _rows(loaded: LoadedSettings, role: Role) -> Iterator[dict[str, Sequence[str
     for act in ACTS:
         verb = "goal" if act == "goals" else act
         resources = list(role.globs[act])
-        key = _RULE_KEYS.get(verb)
-        if key is not None:
+        if is_gated(verb):
             for rule in gate.rules.values():
-                resources += absolute_globs(getattr(rule, key))
+                resources += absolute_globs(getattr(rule, RULE_KEYS[verb]))
         for resource in dict.fromkeys(resources):
             if not role.allows(act, resource):
                 continue
-            found = rules.of(verb, resource) if key is not None else ()  # type: ignore[arg-type]
+            found = rules.of(verb, resource) if is_gated(verb) else ()
             applied = [rule for rule in found if rule.holds_for(role.name)]
             yield {
                 "role": role.name,
@@ -244,9 +243,6 @@ def _emergency_rows(loaded: LoadedSettings, role: Role) -> Iterator[dict[str, Se
             }  # fmt: skip
 
 
-_RULE_KEYS: Final = {"publish": "topics", "call": "services", "goal": "actions", "set_param": "parameters"}
-
-
 def limits_of(rule: GateRule) -> str:
     """Return what a rule requires, in words."""
     words = []
@@ -260,19 +256,8 @@ def limits_of(rule: GateRule) -> str:
         if limit.one_of:
             words.append(f"{path} one of {', '.join(limit.one_of)}")
             continue
-        low = "" if limit.min is None else f"{limit.min:g}"
-        high = "" if limit.max is None else f"{limit.max:g}"
-        span = (
-            f"{low} to {high}"
-            if low and high
-            else f"at least {low}"
-            if low
-            else f"at most {high}"
-            if high
-            else ""
-        )
-        rate = "" if limit.rate is None else f"{limit.rate:g} per s"
-        words.append(f"{path} {', '.join(filter(None, (span, rate)))} ({limit.beyond})")
+        parts = [_range(limit.min, limit.max), "" if limit.rate is None else f"{limit.rate:g} per s"]
+        words.append(f"{path} {', '.join(filter(None, parts))} ({limit.beyond})")
     if rule.largest_bytes:
         words.append(f"{rule.largest_bytes} bytes")
     if rule.messages_per_second:
@@ -280,13 +265,18 @@ def limits_of(rule: GateRule) -> str:
     return ", ".join(words)
 
 
+def _range(low: float | None, high: float | None) -> str:
+    if low is None:
+        return "" if high is None else f"at most {high:g}"
+    return f"at least {low:g}" if high is None else f"{low:g} to {high:g}"
+
+
 def _credentials(loaded: LoadedSettings) -> Iterator[str]:
     """Return lines about who has which role."""
     auth = loaded.settings.auth
     for name, token in auth.tokens.items():
         yield f"token {name}: role {token.role} ({loaded.place(('auth', 'tokens', name))})"
-    is_open = not auth.tokens and auth.rosauth_secret_file is None
-    role = auth.default_role or ("admin" if is_open else "")
+    role = auth.role_without_credentials
     yield f"without credentials: {f'role {role}' if role else 'refused'}"
     if loaded.settings.gate.mode == "observe":
         yield "the gate only observes (gate.mode): nothing is denied by a rule"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from rwt.access.access import Access
 from rwt.access.errors import AccessError, GateRefused
+from rwt.access.gate.rules import is_gated
 from rwt.access.graph_view import canonical
 from rwt.access.settings import SettingsError
 from rwt.access.settings.gate import AuditSettings
@@ -25,10 +26,7 @@ from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from rwt.access.client_graph import ClientGraph
-    from rwt.access.gate.rules import GatedAct
     from rwt.access.roles import Role
     from rwt.settings import Settings
     from rwt_graph.api import Sample, ServerGoal, ServiceCall
@@ -39,12 +37,6 @@ _ADDRESS: Final = "127.0.0.1"
 #: Setting at the end of an error of a role: `(roles.viewer.publish)`.
 _SETTING: Final = re.compile(r"\(([\w.-]+)\)$")
 
-_GATED: Final[Mapping[str, GatedAct]] = {
-    "publish": "publish",
-    "call": "call",
-    "goal": "goal",
-    "set_param": "set_param",
-}
 _ROLE_ACTS: Final = ("subscribe", "get_param", "provide")
 
 
@@ -176,9 +168,9 @@ class Trial:
 
     def _rules_of(self, role: Role, verb: str, name: str) -> list[str]:
         gate = self._access.gate
-        if gate is None or verb not in _GATED:
+        if gate is None or not is_gated(verb):
             return []
-        return [rule.key for rule in gate.rules.of(_GATED[verb], name) if rule.holds_for(role.name)]
+        return [rule.key for rule in gate.rules.of(verb, name) if rule.holds_for(role.name)]
 
     def _send(self, client: ClientGraph, verb: str, name: str, message: bytes, type: str | None) -> bytes:
         """Send a request, which the robot notes; return it as it would be without a gate."""
