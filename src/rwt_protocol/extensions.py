@@ -1,16 +1,24 @@
 """Extensions from other distributions: entry points in groups such as ``rwt.gateways`` and ``rwt.codecs``.
 
-Built-in names take precedence. Entry points are imported only when they are named.
+Built-in names take precedence. Entry points are imported only when they are named, and so are the functions
+of built-in rows that most programs do not use.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from importlib import import_module
 from typing import Any
 
 
 class ExtensionError(LookupError):
     """No installed extension has the name, or it cannot be imported."""
+
+
+def imported_on_call(reference: str) -> Callable[..., Any]:
+    """Return a function that imports and calls another, named as in an entry point: ``module:function``."""
+    module, _, name = reference.partition(":")
+    return lambda *arguments: getattr(import_module(module), name)(*arguments)
 
 
 def extension_names(group: str) -> list[str]:
