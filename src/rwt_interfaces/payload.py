@@ -255,7 +255,8 @@ class Payload(msgspec.Struct, eq=False):
         """Return the message in JSON: the received bytes, if they may be passed on."""
         json = self._json
         if json is None:
-            json = self._json = _joined(self.json_parts())
+            parts = self.json_parts()
+            json = self._json = parts[0] if len(parts) == 1 else b"".join(parts)
         return json
 
     def json_parts(self) -> Parts:
@@ -472,7 +473,7 @@ class Payload(msgspec.Struct, eq=False):
         if self._json is not None or self._json_parts is not None:
             return self.type.json.decode(self.json())
         assert self._forms is not None  # Invariant: text, message or CDR exists.
-        return self.type.from_cdr(_joined(self._forms["cdr"]))
+        return self.type.from_cdr(b"".join(self._forms["cdr"]))
 
 
 def _split(
@@ -525,7 +526,3 @@ def _around_string(message_type: MessageType, string: LongString, now: Now) -> P
     # The error may lie in the long string, or quote it.
     whole = substituted(parsed, string.token.decode(), string_of(string.content, string.unescaped))
     return Payload(message_type, None, complete(whole, now))
-
-
-def _joined(parts: Parts) -> RawText:
-    return parts[0] if len(parts) == 1 else b"".join(parts)
