@@ -145,23 +145,18 @@ class Payload(msgspec.Struct, eq=False):
                     raise NotExact from None
             else:
                 return cls(message_type, raw, is_long=is_long)
-            if len(raw) > SLOW_BYTES:
-                yield
-                with suppress(*REJECTIONS):
-                    message = message_type.complete_quickly(raw, now)
-                    return cls(message_type, None, message, is_long=is_long)
         if len(raw) > SLOW_BYTES and codec.has_lists:
             large = yield from LargeJson.split(message_type, raw)
             if large is not None:
                 with suppress(large_json.Unsplittable):
                     return (yield from _split(message_type, raw, large, now, is_dense=is_dense))
-        if (yield from has_many_values(raw)):
-            if is_dense:
-                raise NotExact
-            raise TooManyValues(
-                "", f"more than {MAX_VALUES} values: so many are taken only as items of long lists"
-            )
         if len(raw) > WHOLE_BYTES:
+            if (yield from has_many_values(raw)):
+                if is_dense:
+                    raise NotExact
+                raise TooManyValues(
+                    "", f"more than {MAX_VALUES} values: so many are taken only as items of long lists"
+                )
             yield
             with suppress(*REJECTIONS):
                 codec.check(raw)
@@ -480,18 +475,23 @@ def _split(
     message_type: MessageType, raw: RawText, large: LargeJson, now: Now, *, is_dense: bool
 ) -> Steps[Payload]:
     """Decode a message in chunks of its long arrays; raises Unsplittable."""
-    if len(raw) > WHOLE_BYTES:
-        is_exact_around = yield from large.is_exact_around()
-        if (is_exact_around or not is_dense) and (yield from large.has_exact_arrays()):
-            if is_exact_around and large.has_sequence_first:
-                return Payload(message_type, raw, is_long=True)
-            # In the first part, a publisher can replace `header.seq` without a copy of the rest.
-            parts = yield from large.around_arrays(now)
-            return Payload(message_type, None, None, None, None, parts, is_long=True)
+    is_large, is_long = len(raw) > WHOLE_BYTES, len(raw) >= LONG_FORMS_BYTES
+    # The check of a smaller message has failed, so if its arrays are exact, what is around them is not.
+    is_exact_around = is_large and (yield from large.is_exact_around())
+    if (is_exact_around or not is_dense) and (yield from large.has_exact_arrays()):
+        if is_exact_around and large.has_sequence_first:
+            return Payload(message_type, raw, is_long=is_long)
+        # In the first part, a publisher can replace `header.seq` without a copy of the rest.
+        parts = yield from large.around_arrays(now)
+        return Payload(message_type, None, None, None, None, parts, is_long=is_long)
     if is_dense:
         raise NotExact
+    if not is_large:
+        yield
+        with suppress(*REJECTIONS):
+            return Payload(message_type, None, message_type.complete_quickly(raw, now), is_long=is_long)
     message = yield from large.complete(Completion(now))
-    return Payload(message_type, None, message, is_long=True)
+    return Payload(message_type, None, message, is_long=is_long)
 
 
 def _completed(message_type: MessageType, raw: RawText, now: Now) -> Steps[msgspec.Struct]:
