@@ -5,8 +5,9 @@ Each name is imported on first use.
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
+
+from rwt_protocol.extensions import exports
 
 if TYPE_CHECKING:
     from rwt.blocking import BlockingNode as BlockingNode
@@ -73,9 +74,9 @@ if TYPE_CHECKING:
     from rwt_tf2 import quaternion_from_yaw as quaternion_from_yaw
     from rwt_tf2 import yaw_from_quaternion as yaw_from_quaternion
 
-_HOMES: Final = {
-    name: home
-    for home, names in {
+__all__, __getattr__, __dir__ = exports(
+    __name__,
+    {
         "rwt.server": "Server",
         "rwt.blocking": "BlockingNode",
         "rwt.playback": "PlaybackServer",
@@ -102,20 +103,5 @@ _HOMES: Final = {
             "ProviderGone ProviderNotFound RobotError ServiceFailed TimedOut TransformUnavailable "
             "UnknownType WrongThread"
         ),
-    }.items()
-    for name in names.split()
-}
-
-__all__ = list(_HOMES)
-
-
-def __getattr__(name: str) -> object:
-    """Import a name on first use."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(_HOMES[name]), name)
-
-
-def __dir__() -> list[str]:
-    """Return all public names, for completion."""
-    return sorted({*globals(), *__all__})
+    },
+)

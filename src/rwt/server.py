@@ -27,7 +27,7 @@ from rwt.composition.certificates import CertificateRenewal, authority_page
 from rwt.composition.extensions import load_encodings
 from rwt.composition.gateways import make_gateway
 from rwt.composition.graphs import check_graph, make_graph
-from rwt.composition.listeners import Listeners
+from rwt.composition.listeners import Listeners, check_dial_urls
 from rwt.composition.nodes import (
     ReadyNode,
     http_of,
@@ -50,7 +50,6 @@ from rwt_graph.api import Graph
 from rwt_graph.errors import NotRunning
 from rwt_graph.nodes.node import Node
 from rwt_transports.drivers.sockets import raise_descriptor_limit
-from rwt_transports.relay.dial import check_dial_url
 
 if TYPE_CHECKING:
     from ssl import SSLContext
@@ -215,11 +214,11 @@ class Server:
         self._given_graph = graph
         self._announced = False
         self._app: AsgiApplication | None = None
-        if self.settings.dial.urls and "listen" not in self.settings.model_fields_set:
-            # A robot that only dials out needs no port.
-            self.settings = self.settings.model_copy(update={"listen": ()})
-        for url in self.settings.dial.urls:
-            check_dial_url(url)
+        if self.settings.dial.urls:
+            check_dial_urls(self.settings.dial.urls)
+            if "listen" not in self.settings.model_fields_set:
+                # A robot that only dials out needs no port.
+                self.settings = self.settings.model_copy(update={"listen": ()})
         if self.settings.workers == 1 or worker is not None:
             self.graph  # noqa: B018 - a graph that cannot be made is the caller's mistake, raised to the caller
         else:

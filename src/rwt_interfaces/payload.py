@@ -145,23 +145,18 @@ class Payload(msgspec.Struct, eq=False):
                     raise NotExact from None
             else:
                 return cls(message_type, raw, is_long=is_long)
-            if len(raw) > SLOW_BYTES:
-                yield
-                with suppress(*REJECTIONS):
-                    message = message_type.complete_quickly(raw, now)
-                    return cls(message_type, None, message, is_long=is_long)
         if len(raw) > SLOW_BYTES and codec.has_lists:
             large = yield from LargeJson.split(message_type, raw)
             if large is not None:
                 with suppress(large_json.Unsplittable):
                     return (yield from _split(message_type, raw, large, now, is_dense=is_dense))
-        if (yield from has_many_values(raw)):
-            if is_dense:
-                raise NotExact
-            raise TooManyValues(
-                "", f"more than {MAX_VALUES} values: so many are taken only as items of long lists"
-            )
         if len(raw) > WHOLE_BYTES:
+            if (yield from has_many_values(raw)):
+                if is_dense:
+                    raise NotExact
+                raise TooManyValues(
+                    "", f"more than {MAX_VALUES} values: so many are taken only as items of long lists"
+                )
             yield
             with suppress(*REJECTIONS):
                 codec.check(raw)
@@ -255,7 +250,8 @@ class Payload(msgspec.Struct, eq=False):
         """Return the message in JSON: the received bytes, if they may be passed on."""
         json = self._json
         if json is None:
-            json = self._json = _joined(self.json_parts())
+            parts = self.json_parts()
+            json = self._json = parts[0] if len(parts) == 1 else b"".join(parts)
         return json
 
     def json_parts(self) -> Parts:
@@ -472,25 +468,30 @@ class Payload(msgspec.Struct, eq=False):
         if self._json is not None or self._json_parts is not None:
             return self.type.json.decode(self.json())
         assert self._forms is not None  # Invariant: text, message or CDR exists.
-        return self.type.from_cdr(_joined(self._forms["cdr"]))
+        return self.type.from_cdr(b"".join(self._forms["cdr"]))
 
 
 def _split(
     message_type: MessageType, raw: RawText, large: LargeJson, now: Now, *, is_dense: bool
 ) -> Steps[Payload]:
     """Decode a message in chunks of its long arrays; raises Unsplittable."""
-    if len(raw) > WHOLE_BYTES:
-        is_exact_around = yield from large.is_exact_around()
-        if (is_exact_around or not is_dense) and (yield from large.has_exact_arrays()):
-            if is_exact_around and large.has_sequence_first:
-                return Payload(message_type, raw, is_long=True)
-            # In the first part, a publisher can replace `header.seq` without a copy of the rest.
-            parts = yield from large.around_arrays(now)
-            return Payload(message_type, None, None, None, None, parts, is_long=True)
+    is_large, is_long = len(raw) > WHOLE_BYTES, len(raw) >= LONG_FORMS_BYTES
+    # The check of a smaller message has failed, so if its arrays are exact, what is around them is not.
+    is_exact_around = is_large and (yield from large.is_exact_around())
+    if (is_exact_around or not is_dense) and (yield from large.has_exact_arrays()):
+        if is_exact_around and large.has_sequence_first:
+            return Payload(message_type, raw, is_long=is_long)
+        # In the first part, a publisher can replace `header.seq` without a copy of the rest.
+        parts = yield from large.around_arrays(now)
+        return Payload(message_type, None, None, None, None, parts, is_long=is_long)
     if is_dense:
         raise NotExact
+    if not is_large:
+        yield
+        with suppress(*REJECTIONS):
+            return Payload(message_type, None, message_type.complete_quickly(raw, now), is_long=is_long)
     message = yield from large.complete(Completion(now))
-    return Payload(message_type, None, message, is_long=True)
+    return Payload(message_type, None, message, is_long=is_long)
 
 
 def _completed(message_type: MessageType, raw: RawText, now: Now) -> Steps[msgspec.Struct]:
@@ -525,7 +526,3 @@ def _around_string(message_type: MessageType, string: LongString, now: Now) -> P
     # The error may lie in the long string, or quote it.
     whole = substituted(parsed, string.token.decode(), string_of(string.content, string.unescaped))
     return Payload(message_type, None, complete(whole, now))
-
-
-def _joined(parts: Parts) -> RawText:
-    return parts[0] if len(parts) == 1 else b"".join(parts)

@@ -1,16 +1,44 @@
-"""Extensions from other distributions: entry points in groups such as ``rwt.gateways`` and ``rwt.codecs``.
+"""Imports on first use: names of packages, rows of tables, and extensions from other distributions.
 
-Built-in names take precedence. Entry points are imported only when they are named.
+Extensions are entry points in groups such as ``rwt.gateways`` and ``rwt.codecs``. Built-in names take
+precedence, and an entry point is imported only when it is named.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from importlib import import_module
 from typing import Any
 
 
 class ExtensionError(LookupError):
     """No installed extension has the name, or it cannot be imported."""
+
+
+def exports(
+    package: str, homes: Mapping[str, str]
+) -> tuple[list[str], Callable[[str], object], Callable[[], list[str]]]:
+    """Return `__all__`, `__getattr__` and `__dir__` of a package that imports its names on first use.
+
+    Args:
+        package: name of the package.
+        homes: its public names, separated by spaces, by the module that defines them.
+    """
+    home_of = {name: module for module, names in homes.items() for name in names.split()}
+
+    def get(name: str) -> object:
+        if name not in home_of:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        return getattr(import_module(home_of[name]), name)
+
+    return [*home_of], get, lambda: sorted({*vars(sys.modules[package]), *home_of})
+
+
+def imported_on_call(reference: str) -> Callable[..., Any]:
+    """Return a function that imports and calls another, named as in an entry point: ``module:function``."""
+    module, _, name = reference.partition(":")
+    return lambda *arguments: getattr(import_module(module), name)(*arguments)
 
 
 def extension_names(group: str) -> list[str]:

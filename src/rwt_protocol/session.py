@@ -9,10 +9,9 @@ from typing import Final
 import msgspec
 from pydantic import ValidationError
 
-from rwt_protocol.codecs import BINARY_CODECS, JSON, png
-from rwt_protocol.codecs.base import Codec, DecodeFailure, Members
+from rwt_protocol.codecs import JSON, codec_of, decode_png
+from rwt_protocol.codecs.base import Codec, DecodeFailure, Members, SteppedCodec
 from rwt_protocol.codecs.head_tail_split import head_members
-from rwt_protocol.codecs.object_codec import SteppedCodec
 from rwt_protocol.codecs.quick_publish import QUICK
 from rwt_protocol.error_text import describe, explain
 from rwt_protocol.errors import Level, Refused
@@ -135,14 +134,14 @@ class Session:
             binary: True if it arrived as binary.
             now: seconds of any monotonic clock.
         """
-        codec = self._codec or (BINARY_CODECS.get(data[:1], JSON) if binary else JSON)
+        codec = self._codec or (codec_of(data) if binary else JSON)
         return self._decode(data, codec, now)
 
     def decode_in_steps(
         self, data: bytes, binary: bool, now: float
     ) -> Generator[None, None, Sequence[Op | Refusal]]:
         """Same as :meth:`decode`, in steps of about a millisecond if the encoding supports it."""
-        codec = self._codec or (BINARY_CODECS.get(data[:1], JSON) if binary else JSON)
+        codec = self._codec or (codec_of(data) if binary else JSON)
         if len(data) > self._max_size or not isinstance(codec, SteppedCodec):
             return self._decode(data, codec, now)
         parts = yield from codec.split_in_steps(data, self._limits)
@@ -150,7 +149,7 @@ class Session:
 
     def peek(self, data: bytes, binary: bool) -> Members | None:
         """Return the members of the only message of a frame without handling it; None if there is not one."""
-        codec = self._codec or (BINARY_CODECS.get(data[:1], JSON) if binary else JSON)
+        codec = self._codec or (codec_of(data) if binary else JSON)
         parts = codec.split(data, self._limits)
         return parts[0] if len(parts) == 1 and not isinstance(parts[0], DecodeFailure) else None
 
@@ -241,7 +240,7 @@ class Session:
             elif isinstance(op, Fragment):
                 return self._join(op, now)
             elif isinstance(op, Png):
-                return self._decode_inner(png.decode(op.data, self._max_size), now)
+                return self._decode_inner(decode_png(op.data, self._max_size), now)
         except Refused as refused:
             return (self._refusal({"op": op.op, "id": op.id}, refused.reason),)
         return ()

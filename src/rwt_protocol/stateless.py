@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Final, Literal, overload
 
-from rwt_protocol.codecs import BINARY_CODECS, CBOR, JSON, bson_codec, png
+from rwt_protocol.codecs import JSON, bson_codec, cbor_codec, codec_of, png
 from rwt_protocol.codecs.base import Codec
 from rwt_protocol.codecs.envelope import PAYLOADS
 from rwt_protocol.errors import EncodingUnavailable, MalformedMessage, MalformedPayload, Refused
@@ -20,7 +20,7 @@ EncodingName = Literal["json", "cbor", "bson", "png"]
 """Encodings of whole messages. `png` is JSON as the pixels of an image, within an op `png`."""
 
 _CODECS: Final[Mapping[str, Callable[[], Codec]]] = MappingProxyType(
-    {"json": lambda: JSON, "png": lambda: JSON, "cbor": lambda: CBOR, "bson": bson_codec}
+    {"json": lambda: JSON, "png": lambda: JSON, "cbor": cbor_codec, "bson": bson_codec}
 )
 
 
@@ -60,7 +60,7 @@ def parse(
         EncodingUnavailable: the encoding needs a package that is not installed.
     """
     data = frame.encode("utf-8", "surrogatepass") if isinstance(frame, str) else bytes(frame)
-    codec = BINARY_CODECS.get(data[:1], JSON) if encoding is None else _codec(encoding)
+    codec = codec_of(data) if encoding is None else _codec(encoding)
     session = _Stateless(profile, direction, limits, codec)
     ops = [_checked(found) for found in session.decode(data, False, 0.0)]
     if encoding != "png":

@@ -285,6 +285,27 @@ class UnbufferedCallbacks:
         """No-op."""
 
 
+class NoCallbacks(UnbufferedCallbacks):
+    """Callbacks of a link without a connection; they drop everything, so that the link does not keep the
+    connection.
+    """
+
+    def receive(self, data: bytes) -> None:
+        """Drop `data`."""
+
+    def take(self) -> None:
+        """Return None: there is nothing to send."""
+
+    def eof(self) -> None:
+        """No-op."""
+
+    def lost(self) -> None:
+        """No-op."""
+
+
+NO_CALLBACKS: Final[DriverCallbacks] = NoCallbacks()
+
+
 @runtime_checkable
 class Gathering(Protocol):
     """Callbacks that offer several pieces for one system call, and take back those not accepted."""

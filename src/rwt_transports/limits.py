@@ -10,6 +10,8 @@ from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 KIB = 1024
 MIB = 1024 * KIB
 READY_BYTES = 128 * KIB
+DATAGRAM_BYTES = 65_507
+"""The largest UDP payload over IPv4 (65,535 bytes less the headers of RFC 791 and RFC 768)."""
 
 
 class Deflate(StrEnum):

@@ -8,33 +8,44 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from ssl import SSLContext
-from typing import Final
+from typing import Final, Protocol
 from urllib.parse import urlsplit
 
-from rwt_protocol.extensions import ExtensionError, extension_names, load_extension
+from rwt_protocol.extensions import ExtensionError, extension_names, imported_on_call, load_extension
 from rwt_transports.api import BindAddress, Connector, Driver, RemoteAddress
 from rwt_transports.background import runs_asyncio
 from rwt_transports.connection import MakeWire
-from rwt_transports.drivers.anyio_stream import AnyioDriver
 from rwt_transports.drivers.asyncio_protocol import AsyncioDriver
-from rwt_transports.drivers.datagrams import DatagramDriver
-from rwt_transports.drivers.standard_streams import StandardStreamsDriver
 from rwt_transports.errors import BadUrl, ConnectError
+from rwt_transports.limits import DATAGRAM_BYTES
 from rwt_transports.websocket.wire import websocket_client, websocket_server
-from rwt_transports.wires.bson_stream import bson_documents
-from rwt_transports.wires.json_stream import DATAGRAM_BYTES, json_datagrams, json_lines, json_over_tcp
-from rwt_transports.wires.whole_messages import whole_messages
 
 DEFAULT_PORT = 9090
 """The port of rosbridge (CFG-01)."""
 
-
 _GROUP: Final = "rwt.transports"
 
+# Most servers offer WebSocket on asyncio only; what serves other URLs is imported with the first connection.
+_anyio_driver = imported_on_call("rwt_transports.drivers.anyio_stream:AnyioDriver")
+_datagrams = imported_on_call("rwt_transports.drivers.datagrams:DatagramDriver")
+_standard_streams = imported_on_call("rwt_transports.drivers.standard_streams:StandardStreamsDriver")
+_json_over_tcp = imported_on_call("rwt_transports.wires.json_stream:json_over_tcp")
+_json_lines = imported_on_call("rwt_transports.wires.json_stream:json_lines")
+_json_datagrams = imported_on_call("rwt_transports.wires.json_stream:json_datagrams")
+_bson_documents = imported_on_call("rwt_transports.wires.bson_stream:bson_documents")
+_whole_messages = imported_on_call("rwt_transports.wires.whole_messages:whole_messages")
 
-def stream_driver() -> AnyioDriver | AsyncioDriver:
+
+class StreamDriver(Driver, Connector, Protocol):
+    """Driver of streams, for both directions."""
+
+
+def stream_driver() -> StreamDriver:
     """Return the fastest driver of TCP and Unix sockets on the running event loop."""
-    return AsyncioDriver() if runs_asyncio() else AnyioDriver()
+    if runs_asyncio():
+        return AsyncioDriver()
+    driver: StreamDriver = _anyio_driver()
+    return driver
 
 
 def _data_channel() -> Connector:
@@ -93,23 +104,23 @@ SCHEMES = {
         "wss://0.0.0.0:9090", websocket_server, websocket_client, websocket_server, http=True, binary=True,
         tls=True, connect_port=443,
     ),
-    "tcp": Scheme("tcp://127.0.0.1:9091", json_over_tcp, json_over_tcp, bson_documents),
-    "tcps": Scheme("tcps://0.0.0.0:9091", json_over_tcp, json_over_tcp, bson_documents, tls=True),
-    "unix": Scheme("unix:///run/user/1000/robot.sock", json_lines, json_lines, bson_documents, unix=True),
+    "tcp": Scheme("tcp://127.0.0.1:9091", _json_over_tcp, _json_over_tcp, _bson_documents),
+    "tcps": Scheme("tcps://0.0.0.0:9091", _json_over_tcp, _json_over_tcp, _bson_documents, tls=True),
+    "unix": Scheme("unix:///run/user/1000/robot.sock", _json_lines, _json_lines, _bson_documents, unix=True),
     "udp": Scheme(
-        "udp://127.0.0.1:9092", json_datagrams, driver=DatagramDriver, expires=True,
+        "udp://127.0.0.1:9092", _json_datagrams, driver=_datagrams, expires=True,
         max_message_size=DATAGRAM_BYTES,
     ),
     "webrtc+http": Scheme(
-        "webrtc+http://127.0.0.1:9090", client_wire=whole_messages, connector=_data_channel, binary=True
+        "webrtc+http://127.0.0.1:9090", client_wire=_whole_messages, connector=_data_channel, binary=True
     ),
     "webrtc+https": Scheme(
-        "webrtc+https://robot.example", client_wire=whole_messages, connector=_data_channel, binary=True,
+        "webrtc+https://robot.example", client_wire=_whole_messages, connector=_data_channel, binary=True,
         tls=True, connect_port=443,
     ),
     "stdio": Scheme(
-        "stdio:", json_lines, json_lines, bson_documents, driver=StandardStreamsDriver,
-        connector=StandardStreamsDriver, single=True,
+        "stdio:", _json_lines, _json_lines, _bson_documents, driver=_standard_streams,
+        connector=_standard_streams, single=True,
     ),
 }  # fmt: skip
 

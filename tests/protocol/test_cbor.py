@@ -14,9 +14,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwt_protocol.codecs import CBOR
 from rwt_protocol.codecs.base import DecodeFailure
-from rwt_protocol.codecs.cbor import publish_frame, publish_prefix
+from rwt_protocol.codecs.cbor import CborCodec, publish_frame, publish_prefix
 from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import Direction, Publish, ServiceResponse, Subscribe
 from rwt_protocol.payloads import FEW_BYTES, Decoded, RawJson
@@ -200,13 +199,13 @@ def test_bombs_are_refused(data: bytes) -> None:
 def test_any_damaged_frame_is_an_op_or_a_refusal(damage: bytes, example: CborFrame, place: int) -> None:
     whole = bytes.fromhex(example.hex)
     assert len(Session().decode(whole[:place] + damage + whole[place + len(damage) :], True, 0.0)) <= 1001
-    assert len(CBOR.split(b"\xa1" + damage, WireLimits())) == 1
+    assert len(CborCodec().split(b"\xa1" + damage, WireLimits())) == 1
 
 
 @given(st.text(), st.dictionaries(st.text(), st.integers(-(2**63), 2**64 - 1) | st.text() | st.booleans()))
 def test_what_is_written_is_read_back(topic: str, members: dict[str, object]) -> None:
     op = Publish(topic=topic, id="i", msg=RawJson(json.dumps(members, separators=(",", ":")).encode()))
-    frame = CBOR.encode(op)
+    frame = CborCodec().encode(op)
     assert frame.binary
     (found,) = Session(direction=Direction.TO_CLIENT).decode(frame.data, True, 0.0)
     assert isinstance(found, Publish)
@@ -253,7 +252,7 @@ def test_a_large_frame_in_steps_is_what_it_is_at_once(kind: str, write: Callable
     message = {"op": "publish", "topic": "/a", "msg": {"a": _LARGE_VALUES[kind], "b": 1}}
     data = write(message)
     assert len(data) > FEW_BYTES
-    steps = CBOR.split_in_steps(data, WireLimits(structure_bytes=1 << 24))
+    steps = CborCodec().split_in_steps(data, WireLimits(structure_bytes=1 << 24))
     count = 0
     with pytest.raises(StopIteration) as end:
         while True:
@@ -262,18 +261,18 @@ def test_a_large_frame_in_steps_is_what_it_is_at_once(kind: str, write: Callable
     (members,) = end.value.value
     assert count > 1
     assert members["msg"].value == message["msg"]
-    (damaged,) = CBOR.split(data[:-3], WireLimits(structure_bytes=1 << 24))
+    (damaged,) = CborCodec().split(data[:-3], WireLimits(structure_bytes=1 << 24))
     assert isinstance(damaged, DecodeFailure)
-    (doubled,) = CBOR.split(data + b"\x01", WireLimits(structure_bytes=1 << 24))
+    (doubled,) = CborCodec().split(data + b"\x01", WireLimits(structure_bytes=1 << 24))
     assert isinstance(doubled, DecodeFailure) and "more than one value" in doubled.reason
 
 
 def test_no_step_reads_much() -> None:
     data = cbor2.dumps({"op": "publish", "topic": "/a", "msg": {"a": _LARGE_VALUES["large in large"]}})
-    assert len(list(CBOR.split_in_steps(data, WireLimits()))) > len(data) // 8192
+    assert len(list(CborCodec().split_in_steps(data, WireLimits()))) > len(data) // 8192
 
 
 def test_what_is_too_deep_is_refused_in_steps_too() -> None:
     data = cbor2.dumps({"op": "publish", "topic": "/a", "msg": {"a": _LARGE_VALUES["deep"]}})
-    (found,) = CBOR.split(data, WireLimits(max_depth=40))
+    (found,) = CborCodec().split(data, WireLimits(max_depth=40))
     assert isinstance(found, DecodeFailure)

@@ -85,7 +85,7 @@ class MessagePack(ObjectCodec):
 frames = []
 CODEC = MessagePack()
 FIRST = bytes((*range(0x80, 0x90), 0xDE, 0xDF))
-ENCODING = Encoding("msgpack", 1, CODEC.publish_encoder, binary=True, codec=CODEC, first_bytes=FIRST)
+ENCODING = Encoding("msgpack", 1, CODEC.publish_encoder, binary=True, codec=MessagePack, first_bytes=FIRST)
 CLASH = replace(CODECS["cbor"], name="clash")
 """,
     "netstring": """
@@ -115,7 +115,7 @@ def stage(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         del sys.modules[name]
     SCHEMES.pop("netstring", None)
     codecs._ENCODINGS.pop("msgpack", None)
-    for first in [first for first, codec in codecs._BINARY.items() if codec not in (codecs.CBOR,)]:
+    for first in [first for first, codec in codecs._BINARY.items() if codec is not codecs.cbor_codec]:
         del codecs._BINARY[first]
 
 

@@ -14,7 +14,6 @@ from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.routes import HttpExtension, Proxies, Route
 from rwt_transports.limits import Deflate, Limits
 from rwt_transports.listener import listen
-from rwt_transports.relay.dial import dial
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -119,6 +118,8 @@ class Listeners:
     def dial(self, url: str) -> AbstractAsyncContextManager[RelayStatus]:
         """Accept the clients of the hub at `url` within the block; raises what
         :func:`~rwt_transports.relay.dial.dial` does."""
+        from rwt_transports.relay.dial import dial  # Few servers are behind a NAT.
+
         token = self._settings.dial.token
         return dial(
             url,
@@ -162,6 +163,14 @@ class Listeners:
             from rwt_transports.webrtc.signalling import data_routes  # An extra that few need.
 
             yield HttpExtension((*data_routes(self.peers, self._accept(url)), *self.media))
+
+
+def check_dial_urls(urls: Iterable[str]) -> None:
+    """Raise BadUrl if one of the URLs is not that of a hub."""
+    from rwt_transports.relay.dial import check_dial_url
+
+    for url in urls:
+        check_dial_url(url)
 
 
 def _with_mounts(accept: Accept, mounts: Iterable[AsgiMount]) -> Accept:

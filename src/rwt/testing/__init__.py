@@ -5,62 +5,41 @@ Names are imported on first use, because pytest imports this package at the star
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
+
+from rwt_protocol.extensions import exports
 
 if TYPE_CHECKING:
-    from rwt.testing.errors import BlockingWait, ScriptError
-    from rwt.testing.journal import Journal, Kind, Received
-    from rwt.testing.matching import Matching
-    from rwt.testing.observed_graph import ObservedGraph
-    from rwt.testing.scripted.action import ScriptedAction
-    from rwt.testing.scripted.robot import ScriptedRobot
-    from rwt.testing.scripted.service import Case, ScriptedService
-    from rwt.testing.scripted.topic import ScriptedTopic
-    from rwt.testing.wire.faults import Fault, Faults
-    from rwt.testing.wire.observed import ObservedWire
-    from rwt.testing.wire.transcript import Transcript
+    from rwt.testing.errors import BlockingWait as BlockingWait
+    from rwt.testing.errors import ScriptError as ScriptError
+    from rwt.testing.journal import Journal as Journal
+    from rwt.testing.journal import Kind as Kind
+    from rwt.testing.journal import Received as Received
+    from rwt.testing.matching import Matching as Matching
+    from rwt.testing.observed_graph import ObservedGraph as ObservedGraph
+    from rwt.testing.scripted.action import ScriptedAction as ScriptedAction
+    from rwt.testing.scripted.robot import ScriptedRobot as ScriptedRobot
+    from rwt.testing.scripted.service import Case as Case
+    from rwt.testing.scripted.service import ScriptedService as ScriptedService
+    from rwt.testing.scripted.topic import ScriptedTopic as ScriptedTopic
+    from rwt.testing.wire.faults import Fault as Fault
+    from rwt.testing.wire.faults import Faults as Faults
+    from rwt.testing.wire.observed import ObservedWire as ObservedWire
+    from rwt.testing.wire.transcript import Transcript as Transcript
 
-_HOMES: Final = {
-    name: home
-    for home, names in {
-        "rwt.testing.errors": "BlockingWait ScriptError",
-        "rwt.testing.journal": "Journal Kind Received",
-        "rwt.testing.matching": "Matching",
-        "rwt.testing.observed_graph": "ObservedGraph",
-        "rwt.testing.scripted.action": "ScriptedAction",
+__all__, __getattr__, __dir__ = exports(
+    __name__,
+    {
         "rwt.testing.scripted.robot": "ScriptedRobot",
-        "rwt.testing.scripted.service": "Case ScriptedService",
         "rwt.testing.scripted.topic": "ScriptedTopic",
-        "rwt.testing.wire.faults": "Fault Faults",
+        "rwt.testing.scripted.service": "ScriptedService Case",
+        "rwt.testing.scripted.action": "ScriptedAction",
+        "rwt.testing.matching": "Matching",
+        "rwt.testing.journal": "Journal Kind Received",
+        "rwt.testing.observed_graph": "ObservedGraph",
         "rwt.testing.wire.observed": "ObservedWire",
         "rwt.testing.wire.transcript": "Transcript",
-    }.items()
-    for name in names.split()
-}
-
-__all__ = [
-    "ScriptedRobot",
-    "ScriptedTopic",
-    "ScriptedService",
-    "Case",
-    "ScriptedAction",
-    "Matching",
-    "Journal",
-    "Kind",
-    "Received",
-    "ObservedGraph",
-    "ObservedWire",
-    "Transcript",
-    "Faults",
-    "Fault",
-    "ScriptError",
-    "BlockingWait",
-]
-
-
-def __getattr__(name: str) -> object:
-    """Import a name on first use."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(_HOMES[name]), name)
+        "rwt.testing.wire.faults": "Faults Fault",
+        "rwt.testing.errors": "ScriptError BlockingWait",
+    },
+)

@@ -249,7 +249,8 @@ class _Items:
         """Check, in steps, that an array may be passed on untouched."""
         count = 0
         try:
-            for start, stop in _chunks(data, span, CHUNK_BYTES):
+            # Most inexact arrays are inexact at the beginning.
+            for start, stop in _chunks(data, span, CHUNK_BYTES, SLOW_CHUNK_BYTES):
                 yield
                 item = yield from self._long_item(data, start, stop)
                 if item is not None:
@@ -579,15 +580,21 @@ def _end(data: bytes, begin: int, last: int) -> int:
     return last
 
 
-def _chunks(data: bytes, span: _Span, size: int) -> Iterator[tuple[int, int]]:
-    """Yield the offsets of chunks of an array, each of about `size` bytes or a single item."""
+def _chunks(data: bytes, span: _Span, size: int, first: int = 0) -> Iterator[tuple[int, int]]:
+    """Yield the offsets of chunks of an array, each of about `size` bytes or a single item.
+
+    Args:
+        first: size of the first chunk, if different.
+    """
     start, last = span.begin + 1, span.end - 1
+    near = start + (first or size)
     while True:
-        stop = last if last - start <= size else _cut(data, start, start + size, last)
+        stop = last if last <= near else _cut(data, start, near, last)
         yield start, stop
         if stop == last:
             return
         start = stop + 1
+        near = start + size
 
 
 def _cut(data: bytes, start: int, near: int, last: int) -> int:

@@ -7,16 +7,23 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final, Literal
 
-from rwt_protocol.codecs import cbor, png
 from rwt_protocol.codecs.base import Codec, PublishEncoder
-from rwt_protocol.codecs.cbor import CborCodec
 from rwt_protocol.codecs.json import JsonCodec
-from rwt_protocol.extensions import ExtensionError, load_extension
+from rwt_protocol.extensions import ExtensionError, imported_on_call, load_extension
 
 JSON: Final = JsonCodec()
-CBOR: Final = CborCodec()
 
-_JSON_BYTES: Final = frozenset(bytes((each,)) for each in b" \t\r\n{[")
+# Most clients use JSON only; the other encodings are imported with the first use.
+cbor_codec: Final[Callable[[], Codec]] = imported_on_call("rwt_protocol.codecs.cbor:CborCodec")
+bson_codec: Final[Callable[[], Codec]] = imported_on_call("rwt_protocol.codecs.bson:BsonCodec")
+"""Returns the BSON codec; raises EncodingUnavailable if pymongo is not installed."""
+decode_png: Final = imported_on_call("rwt_protocol.codecs.png:decode")
+_png: Final = imported_on_call("rwt_protocol.codecs.png:publish_encoder")
+_cbor_raw: Final = imported_on_call("rwt_protocol.codecs.cbor:raw_publish_encoder")
+
+_CBOR_MAPS: Final = bytes(range(0xA0, 0xC0))
+
+_JSON_BYTES: Final = frozenset(b" \t\r\n{[")
 """First bytes of a message in JSON."""
 
 Form = Literal["json", "cbor", "serialised", "plain"]
@@ -34,8 +41,8 @@ class Encoding:
         form: payload representation that frames are built from.
         binary: True if frames are binary, which text transports cannot carry.
         raw: True if frames carry the robot's serialised bytes (CBR-10) instead of fields.
-        codec: decoder of its binary frames, in sessions without an exclusive encoding; None if frames are
-            text or another encoding decodes them.
+        codec: factory of the decoder of its binary frames, in sessions without an exclusive encoding; None if
+            frames are text or another encoding decodes them.
         first_bytes: first bytes of its binary frames, unique among encodings and different from JSON's.
         exclusive: factory of the codec for all messages of all clients, for encodings that are selected by
             the settings; None if `compression` selects the encoding. Raises `EncodingUnavailable` if a
@@ -48,30 +55,27 @@ class Encoding:
     form: Form = "json"
     binary: bool = False
     raw: bool = False
-    codec: Codec | None = None
+    codec: Callable[[], Codec] | None = None
     first_bytes: bytes = b""
     exclusive: Callable[[], Codec] | None = None
 
 
-def _bson_publish_encoder(topic: str) -> PublishEncoder:
+def _cbor(topic: str) -> PublishEncoder:
+    return cbor_codec().publish_encoder(topic)
+
+
+def _bson(topic: str) -> PublishEncoder:
     return bson_codec().publish_encoder(topic)
-
-
-def bson_codec() -> Codec:
-    """Return the BSON codec; raises EncodingUnavailable if pymongo is not installed."""
-    from rwt_protocol.codecs.bson import BsonCodec  # an optional package
-
-    return BsonCodec()
 
 
 _ENCODINGS: Final = {
     encoding.name: encoding
     for encoding in (
         Encoding("none", 0, JSON.publish_encoder),
-        Encoding("png", 1, png.publish_encoder),
-        Encoding("cbor", 2, CBOR.publish_encoder, "cbor", binary=True, codec=CBOR, first_bytes=cbor.MAPS),
-        Encoding("cbor-raw", 3, cbor.raw_publish_encoder, "serialised", binary=True, raw=True),
-        Encoding("bson", 4, _bson_publish_encoder, "plain", binary=True, exclusive=bson_codec),
+        Encoding("png", 1, _png),
+        Encoding("cbor", 2, _cbor, "cbor", binary=True, codec=cbor_codec, first_bytes=_CBOR_MAPS),
+        Encoding("cbor-raw", 3, _cbor_raw, "serialised", binary=True, raw=True),
+        Encoding("bson", 4, _bson, "plain", binary=True, exclusive=bson_codec),
     )
 }
 
@@ -82,14 +86,17 @@ SELECTABLE: Final = tuple(encoding for encoding in CODECS.values() if encoding.e
 """Built-in encodings that `compression` can select."""
 
 
-def _first_bytes(encoding: Encoding) -> dict[bytes, Codec]:
-    return {bytes((first,)): encoding.codec for first in encoding.first_bytes if encoding.codec is not None}
+def _first_bytes(encoding: Encoding) -> dict[int, Callable[[], Codec]]:
+    return {} if encoding.codec is None else dict.fromkeys(encoding.first_bytes, encoding.codec)
 
 
 _BINARY: Final = {first: codec for each in SELECTABLE for first, codec in _first_bytes(each).items()}
 
-BINARY_CODECS: Final[Mapping[bytes, Codec]] = MappingProxyType(_BINARY)
-"""Codec of a binary frame, by its first byte; any other frame is JSON text (ENV-12)."""
+
+def codec_of(data: bytes) -> Codec:
+    """Return the codec of a binary frame, by its first byte; any other frame is JSON text (ENV-12)."""
+    found = _BINARY.get(data[0]) if data else None
+    return JSON if found is None else found()
 
 
 def load_encoding(name: str) -> Encoding:
@@ -120,18 +127,18 @@ def encoding_of(compression: str) -> Encoding:
 
 
 __all__ = [
-    "BINARY_CODECS",
-    "CBOR",
     "CODECS",
     "JSON",
     "SELECTABLE",
-    "CborCodec",
     "Codec",
     "Encoding",
     "Form",
     "JsonCodec",
     "PublishEncoder",
     "bson_codec",
+    "cbor_codec",
+    "codec_of",
+    "decode_png",
     "encoding_of",
     "load_encoding",
 ]

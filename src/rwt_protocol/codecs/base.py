@@ -76,6 +76,18 @@ def finished(steps: Steps[T]) -> T:
             return result
 
 
+class SteppedCodec(ABC):
+    """Codec whose check of large frames runs in steps."""
+
+    @abstractmethod
+    def split_in_steps(self, data: bytes, limits: WireLimits) -> Steps[Sequence[Members | DecodeFailure]]:
+        """Same as :meth:`split`, in steps."""
+
+    def split(self, data: bytes, limits: WireLimits) -> Sequence[Members | DecodeFailure]:
+        """Return the message of a frame. Never raises."""
+        return finished(self.split_in_steps(data, limits))
+
+
 class SteppedEncoder(ABC):
     """Encoder of a topic's samples that can work in steps; see :data:`PublishEncoder`."""
 

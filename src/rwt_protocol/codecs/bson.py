@@ -14,11 +14,12 @@ from rwt_protocol.codecs.base import (
     DecodeFailure,
     Members,
     PublishEncoder,
+    SteppedCodec,
     SteppedEncoder,
     Steps,
     TooMuchStructure,
 )
-from rwt_protocol.codecs.object_codec import SteppedCodec, members_of, members_within, too_deep
+from rwt_protocol.codecs.object_codec import ObjectCodec, members_of, members_within, too_deep
 from rwt_protocol.errors import EncodingUnavailable, MalformedPayload
 from rwt_protocol.frames import Frame
 from rwt_protocol.limits import WireLimits
@@ -56,7 +57,7 @@ _encode: Final = bson.encode
 _INT64: Final = range(-(2**63), 2**63)
 
 
-class BsonCodec(SteppedCodec):
+class BsonCodec(SteppedCodec, ObjectCodec):
     """BSON encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
 
     def split_in_steps(self, data: bytes, limits: WireLimits) -> Steps[Sequence[Members | DecodeFailure]]:

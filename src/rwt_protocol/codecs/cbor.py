@@ -10,20 +10,24 @@ from collections.abc import Mapping, Sequence
 from io import BytesIO
 from typing import Final
 
-from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, Steps, TooMuchStructure
+from rwt_protocol.codecs.base import (
+    DecodeFailure,
+    Members,
+    PublishEncoder,
+    SteppedCodec,
+    Steps,
+    TooMuchStructure,
+)
 from rwt_protocol.codecs.cbor_decoder import (
     BYTES_OF_A_HEAD,
     LargeFrame,
     head_of,
     new_decoder,
 )
-from rwt_protocol.codecs.object_codec import SteppedCodec, members_of
+from rwt_protocol.codecs.object_codec import ObjectCodec, members_of
 from rwt_protocol.frames import Buffer, Frame
 from rwt_protocol.limits import WireLimits
 from rwt_protocol.payloads import FEW_BYTES, Sample
-
-MAPS: Final = bytes(range(0xA0, 0xC0))
-"""First bytes of a map."""
 
 _KIND: Final = (
     "an integer",
@@ -41,7 +45,7 @@ _NOT_CBOR: Final = (
 )
 
 
-class CborCodec(SteppedCodec):
+class CborCodec(SteppedCodec, ObjectCodec):
     """CBOR encoding; see :class:`rwt_protocol.codecs.base.Codec`."""
 
     def split_in_steps(self, data: bytes, limits: WireLimits) -> Steps[Sequence[Members | DecodeFailure]]:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from pydantic import BaseModel
 
-from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder, Steps, finished
+from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder
 from rwt_protocol.codecs.envelope import PAYLOADS, RELIED_ON, UNDECODED
 from rwt_protocol.frames import Frame
-from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import CallService, Op, ServiceResponse
 from rwt_protocol.payloads import Decoded, Encodable, Sample
 
@@ -98,15 +97,3 @@ class ObjectCodec(ABC):
             return self.frame({"op": "publish", "topic": topic, "msg": sample.payload.plain()})
 
         return encode
-
-
-class SteppedCodec(ObjectCodec):
-    """Codec whose check of large frames runs in steps."""
-
-    @abstractmethod
-    def split_in_steps(self, data: bytes, limits: WireLimits) -> Steps[Sequence[Members | DecodeFailure]]:
-        """Same as :meth:`split`, in steps."""
-
-    def split(self, data: bytes, limits: WireLimits) -> Sequence[Members | DecodeFailure]:
-        """Return the message of a frame. Never raises."""
-        return finished(self.split_in_steps(data, limits))

@@ -21,6 +21,7 @@ from anyio.abc import TaskGroup
 
 from rwt_protocol.frames import Buffer
 from rwt_transports.api import (
+    NO_CALLBACKS,
     Attach,
     BindAddress,
     Delivery,
@@ -41,7 +42,6 @@ from rwt_transports.drivers.sockets import (
     hang_up_of,
     remove_unix,
 )
-from rwt_transports.drivers.task_link import NO_CALLBACKS
 from rwt_transports.drivers.tls_buffers import ENCRYPTED_BYTES, forget_protocol, spare_buffers
 from rwt_transports.errors import log_exception
 from rwt_transports.turns import ENCRYPT_SECONDS, READ_SECONDS, WRITE_SECONDS, loop_turns

@@ -3,32 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Final
 
 import anyio
 
-from rwt_transports.api import DriverCallbacks, UnbufferedCallbacks
-
-
-class NoCallbacks(UnbufferedCallbacks):
-    """Callbacks of a link without a connection; drop everything, so that the link does not keep the
-    connection.
-    """
-
-    def receive(self, data: bytes) -> None:
-        """Drop `data`."""
-
-    def take(self) -> None:
-        """Return None: there is nothing to send."""
-
-    def eof(self) -> None:
-        """No-op."""
-
-    def lost(self) -> None:
-        """No-op."""
-
-
-NO_CALLBACKS: Final[DriverCallbacks] = NoCallbacks()
+from rwt_transports.api import NO_CALLBACKS, DriverCallbacks
 
 
 class TaskLink(ABC):

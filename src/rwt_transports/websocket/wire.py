@@ -69,6 +69,9 @@ def _server_header(frame: Frame) -> bytes:
 
 def server_whole(frame: Frame) -> bytes:
     """Return a message as one unmasked frame."""
+    if frame.size < 126:
+        # Most replies; without the call of `_server_header`.
+        return b"".join((_SMALL_HEADERS[BINARY if frame.binary else TEXT][frame.size], *frame.parts))
     return b"".join((_server_header(frame), *frame.parts))
 
 

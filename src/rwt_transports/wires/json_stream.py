@@ -18,15 +18,12 @@ import re
 
 from rwt_protocol.frames import Buffer, Frame
 from rwt_transports.api import HEAD_BYTES, Framing, WireEvents
-from rwt_transports.limits import Limits
+from rwt_transports.limits import DATAGRAM_BYTES, Limits
 from rwt_transports.websocket.close_codes import POLICY, TOO_BIG
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from rwt_transports.wires.stream import StreamWire
 
 logger = logging.getLogger("rwt_transports.json_stream")
-
-DATAGRAM_BYTES = 65_507
-"""The largest UDP payload over IPv4 (65,535 bytes less the headers of RFC 791 and RFC 768)."""
 
 END = b"\0"
 """End of a frame for the driver of datagrams. No JSON text holds this byte (RFC 8259 section 7)."""

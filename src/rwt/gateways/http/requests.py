@@ -16,7 +16,7 @@ from rwt_interfaces.errors import InvalidMessage, NotExact
 from rwt_interfaces.payload import LARGE_BYTES, Payload
 from rwt_interfaces.serialise.json import require_quick_numbers
 from rwt_interfaces.steps import finished
-from rwt_protocol.codecs import CBOR as CBOR_CODEC
+from rwt_protocol.codecs import cbor_codec
 from rwt_protocol.codecs.base import DecodeFailure
 from rwt_protocol.limits import WireLimits
 from rwt_protocol.payloads import Decoded
@@ -176,7 +176,7 @@ def media_of(request: HttpRequest) -> str:
 
 
 def _cbor_map(body: bytes) -> dict[str, object]:
-    found = CBOR_CODEC.split(body, _CBOR_LIMITS)[0]
+    found = cbor_codec().split(body, _CBOR_LIMITS)[0]
     if isinstance(found, DecodeFailure):
         reason = found.reason.replace(" (limits.structure_bytes)", "")
         raise HttpProblem("invalid-request", f"the body cannot be read: {reason}")
