@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Generator
 from functools import partial
+from typing import Any
 
 import anyio
 import anyio.lowlevel
@@ -25,8 +26,8 @@ class Loop:
         self._next: list[Callable[[], None]] = []
         self._later: list[tuple[float, Callable[[], None]]] = []
 
-    def turns(self, **options: object) -> Turns:
-        return Turns(1.0, self._next.append, self._call_later, lambda: self.now, **options)  # type: ignore[arg-type]
+    def turns(self, **options: Any) -> Turns:
+        return Turns(1.0, self._next.append, self._call_later, lambda: self.now, **options)
 
     def _call_later(self, seconds: float, call: Callable[[], None]) -> None:
         self._later.append((self.now + seconds, call))

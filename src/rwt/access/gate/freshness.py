@@ -194,7 +194,7 @@ def _is_equal(one: msgspec.Struct, other: msgspec.Struct) -> bool:
 
 def _stamp_of(message: msgspec.Struct) -> float:
     """Return the time in a message's header in seconds; 0 if it has no stamp."""
-    stamp: msgspec.Struct | None = getattr(message.header, "stamp", None)  # type: ignore[attr-defined]
+    stamp: msgspec.Struct | None = getattr(getattr(message, "header", None), "stamp", None)
     if stamp is None:
         return 0.0
     seconds, nanoseconds = (getattr(stamp, name) for name in stamp.__struct_fields__)

@@ -210,7 +210,7 @@ def _rows(loaded: LoadedSettings, role: Role) -> Iterator[dict[str, Sequence[str
         for resource in dict.fromkeys(resources):
             if not role.allows(act, resource):
                 continue
-            found = rules.of(verb, resource) if key is not None else ()  # type: ignore[arg-type]
+            found = rules.of(verb, resource) if key is not None else ()  # type: ignore[arg-type]  # keys of _RULE_KEYS
             applied = [rule for rule in found if rule.holds_for(role.name)]
             yield {
                 "role": role.name,
