@@ -364,7 +364,7 @@ class Robot(RobotApi):
             repeat: wait for a connection if there is none, and call again if it is lost before the answer.
                 Only for idempotent services.
         """
-        service_type = await self.types.service(type or await self.types.of_service(service))
+        service_type = await self.types.service_of(service, type)
         args = RawJson(to_payload(service_type.request, {} if request is None else request).json())
         try:
             answer = await self._calls.call(service, args, self._patience(timeout), repeat=repeat)
@@ -389,7 +389,7 @@ class Robot(RobotApi):
         *,
         on_feedback: Callable[[Message], object] | None = None,
     ) -> Goal:
-        action_type = await self.types.action(type or await self.types.of_action(action))
+        action_type = await self.types.action_of(action, type)
         payload = to_payload(action_type.goal, {} if goal is None else goal)
         sent = Goal(action, self._session.next_id("send_action_goal", action), on_feedback)
         if self.types.registry.distro.action_transport == "topics":
@@ -431,6 +431,7 @@ class Robot(RobotApi):
         """Ask for the robot's distribution and types. Does not fail, because there may be no rosapi."""
         distro = await self._ask_distro() if ros_version is None else closest_distro("", ros_version)
         self.types.set_distro(distro)
+        self.types.is_reported = ros_version is None and distro is not None
         if fetch_types and distro is not None:
             try:
                 await self.types.refresh()

@@ -12,12 +12,13 @@ import msgspec
 
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import Payload
+from rwt_participant.errors import WrongType
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
     from rwt_interfaces.registry import Registry
-    from rwt_interfaces.structs import MessageType
+    from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 
 #: Accepted forms of a message; values are checked and completed according to its type.
 MessageLike: TypeAlias = "Payload | msgspec.Struct | Mapping[str, object] | DataclassInstance"
@@ -87,6 +88,18 @@ def type_of(message: object, registry: Registry) -> str | None:
     except InterfaceError:
         return None
     return name if known.struct.__struct_fields__ == message.__struct_fields__ else None
+
+
+def check_interface(name: str, stated: ServiceType | ActionType, known: ServiceType | ActionType) -> None:
+    """Check that a service or action has the stated type, or one with the same fields.
+
+    Raises:
+        WrongType: it has another one.
+    """
+    if stated.name == known.name:
+        return
+    if any(one.md5 != other.md5 for one, other in zip(stated.parts, known.parts, strict=True)):
+        raise WrongType(f"{name} has type {known.name}, not {stated.name}")
 
 
 def check_handler(service: str, handler: object) -> None:
