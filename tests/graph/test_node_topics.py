@@ -240,6 +240,15 @@ async def test_closing_a_node_stops_its_timers_and_endpoints(
     assert graph.services() == ()
 
 
+@pytest.mark.parametrize("what", ["publisher", "node"])
+async def test_publishing_with_a_closed_publisher(graph: MemoryGraph, what: str) -> None:
+    node = Node(graph, "n")
+    publisher = node.advertise("/t", "std_msgs/String")
+    (publisher if what == "publisher" else node).close()
+    with pytest.raises(HandleClosed, match=r"^the publisher on /t was closed$"):
+        publisher.publish({"data": "lost"})
+
+
 def test_coroutine_functions_are_known_in_every_shape() -> None:
     class Callback:
         async def __call__(self) -> None: ...
