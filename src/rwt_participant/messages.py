@@ -102,14 +102,19 @@ def check_interface(name: str, stated: ServiceType | ActionType, known: ServiceT
         raise WrongType(f"{name} has type {known.name}, not {stated.name}")
 
 
-def check_handler(service: str, handler: object) -> None:
-    """Check that a service handler is a function.
+def check_arguments(verb: str, type: object = None, function: object = len) -> None:
+    """Check the type name and the function that a program gives to a verb.
+
+    Args:
+        verb: signature of the verb, for the error.
 
     Raises:
-        TypeError: it is not.
+        TypeError: `type` is neither a string nor None, or `function` cannot be called.
     """
-    if not callable(handler):
-        raise TypeError(f"{service}: expected a function that takes the request, got {handler!r}")
+    if not callable(function):
+        raise TypeError(f"{verb}: expected a function, got {function!r}")
+    if type is not None and not isinstance(type, str):
+        raise TypeError(f'{verb}: expected the name of a type, such as "std_msgs/String", got {type!r}')
 
 
 def call_handler(
