@@ -36,7 +36,7 @@ Republished at {RATE:g} Hz, {LINEAR} m, {ANGULAR} rad, seen from {ROOT}, or as c
 Bytes with WebSocket headers, no deflate.
 Off: the largest difference of any frame's pose, seen from the root, from what a page on plain /tf holds then.
 Seen from a target, poses are of the latest time that all transforms on the way have, as tf2 has it: they lag.
-"""  # noqa: E501 - its lines are those of the report, which may be longer than code
+"""  # noqa: E501 - lines of a printed report
 
 
 @dataclass(slots=True)

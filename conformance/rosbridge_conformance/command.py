@@ -23,6 +23,7 @@ from rosbridge_conformance.suite.target import (
     SHIPPED,
     Target,
     TargetError,
+    check_ids,
     find_client_target,
     find_target,
     shipped,
@@ -195,7 +196,9 @@ def _target(arguments: argparse.Namespace, find: Callable[[str], Target]) -> Tar
 def _selected(arguments: argparse.Namespace, target: Target) -> tuple[Case, ...]:
     if not arguments.cases.is_dir():
         raise CaseError(f"--cases {arguments.cases}: there is no such folder")
-    cases = select(load_cases(arguments.cases), target, arguments.run, arguments.skip)
+    known = load_cases(arguments.cases)
+    check_ids(target, [case.id for case in known])
+    cases = select(known, target, arguments.run, arguments.skip)
     if arguments.profile:
         cases = tuple(case for case in cases if case.profile in target.profiles)
     if not cases:

@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from rwt_participant.errors import TransformUnavailable as TransformUnavailable
     from rwt_participant.errors import UnknownType as UnknownType
     from rwt_participant.errors import WrongThread as WrongThread
+    from rwt_participant.errors import WrongType as WrongType
     from rwt_participant.goals import Goal as Goal
     from rwt_participant.goals import GoalResult as GoalResult
     from rwt_participant.goals import GoalStatus as GoalStatus
@@ -101,7 +102,7 @@ __all__, __getattr__, __dir__ = exports(
             "CallFailed CallTimeout GoalAborted GoalCanceled GoalEnded GoalRejected HandleClosed "
             "ImageFormat InterfaceError InvalidMessage InvalidQoS NotFound ParameterRejected "
             "ProviderGone ProviderNotFound RobotError ServiceFailed TimedOut TransformUnavailable "
-            "UnknownType WrongThread"
+            "UnknownType WrongThread WrongType"
         ),
     },
 )

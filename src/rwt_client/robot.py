@@ -47,7 +47,7 @@ from rwt_participant.messages import (
     MessageLike,
     RawCallback,
     ServiceHandler,
-    check_handler,
+    check_arguments,
     to_payload,
     type_of,
 )
@@ -263,6 +263,7 @@ class Robot(RobotApi):
     def topic(
         self, topic: str, type: str | None = None, **options: Unpack[SubscribeKeywords]
     ) -> RemoteSubscription:
+        check_arguments("topic(topic, type)", type)
         subscription = RemoteSubscription(self._table, topic, self._options(options), None)
         return subscription.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
 
@@ -278,10 +279,13 @@ class Robot(RobotApi):
         Args:
             options: see :class:`~rwt_client.endpoints.subscriptions.SubscribeOptions`.
         """
+        check_arguments("subscribe(topic, callback, type)", type, callback)
         subscription = RemoteSubscription(self._table, topic, self._options(options), callback)
         return subscription.open(self.types.known_message(type), self._message_type(topic, type), self._tasks)
 
     def subscribe_raw(self, topic: str, callback: RawCallback, type: str | None = None) -> RawSubscription:
+        check_arguments("subscribe_raw(topic, callback, type)", type, callback)
+
         async def ask() -> MessageType:
             name = type or await self.types.of_topic(topic)
             if self.types.known_message(name) is None:
@@ -320,6 +324,7 @@ class Robot(RobotApi):
         Args:
             options: see :class:`~rwt_client.endpoints.publisher.AdvertiseOptions`.
         """
+        check_arguments("advertise(topic, type)", type)
         return self._advertise(topic, type, options)
 
     def _advertise(self, topic: str, type: str | None, options: AdvertiseOptions) -> RemotePublisher:
@@ -329,6 +334,8 @@ class Robot(RobotApi):
     def publish(
         self, topic: str, message: MessageLike, type: str | None = None, *, latch: bool = False
     ) -> RemotePublisher:
+        if type is not None:
+            check_arguments("publish(topic, message, type)", type)
         publisher = self._publishers.get(topic)
         if publisher is None:
             wanted = type or type_of(message, self.types.registry)
@@ -364,7 +371,8 @@ class Robot(RobotApi):
             repeat: wait for a connection if there is none, and call again if it is lost before the answer.
                 Only for idempotent services.
         """
-        service_type = await self.types.service(type or await self.types.of_service(service))
+        check_arguments("call(service, request, type)", type)
+        service_type = await self.types.service_of(service, type)
         args = RawJson(to_payload(service_type.request, {} if request is None else request).json())
         try:
             answer = await self._calls.call(service, args, self._patience(timeout), repeat=repeat)
@@ -373,7 +381,7 @@ class Robot(RobotApi):
         return self.types.reader(service_type.response, self._arrays).read(answer)
 
     def advertise_service(self, service: str, type: str, handler: ServiceHandler) -> ServiceServer:
-        check_handler(service, handler)
+        check_arguments("advertise_service(service, type, handler)", type, handler)
         server = ServiceServer(
             self._session, service, self._interface_name, self._services, handler, self._tasks
         )
@@ -389,7 +397,8 @@ class Robot(RobotApi):
         *,
         on_feedback: Callable[[Message], object] | None = None,
     ) -> Goal:
-        action_type = await self.types.action(type or await self.types.of_action(action))
+        check_arguments("send_goal(action, goal, type)", type)
+        action_type = await self.types.action_of(action, type)
         payload = to_payload(action_type.goal, {} if goal is None else goal)
         sent = Goal(action, self._session.next_id("send_action_goal", action), on_feedback)
         if self.types.registry.distro.action_transport == "topics":
@@ -407,6 +416,7 @@ class Robot(RobotApi):
             self._goals.cancel(action, goal_id)
 
     def advertise_action(self, action: str, type: str, execute: Execute) -> ActionServer:
+        check_arguments("advertise_action(action, type, execute)", type, execute)
         server = ActionServer(
             self._session, action, self._interface_name, self._actions, execute, self._tasks
         )
@@ -431,6 +441,7 @@ class Robot(RobotApi):
         """Ask for the robot's distribution and types. Does not fail, because there may be no rosapi."""
         distro = await self._ask_distro() if ros_version is None else closest_distro("", ros_version)
         self.types.set_distro(distro)
+        self.types.is_reported = ros_version is None and distro is not None
         if fetch_types and distro is not None:
             try:
                 await self.types.refresh()

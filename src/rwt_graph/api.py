@@ -81,6 +81,11 @@ class Publisher(ABC):
     type: MessageType
     qos: QoS
 
+    @property
+    def is_closed(self) -> bool:
+        """True once it has left the topic."""
+        return False
+
     @abstractmethod
     def publish(self, payload: Payload) -> None:
         """Send a message to every subscriber, in the order of the calls. No-op after `close`."""

@@ -250,6 +250,11 @@ class ServiceType:
         return f"<ServiceType {self.name}>"
 
     @property
+    def parts(self) -> tuple[MessageType, ...]:
+        """Request and response."""
+        return self.request, self.response
+
+    @property
     def rihs01(self) -> str:
         """ROS 2's type hash, ``RIHS01_`` and 64 hexadecimal digits; computed at each call."""
         registry = self.request.registry
@@ -270,3 +275,8 @@ class ActionType:
 
     def __repr__(self) -> str:
         return f"<ActionType {self.name}>"
+
+    @property
+    def parts(self) -> tuple[MessageType, ...]:
+        """Goal, result and feedback."""
+        return self.goal, self.result, self.feedback

@@ -39,6 +39,10 @@ class ProviderNotFound(CallFailed, NotFound):
     """The service or action does not exist."""
 
 
+class WrongType(CallFailed, ValueError):
+    """The service or action has another type than the program states."""
+
+
 class GoalRejected(CallFailed):
     """The action server did not accept the goal."""
 

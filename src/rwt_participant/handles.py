@@ -85,6 +85,7 @@ class Publisher(Handle):
 
         Raises:
             InvalidMessage: it does not fit the topic's type.
+            HandleClosed: this publisher or its node was closed.
         """
 
 

@@ -12,12 +12,13 @@ import msgspec
 
 from rwt_interfaces.errors import InterfaceError, InvalidMessage
 from rwt_interfaces.payload import Payload
+from rwt_participant.errors import WrongType
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
     from rwt_interfaces.registry import Registry
-    from rwt_interfaces.structs import MessageType
+    from rwt_interfaces.structs import ActionType, MessageType, ServiceType
 
 #: Accepted forms of a message; values are checked and completed according to its type.
 MessageLike: TypeAlias = "Payload | msgspec.Struct | Mapping[str, object] | DataclassInstance"
@@ -89,14 +90,31 @@ def type_of(message: object, registry: Registry) -> str | None:
     return name if known.struct.__struct_fields__ == message.__struct_fields__ else None
 
 
-def check_handler(service: str, handler: object) -> None:
-    """Check that a service handler is a function.
+def check_interface(name: str, stated: ServiceType | ActionType, known: ServiceType | ActionType) -> None:
+    """Check that a service or action has the stated type, or one with the same fields.
 
     Raises:
-        TypeError: it is not.
+        WrongType: it has another one.
     """
-    if not callable(handler):
-        raise TypeError(f"{service}: expected a function that takes the request, got {handler!r}")
+    if stated.name == known.name:
+        return
+    if any(one.md5 != other.md5 for one, other in zip(stated.parts, known.parts, strict=True)):
+        raise WrongType(f"{name} has type {known.name}, not {stated.name}")
+
+
+def check_arguments(verb: str, type: object = None, function: object = len) -> None:
+    """Check the type name and the function that a program gives to a verb.
+
+    Args:
+        verb: signature of the verb, for the error.
+
+    Raises:
+        TypeError: `type` is neither a string nor None, or `function` cannot be called.
+    """
+    if not callable(function):
+        raise TypeError(f"{verb}: expected a function, got {function!r}")
+    if type is not None and not isinstance(type, str):
+        raise TypeError(f'{verb}: expected the name of a type, such as "std_msgs/String", got {type!r}')
 
 
 def call_handler(

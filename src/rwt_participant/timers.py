@@ -75,6 +75,8 @@ class PeriodicTimer(Timer):
         callback: Callable[[], Awaitable[None] | None],
         on_cancel: Callable[[PeriodicTimer], None] = lambda timer: None,
     ) -> None:
+        if not callable(callback) or not isinstance(period, (int, float)):
+            raise TypeError(f"create_timer(period, callback): got {period!r} and {callback!r}")
         # Written so that NaN is rejected, too.
         if not SHORTEST_PERIOD <= period <= LONGEST_DELAY:
             raise ValueError(

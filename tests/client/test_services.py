@@ -10,7 +10,14 @@ import anyio.lowlevel
 import pytest
 
 from rwt_client import ConnectionLost, NotConnected
-from rwt_participant.errors import CallFailed, InvalidMessage, ProviderNotFound, ServiceFailed, TimedOut
+from rwt_participant.errors import (
+    CallFailed,
+    InvalidMessage,
+    ProviderNotFound,
+    ServiceFailed,
+    TimedOut,
+    WrongType,
+)
 from tests.client.worlds import scripted, world
 
 pytestmark = pytest.mark.anyio
@@ -37,6 +44,26 @@ async def test_a_service_that_nobody_knows_needs_a_type() -> None:
     async with world() as it:
         with pytest.raises(ProviderNotFound, match="the robot knows no service /nope"):
             await it.robot.call("/nope")
+
+
+async def test_a_type_that_the_service_does_not_have() -> None:
+    async with world() as it:
+        it.node.advertise_service("/add", ADD, lambda request: {"sum": 1})
+        for _ in range(2):
+            with pytest.raises(WrongType, match=r"^/add has type example_interfaces/AddTwoInts, not std"):
+                await it.robot.call("/add", {}, "std_srvs/Trigger")
+        assert (await it.robot.call("/add", {}, "rospy_tutorials/AddTwoInts")).sum == 1, "the same fields"
+        with pytest.raises(WrongType):
+            await it.node.call("/add", {}, "std_srvs/Trigger")
+
+
+async def test_the_type_of_a_service_that_is_offered_anew() -> None:
+    async with world() as it:
+        first = it.node.advertise_service("/s", ADD, lambda request: {"sum": 1})
+        await it.robot.call("/s", {}, ADD)
+        first.close()
+        it.node.advertise_service("/s", "std_srvs/Trigger", lambda request: {"success": True})
+        assert (await it.robot.call("/s", {}, "std_srvs/Trigger")).success
 
 
 async def test_a_misfit_is_told_before_anything_is_sent() -> None:

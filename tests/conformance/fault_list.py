@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import base64
 import binascii
+import json
 from collections.abc import Callable
+from functools import partial
 
 from rosbridge_conformance.suite.values import Json
 from tests.conformance.faults import Alter, Fault, Memory, Message
@@ -195,6 +197,14 @@ def _integers_as(change: Callable[[int], Json]) -> Callable[[str, Json], Json]:
 def _no_extra(value: Json) -> Json:
     known = {"x", "y", "z", "linear", "angular", "data", "points", "layout"}
     return {key: item for key, item in value.items() if key in known} if isinstance(value, dict) else value
+
+
+def _plain_value(message: Message, kinds: type = str) -> Message:
+    values = message.get("values")
+    if not str(message.get("service")).endswith("get_param") or not isinstance(values, dict):
+        return message
+    value = json.loads(str(values["value"]))
+    return {**message, "values": {**values, "value": str(value)}} if isinstance(value, kinds) else message
 
 
 _REPLIES = (
@@ -592,6 +602,19 @@ _REST = (
     Fault("calls every status a warning", ("STA-04", "STA-03"), says=_put("status", level="warning")),
     Fault("sends empty status", ("STA-03",), says=_put("status", msg="")),
     Fault("tells of success unasked", ("STA-05",), says=_success_told),
+    Fault("tells clients without status of success", ("status/unsolicited",), says=_success_told),
+    Fault("gives text parameters as plain text", ("API-07",), says=_on("service_response", _plain_value)),
+    Fault(
+        "gives text parameters as plain text, ROS 1",
+        ("API-07",),
+        says=_on("service_response", _plain_value),
+        ros=1,
+    ),
+    Fault(
+        "gives parameters as Python prints them",
+        ("rosapi/param-boolean-json-ros2",),
+        says=_on("service_response", partial(_plain_value, kinds=bool)),
+    ),
     Fault(
         "ignores set_level none",
         ("STA-02",),

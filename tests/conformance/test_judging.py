@@ -15,13 +15,23 @@ from rosbridge_conformance.player import Fault, Line, Played
 from rosbridge_conformance.reports import expected, html, junit
 from rosbridge_conformance.reports.counts import grade
 from rosbridge_conformance.reports.json_file import ReportError, read_results, render
+from rosbridge_conformance.reports.terminal import report
 from rosbridge_conformance.runner import Conditions, Result, Run, Verdict, judge_cases, select
 from rosbridge_conformance.suite.case import Case, Expect, ExpectNothing, Send, Wait
-from rosbridge_conformance.suite.loading import read_case
+from rosbridge_conformance.suite.loading import CASES, CLIENT_CASES, load_cases, read_case
 from rosbridge_conformance.suite.matching import Difference
 from rosbridge_conformance.suite.rules import load_rules
 from rosbridge_conformance.suite.stretch import AT_ONCE, MOST, factor, stretched
-from rosbridge_conformance.suite.target import Target, TargetError, find_target, with_known
+from rosbridge_conformance.suite.target import (
+    Target,
+    TargetError,
+    check_ids,
+    find_client_target,
+    find_target,
+    shipped,
+    shipped_clients,
+    with_known,
+)
 from rosbridge_conformance.suite.values import Json
 from rosbridge_conformance.wire.pace import RealPace
 
@@ -111,8 +121,8 @@ def test_reports_for_people_keep_the_frames_of_what_did_not_pass() -> None:
         for verdict in ("fail", "pass")
     )
     run = _run(failed, passed)
-    for report in (html, junit):
-        text = report.render(run, load_rules())
+    for kind in (html, junit):
+        text = kind.render(run, load_rules())
         assert "came in fail" in text
         assert "came in pass" not in text
     assert "came in pass" in render(run, {})
@@ -293,3 +303,34 @@ def test_what_fails_at_times_is_neither_news_nor_stale() -> None:
     cases = [_case("t/timely")]
     for play in (passes, fails):
         assert asyncio.run(judge_cases(cases, target, play, "ws://x", Conditions(), RealPace())).ok
+
+
+def test_the_report_groups_failures_by_cause() -> None:
+    def failed(name: str, got: str) -> Result:
+        fault = Fault(2, "a expects", Difference("id", '"text"', got))
+        return replace(_result("fail", name), fault=fault)
+
+    cases = [failed("fragments/a", "7"), failed("fragments/b", "12"), failed("json/c", "null")]
+    said = report(_run(*cases), load_rules())
+    assert said.count("with the same cause") == 1
+    assert '  2 cases at id: expected "text", got …\n    fragments/a, fragments/b\n' in said
+    assert "frames of a failure: --verbose" in said
+    assert "--verbose" not in report(_run(*cases), load_rules(), verbose=True)
+
+
+@pytest.mark.parametrize("key", ["topics/nothing", "no/*"])
+def test_an_expectation_of_no_case(tmp_path: Path, capsys: pytest.CaptureFixture[str], key: str) -> None:
+    known = tmp_path / "known.toml"
+    known.write_text(f'[expected_failures]\n"{key}" = "a typing error"\n')
+    assert main(["--expect", str(known), "--list"]) == 2
+    assert f"no case has the id {key}" in capsys.readouterr().err
+
+
+def test_the_ids_of_shipped_targets() -> None:
+    for names, find, folder in (
+        (shipped(), find_target, CASES),
+        (shipped_clients(), find_client_target, CLIENT_CASES),
+    ):
+        ids = [case.id for case in load_cases(folder)]
+        for name in names:
+            check_ids(find(name), ids)

@@ -20,12 +20,6 @@ pytestmark = pytest.mark.anyio
 ADD = "example_interfaces/AddTwoInts"
 
 
-async def test_what_is_no_function_is_refused_at_once(graph: MemoryGraph) -> None:
-    with pytest.raises(TypeError, match=r"/add: expected a function that takes the request, got None"):
-        Node(graph, "n").advertise_service("/add", ADD, None)  # type: ignore[arg-type] # the mistake
-    assert graph.service("/add") is None
-
-
 async def test_plain_and_coroutine_handlers(graph: MemoryGraph) -> None:
     async with graph:
         node = Node(graph, "n")

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -128,9 +129,9 @@ async def call(robot: Robot) -> str:
     return str((await robot.call("/beep")).message)
 
 
-def server(*urls: str, **changes: object) -> Server:
+def server(*urls: str, **changes: Any) -> Server:
     """A server with a service, and a latched topic for clients."""
-    made = Server(*(urls or ("ws://127.0.0.1:0",)), **changes)  # type: ignore[arg-type]
+    made = Server(*(urls or ("ws://127.0.0.1:0",)), **changes)
     node = made.node("robot")
     node.advertise("/greeting", "std_msgs/String", latch=True).publish({"data": "hello"})
     node.advertise_service("/beep", "std_srvs/Trigger", lambda request: {"success": True, "message": "ü"})
@@ -150,11 +151,12 @@ async def test_nothing_is_imported_because_it_is_installed(stage: Path) -> None:
 
 @pytest.mark.anyio
 async def test_a_gateway(stage: Path) -> None:
+    from websockets import Subprotocol
     from websockets.asyncio.client import connect as connect_websocket
 
     async with (
         server(gateways=["http", "shouting"]) as running,
-        connect_websocket(running.urls[0], subprotocols=["shout.v1"]) as client,  # type: ignore[list-item]
+        connect_websocket(running.urls[0], subprotocols=[Subprotocol("shout.v1")]) as client,
     ):
         await client.send("ho")
         assert await client.recv() == "HO"
@@ -206,9 +208,9 @@ async def test_a_transport(stage: Path) -> None:
         ({"encodings": ["none"]}, r'`encodings`: .* "msgpack", got \'none\''),
     ],
 )
-def test_an_unknown_name_lists_the_known_ones(stage: Path, changes: dict[str, object], text: str) -> None:
+def test_an_unknown_name_lists_the_known_ones(stage: Path, changes: dict[str, Any], text: str) -> None:
     with pytest.raises(SettingsError, match=text):
-        Server(**changes)  # type: ignore[arg-type]
+        Server(**changes)
     assert imported() == set()
 
 

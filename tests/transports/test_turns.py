@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Generator
 from functools import partial
+from typing import Any
 
 import anyio
 import anyio.lowlevel

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
-from typing import TextIO
+from typing import Final, TextIO
 
 from rosbridge_conformance.player import describe
 from rosbridge_conformance.reports.counts import MARKS, Row, by_section, conformance, grade, robustness
@@ -11,6 +12,9 @@ from rosbridge_conformance.runner import Result, Run
 from rosbridge_conformance.suite.case import Case
 from rosbridge_conformance.suite.rules import Rule
 from rosbridge_conformance.suite.target import Target
+
+_NAMES: Final = re.compile(r"/?c[0-9a-f]+_\d+[\w/]*|\d+")
+"""Names that are unique to a case, and numbers."""
 
 
 class Progress:
@@ -73,6 +77,9 @@ def report(run: Run, rules: Mapping[str, Rule], *, verbose: bool = False) -> str
             f"  {name}\n" for name in late
         )
     unexpected = [result for result in run.results if result.unexpected]
+    text += _by_cause(unexpected)
+    if unexpected and not verbose:
+        text += "\nframes of a failure: --verbose, best with --run ID; of all failures: --html FILE\n"
     if verbose and unexpected:
         text += "\n" + "".join(failure(result, rules) + _frames(result) for result in unexpected)
     verdict = "ok" if run.ok else f"{len(unexpected)} failed unexpectedly, {len(run.stale)} stale"
@@ -84,6 +91,21 @@ def report(run: Run, rules: Mapping[str, Rule], *, verbose: bool = False) -> str
 def _line(row: Row) -> str:
     known = f" ({row.expected} expected)" if row.expected else ""
     return f"  {row.name:14} {row.words or 'nothing asked'}{known}"
+
+
+def _by_cause(failed: Sequence[Result]) -> str:
+    """Return the failures that several cases have in common, most frequent first."""
+    causes: dict[str, list[str]] = {}
+    for result in failed:
+        cause = str(result.fault.difference) if result.fault else "; ".join(result.remarks)
+        # Names and ids differ from case to case.
+        causes.setdefault(_NAMES.sub("…", cause), []).append(result.case.id)
+    lines = [
+        f"  {len(ids)} cases {cause}\n    {', '.join(ids)}\n"
+        for cause, ids in sorted(causes.items(), key=lambda each: -len(each[1]))
+        if len(ids) > 1
+    ]
+    return "\nfailures with the same cause:\n" + "".join(lines) if lines else ""
 
 
 def _frames(result: Result) -> str:

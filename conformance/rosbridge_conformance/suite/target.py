@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import fnmatch
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -19,7 +20,9 @@ SHIPPED_CLIENTS = Path(__file__).parents[1] / "targets-client"
 
 Probe = Literal["loopback", "get_time"]
 
-FEATURES = ("auto-advertise", "call-timeout", "new-rosapi", "no-auth", "unasked-status")
+FEATURES = (
+    "auto-advertise", "call-timeout", "global-parameters", "new-rosapi", "no-auth", "unasked-status",
+)  # fmt: skip
 """Optional features that a target declares by name; cases require them in `needs`."""
 
 CLIENT_FEATURES = ("tf-topics", "tf-service")
@@ -84,6 +87,21 @@ class Target:
         """Return the reason for an expected failure, always or at times, or None."""
         known = (*self.expected.items(), *self.unstable.items())
         return next((why for key, why in known if fnmatch.fnmatchcase(case_id, key)), None)
+
+
+def check_ids(target: Target, ids: Collection[str]) -> None:
+    """Check that a target names existing cases.
+
+    Args:
+        ids: ids of all cases.
+
+    Raises:
+        TargetError: an id or glob fits no case; names similar ones.
+    """
+    for key in (*target.expected, *target.unstable, *target.alone):
+        if not any(fnmatch.fnmatchcase(each, key) for each in ids):
+            meant = "".join(f"; did you mean {each}?" for each in get_close_matches(key, ids, 1))
+            raise TargetError(f"{target.name}: no case has the id {key}{meant}")
 
 
 def shipped() -> tuple[str, ...]:

@@ -78,6 +78,10 @@ class _ObservedPublisher(Publisher):
         self._inner.publish(payload)
 
     @property
+    def is_closed(self) -> bool:
+        return self._inner.is_closed
+
+    @property
     def subscriber_count(self) -> int:
         return self._inner.subscriber_count
 

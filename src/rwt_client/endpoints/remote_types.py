@@ -14,7 +14,8 @@ from rwt_client.wire.decoding import MessageReader
 from rwt_interfaces import JAZZY, Distro, InterfaceError, InvalidName, Registry
 from rwt_interfaces.names import parse_type_name
 from rwt_interfaces.structs import ActionType, MessageType, ServiceType
-from rwt_participant.errors import NotFound, ProviderNotFound, UnknownType
+from rwt_participant.errors import CallTimeout, NotFound, ProviderNotFound, UnknownType
+from rwt_participant.messages import check_interface
 from rwt_participant.rosapi_parameters import ADVICE_SECONDS, UNANSWERED, Ask
 from rwt_participant.spelling import did_you_mean
 
@@ -23,6 +24,7 @@ logger = logging.getLogger("rwt_client")
 Part = Literal["request", "response", "goal", "result", "feedback"]
 
 T = TypeVar("T")
+Interface = TypeVar("Interface", ServiceType, ActionType)
 
 _SEPARATOR: Final = "=" * 80
 
@@ -50,12 +52,14 @@ class RemoteTypes:
     Attributes:
         registry: registry of all types known so far.
         distro: ROS distribution of the robot; None while unknown.
+        is_reported: True if the robot itself has reported its distribution, and so answers such questions.
     """
 
     def __init__(self, ask: Ask) -> None:
         self._ask = ask
         self.registry = Registry(JAZZY)
         self.distro: Distro | None = None
+        self.is_reported = False
         self._names: dict[tuple[str, str], str] = {}
 
     # -- for programs ----------------------------------------------------------------------------------------
@@ -149,6 +153,38 @@ class RemoteTypes:
         """Return the type name of an action; raises ProviderNotFound, or UnknownType as for topics."""
         return await self._cached_name("action", action)
 
+    async def service_of(self, service: str, type: str | None) -> ServiceType:
+        """Return the type of a service; raises WrongType if `type` is another, else as :meth:`of_service`.
+
+        `type` is not checked if the robot does not report the actual one.
+        """
+        found = await self.service(type or await self.of_service(service))
+        if type is not None:
+            await self._check("service", service, found, self.service)
+        return found
+
+    async def action_of(self, action: str, type: str | None) -> ActionType:
+        """Return the type of an action, as :meth:`service_of`."""
+        found = await self.action(type or await self.of_action(action))
+        if type is not None:
+            await self._check("action", action, found, self.action)
+        return found
+
+    async def _check(
+        self, what: str, name: str, stated: Interface, find: Callable[[str], Awaitable[Interface]]
+    ) -> None:
+        if not self.is_reported or self._names.get((what, name)) == stated.name:
+            return
+        try:
+            reported = await self._reported_name(what, name)
+            package, _, short = parse_type_name(reported)
+            if f"{package}/{short}" != stated.name:
+                check_interface(name, stated, await find(reported))
+            self._names[what, name] = stated.name
+        except (*UNANSWERED, InterfaceError) as error:
+            self.is_reported = not isinstance(error, CallTimeout)
+            logger.debug("the type of %s is not checked: %s", name, error)
+
     async def refresh(self) -> None:
         """Fetch the definitions of all topics of the live graph; they replace the standard ones (API-06)."""
         answer = await self._ask("topics_and_raw_types", {})
@@ -181,11 +217,10 @@ class RemoteTypes:
 
     async def _name_of(self, what: str, name: str) -> str:
         try:
-            answer = await self._ask(f"{what}_type", {what: name})
+            found = await self._reported_name(what, name)
         except UNANSWERED as error:
             raise UnknownType(f"the robot does not tell the type of {name}, so name it: {error}") from None
-        found = answer.get("type") if isinstance(answer, dict) else None
-        if not isinstance(found, str) or not found:
+        if not found:
             # A topic that only has subscribers is listed, too.
             others = [each for each in await self._listed(what) if each != name]
             meant = did_you_mean(name, others) or "; name its type if it will come"
@@ -193,6 +228,12 @@ class RemoteTypes:
                 f"the robot knows no {what} {name}{meant}"
             )
         return found
+
+    async def _reported_name(self, what: str, name: str) -> str:
+        """Return the type name that the robot reports; empty without one."""
+        answer = await self._ask(f"{what}_type", {what: name})
+        found = answer.get("type") if isinstance(answer, dict) else None
+        return found if isinstance(found, str) else ""
 
     async def meant(self, what: str, name: str) -> str:
         """Return `; did you mean X?` with the nearest name that the robot lists; empty if it lists `name`.

@@ -246,6 +246,10 @@ class MemoryPublisher(Publisher):
         )
         self.on_publish_remote: OnSample | None = None
 
+    @property
+    def is_closed(self) -> bool:
+        return self._state is None
+
     def publish(self, payload: Payload) -> None:
         state = self._state
         if state is None:

@@ -34,7 +34,10 @@ class TopicPublisher(Publisher):
 
         Raises:
             InvalidMessage: the message does not fit the topic's type.
+            HandleClosed: this publisher or its node was closed.
         """
+        if self._publisher.is_closed:
+            raise HandleClosed(f"the publisher on {self.name} was closed")
         payload = to_payload(self.type, message, self.now_ns)
         if self._graph.on_graph_thread():
             self._publisher.publish(payload)

@@ -16,7 +16,6 @@ from rwt_participant.messages import (
     MessageLike,
     ServiceHandler,
     call_handler,
-    check_handler,
     is_coroutine_function,
 )
 
@@ -42,7 +41,6 @@ class ServiceFunction:
     """
 
     def __init__(self, graph: Graph, service: str, response: MessageType, handler: ServiceHandler) -> None:
-        check_handler(service, handler)
         self._graph = graph
         self._service = service
         self._response = response

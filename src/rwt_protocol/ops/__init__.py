@@ -39,7 +39,7 @@ else:
 
     def _union(*directions: Direction) -> object:
         models = tuple(spec.model for spec in _SPECS if spec.direction in directions)
-        return Annotated[Union[models], Field(discriminator="op")]  # noqa: UP007 # of a tuple
+        return Annotated[Union[models], Field(discriminator="op")]  # noqa: UP007 - `|` cannot join a tuple
 
     AnyOp = _union(*Direction)
     """Any op, told apart by `op`: for `pydantic.TypeAdapter`, and for members of other models."""

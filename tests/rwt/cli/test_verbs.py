@@ -343,6 +343,18 @@ def test_service_call(rwt: Rwt) -> None:
     assert rwt("service", "call", "/add_two_ints", _ADD, "--json").json == {"sum": 0}
 
 
+def test_service_call_with_a_type_that_it_does_not_have(rwt: Rwt) -> None:
+    done = rwt("service", "call", "/add_two_ints", "std_srvs/srv/Trigger", "{}")
+    assert done.code == 1
+    assert done.err == "rwt: /add_two_ints has type example_interfaces/AddTwoInts, not std_srvs/Trigger\n"
+
+
+def test_send_goal_with_a_type_that_the_action_does_not_have(rwt: Rwt) -> None:
+    done = rwt("action", "send_goal", "/fibonacci", "tf2_msgs/action/LookupTransform", "{}")
+    assert done.code == 1
+    assert "/fibonacci has type" in done.err
+
+
 def test_service_call_that_fails(rwt: Rwt) -> None:
     ended = rwt("service", "call", "/ad_two_ints", "{a: 1}")
     assert (ended.code, ended.err) == (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from rwt_rclpy.clocks import timekeeper
 from rwt_rclpy.clocks.duration import Duration
@@ -63,7 +63,7 @@ def _ns(time: Any) -> int:
 class TransformRegistration:
     """Functions that transform messages, by their class; `tf2_geometry_msgs` adds some."""
 
-    _functions: dict[type, Callable[[Any, Any], Any]] = {}  # noqa: RUF012 - it is one for all
+    _functions: ClassVar[dict[type, Callable[[Any, Any], Any]]] = {}
 
     def add(self, key: type, callback: Callable[[Any, Any], Any]) -> None:
         """Add the function of a class."""

@@ -69,7 +69,7 @@ async def _send_goal(robot: Robot, arguments: Arguments, output: Output) -> None
 
     name = absolute_name(arguments.action)
     kind, given = type_and_message(arguments.goal, "goal")
-    action_type = await robot.types.action(kind or await ACTION.known(robot, name))
+    action_type = await robot.types.action_of(name, kind or await ACTION.known(robot, name))
     request = to_payload(action_type.goal, with_stamps(action_type.goal, given))
     printer = _GoalPrinter(action_type, output)
     printer.goal(request)

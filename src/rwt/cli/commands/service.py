@@ -59,7 +59,7 @@ async def _call(robot: Robot, arguments: Arguments, output: Output) -> None:
 
     name = absolute_name(arguments.service)
     kind, given = type_and_message(arguments.request, "request")
-    service_type = await robot.types.service(kind or await SERVICE.known(robot, name))
+    service_type = await robot.types.service_of(name, kind or await SERVICE.known(robot, name))
     request = to_payload(service_type.request, with_stamps(service_type.request, given)).value()
     while True:
         if not output.json:
