@@ -16,7 +16,7 @@ from google_crc32c import value as crc32c
 from rwt.media.webrtc.decoding import check_frame
 from rwt.media.webrtc.frame_size import BadFrame
 from rwt_transports.webrtc.congestion.feedback import MAX_STATUSES, read_feedback
-from rwt_transports.webrtc.rtp_packets import BadMedia, check_rtcp, check_rtp, without_transport_feedback
+from rwt_transports.webrtc.rtp_packets import BadMedia, check_rtp, split_rtcp
 from rwt_transports.webrtc.sctp_packets import MAX_CHUNKS, BadPacket, check_packet
 from rwt_transports.webrtc.sdp import CANDIDATES, BadDescription, read_description
 from rwt_transports.webrtc.stun_messages import BadStun, check_stun
@@ -70,8 +70,7 @@ def media(data: bytes) -> None:
     except (BadMedia, ValueError) as bad:
         assert str(bad)
     try:
-        check_rtcp(data)
-        rest, parts = without_transport_feedback(data)
+        rest, parts = split_rtcp(data)
         packets = RtcpPacket.parse(rest)
         for part in parts:
             assert 0 < len(read_feedback(part).arrivals) <= MAX_STATUSES

@@ -31,7 +31,7 @@ from rwt_transports.webrtc.sdp import BadDescription, read_description, read_fra
 if TYPE_CHECKING:
     from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
     from rwt_transports.http.routes import HttpRequest
-    from rwt_transports.webrtc.ice import IceServer
+    from rwt_transports.webrtc.ice_servers import IceServer
 
 SDP: Final = "application/sdp"
 FRAGMENT: Final = "application/trickle-ice-sdpfrag"

@@ -1,1 +1,1 @@
-"""Congestion control of media: rates from the feedback of receivers, without I/O and without a clock."""
+"""Congestion control of media: rates from the feedback of receivers, without I/O, and the sender that keeps to them."""
