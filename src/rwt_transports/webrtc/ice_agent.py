@@ -11,13 +11,22 @@ from __future__ import annotations
 import asyncio
 import logging
 import random
+from collections.abc import Coroutine, Sequence
+from struct import Struct
 from typing import TYPE_CHECKING, Any, Final, cast
 
-from aioice import Candidate, Connection, stun
-from aioice.ice import StunProtocol
+from aioice import Candidate, Connection, TransportPolicy, stun, turn
+from aioice.ice import StunProtocol, relayed_candidate, server_reflexive_candidate
 
-from rwt_transports.webrtc.ice_guard import DATAGRAM_BYTES, EARLY_DATAGRAMS, WAITING_DATAGRAMS, Reach
-from rwt_transports.webrtc.stun_messages import BadStun, StunClass, check_stun
+from rwt_transports.webrtc.ice_guard import (
+    DATAGRAM_BYTES,
+    EARLY_DATAGRAMS,
+    WAITING_DATAGRAMS,
+    Reach,
+    TokenBucket,
+    is_unicast,
+)
+from rwt_transports.webrtc.stun_messages import TURN_METHODS, BadStun, StunClass, check_stun
 
 if TYPE_CHECKING:
     from aiortc import RTCIceTransport
@@ -69,13 +78,60 @@ class GuardedAgent(Connection):
         timeout: int = 0,  # noqa: ASYNC109 - the signature is aioice's
     ) -> list[Candidate]:
         """Gather candidates on addresses; none if only relays are used."""
+        # Servers are asked when the sockets are guarded, since that may take seconds.
+        stun_server, self.stun_server = self.stun_server, None
+        turn_server, self.turn_server = self.turn_server, None
         is_here = addresses and self.guard.reach is Reach.LOOPBACK
         found = await super().get_component_candidates(
-            component, [*addresses, LOOPBACK] if is_here else addresses, timeout or GATHER_SECONDS
+            component, [*addresses, LOOPBACK] if is_here else addresses
         )
         for protocol in self._protocols:
             protocol.__class__ = GuardedProtocol  # aioice makes them.
             cast("GuardedProtocol", protocol).guard = self.guard
+        asked: list[Coroutine[Any, Any, tuple[Candidate, StunProtocol | None]]] = []
+        if stun_server is not None:
+            ipv4 = [each for each in self._protocols if ":" not in each.local_candidate.host]
+            asked += [server_reflexive_candidate(each, stun_server) for each in ipv4]
+        if turn_server is not None:
+            asked.append(self._relayed(component, turn_server))
+        return found + await self._answers(asked, timeout or GATHER_SECONDS)
+
+    def _relayed(
+        self, component: int, server: tuple[str, int]
+    ) -> Coroutine[Any, Any, tuple[Candidate, StunProtocol]]:
+        return relayed_candidate(
+            component=component,
+            hide_related_address=self._transport_policy == TransportPolicy.RELAY,
+            protocol_factory=self._protocol,
+            turn_server=server,
+            turn_username=self.turn_username,
+            turn_password=self.turn_password,
+            turn_ssl=self.turn_ssl,
+            turn_transport=self.turn_transport,
+        )
+
+    def _protocol(self) -> GuardedProtocol:
+        protocol = GuardedProtocol(self)
+        protocol.guard = self.guard
+        return protocol
+
+    async def _answers(
+        self, asked: Sequence[Coroutine[Any, Any, tuple[Candidate, StunProtocol | None]]], seconds: float
+    ) -> list[Candidate]:
+        """Return the candidates that servers know within some seconds."""
+        if not asked:
+            return []
+        done, pending = await asyncio.wait([asyncio.create_task(each) for each in asked], timeout=seconds)
+        for task in pending:
+            task.cancel()
+        found: list[Candidate] = []
+        for task in done:
+            if task.exception() is None:
+                candidate, protocol = task.result()
+                if protocol is not None:
+                    self._protocols.append(protocol)
+                if is_unicast(candidate.host, candidate.port):
+                    found.append(candidate)
         return found
 
     def data_received(self, data: bytes, component: int) -> None:
@@ -177,6 +233,82 @@ class GuardedProtocol(StunProtocol):
         is_check = message.message_class == stun.Class.REQUEST and "USERNAME" in message.attributes
         if not is_check or self.guard.admit_check(addr):
             super().send_stun(message, addr)
+
+
+TURN_REQUESTS_PER_SECOND: Final = 20
+"""Requests to a TURN server, after a burst of :data:`TURN_REQUESTS`; it determines when they are repeated."""
+TURN_REQUESTS: Final = 100
+TURN_MESSAGES: Final = 500
+"""Messages of a TURN server over TCP in one turn of the event loop."""
+TURN_BYTES: Final = DATAGRAM_BYTES + 64
+"""Maximum size of a message of a TURN server: a datagram, and what describes it."""
+
+
+_TURN_HEAD: Final = Struct("!HH")
+
+
+class _GuardedTurn(turn.TurnClientMixin):
+    """Connection to a TURN server, which is the operator's, or one that a robot names for its clients."""
+
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self._requests = TokenBucket(TURN_REQUESTS_PER_SECOND, TURN_REQUESTS)
+
+    def datagram_received(self, data: bytes | str, addr: tuple[str, int]) -> None:
+        """Hand over a message of the server, or drop it unless it is valid."""
+        assert isinstance(data, bytes)
+        try:
+            if data[:1] < b"\x40":
+                check_stun(data, TURN_METHODS, TURN_BYTES)
+            super().datagram_received(data, addr)
+        except BadStun as bad:
+            logger.debug("discarded %s of a TURN server", bad)
+
+    def send_stun(self, message: stun.Message, addr: tuple[str, int]) -> None:
+        """Send a request; one beyond the rate counts as lost."""
+        if self._requests.take():
+            super().send_stun(message, addr)
+
+
+class GuardedTurnUdp(_GuardedTurn, turn.TurnClientUdpProtocol):
+    """Connection to a TURN server over UDP."""
+
+
+class GuardedTurnTcp(_GuardedTurn, turn.TurnClientTcpProtocol):
+    """Connection to a TURN server over TCP or TLS. aioice copies all that waits for each message."""
+
+    _waiting = b""
+
+    def data_received(self, data: bytes) -> None:
+        """Split what has come into messages."""
+        self._waiting += data
+        at, end, address = 0, len(self._waiting), self.transport.get_extra_info("peername")
+        for _ in range(TURN_MESSAGES):
+            if at + _TURN_HEAD.size > end:
+                break
+            kind, size = _TURN_HEAD.unpack_from(self._waiting, at)
+            size = (size + 3 & ~3) + (4 if kind >> 14 == 1 else 20)  # Channel data, or STUN.
+            if size > TURN_BYTES:
+                self.transport.abort()
+                return
+            if at + size > end:
+                break
+            self.datagram_received(self._waiting[at : at + size], address)
+            at += size
+        else:
+            self.transport.pause_reading()
+            asyncio.get_running_loop().call_soon(self._go_on)
+        self._waiting = self._waiting[at:]
+
+    def _go_on(self) -> None:
+        if not self.transport.is_closing():
+            self.transport.resume_reading()
+            self.data_received(b"")
+
+
+# aioice looks up the classes here when it connects, and offers no way to pass others.
+turn.TurnClientUdpProtocol = GuardedTurnUdp  # type: ignore[misc] # a subclass
+turn.TurnClientTcpProtocol = GuardedTurnTcp  # type: ignore[misc] # a subclass
 
 
 def way(transport: RTCIceTransport) -> str:

@@ -15,7 +15,9 @@ from aiortc import RTCConfiguration, RTCIceServer
 from aiortc.rtcconfiguration import RTCIceTransportPolicy
 from aiortc.rtcicetransport import parse_stun_turn_uri
 
+import rwt_transports.webrtc.ice_agent  # noqa: F401 - it guards connections to TURN servers
 from rwt_transports.errors import TransportError
+from rwt_transports.webrtc.stun_messages import BadStun, check_stun
 
 MOST_SERVERS: Final = 8
 SECONDS: Final = 3.0
@@ -180,8 +182,9 @@ class _Answers(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: object) -> None:
         try:
+            check_stun(data)
             seen = stun.parse_message(data).attributes.get("XOR-MAPPED-ADDRESS")
-        except ValueError:
+        except (BadStun, ValueError):
             return  # Not an answer.
         if seen is not None and not self.first.done():
             self.first.set_result((str(seen[0]), int(seen[1])))
