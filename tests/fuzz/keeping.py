@@ -12,6 +12,9 @@ from tests.fuzz.targets import CORPUS, TARGETS, Target
 
 Line = tuple[str, int]
 
+FOLLOWED = ("/rwt_", "/rwt/media/", "/aiortc/", "/aioice/")
+"""Folders whose lines count."""
+
 
 def keep(name: str, found: Path) -> int:
     """Add the best of `found` to the kept inputs of a target, the shortest first; how many it were."""
@@ -37,12 +40,12 @@ def write(name: str, data: bytes) -> None:
 
 
 def lines_of(target: Target, data: bytes) -> set[Line]:
-    """The lines of this project that one input runs."""
+    """Return the lines of this project, and of the parsers behind it, that one input runs."""
     lines: set[Line] = set()
 
     def trace(frame: FrameType, event: str, _: Any) -> Any:  # as the interpreter calls it
         file = frame.f_code.co_filename
-        if "/rwt_" not in file:
+        if not any(name in file for name in FOLLOWED):
             return None
         if event == "line":
             lines.add((file, frame.f_lineno))

@@ -6,7 +6,10 @@ import sys
 
 import atheris
 
-INSTRUMENTED = ["rwt_protocol", "rwt_transports", "rwt_interfaces", "rwt_graph", "rwt.gateways.rosbridge"]
+INSTRUMENTED = [
+    "rwt_protocol", "rwt_transports", "rwt_interfaces", "rwt_graph", "rwt.gateways.rosbridge", "rwt.media",
+    "aiortc", "aioice",
+]  # fmt: skip
 with atheris.instrument_imports(include=INSTRUMENTED):
     from tests.fuzz.targets import TARGETS
 

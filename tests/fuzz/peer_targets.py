@@ -6,6 +6,7 @@ What the validation accepts, the library parses without another error, in time a
 from __future__ import annotations
 
 import struct
+from unittest.mock import Mock
 
 from aioice import stun
 from aiortc.rtcsctptransport import RECONFIG_PARAM_TYPES, ReconfigChunk, SackChunk, parse_packet
@@ -16,7 +17,8 @@ from google_crc32c import value as crc32c
 from rwt.media.webrtc.decoding import check_frame
 from rwt.media.webrtc.frame_size import BadFrame
 from rwt_transports.webrtc.congestion.feedback import MAX_STATUSES, read_feedback
-from rwt_transports.webrtc.rtp_packets import BadMedia, check_rtcp, check_rtp, without_transport_feedback
+from rwt_transports.webrtc.ice_agent import TURN_MESSAGES, GuardedTurnTcp
+from rwt_transports.webrtc.rtp_packets import BadMedia, check_rtp, split_rtcp
 from rwt_transports.webrtc.sctp_packets import MAX_CHUNKS, BadPacket, check_packet
 from rwt_transports.webrtc.sdp import CANDIDATES, BadDescription, read_description
 from rwt_transports.webrtc.stun_messages import BadStun, check_stun
@@ -62,6 +64,21 @@ def stun_messages(data: bytes) -> None:
     message.check_message_integrity(b"password")
 
 
+def turn_messages(data: bytes) -> None:
+    """Messages of a TURN server over TCP, of which the first byte is where they are cut."""
+    transport = Mock()
+    connection = GuardedTurnTcp(("127.0.0.1", 3478), "me", "secret", 600, 500)
+    connection.connection_made(transport)
+    connection.receiver = Mock()
+    connection.channel_to_peer[0x4000] = peer = ("127.0.0.1", 9)
+    connection.peer_to_channel[peer] = 0x4000
+    connection.transactions[bytes(12)] = Mock()
+    at = data[0] if data else 0
+    for piece in (data[1 : at + 1], data[at + 1 : TURN_MESSAGES]):
+        if not transport.abort.called:
+            connection.data_received(piece)
+
+
 def media(data: bytes) -> None:
     """An RTP and an RTCP packet, decrypted."""
     try:
@@ -70,8 +87,7 @@ def media(data: bytes) -> None:
     except (BadMedia, ValueError) as bad:
         assert str(bad)
     try:
-        check_rtcp(data)
-        rest, parts = without_transport_feedback(data)
+        rest, parts = split_rtcp(data)
         packets = RtcpPacket.parse(rest)
         for part in parts:
             assert 0 < len(read_feedback(part).arrivals) <= MAX_STATUSES

@@ -68,6 +68,7 @@ def seeds(name: str) -> Iterator[bytes]:
         "fragments": _fragments,
         "sctp": _sctp_packets,
         "stun_messages": _stun_messages,
+        "turn_messages": _turn_messages,
         "media": _media,
         "offers": _offers,
         "encoded_images": _encoded_images,
@@ -129,6 +130,18 @@ def _stun_messages() -> Iterator[bytes]:
         message.attributes["ERROR-CODE"] = (487, "Role Conflict")
         message.add_message_integrity(b"password")
         yield bytes(message)
+
+
+def _turn_messages() -> Iterator[bytes]:
+    response = stun.Message(stun.Method.ALLOCATE, stun.Class.RESPONSE, bytes(12))
+    response.attributes = {"XOR-RELAYED-ADDRESS": ("192.0.2.1", 4000), "LIFETIME": 600}
+    data = stun.Message(stun.Method.DATA, stun.Class.INDICATION, bytes(12))
+    data.attributes = {"XOR-PEER-ADDRESS": ("127.0.0.1", 9), "DATA": b"data"}
+    refusal = stun.Message(stun.Method.REFRESH, stun.Class.ERROR, bytes(12))
+    refusal.attributes = {"ERROR-CODE": (438, "Stale Nonce"), "NONCE": b"nonce", "REALM": "realm"}
+    for messages in (bytes(response), bytes(data), bytes(refusal) + b"\x40\x00\x00\x04data\x40\x00\x00\x00"):
+        yield b"\0" + messages
+        yield bytes([len(messages) - 3]) + messages
 
 
 def _media() -> Iterator[bytes]:

@@ -39,6 +39,7 @@ TARGETS: Mapping[str, Target] = {
         wire_targets.fragments,
         peer_targets.sctp,
         peer_targets.stun_messages,
+        peer_targets.turn_messages,
         peer_targets.media,
         peer_targets.offers,
         peer_targets.encoded_images,

@@ -41,7 +41,7 @@ async def webrtc_peers(
         )
     try:
         from rwt_transports.webrtc.credentials import IceServers, IceSource  # An extra that few need.
-        from rwt_transports.webrtc.ice import BadIceServer, check_ice_url
+        from rwt_transports.webrtc.ice_servers import BadIceServer, check_ice_url
         from rwt_transports.webrtc.peer import PeerTerms
         from rwt_transports.webrtc.signalling import PeerBounds, open_peers
     except ImportError as missing:

@@ -1,16 +1,12 @@
-"""Private names of aiortc and aioice, which no other module uses.
+"""Private names of aiortc: SCTP, DTLS, and the ends of peers and tracks.
 
 aiortc is pinned below 1.17, and `tests/rwt/media/webrtc/test_private_names.py` checks the names. aiortc
 offers no public way to do this:
 
 * :class:`Association`: limit what an SCTP association keeps, and schedule what it sends. aiortc's own keeps
   all messages to send in order, and all that a peer sends without an end; invalid UTF-8 ends the whole peer.
-* :func:`accept_rsa`: accept RSA certificates in the DTLS handshake, which GStreamer up to 1.22 has.
-* :func:`configure_ice`, :func:`nominated_pairs`: gather loopback candidates, notice soon that a peer is gone,
-  validate what comes to the sockets, limit checks, and report the path that was found.
-* :class:`PacedSender`: send a track at the rate of a congestion controller, number its packets, and tell the
-  track what the receiver asks for. aiortc sends each frame at once, and ignores transport-wide feedback.
-* :func:`guard_media`: validate RTP and RTCP packets, and take transport-wide feedback out of them.
+* :class:`GuardedHandshake`: accept RSA certificates in the DTLS handshake, which GStreamer up to 1.22 has;
+  validate RTP and RTCP packets, and take transport-wide feedback out of them.
 * :func:`replace_decoder_queue`: limit what waits to be decoded.
 * :func:`release`: break the reference cycles of an ended peer.
 """
@@ -19,19 +15,13 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import secrets
 import struct
 from collections import deque
-from collections.abc import Callable, Coroutine
-from time import monotonic, time
-from typing import TYPE_CHECKING, Any, Final, Protocol, cast
+from collections.abc import Callable
+from time import time
+from typing import TYPE_CHECKING, Any, Final, cast
 
-from aioice import Candidate, Connection, stun
-from aioice.ice import StunProtocol
-from aiortc import RTCCertificate, RTCRtpSender
-from aiortc.clock import current_ntp_time
-from aiortc.mediastreams import MediaStreamError
-from aiortc.rtcrtpparameters import RTCRtcpFeedback, RTCRtpCodecParameters
+from aiortc import RTCCertificate, RTCDtlsTransport
 from aiortc.rtcrtpreceiver import NackGenerator
 from aiortc.rtcsctptransport import (
     DATA_CHANNEL_ACK,
@@ -55,56 +45,25 @@ from aiortc.rtcsctptransport import (
     SackChunk,
     ShutdownChunk,
 )
-from aiortc.rtp import (
-    RTP_HISTORY_SIZE,
-    HeaderExtensions,
-    RtcpRtpfbPacket,
-    RtpPacket,
-    wrap_rtx,
-)
 
 from rwt_transports.errors import TransportError, log_exception
-from rwt_transports.webrtc.congestion.controller import PROBE_PACKETS
 from rwt_transports.webrtc.congestion.feedback import read_feedback
-from rwt_transports.webrtc.congestion.pacing import Pacer
-from rwt_transports.webrtc.ice_guard import (
-    DATAGRAM_BYTES,
-    EARLY_DATAGRAMS,
-    RETRANSMISSIONS_PER_SECOND,
-    WAITING_DATAGRAMS,
-    TokenBucket,
-)
+from rwt_transports.webrtc.congestion.paced_sender import PacedSender
+from rwt_transports.webrtc.ice_agent import GuardedAgent
 from rwt_transports.webrtc.reassembly import Reassembly, Truncated, is_later
-from rwt_transports.webrtc.rtp_packets import (
-    MAX_LOST,
-    BadMedia,
-    check_rtcp,
-    check_rtp,
-    without_transport_feedback,
-)
+from rwt_transports.webrtc.rtp_packets import MAX_LOST, BadMedia, check_rtp, split_rtcp
 from rwt_transports.webrtc.sctp_packets import BadPacket, check_packet
-from rwt_transports.webrtc.stun_messages import BadStun, StunClass, check_stun
 
 if TYPE_CHECKING:
     from queue import Queue
     from threading import Event
 
-    from aioice.ice import CandidatePair
-    from aiortc import (
-        RTCDataChannel,
-        RTCDtlsTransport,
-        RTCIceTransport,
-        RTCPeerConnection,
-        RTCRtpReceiver,
-        RTCRtpTransceiver,
-    )
-    from aiortc.rtp import AnyRtcpPacket
-    from aiortc.sdp import SessionDescription
+    from aiortc import RTCDataChannel, RTCPeerConnection, RTCRtpReceiver
+    from aiortc.rtp import RtpPacket
 
     from rwt_transports.limits import Limits
-    from rwt_transports.webrtc.congestion.controller import CongestionController, Probe
+    from rwt_transports.webrtc.channels import ChannelLink
     from rwt_transports.webrtc.congestion.feedback import Feedback
-    from rwt_transports.webrtc.ice_guard import IceGuard
     from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
 logger = logging.getLogger("rwt_transports.webrtc")
@@ -173,33 +132,12 @@ _NUMBERED: Final = (DataChunk, ForwardTsnChunk, ReconfigChunk, SackChunk, Shutdo
 """Chunks with numbers that only an association has whose peer has announced its first one."""
 
 
-def _ignore(reason: str) -> None:
+def _ignore(*arguments: object) -> None:
     """No-op: the peer has ended."""
 
 
 class BrokenAssociation(TransportError):
     """The peer broke the protocol, or exceeds a limit."""
-
-
-class ChannelReceiver(Protocol):
-    """Receiver of the messages of one data channel, and source of those to send."""
-
-    @property
-    def is_fresh(self) -> bool:
-        """True if lost messages of the channel are not sent again."""
-
-    @property
-    def channel(self) -> RTCDataChannel:
-        """Data channel."""
-
-    def message(self, data: bytes, binary: bool) -> None:
-        """Receive a message; a :class:`~rwt_transports.webrtc.reassembly.Truncated` is too large."""
-
-    def next_message(self) -> tuple[bytes, bool] | None:
-        """Return the next message to send, and True if it is binary; None if there is none."""
-
-    def sent_all(self) -> None:
-        """Called when there was nothing more to send."""
 
 
 class Association(RTCSctpTransport):
@@ -248,9 +186,9 @@ class Association(RTCSctpTransport):
         self._limits = limits
         self._buffers = buffers
         self._fail = fail
-        self._channels: dict[int, ChannelReceiver] = {}
-        self._fresh: deque[ChannelReceiver] = deque()
-        self._others: deque[ChannelReceiver] = deque()
+        self._channels: dict[int, ChannelLink] = {}
+        self._fresh: deque[ChannelLink] = deque()
+        self._others: deque[ChannelLink] = deque()
         self._fresh_turns = 0
         self._peer_window = WINDOW_BYTES
         self._filling = False
@@ -267,12 +205,12 @@ class Association(RTCSctpTransport):
 
     # -- the channels' side --------------------------------------------------------------------------------
 
-    def register(self, receiver: ChannelReceiver) -> None:
+    def register(self, receiver: ChannelLink) -> None:
         """Let a channel's messages go to `receiver`, and take from it what it has to send."""
         assert receiver.channel.id is not None  # An open channel has one.
         self._channels[receiver.channel.id] = receiver
 
-    def unregister(self, receiver: ChannelReceiver) -> None:
+    def unregister(self, receiver: ChannelLink) -> None:
         """Forget a channel."""
         if receiver.channel.id is not None:
             self._channels.pop(receiver.channel.id, None)
@@ -280,11 +218,9 @@ class Association(RTCSctpTransport):
             if receiver in waiting:
                 waiting.remove(receiver)
 
-    def wake(self, receiver: ChannelReceiver) -> None:
+    def wake(self, receiver: ChannelLink) -> None:
         """Schedule the messages of a receiver."""
-        waiting = self._fresh if receiver.is_fresh else self._others
-        if receiver not in waiting:
-            waiting.append(receiver)
+        self._requeue(receiver)
         self._wakeup.set()
 
     def count_unread(self, change: int) -> None:
@@ -355,7 +291,7 @@ class Association(RTCSctpTransport):
             return False
         return self._peer_window > self._flight_size or not self._flight_size
 
-    def _next_receiver(self) -> ChannelReceiver | None:
+    def _next_receiver(self) -> ChannelLink | None:
         if self._association_state != self.State.ESTABLISHED:
             return None
         if self._fresh and (self._fresh_turns < FRESH_TURNS or not self._others):
@@ -364,7 +300,7 @@ class Association(RTCSctpTransport):
         self._fresh_turns = 0
         return self._others.popleft() if self._others else None
 
-    def _requeue(self, receiver: ChannelReceiver) -> None:
+    def _requeue(self, receiver: ChannelLink) -> None:
         waiting = self._fresh if receiver.is_fresh else self._others
         if receiver not in waiting:
             waiting.append(receiver)
@@ -457,19 +393,16 @@ class Association(RTCSctpTransport):
     def _admits(self, chunk: Chunk) -> bool:
         """Return True if a chunk is possible in the state of the association."""
         state, received = self._association_state, self._last_received_tsn
-        handshake = state in (self.State.COOKIE_WAIT, self.State.COOKIE_ECHOED)
         if isinstance(chunk, InitChunk):
             # Data channels do not restart an association, and a late copy would reset its numbers.
-            return handshake
-        if state == self.State.CLOSED or (received is None and isinstance(chunk, _NUMBERED)):
+            return state in (self.State.COOKIE_WAIT, self.State.COOKIE_ECHOED)
+        if state == self.State.CLOSED:
             return False  # A cookie that is still valid would open a closed association again.
+        if received is None:
+            return not isinstance(chunk, _NUMBERED)
         if isinstance(chunk, DataChunk):
-            return (
-                not is_later(chunk.tsn, received or 0) or (chunk.tsn - (received or 0)) % 2**32 <= TSN_RANGE
-            )
-        if isinstance(chunk, SackChunk):
-            return self._was_sent(chunk)
-        return True
+            return not TSN_RANGE < (chunk.tsn - received) % 2**32 < 2**31
+        return not isinstance(chunk, SackChunk) or self._was_sent(chunk)
 
     def _was_sent(self, sack: SackChunk) -> bool:
         """Return True if a SACK chunk acknowledges only what was sent, which also bounds its gap blocks."""
@@ -633,12 +566,6 @@ CIPHERS: Final = b":".join(
 session description authenticates either kind."""
 
 
-def accept_rsa(transport: RTCDtlsTransport) -> None:
-    """Accept RSA certificates of the peer. Call before the handshake begins."""
-    certificate = transport._RTCDtlsTransport__local_certificate  # type: ignore[attr-defined] # private
-    certificate.__class__ = _AnyCertificate
-
-
 class _AnyCertificate(RTCCertificate):
     def _create_ssl_context(self, srtp_profiles: list[Any]) -> Any:
         context = super()._create_ssl_context(srtp_profiles)
@@ -646,144 +573,48 @@ class _AnyCertificate(RTCCertificate):
         return context
 
 
-Gather = Callable[[int, list[str], int], Coroutine[Any, Any, list[Candidate]]]
-"""Function that gathers the candidates of a component on addresses, within some seconds."""
-
-
-class GuardedProtocol(StunProtocol):
-    """Socket of an ICE agent that hands to aioice only what was validated.
-
-    aioice answers requests without credentials, takes what it cannot parse for data, and takes data from any
-    address.
+class GuardedHandshake(RTCDtlsTransport):
+    """DTLS transport of a peer, which validates RTP and RTCP packets before aiortc parses them.
 
     Attributes:
-        guard: limits of the agent.
-    """
-
-    guard: IceGuard
-
-    def datagram_received(self, data: bytes | str, addr: tuple[Any, ...]) -> None:
-        """Receive a datagram; drop it unless it is valid and from an address of the peer."""
-        assert isinstance(data, bytes)
-        source = (addr[0], addr[1])
-        if not data or len(data) > DATAGRAM_BYTES:
-            return
-        if data[0] < _STUN_BYTES:
-            self._receive_stun(data, source)
-        elif (
-            self.guard.is_source(source)
-            and data[0] >= _DTLS_BYTES
-            and (data[0] < _MEDIA_BYTES or self.guard.admit_media(data))
-        ):
-            self.receiver.data_received(data, self.local_candidate.component)
-
-    def _receive_stun(self, data: bytes, source: tuple[str, int]) -> None:
-        agent = self.receiver
-        try:
-            head = check_stun(data)
-            if head.kind is StunClass.REQUEST:
-                if head.username.startswith(f"{agent.local_username}:".encode()):
-                    self._receive_request(stun.parse_message(data), source)
-            elif (transaction := self.transactions.get(head.transaction)) is not None:
-                message = stun.parse_message(data)
-                if message.check_message_integrity((agent.remote_password or "").encode()):
-                    self.guard.answered(source)
-                transaction.response_received(message, source)
-        except (BadStun, ValueError) as bad:
-            logger.debug("discarded %s", bad)
-
-    def _receive_request(self, message: stun.Message, source: tuple[str, int]) -> None:
-        """Hand over a request with valid credentials; one without is not answered, since its sender is
-        unknown.
-        """
-        agent = self.receiver
-        if not message.check_message_integrity(agent.local_password.encode()):
-            return
-        if self.guard.admit_request(source):
-            agent.request_received(message, source, self)
-
-    def send_stun(self, message: stun.Message, addr: tuple[str, int]) -> None:
-        """Send a message, except for a check beyond the limits, which counts as lost."""
-        # Only checks have credentials of the other side; questions to a STUN server do not.
-        is_check = message.message_class == stun.Class.REQUEST and "USERNAME" in message.attributes
-        if not is_check or self.guard.admit_check(addr):
-            super().send_stun(message, addr)
-
-
-_STUN_BYTES: Final = 4
-_DTLS_BYTES: Final = 20
-_MEDIA_BYTES: Final = 128
-"""First bytes from which on a datagram is not STUN, is DTLS, and is SRTP or SRTCP (RFC 7983)."""
-
-
-def guard_media(handshake: RTCDtlsTransport, on_feedback: Callable[[Feedback], None]) -> None:
-    """Validate RTP and RTCP packets before aiortc parses them. Call before the handshake begins.
-
-    Args:
-        handshake: transport of the packets.
         on_feedback: called with transport-wide feedback, which aiortc would take for lost packets.
     """
-    handle_rtp, handle_rtcp = handshake._handle_rtp_data, handshake._handle_rtcp_data
 
-    async def rtp(data: bytes, arrival_time_ms: int) -> None:
+    on_feedback: Callable[[Feedback], None]
+
+    @classmethod
+    def adopt(cls, handshake: RTCDtlsTransport, on_feedback: Callable[[Feedback], None]) -> None:
+        """Convert a transport, before its handshake begins."""
+        handshake.__class__ = cls  # The peer connection makes it.
+        guarded = cast("GuardedHandshake", handshake)
+        guarded.on_feedback = on_feedback
+        guarded._RTCDtlsTransport__local_certificate.__class__ = _AnyCertificate  # type: ignore[attr-defined] # private
+
+    async def _handle_rtp_data(self, data: bytes, arrival_time_ms: int) -> None:
         try:
             check_rtp(data)
-            await handle_rtp(data, arrival_time_ms)
+            await super()._handle_rtp_data(data, arrival_time_ms)
         except (BadMedia, struct.error) as bad:  # Header extensions of wrong sizes.
             logger.debug("discarded %s", bad)
 
-    async def rtcp(data: bytes) -> None:
+    async def _handle_rtcp_data(self, data: bytes) -> None:
         try:
-            check_rtcp(data)
-            rest, parts = without_transport_feedback(data)
+            rest, parts = split_rtcp(data)
             for part in parts:
-                on_feedback(read_feedback(part))
+                self.on_feedback(read_feedback(part))
             if rest:
-                await handle_rtcp(rest)
+                await super()._handle_rtcp_data(rest)
         except BadMedia as bad:
             logger.debug("discarded %s", bad)
 
-    handshake._handle_rtp_data = rtp  # type: ignore[method-assign] # no setting
-    handshake._handle_rtcp_data = rtcp  # type: ignore[method-assign] # no setting
-
-
-def configure_ice(
-    transport: RTCIceTransport,
-    query_consent: Callable[[Connection], Coroutine[object, object, None]],
-    gather: Callable[[Gather], Gather],
-    guard: IceGuard,
-) -> None:
-    """Replace how an ICE transport checks consent, gathers candidates and receives. Call before it gathers.
-
-    Args:
-        transport: ICE transport.
-        query_consent: runs for as long as the peer consents to receive (RFC 7675).
-        gather: wraps the function that gathers candidates.
-        guard: limits of the agent.
-    """
-    connection = transport.iceGatherer._connection
-
-    async def query() -> None:
-        await query_consent(connection)
-        connection._query_consent_task = None  # This task, for which closing would wait.
-        await connection.close()
-
-    receive, gather_all = connection.data_received, gather(connection.get_component_candidates)
-
-    def data_received(data: bytes, component: int) -> None:
-        if connection._queue.qsize() < (WAITING_DATAGRAMS if connection._nominated else EARLY_DATAGRAMS):
-            receive(data, component)
-
-    async def candidates(component: int, addresses: list[str], timeout: int = 0) -> list[Candidate]:  # noqa: ASYNC109 - the signature is aioice's
-        found = await gather_all(component, addresses, timeout)
-        for protocol in connection._protocols:
-            protocol.__class__ = GuardedProtocol  # aioice makes them.
-            cast("GuardedProtocol", protocol).guard = guard
-        return found
-
-    connection.query_consent = query  # type: ignore[method-assign] # no setting
-    connection.data_received = data_received  # type: ignore[method-assign] # no setting
-    connection.get_component_candidates = candidates  # type: ignore[method-assign] # no setting
+    def release(self) -> None:
+        """Break the reference cycles of a transport that has been closed for a while."""
+        self.remove_all_listeners()
+        self.on_feedback = _ignore
+        if self._ssl is not None:
+            # pyOpenSSL's helper holds a function that holds the helper.
+            vars(self._ssl.get_context()._verify_helper).clear()
+            self._ssl = None
 
 
 def release(connection: RTCPeerConnection) -> None:
@@ -791,247 +622,18 @@ def release(connection: RTCPeerConnection) -> None:
 
     The server rarely collects cyclic garbage, and freezes what it has seen alive.
     """
-    sctp = connection.sctp
     handshakes = {each.sender.transport for each in connection.getTransceivers()}
-    if sctp is not None:
-        handshakes.add(sctp.transport)
+    if connection.sctp is not None:
+        handshakes.add(connection.sctp.transport)
     for sender in connection.getSenders():
         if isinstance(sender, PacedSender):
             sender.release()
     for handshake in handshakes:
-        handshake.remove_all_listeners()
-        for name in ("_handle_rtp_data", "_handle_rtcp_data"):
-            vars(handshake).pop(name, None)
-        if handshake._ssl is not None:
-            # pyOpenSSL's helper holds a function that holds the helper.
-            vars(handshake._ssl.get_context()._verify_helper).clear()
-            handshake._ssl = None
         agent = handshake.transport.iceGatherer._connection
-        for pair in agent._check_list:
-            pair.task = None
-        agent._check_list.clear()
-        agent._early_checks.clear()
-        for name in ("query_consent", "data_received", "get_component_candidates"):
-            vars(agent).pop(name, None)
-
-
-def nominated_pairs(transport: RTCIceTransport | Connection) -> tuple[CandidatePair, ...]:
-    """Return the candidate pairs that were chosen: the path that was found."""
-    connection = transport if isinstance(transport, Connection) else transport.iceGatherer._connection
-    return tuple(connection._nominated.values())
-
-
-TRANSPORT_NUMBERS: Final = "http://www.ietf.org/id/draft-holmer-rmcat-transport-wide-cc-extensions-01"
-TRANSPORT_FEEDBACK: Final = RTCRtcpFeedback("transport-cc")
-LEAST_SLEEP_SECONDS: Final = 0.002
-"""Delay below which a packet is sent at once: timers are not more precise."""
-FRAME_WAIT_SECONDS: Final = 0.03
-"""Longest wait for room for a frame before the rate is looked at again."""
-REPEAT_WAIT_SECONDS: Final = 0.05
-"""Wait for the next frame above which no packet is sent again."""
-PROBE_HISTORY: Final = 8
-"""Most recent packets that a probe repeats."""
-
-
-class PacedSender(RTCRtpSender):
-    """Sender of a video track that keeps to the rate of a congestion controller.
-
-    Packets of a frame leave at 2.5 times the rate at most, and frames wait until those before are paid for.
-    So a slow link makes the track's queue wait, which drops images. Probes repeat packets that were sent.
-    """
-
-    @classmethod
-    def adopt(
-        cls,
-        sender: RTCRtpSender,
-        controller: CongestionController,
-        on_packet: Callable[[AnyRtcpPacket, int], None],
-        on_keyframe: Callable[[], None],
-    ) -> PacedSender:
-        """Convert the sender of a peer connection, before it starts.
-
-        Args:
-            sender: sender of the track.
-            controller: determines the rate.
-            on_packet: called with each RTCP packet and the sender's SSRC, before aiortc handles the packet.
-            on_keyframe: called if the receiver needs a key frame.
-        """
-        sender.__class__ = cls  # The peer connection does not take one.
-        paced = cast("PacedSender", sender)
-        paced._controller = controller
-        paced._pacer = Pacer()
-        paced._on_packet = on_packet
-        paced._on_keyframe = on_keyframe
-        paced._again = TokenBucket(RETRANSMISSIONS_PER_SECOND, RETRANSMISSIONS_PER_SECOND)
-        paced._recent = deque(maxlen=PROBE_HISTORY)
-        return paced
-
-    _controller: CongestionController
-    _pacer: Pacer
-    _on_packet: Callable[[AnyRtcpPacket, int], None]
-    _on_keyframe: Callable[[], None]
-    _again: TokenBucket
-    _recent: deque[RtpPacket]
-
-    def release(self) -> None:
-        """Forget the track, which refers to its peer."""
-        self._on_packet, self._on_keyframe = _ignore_packet, _ignore_nothing
-
-    async def _handle_rtcp_packet(self, packet: AnyRtcpPacket) -> None:
-        if isinstance(packet, RtcpRtpfbPacket):
-            # A report of 1 kB may ask for the same packet 4,000 times.
-            packet.lost = [each for each in dict.fromkeys(packet.lost) if self._again.take()]
-        self._on_packet(packet, self._ssrc)
-        await super()._handle_rtcp_packet(packet)
-
-    def _send_keyframe(self) -> None:
-        self._on_keyframe()
-
-    async def _run_rtp(self, codec: RTCRtpCodecParameters) -> None:
-        private = cast("Any", self)
-        private._RTCRtpSender__rtp_started.set()
-        try:
-            await self._send_frames(codec)
-        except (asyncio.CancelledError, ConnectionError, MediaStreamError):
-            pass
-        except Exception:
-            log_exception("sending a track failed")
-        finally:
-            if self.track is not None:
-                self.track.stop()
-                self.replaceTrack(None)
-            private._RTCRtpSender__encoder = None
-            self._recent.clear()
-            private._RTCRtpSender__rtp_exited.set()
-
-    async def _send_frames(self, codec: RTCRtpCodecParameters) -> None:
-        assert codec.payloadType is not None  # It was negotiated.
-        number, origin = secrets.randbelow(32768), secrets.randbits(32)
-        while True:
-            await self._frame_room()
-            probe = self._controller.next_probe(monotonic()) if self._recent else None
-            if probe is not None:
-                await self._send_probe(probe)
-            frame = await self._next_encoded_frame(codec)
-            if frame is None:
-                continue
-            for index, payload in enumerate(frame.payloads):
-                packet = RtpPacket(
-                    payload_type=codec.payloadType,
-                    marker=int(index == len(frame.payloads) - 1),
-                    sequence_number=number,
-                    timestamp=(origin + frame.timestamp) % 2**32,
-                    ssrc=self._ssrc,
-                    payload=payload,
-                )
-                await self._paced()
-                await self._send_packet(packet)
-                self._count(packet)
-                number = (number + 1) % 65536
-
-    async def _frame_room(self) -> None:
-        """Wait until the frames before are paid for."""
-        while True:
-            now = monotonic()
-            delay = self._pacer.frame_delay(self._controller.rate(now), now)
-            if delay <= 0:
-                return
-            await asyncio.sleep(min(delay, FRAME_WAIT_SECONDS))
-
-    async def _paced(self) -> None:
-        delay = self._pacer.packet_delay(monotonic())
-        if delay > LEAST_SLEEP_SECONDS:
-            await asyncio.sleep(delay)
-
-    async def _send_packet(self, packet: RtpPacket, probe: Probe | None = None) -> None:
-        private, now = cast("Any", self), monotonic()
-        packet.extensions.abs_send_time = (current_ntp_time() >> 14) & 0xFFFFFF
-        packet.extensions.mid = private._RTCRtpSender__mid
-        size = len(packet.payload) + PACKET_OVERHEAD_BYTES
-        packet.extensions.transport_sequence_number = self._controller.sent(size, now, probe)
-        self._pacer.sent(size, self._controller.rate(now), now, probe.rate if probe else None)
-        await self.transport._send_rtp(packet.serialize(private._RTCRtpSender__rtp_header_extensions_map))
-
-    def _count(self, packet: RtpPacket) -> None:
-        """Keep a packet for retransmission, and count it for sender reports."""
-        private = cast("Any", self)
-        private._RTCRtpSender__rtp_history[packet.sequence_number % RTP_HISTORY_SIZE] = packet
-        private._RTCRtpSender__ntp_timestamp = current_ntp_time()
-        private._RTCRtpSender__rtp_timestamp = packet.timestamp
-        private._RTCRtpSender__octet_count += len(packet.payload)
-        private._RTCRtpSender__packet_count += 1
-        self._recent.append(packet)
-
-    async def _retransmit(self, sequence_number: int) -> None:
-        history: dict[int, RtpPacket] = cast("Any", self)._RTCRtpSender__rtp_history
-        packet = history.get(sequence_number % RTP_HISTORY_SIZE)
-        now = monotonic()
-        if self._pacer.frame_delay(self._controller.rate(now), now) > REPEAT_WAIT_SECONDS:
-            return  # Repetition would fill the link further. The receiver asks again, or for a key frame.
-        if packet is not None and packet.sequence_number == sequence_number:
-            await self._send_packet(self._repeated(packet) or packet)
-
-    def _repeated(self, packet: RtpPacket) -> RtpPacket | None:
-        """Return a packet as a retransmission (RFC 4588); None if the receiver does not support them."""
-        private = cast("Any", self)
-        if private._RTCRtpSender__rtx_payload_type is None:
-            return None
-        number = private._RTCRtpSender__rtx_sequence_number
-        private._RTCRtpSender__rtx_sequence_number = (number + 1) % 65536
-        repeated = wrap_rtx(packet, private._RTCRtpSender__rtx_payload_type, number, self._rtx_ssrc)
-        repeated.extensions = HeaderExtensions()
-        return repeated
-
-    async def _send_probe(self, probe: Probe) -> None:
-        """Repeat the last packets at the rate of a probe: receivers discard them, and report their times."""
-        largest = max(self._recent, key=lambda packet: len(packet.payload))
-        size = 0
-        while size < probe.size or probe.count < PROBE_PACKETS:
-            packet = self._repeated(largest)
-            if packet is None:
-                break
-            await self._paced()
-            await self._send_packet(packet, probe)
-            size += len(packet.payload) + PACKET_OVERHEAD_BYTES
-        probe.is_complete = True
-
-
-PACKET_OVERHEAD_BYTES: Final = 70
-"""IP, UDP, RTP with its extensions, and the authentication tag of SRTP."""
-
-
-def _ignore_packet(packet: AnyRtcpPacket, ssrc: int) -> None:
-    """No-op: the peer has ended."""
-
-
-def _ignore_nothing() -> None:
-    """No-op: the peer has ended."""
-
-
-def negotiate_transport_feedback(connection: RTCPeerConnection, transceiver: RTCRtpTransceiver) -> bool:
-    """Accept transport-wide feedback for a sender. Returns False if the offer has none.
-
-    Call between the offer and the answer. aiortc does not offer it, since its receivers do not send it.
-    """
-    remote: SessionDescription = cast("Any", connection)._RTCPeerConnection__remoteDescription()
-    (media,) = (each for each in remote.media if each.rtp.muxId == transceiver.mid)
-    offered = {each.uri: each for each in media.rtp.headerExtensions}
-    able = {codec.payloadType for codec in media.rtp.codecs if TRANSPORT_FEEDBACK in codec.rtcpFeedback}
-    codecs = [codec for codec in transceiver._codecs if codec.payloadType in able]
-    if TRANSPORT_NUMBERS not in offered or not codecs:
-        return False
-    transceiver._headerExtensions.append(offered[TRANSPORT_NUMBERS])
-    for codec in codecs:
-        codec.rtcpFeedback.append(TRANSPORT_FEEDBACK)
-    return True
-
-
-_DECODER_QUEUE: Final = "_RTCRtpReceiver__decoder_queue"
-_DECODER_ERROR: Final = "_RTCRtpReceiver__decoder_error"
-"""Queue of a receiver's decoder, and the event that makes aiortc 1.16 ask for a key frame."""
-
-
-_NACK_GENERATOR: Final = "_RTCRtpReceiver__nack_generator"
+        if isinstance(agent, GuardedAgent):
+            agent.release()
+        if isinstance(handshake, GuardedHandshake):
+            handshake.release()
 
 
 class _BoundedNacks(NackGenerator):
@@ -1043,17 +645,14 @@ class _BoundedNacks(NackGenerator):
         return super().add(packet)
 
 
-def replace_decoder_queue(receiver: RTCRtpReceiver, make_queue: Callable[[Event], Queue[Any]]) -> bool:
-    """Replace the queue of a receiver that has not begun. Returns False if this aiortc has none.
+def replace_decoder_queue(receiver: RTCRtpReceiver, make_queue: Callable[[Event], Queue[Any]]) -> None:
+    """Replace the queue of a receiver that has not begun.
 
     Args:
         receiver: receiver of a track.
         make_queue: makes the queue, called with the event that asks for a key frame.
     """
-    lost: Event | None = getattr(receiver, _DECODER_ERROR, None)
-    if lost is None or not hasattr(receiver, _DECODER_QUEUE):
-        return False
-    setattr(receiver, _DECODER_QUEUE, make_queue(lost))
-    if getattr(receiver, _NACK_GENERATOR, None) is not None:
-        setattr(receiver, _NACK_GENERATOR, _BoundedNacks())
-    return True
+    private = cast("Any", receiver)
+    private._RTCRtpReceiver__decoder_queue = make_queue(private._RTCRtpReceiver__decoder_error)
+    if private._RTCRtpReceiver__nack_generator is not None:
+        private._RTCRtpReceiver__nack_generator = _BoundedNacks()

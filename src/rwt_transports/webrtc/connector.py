@@ -13,9 +13,8 @@ from rwt_transports.background import runs_asyncio
 from rwt_transports.errors import ConnectError, Refused
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.routes import is_local
-from rwt_transports.webrtc.ice import BadIceServer, kinds_of
 from rwt_transports.webrtc.ice_guard import Reach
-from rwt_transports.webrtc.ice_servers import read_configuration, read_ice_servers
+from rwt_transports.webrtc.ice_servers import BadIceServer, read_configuration, read_ice_servers
 from rwt_transports.webrtc.peer import Peer, PeerTerms
 from rwt_transports.webrtc.sdp import CANDIDATES, OFFER_BYTES, BadDescription, read_description
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
 
     from rwt_transports.api import Attach, RemoteAddress
     from rwt_transports.endpoint import PeerInfo, Sink
-    from rwt_transports.webrtc.ice import IceServer
+    from rwt_transports.webrtc.ice_servers import IceServer
 
 LABEL: Final = "rosbridge"
 PATH: Final = "webrtc"
@@ -92,8 +91,8 @@ class DataChannelConnector:
         if peer.closed:
             asked = ", ".join(server.url for server in servers) or "no STUN or TURN server"
             raise ConnectError(
-                f"{address}: {peer.reason}; this side: {kinds_of(offer)}; the robot: "
-                f"{kinds_of(answer.decode('utf-8', 'replace'))}; asked: {asked}",
+                f"{address}: {peer.reason}; this side: {_kinds_of(offer)}; the robot: "
+                f"{_kinds_of(answer.decode('utf-8', 'replace'))}; asked: {asked}",
                 "no_path",
             )
 
@@ -179,3 +178,10 @@ def _why(status: int, body: bytes) -> str:
     text = body.decode("utf-8", "replace").strip().partition("\n")[0][:300]
     hint = "; is WebRTC on there (webrtc.enabled)?" if status in (404, 405) else ""
     return f"{status} {text if text.isprintable() else ascii(text)}{hint}"
+
+
+def _kinds_of(description: str) -> str:
+    """Return the kinds of candidates of a session description, for errors."""
+    found = [line.split() for line in description.splitlines() if line.startswith("a=candidate:")]
+    named = sorted({f"{words[7]} {words[4]}" for words in found if len(words) > 7})
+    return ", ".join(named) or "none"

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 import anyio
 import anyio.to_thread
 
-from rwt_transports.webrtc.ice import BadIceServer, IceServer, check_ice_url
+from rwt_transports.webrtc.ice_servers import BadIceServer, IceServer, check_ice_url
 from rwt_transports.webrtc.signalling import NoIceServers
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from time import monotonic
 from typing import Final
 
 from rwt_transports.http.routes import is_local
-from rwt_transports.webrtc.rtp_packets import source_of
+from rwt_transports.webrtc.rtp_packets import RTP_HEADER_BYTES
 
 Address = tuple[str, int]
 
@@ -140,7 +140,7 @@ class IceGuard:
         self._credits: Counter[Address] = Counter()
         self._sources: set[Address] = set()
         self._answered: set[Address] = set()
-        self._media_sources: set[int] = set()
+        self._media_sources: set[bytes] = set()
 
     def is_source(self, address: Address) -> bool:
         """Return True if an address has proved that it knows the credentials."""
@@ -175,11 +175,13 @@ class IceGuard:
 
     def admit_media(self, data: bytes) -> bool:
         """Note the synchronization source of an encrypted packet. Returns False if there are too many."""
-        source = source_of(data)
-        known = self._media_sources
-        if source is None or (source not in known and len(known) >= MEDIA_SOURCES):
+        if len(data) < RTP_HEADER_BYTES:
             return False
-        known.add(source)
+        source, known = data[4:8] if 192 <= data[1] <= 223 else data[8:12], self._media_sources
+        if source not in known:
+            if len(known) >= MEDIA_SOURCES:
+                return False
+            known.add(source)
         return True
 
     def _add(self, address: Address) -> bool:

@@ -1,4 +1,4 @@
-"""Probes of STUN and TURN servers, and parsers of server lists (asyncio only)."""
+"""STUN and TURN servers: their URLs, parsers of server lists, and probes (asyncio only)."""
 
 from __future__ import annotations
 
@@ -8,17 +8,87 @@ import socket
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
+from urllib.parse import quote
 
 from aioice import stun, turn
+from aiortc import RTCConfiguration, RTCIceServer
+from aiortc.rtcconfiguration import RTCIceTransportPolicy
 from aiortc.rtcicetransport import parse_stun_turn_uri
 
-from rwt_transports.webrtc.ice import BadIceServer, IceServer, check_ice_url
+import rwt_transports.webrtc.ice_agent  # noqa: F401 - it guards connections to TURN servers
+from rwt_transports.errors import TransportError
+from rwt_transports.webrtc.stun_messages import BadStun, check_stun
 
 MOST_SERVERS: Final = 8
 SECONDS: Final = 3.0
 """Timeout of a server in seconds."""
 ASKED_EVERY: Final = 0.5
 """Seconds from one question to the next: a datagram may be lost."""
+
+
+class BadIceServer(TransportError):
+    """The URL of a STUN or TURN server is not usable."""
+
+
+@dataclass(frozen=True, slots=True)
+class IceServer:
+    """STUN or TURN server, which helps to find a path.
+
+    Attributes:
+        url: ``stun:HOST``, ``turn:HOST:PORT?transport=udp`` or ``turns:HOST`` (RFC 7064, RFC 7065).
+        username: for TURN.
+        credential: its password.
+    """
+
+    url: str
+    username: str = ""
+    credential: str = ""
+
+    @property
+    def link(self) -> str:
+        """As the ``Link`` header of an answer names it (RFC 9725 section 4.6)."""
+        parts = [f'<{quote(self.url, safe=":/?=&@[]%~+,;")}>; rel="ice-server"']
+        if self.username:
+            parts += [f'username="{_quoted(self.username)}"', f'credential="{_quoted(self.credential)}"']
+            parts.append('credential-type="password"')
+        return "; ".join(parts)
+
+    @property
+    def dictionary(self) -> dict[str, str]:
+        """As an ``RTCIceServer`` of the W3C's, which is what a page's peer connection takes."""
+        found = {"urls": self.url}
+        if self.username:
+            found |= {"username": self.username, "credential": self.credential}
+        return found
+
+
+def _quoted(text: str) -> str:
+    return text.replace("\\", "\\\\").replace('"', '\\"')
+
+
+def check_ice_url(url: str) -> str:
+    """Check and return the URL of a STUN or TURN server.
+
+    Raises:
+        BadIceServer: it is none, or aiortc cannot use it.
+    """
+    try:
+        found = parse_stun_turn_uri(url)
+    except ValueError:
+        raise BadIceServer(f"{url!r} is no STUN or TURN server; for example stun:stun.example.org") from None
+    if found["scheme"] == "stuns":
+        raise BadIceServer(f"{url!r}: STUN over TLS cannot be used here; use stun:{url[6:]}")
+    return url
+
+
+def configuration(servers: tuple[IceServer, ...], *, relay_only: bool = False) -> RTCConfiguration:
+    """Return aiortc's configuration. Without servers none is used; aiortc's default would be Google's."""
+    return RTCConfiguration(
+        iceServers=[
+            RTCIceServer(each.url, each.username or None, each.credential or None) for each in servers
+        ],
+        iceTransportPolicy=RTCIceTransportPolicy.RELAY if relay_only else RTCIceTransportPolicy.ALL,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,8 +182,9 @@ class _Answers(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: object) -> None:
         try:
+            check_stun(data)
             seen = stun.parse_message(data).attributes.get("XOR-MAPPED-ADDRESS")
-        except ValueError:
+        except (BadStun, ValueError):
             return  # Not an answer.
         if seen is not None and not self.first.done():
             self.first.set_result((str(seen[0]), int(seen[1])))

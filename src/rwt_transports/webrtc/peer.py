@@ -18,10 +18,11 @@ from rwt_transports.errors import log_exception
 from rwt_transports.http.addresses import AddressCount, network_of
 from rwt_transports.http.routes import is_local
 from rwt_transports.limits import KIB, Limits
-from rwt_transports.webrtc.aiortc_internals import Association, accept_rsa, guard_media, release
+from rwt_transports.webrtc.aiortc_internals import Association, GuardedHandshake, release
 from rwt_transports.webrtc.channels import ChannelLink
-from rwt_transports.webrtc.ice import IceServer, configuration, prepare, way
+from rwt_transports.webrtc.ice_agent import GuardedAgent, way
 from rwt_transports.webrtc.ice_guard import CheckRates, IceGuard, Reach, reach_of
+from rwt_transports.webrtc.ice_servers import IceServer, configuration
 from rwt_transports.webrtc.sdp import BadDescription, Description, with_largest_message, without_addresses
 from rwt_transports.websocket.close_codes import GOING_AWAY
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
@@ -165,9 +166,8 @@ class Peer:
                 )
         for handshake in handshakes:
             if handshake.transport not in self._prepared:
-                accept_rsa(handshake)
-                guard_media(handshake, self._take_feedback)
-                prepare(handshake.transport, self._guard)
+                GuardedHandshake.adopt(handshake, self._take_feedback)
+                GuardedAgent.adopt(handshake.transport, self._guard)
                 self._prepared.add(handshake.transport)
 
     async def describe(self) -> str:

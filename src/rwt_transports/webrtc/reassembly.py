@@ -7,9 +7,12 @@ messages. Here the cost per fragment is constant, and memory is limited.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final
 
 from rwt_transports.api import HEAD_BYTES
+
+if TYPE_CHECKING:
+    from aiortc.rtcsctptransport import DataChunk
 
 FIRST: Final = 0x02
 LAST: Final = 0x01
@@ -21,17 +24,6 @@ CHUNK_BYTES: Final = 256
 
 _TSN: Final = 2**32
 _SEQUENCE: Final = 2**16
-
-
-class Fragment(Protocol):
-    """DATA chunk."""
-
-    flags: int
-    tsn: int
-    stream_id: int
-    stream_seq: int
-    protocol: int
-    user_data: bytes
 
 
 class Truncated(bytes):
@@ -55,7 +47,7 @@ class _Run:
     __slots__ = ("charge", "end", "has_first", "has_last", "head", "pieces", "protocol", "sequence", "size",
                  "start", "unordered")  # fmt: skip
 
-    def __init__(self, chunk: Fragment) -> None:
+    def __init__(self, chunk: DataChunk) -> None:
         self.start = self.end = chunk.tsn
         self.has_first = bool(chunk.flags & FIRST)
         self.has_last = bool(chunk.flags & LAST)
@@ -105,7 +97,7 @@ class Reassembly:
         self._ready: list[_Run] = []
         self.sequence_number = 0
 
-    def add_chunk(self, chunk: Fragment) -> None:
+    def add_chunk(self, chunk: DataChunk) -> None:
         """Take a fragment that has not come before."""
         run = self._appended(chunk) or self._put(_Run(chunk), 0)
         follower = None if run.has_last else self._starts.get((run.end + 1) % _TSN)
@@ -123,7 +115,7 @@ class Reassembly:
         self._hold(run.charge - charged)
         return run
 
-    def _appended(self, chunk: Fragment) -> _Run | None:
+    def _appended(self, chunk: DataChunk) -> _Run | None:
         """Return the run that the fragment continues, if there is one."""
         if chunk.flags & FIRST:
             return None

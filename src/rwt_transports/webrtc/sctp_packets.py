@@ -20,9 +20,10 @@ _DATA, _INIT, _INIT_ACK, _SACK, _HEARTBEAT, _HEARTBEAT_ACK, _ABORT, _SHUTDOWN = 
 _SHUTDOWN_ACK, _ERROR, _COOKIE_ECHO, _COOKIE_ACK = range(8, 12)
 _SHUTDOWN_COMPLETE, _RECONFIG, _FORWARD_TSN = 14, 130, 192
 
-_HEADER: Final = Struct("!HHL")
+_HEADER: Final = Struct("!HHL4xBxH")
+"""Header with the type and length of the first chunk."""
 _HEADER_BYTES: Final = 12
-_CHUNK: Final = Struct("!BBH")
+_CHUNK: Final = Struct("!BxH")
 _PAIR: Final = Struct("!HH")
 
 _MIN_BYTES: Final = {
@@ -37,6 +38,8 @@ _MIN_BYTES: Final = {
     _FORWARD_TSN: 8,
 }
 """Minimum length of chunks with a variable length."""
+_ALONE: Final = frozenset({_INIT, _INIT_ACK, _SHUTDOWN_COMPLETE})
+"""Chunks that are the only one of their packet."""
 _EXACT_BYTES: Final = {_SHUTDOWN: 8, _SHUTDOWN_ACK: 4, _COOKIE_ACK: 4, _SHUTDOWN_COMPLETE: 4}
 _PARAMETERS_AT: Final = {
     _INIT: 20,
@@ -69,31 +72,31 @@ def check_packet(data: bytes, source: int, destination: int, tag: int) -> None:
     Raises:
         BadPacket: a field, a length or a count is invalid.
     """
-    if len(data) < _HEADER_BYTES + _CHUNK.size:
+    if len(data) < _HEADER.size:
         raise BadPacket(f"an SCTP packet of {len(data)} bytes")
-    from_port, to_port, given_tag = _HEADER.unpack_from(data)
-    if (from_port, to_port) != (source, destination):
+    from_port, to_port, given_tag, kind, length = _HEADER.unpack_from(data)
+    if from_port != source or to_port != destination:
         raise BadPacket(f"an SCTP packet from port {from_port} to {to_port}, not {source} to {destination}")
-    at, count = _HEADER_BYTES, 0
-    first = data[at]
-    if given_tag != (0 if first == _INIT else tag):
+    if given_tag != (0 if kind == _INIT else tag):
         raise BadPacket("an SCTP packet with another verification tag")
-    while at < len(data):
+    at, count, end = _HEADER_BYTES, 0, len(data)
+    while True:
         count += 1
-        if at + _CHUNK.size > len(data) or count > MAX_CHUNKS:
-            raise BadPacket(f"an SCTP packet with {count} chunks or trailing bytes")
-        kind, _, length = _CHUNK.unpack_from(data, at)
-        if length < _CHUNK.size or at + length > len(data):
+        if length < _CHUNK.size or at + length > end:
             raise BadPacket(f"an SCTP chunk of type {kind} with length {length}")
-        if kind in (_INIT, _INIT_ACK, _SHUTDOWN_COMPLETE) and (count > 1 or at + length + 3 < len(data)):
-            raise BadPacket(f"an SCTP chunk of type {kind} beside others")
-        _check_chunk(data, at, kind, length)
-        at += length + (-length % 4)
+        if kind != _DATA or length < _MIN_BYTES[_DATA]:  # Most chunks are valid DATA chunks.
+            if kind in _ALONE and (count > 1 or at + length + 3 < end):
+                raise BadPacket(f"an SCTP chunk of type {kind} beside others")
+            _check_chunk(data, at, kind, length)
+        at += (length + 3) & ~3
+        if at >= end:
+            return
+        if at + _CHUNK.size > end or count == MAX_CHUNKS:
+            raise BadPacket(f"an SCTP packet with {count + 1} chunks or trailing bytes")
+        kind, length = _CHUNK.unpack_from(data, at)
 
 
 def _check_chunk(data: bytes, at: int, kind: int, length: int) -> None:
-    if kind == _DATA and length >= _MIN_BYTES[_DATA]:
-        return  # Most chunks.
     if length < _MIN_BYTES.get(kind, 0) or length != _EXACT_BYTES.get(kind, length):
         raise BadPacket(f"an SCTP chunk of type {kind} with length {length}")
     parameters = _PARAMETERS_AT.get(kind)

@@ -253,12 +253,10 @@ class Fragment:
     Attributes:
         ufrag: whose candidates they are; empty where it does not say.
         candidates: those that can be used.
-        left_out: number of the others.
     """
 
     ufrag: str
     candidates: tuple[RTCIceCandidate, ...]
-    left_out: int
 
 
 def read_fragment(body: bytes) -> Fragment:
@@ -269,7 +267,7 @@ def read_fragment(body: bytes) -> Fragment:
     """
     if len(body) > FRAGMENT_BYTES:
         raise BadDescription(f"candidates in {len(body)} bytes; the limit is {FRAGMENT_BYTES}")
-    ufrag, mid, left_out = "", "0", 0
+    ufrag, mid = "", "0"
     candidates: list[RTCIceCandidate] = []
     for line in _lines(body):
         name, _, value = line.partition(":")
@@ -277,14 +275,11 @@ def read_fragment(body: bytes) -> Fragment:
             ufrag = ufrag or value
         elif name == "a=mid":
             mid = value
-        elif name == "a=candidate":
-            if _is_usable(line[2:]):
-                candidate = _candidate(value)
-                candidate.sdpMid = mid
-                candidates.append(candidate)
-            else:
-                left_out += 1
-    return Fragment(ufrag, tuple(candidates), left_out)
+        elif name == "a=candidate" and _is_usable(line[2:]):
+            candidate = _candidate(value)
+            candidate.sdpMid = mid
+            candidates.append(candidate)
+    return Fragment(ufrag, tuple(candidates))
 
 
 def _candidate(value: str) -> RTCIceCandidate:

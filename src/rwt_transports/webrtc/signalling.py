@@ -16,7 +16,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Never
 
 import anyio
 
@@ -31,7 +31,7 @@ from rwt_transports.webrtc.sdp import BadDescription, read_description, read_fra
 if TYPE_CHECKING:
     from rwt_transports.endpoint import Accept, Endpoint, PeerInfo, Sink
     from rwt_transports.http.routes import HttpRequest
-    from rwt_transports.webrtc.ice import IceServer
+    from rwt_transports.webrtc.ice_servers import IceServer
 
 SDP: Final = "application/sdp"
 FRAGMENT: Final = "application/trickle-ice-sdpfrag"
@@ -147,29 +147,25 @@ class Peers:
                 del self._of_network[network]
 
     def _check(self, network: str) -> None:
+        """Check that there is room for a peer, and reserve some for other networks."""
         bounds = self._bounds
+        connecting = [peer.network for peer in self._peers.values() if not peer.connected]
         if network:
-            of_network = [peer for peer in self._peers.values() if peer.network == network]
-            self._check_share(network, self._of_network[network], bounds.peers, "peers")
-            connecting = sum(not peer.connected for peer in of_network)
-            self._check_share(network, connecting, bounds.handshakes, "handshakes")
-        connecting = self._reserved + sum(not peer.connected for peer in self._peers.values())
+            for count, most, setting in (
+                (self._of_network[network], bounds.peers, "peers"),
+                (connecting.count(network), bounds.handshakes, "handshakes"),
+            ):
+                if count >= max(1, 3 * most // 4):
+                    text = f"{network} has {count} of the {most} that there may be, and nobody gets all"
+                    raise self._no_room(f"{text} (webrtc.{setting})")
         if len(self._peers) + self._reserved >= bounds.peers or self._closing:
-            self._refused += 1
-            raise Refused(503, f"{bounds.peers} peers are open (webrtc.peers)", {"Retry-After": "5"})
-        if connecting >= bounds.handshakes:
-            self._refused += 1
-            raise Refused(
-                503, f"{bounds.handshakes} peers are connecting (webrtc.handshakes)", {"Retry-After": "2"}
-            )
+            raise self._no_room(f"{bounds.peers} peers are open (webrtc.peers)")
+        if len(connecting) + self._reserved >= bounds.handshakes:
+            raise self._no_room(f"{bounds.handshakes} peers are connecting (webrtc.handshakes)", 2)
 
-    def _check_share(self, network: str, count: int, most: int, setting: str) -> None:
-        """Reserve peers for other networks."""
-        share = max(1, 3 * most // 4)
-        if count >= share:
-            self._refused += 1
-            text = f"{network} has {count} of the {most} that there may be, and nobody gets all"
-            raise Refused(503, f"{text} (webrtc.{setting})", {"Retry-After": "5"})
+    def _no_room(self, text: str, seconds: int = 5) -> Refused:
+        self._refused += 1
+        return Refused(503, text, {"Retry-After": str(seconds)})
 
     def _closed(self, identifier: str, peer: Peer) -> None:
         self._peers.pop(identifier, None)
@@ -267,6 +263,11 @@ def _on_behalf(request: HttpRequest, accept: Accept) -> Accept:
         return accept(sink, replace(info, path=target, headers=request.headers))
 
     return accept_channel
+
+
+def refuse_channels(sink: Sink, info: PeerInfo) -> Never:
+    """Reject the data channels of a peer that was opened for media."""
+    raise Refused(403, "data channels are offered at /webrtc")
 
 
 def resource_routes(peers: Peers, path: str) -> tuple[Route[Reader], ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass
 from enum import IntEnum
 from struct import Struct
@@ -47,8 +48,12 @@ _SIZES: Final = {
 _MAX_SIZES: Final = {_USERNAME: 513, _ERROR_CODE: 767, 0x0014: 763, 0x0015: 763, 0x8022: 763}
 
 
+TURN_METHODS: Final = frozenset({0x0003, 0x0004, 0x0007, 0x0009})
+"""Allocate, Refresh, Data and ChannelBind: methods of what a TURN server sends (RFC 8656)."""
+
+
 class BadStun(TransportError):
-    """A datagram that is not a STUN message of ICE."""
+    """A datagram that is not a STUN message of ICE or of a TURN server."""
 
 
 class StunClass(IntEnum):
@@ -75,19 +80,24 @@ class StunHead:
     username: bytes
 
 
-def check_stun(data: bytes) -> StunHead:
-    """Check the structure of a binding message.
+def check_stun(data: bytes, methods: Container[int] = (_BINDING,), most_bytes: int = MAX_BYTES) -> StunHead:
+    """Check the structure of a message.
+
+    Args:
+        data: the message.
+        methods: methods that are possible.
+        most_bytes: maximum size of the message.
 
     Raises:
-        BadStun: the message is not one of ICE, or a length is invalid, or a request lacks an attribute that
+        BadStun: it is not one of these messages, or a length is invalid, or a request lacks an attribute that
             ICE requires.
     """
-    if not _HEADER.size <= len(data) <= MAX_BYTES:
+    if not _HEADER.size <= len(data) <= most_bytes:
         raise BadStun(f"a STUN message of {len(data)} bytes")
     kind, length, cookie, transaction = _HEADER.unpack_from(data)
     if cookie != _COOKIE or length != len(data) - _HEADER.size or length % 4:
         raise BadStun("not a STUN message")
-    if kind & _TYPE_BITS or kind & _METHOD_BITS != _BINDING:
+    if kind & _TYPE_BITS or kind & _METHOD_BITS not in methods:
         raise BadStun(f"a STUN message of type {kind:#06x}")
     found: dict[int, bytes] = {}
     at, count = _HEADER.size, 0

@@ -17,7 +17,7 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import asdict
 from io import StringIO
 
-from tests.faults.peers import datagram_attacks, sctp_attacks  # noqa: F401 - they register their attacks
+from tests.faults.peers import datagram_attacks, sctp_attacks, turn_attacks  # noqa: F401 - they register their attacks
 from tests.faults.peers.attacks import ATTACKS, Damage
 from tests.rwt.media.webrtc.peers import answering, other_side
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from contextlib import suppress
 from functools import partial
 from queue import Empty, Queue
@@ -25,8 +24,6 @@ MOST_WAITING: Final = 32
 
 Each is at most as large as aiortc's jitter buffer.
 """
-
-logger = logging.getLogger("rwt.media.webrtc")
 
 
 class DecoderQueue(Queue[Any]):
@@ -98,5 +95,4 @@ def bound_decoding(receiver: RTCRtpReceiver, reject: Callable[[str], None]) -> N
         receiver: receiver of a track.
         reject: called with the reason for an invalid image.
     """
-    if not replace_decoder_queue(receiver, partial(DecoderQueue, reject=reject)):
-        logger.warning("this version of aiortc has another decoder: what waits for it is not bounded")
+    replace_decoder_queue(receiver, partial(DecoderQueue, reject=reject))

@@ -26,8 +26,8 @@ from av import Packet
 from rwt.media.errors import RequestRefused
 from rwt.media.stream_request import StreamRequest, Video
 from rwt.media.webrtc.bitrate_ladder import RUNGS, SCALES, BitrateLadder
-from rwt_transports.webrtc.aiortc_internals import PacedSender, negotiate_transport_feedback
 from rwt_transports.webrtc.congestion.controller import CongestionController
+from rwt_transports.webrtc.congestion.paced_sender import PacedSender, negotiate_transport_feedback
 
 if TYPE_CHECKING:
     from aiortc import RTCRtpTransceiver

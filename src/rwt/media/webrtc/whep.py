@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, Never
+from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import parse_qsl, urlencode
 
 from aiortc import MediaStreamTrack, RTCRtpCodecCapability, RTCRtpSender
@@ -20,20 +20,19 @@ from av import Packet
 from rwt.media.errors import RequestRefused
 from rwt.media.stream_request import Video, read_request
 from rwt.media.webrtc.audio_topics import topics_of
-from rwt.media.webrtc.opus import only_opus, require_opus
+from rwt.media.webrtc.opus import check_sections, only_opus
 from rwt.media.webrtc.opus_encoder import RATE
 from rwt.media.webrtc.video_track import TopicTrack
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import Audience, HttpResponse, Route
-from rwt_transports.webrtc.sdp import BadDescription, read_description
-from rwt_transports.webrtc.signalling import SDP, answering, opened, resource_routes
+from rwt_transports.webrtc.sdp import read_description
+from rwt_transports.webrtc.signalling import SDP, answering, opened, refuse_channels, resource_routes
 
 if TYPE_CHECKING:
     from rwt.media.stream_request import StreamRequest
     from rwt.media.webrtc.audio import AudioFormat
     from rwt.media.webrtc.audio_topics import AudioTopics, Listener
     from rwt.nodes.video import WebVideoServer
-    from rwt_transports.endpoint import PeerInfo, Sink
     from rwt_transports.http.routes import HttpRequest, Reader
     from rwt_transports.webrtc.peer import Peer
     from rwt_transports.webrtc.sdp import Description
@@ -79,7 +78,7 @@ class Sources:
         given = dict(parse_qsl(request.query, keep_blank_values=True))
         audio = given.pop("audio", "")
         wants_video = not audio or "topic" in given
-        _check_sections(description, wants_video, bool(audio))
+        check_sections(description, video=wants_video, audio=bool(audio))
         try:
             stream = await self._find_video(given, description, reader) if wants_video else None
             heard = await self._find_audio(audio, reader) if audio else None
@@ -99,7 +98,7 @@ class Sources:
                 track.follow(peer.connection.getTransceivers()[0], peer)
             return await peer.describe()
 
-        return opened(PATH, request, *await self.peers.open(_refuse, request.address, answer))
+        return opened(PATH, request, *await self.peers.open(refuse_channels, request.address, answer))
 
     async def _find_video(
         self, given: dict[str, str], description: Description, reader: Reader
@@ -168,22 +167,6 @@ class AudioTrack(MediaStreamTrack):
         """Stop listening."""
         super().stop()
         self._listener.leave()
-
-
-def _check_sections(description: Description, wants_video: bool, wants_audio: bool) -> None:
-    offered = sorted(description.media)
-    wanted = [kind for kind, each in (("audio", wants_audio), ("video", wants_video)) if each]
-    if offered not in (["audio"], ["video"], ["audio", "video"]) or not set(wanted) <= set(offered):
-        raise BadDescription(
-            f"sections {', '.join(description.media) or 'none'} are offered, where one of"
-            f" {' and one of '.join(wanted)} is wanted"
-        )
-    if wants_audio:
-        require_opus(description)
-
-
-def _refuse(sink: Sink, info: PeerInfo) -> Never:
-    raise Refused(403, "data channels are offered at /webrtc")
 
 
 def read_query(query: str, description: Description) -> StreamRequest:

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Awaitable, Callable, Container, Iterable, Iterator
+from collections.abc import Awaitable, Callable, Container, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Final, Never
+from typing import TYPE_CHECKING, Final
 from urllib.parse import parse_qsl
 
 from rwt.access.errors import AccessError
@@ -18,7 +18,7 @@ from rwt.delivery.shared_graph import SharedGraph
 from rwt.media.webrtc.camera import QUALITY, Camera, CameraRequest
 from rwt.media.webrtc.decoding import bound_decoding
 from rwt.media.webrtc.microphone import RATE, RATES, Microphone, MicrophoneRequest
-from rwt.media.webrtc.opus import only_opus, require_opus
+from rwt.media.webrtc.opus import check_sections, only_opus
 from rwt_graph.errors import InvalidGraphName
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import RobotError
@@ -26,8 +26,8 @@ from rwt_participant.qos import LATCHED
 from rwt_transports.endpoint import PeerInfo
 from rwt_transports.errors import Refused
 from rwt_transports.http.routes import Audience, HttpResponse, Route
-from rwt_transports.webrtc.sdp import BadDescription, Description, read_description
-from rwt_transports.webrtc.signalling import SDP, answering, opened, resource_routes
+from rwt_transports.webrtc.sdp import BadDescription, read_description
+from rwt_transports.webrtc.signalling import SDP, answering, opened, refuse_channels, resource_routes
 
 if TYPE_CHECKING:
     from aiortc import MediaStreamTrack
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from rwt.access.graph_view import GraphView
     from rwt.access.roles import Role
     from rwt_graph.api import Graph
-    from rwt_transports.endpoint import Sink
     from rwt_transports.http.routes import HttpRequest
     from rwt_transports.webrtc.peer import Peer
     from rwt_transports.webrtc.signalling import Peers
@@ -60,22 +59,6 @@ class MediaRequest:
 
     camera: CameraRequest | None
     microphone: MicrophoneRequest | None
-
-    def check(self, description: Description) -> None:
-        """Compare the request with an offer.
-
-        Raises:
-            BadDescription: the offer has too few or too many sections.
-        """
-        offered = sorted(description.media)
-        wanted = [kind for kind, each in (("audio", self.microphone), ("video", self.camera)) if each]
-        if offered not in (["audio"], ["video"], ["audio", "video"]) or not set(wanted) <= set(offered):
-            raise BadDescription(
-                f"sections {', '.join(description.media) or 'none'} are offered, where one of"
-                f" {' and one of '.join(wanted)} is wanted"
-            )
-        if self.microphone is not None:
-            require_opus(description)
 
 
 def read_query(query: str) -> MediaRequest:
@@ -120,7 +103,12 @@ class IncomingMedia:
         self._access = access
         self._shared = SharedGraph(graph, NODE, linger, partial(access.audit.write, logging.INFO, "%s"))
         self._senders: dict[MediaSender, PeerInfo] = {}
-        self._topic = SendersTopic(self._shared, access)
+        # No client can publish on it.
+        access.reserve(SENDERS_TOPIC)
+        self._publisher = self._shared.participant.advertise(
+            SENDERS_TOPIC, graph.registry.message(SENDERS_TYPE), LATCHED
+        )
+        self._publish_senders()
         self._count = 0
 
     def routes(self, peers: Peers) -> tuple[Route[GraphView], ...]:
@@ -134,7 +122,7 @@ class IncomingMedia:
     async def _offered(self, peers: Peers, reader: GraphView, request: HttpRequest) -> HttpResponse:
         description = read_description(request.body, peers.terms.candidates)
         wanted = read_query(request.query)
-        wanted.check(description)
+        check_sections(description, video=wanted.camera is not None, audio=wanted.microphone is not None)
         sender = self._sender(wanted, reader, request)
 
         async def answer(peer: Peer) -> str:
@@ -151,7 +139,7 @@ class IncomingMedia:
             return await peer.describe()
 
         try:
-            return opened(PATH, request, *await peers.open(_refuse, request.address, answer))
+            return opened(PATH, request, *await peers.open(refuse_channels, request.address, answer))
         except BaseException:
             sender.close()
             raise
@@ -176,7 +164,8 @@ class IncomingMedia:
 
     def _publish_senders(self) -> None:
         """Publish the present senders."""
-        self._topic.publish(each for sender in self._senders for each in sender.sending())
+        fields = [each for sender in self._senders for each in sender.sending()]
+        self._publisher.publish(Payload.from_value(self._publisher.type, {"senders": fields}))
 
     def reload_roles(self) -> None:
         """Apply new settings to every client, and end those that may no longer publish."""
@@ -192,10 +181,6 @@ class IncomingMedia:
         for sender in tuple(self._senders):
             sender.end("the server is going away")
         self._shared.close()
-
-
-def _refuse(sink: Sink, info: PeerInfo) -> Never:
-    raise Refused(403, "data channels are offered at /webrtc")
 
 
 class MediaSender:
@@ -260,12 +245,13 @@ class MediaSender:
             self._since_ns = self._client.clock.time_ns()
             self._on_begin()
 
-    def sending(self) -> Iterator[Sending]:
-        """Return the tracks being sent; none before the peer is connected."""
+    def sending(self) -> Iterator[dict[str, object]]:
+        """Return a ``MediaSender`` for each track being sent; none before the peer is connected."""
         if self._since_ns is not None:
-            role = self._client.role.name
+            since = self._client.distro.time(self._since_ns)
+            sender = {"client": self._name, "role": self._client.role.name, "since": since}
             for kind, sink in self._sinks.items():
-                yield Sending(sink.topic, kind, self._name, role, self._since_ns)
+                yield {"topic": sink.topic, "kind": kind, **sender}
 
     def take_role(self, role: Role) -> None:
         """Switch to another role. Raises AccessError if it may not publish."""
@@ -292,53 +278,3 @@ class MediaSender:
         self._tasks.clear()
         self._client.close()
         self._on_close(self)
-
-
-@dataclass(frozen=True, slots=True)
-class Sending:
-    """Track that a client sends.
-
-    Attributes:
-        topic: topic on which it is published.
-        kind: ``video`` or ``audio``.
-        client: name of the client at the gate and in the audit.
-        role: role of the client.
-        since_ns: ROS time of the beginning.
-    """
-
-    topic: str
-    kind: str
-    client: str
-    role: str
-    since_ns: int
-
-
-class SendersTopic:
-    """Publisher of :data:`SENDERS_TOPIC`, on which no client can publish.
-
-    Args:
-        shared: resources of the gateway, whose participant publishes.
-        access: access control, which reserves the topic.
-    """
-
-    def __init__(self, shared: SharedGraph, access: Access) -> None:
-        access.reserve(SENDERS_TOPIC)
-        self._distro = shared.graph.distro
-        self._publisher = shared.participant.advertise(
-            SENDERS_TOPIC, shared.graph.registry.message(SENDERS_TYPE), LATCHED
-        )
-        self.publish(())
-
-    def publish(self, senders: Iterable[Sending]) -> None:
-        """Publish the present senders."""
-        fields = [
-            {
-                "topic": each.topic,
-                "kind": each.kind,
-                "client": each.client,
-                "role": each.role,
-                "since": self._distro.time(each.since_ns),
-            }
-            for each in senders
-        ]
-        self._publisher.publish(Payload.from_value(self._publisher.type, {"senders": fields}))

@@ -1,1 +1,1 @@
-"""Congestion control of media: rates from the feedback of receivers, without I/O and without a clock."""
+"""Congestion control of media: rates from reports of receivers, without I/O, and a sender that keeps them."""

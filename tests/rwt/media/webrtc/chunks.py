@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from aiortc.rtcsctptransport import DataChunk
 
 
-@dataclass
-class Chunk:
-    tsn: int
-    flags: int
-    stream_seq: int
-    user_data: bytes
-    stream_id: int = 7
-    protocol: int = 51
+class Chunk(DataChunk):
+    """DATA chunk."""
 
-    @property
-    def body(self) -> bytes:
-        return self.user_data
+    def __init__(
+        self,
+        tsn: int,
+        flags: int,
+        stream_seq: int,
+        user_data: bytes,
+        stream_id: int = 7,
+        protocol: int = 51,
+    ) -> None:
+        super().__init__(flags)
+        self.tsn, self.stream_seq, self.user_data = tsn, stream_seq, user_data
+        self.stream_id, self.protocol = stream_id, protocol

@@ -14,7 +14,7 @@ from rwt_transports.endpoint import Accept, PeerInfo, Sink
 from rwt_transports.http.addresses import AddressCount
 from rwt_transports.http.routes import HttpRequest, HttpResponse
 from rwt_transports.limits import Limits
-from rwt_transports.webrtc.ice import IceServer
+from rwt_transports.webrtc.ice_servers import IceServer
 from rwt_transports.webrtc.peer import PeerTerms
 from rwt_transports.webrtc.signalling import PeerBounds, Peers, data_routes, open_peers
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwt_transports.webrtc.credentials import IceServers, IceSource, read_credential
-from rwt_transports.webrtc.ice import BadIceServer, IceServer, check_ice_url
+from rwt_transports.webrtc.ice_servers import BadIceServer, IceServer, check_ice_url
 from rwt_transports.webrtc.signalling import NoIceServers
 
 STUN, TURN = "stun:stun.example.org", "turn:turn.example.org:3478?transport=udp"

@@ -20,7 +20,14 @@ from rwt_transports.webrtc.ice_guard import (
     is_unicast,
     reach_of,
 )
-from rwt_transports.webrtc.stun_messages import MAX_ATTRIBUTES, MAX_BYTES, BadStun, StunClass, check_stun
+from rwt_transports.webrtc.stun_messages import (
+    MAX_ATTRIBUTES,
+    MAX_BYTES,
+    TURN_METHODS,
+    BadStun,
+    StunClass,
+    check_stun,
+)
 
 A, B = ("192.0.2.1", 4000), ("192.0.2.2", 4000)
 
@@ -147,6 +154,16 @@ def test_messages_of_ice_are_accepted() -> None:
     error = stun.Message(stun.Method.BINDING, stun.Class.ERROR)
     error.attributes["ERROR-CODE"] = (487, "Role Conflict")
     assert check_stun(bytes(error)).kind is StunClass.ERROR
+
+
+def test_messages_of_a_turn_server_are_accepted_from_it_alone() -> None:
+    response = stun.Message(stun.Method.ALLOCATE, stun.Class.RESPONSE)
+    response.attributes = {"XOR-RELAYED-ADDRESS": A, "XOR-MAPPED-ADDRESS": A, "LIFETIME": 600}
+    assert check_stun(bytes(response), TURN_METHODS).kind is StunClass.RESPONSE
+    with pytest.raises(BadStun):
+        check_stun(bytes(response))
+    with pytest.raises(BadStun):
+        check_stun(bytes(_request()), TURN_METHODS)
 
 
 def _message(*attributes: tuple[int, bytes], kind: int = 0x0101, cookie: int = 0x2112A442) -> bytes:

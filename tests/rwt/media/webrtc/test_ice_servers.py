@@ -19,8 +19,7 @@ from rwt.cli.commands.doctor import examine_ice_servers
 from rwt.settings.webrtc import WebRtcSettings
 from rwt_transports.errors import ConnectError
 from rwt_transports.webrtc import ice_servers
-from rwt_transports.webrtc.ice import BadIceServer, IceServer
-from rwt_transports.webrtc.ice_servers import probe, read_configuration
+from rwt_transports.webrtc.ice_servers import BadIceServer, IceServer, probe, read_configuration
 
 pytestmark = pytest.mark.anyio
 

@@ -23,7 +23,9 @@ from aiortc.rtcsctptransport import DataChunk, InboundStream, RTCSctpTransport, 
 
 from rwt.media import webrtc
 from rwt_transports.webrtc import aiortc_internals
-from rwt_transports.webrtc.aiortc_internals import Association, PacedSender
+from rwt_transports.webrtc.aiortc_internals import Association
+from rwt_transports.webrtc.congestion.paced_sender import PacedSender
+from rwt_transports.webrtc.ice_agent import GuardedAgent, GuardedProtocol
 from rwt_transports.webrtc.reassembly import Reassembly
 
 ASYNC = (
@@ -38,7 +40,8 @@ ASYNC = (
 def test_no_other_module_uses_private_names() -> None:
     used = re.compile(r"(?<!\bself)(?<!\bcls)(?<!super\(\))\._[a-zA-Z]")
     folders = (Path(str(aiortc_internals.__file__)).parent, Path(str(webrtc.__file__)).parent)
-    modules = [path for folder in folders for path in folder.glob("*.py") if path.stem != "aiortc_internals"]
+    own = ("aiortc_internals", "ice_agent", "paced_sender")
+    modules = [path for folder in folders for path in folder.rglob("*.py") if path.stem not in own]
     assert len(modules) > 20
     assert not [path.name for path in modules if used.search(path.read_text("utf-8"))]
 
@@ -167,6 +170,10 @@ async def test_values_of_ice() -> None:
     for name in ("datagram_received", "send_stun"):
         assert name in vars(StunProtocol)
     assert {"receiver", "transactions"} <= vars(StunProtocol(connection)).keys()
+    # What subclasses add to objects must not be something that is there.
+    for added, there in ((GuardedAgent, connection), (GuardedProtocol, StunProtocol(connection))):
+        names = {*vars(added), *added.__annotations__} - set(dir(type(there)))
+        assert not names & set(vars(there))
 
 
 @pytest.mark.anyio

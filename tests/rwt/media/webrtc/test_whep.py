@@ -38,7 +38,7 @@ from rwt.media.encoders.video import VideoEncoder
 from rwt.settings.webrtc import WebRtcSettings
 from rwt_graph import Node
 from rwt_interfaces.payload import Payload
-from rwt_transports.webrtc.aiortc_internals import PacedSender
+from rwt_transports.webrtc.congestion.paced_sender import PacedSender
 from tests.waiting import until
 
 pytestmark = pytest.mark.anyio

@@ -1,0 +1,230 @@
+"""RTP sender of a video track that keeps to the rate of a congestion controller.
+
+aiortc sends each frame at once, and ignores transport-wide feedback. It offers no public way to change that,
+so this module uses its private names, which `tests/rwt/media/webrtc/test_private_names.py` checks.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+from collections import deque
+from collections.abc import Callable
+from time import monotonic
+from typing import TYPE_CHECKING, Any, Final, cast
+
+from aiortc import RTCRtpSender
+from aiortc.clock import current_ntp_time
+from aiortc.mediastreams import MediaStreamError
+from aiortc.rtcrtpparameters import RTCRtcpFeedback, RTCRtpCodecParameters
+from aiortc.rtp import RTP_HISTORY_SIZE, HeaderExtensions, RtcpRtpfbPacket, RtpPacket, wrap_rtx
+
+from rwt_transports.errors import log_exception
+from rwt_transports.webrtc.congestion.controller import PROBE_PACKETS
+from rwt_transports.webrtc.congestion.pacing import Pacer
+from rwt_transports.webrtc.ice_guard import RETRANSMISSIONS_PER_SECOND, TokenBucket
+
+if TYPE_CHECKING:
+    from aiortc import RTCPeerConnection, RTCRtpTransceiver
+    from aiortc.rtp import AnyRtcpPacket
+    from aiortc.sdp import SessionDescription
+
+    from rwt_transports.webrtc.congestion.controller import CongestionController, Probe
+
+TRANSPORT_NUMBERS: Final = "http://www.ietf.org/id/draft-holmer-rmcat-transport-wide-cc-extensions-01"
+TRANSPORT_FEEDBACK: Final = RTCRtcpFeedback("transport-cc")
+LEAST_SLEEP_SECONDS: Final = 0.002
+"""Delay below which a packet is sent at once: timers are not more precise."""
+FRAME_WAIT_SECONDS: Final = 0.03
+"""Longest wait for room for a frame before the rate is looked at again."""
+REPEAT_WAIT_SECONDS: Final = 0.05
+"""Wait for the next frame above which no packet is sent again."""
+PROBE_HISTORY: Final = 8
+"""Most recent packets that a probe repeats."""
+PACKET_OVERHEAD_BYTES: Final = 70
+"""IP, UDP, RTP with its extensions, and the authentication tag of SRTP."""
+
+
+def _ignore(*arguments: object) -> None:
+    """No-op: the peer has ended."""
+
+
+class PacedSender(RTCRtpSender):
+    """Sender of a video track that keeps to the rate of a congestion controller.
+
+    Packets of a frame leave at 2.5 times the rate at most, and frames wait until those before are paid for.
+    So a slow link makes the track's queue wait, which drops images. Probes repeat packets that were sent.
+    """
+
+    @classmethod
+    def adopt(
+        cls,
+        sender: RTCRtpSender,
+        controller: CongestionController,
+        on_packet: Callable[[AnyRtcpPacket, int], None],
+        on_keyframe: Callable[[], None],
+    ) -> PacedSender:
+        """Convert the sender of a peer connection, before it starts.
+
+        Args:
+            sender: sender of the track.
+            controller: determines the rate.
+            on_packet: called with each RTCP packet and the sender's SSRC, before aiortc handles the packet.
+            on_keyframe: called if the receiver needs a key frame.
+        """
+        sender.__class__ = cls  # The peer connection does not take one.
+        paced = cast("PacedSender", sender)
+        paced._controller = controller
+        paced._pacer = Pacer()
+        paced._on_packet = on_packet
+        paced._on_keyframe = on_keyframe
+        paced._again = TokenBucket(RETRANSMISSIONS_PER_SECOND, RETRANSMISSIONS_PER_SECOND)
+        paced._recent = deque(maxlen=PROBE_HISTORY)
+        return paced
+
+    _controller: CongestionController
+    _pacer: Pacer
+    _on_packet: Callable[[AnyRtcpPacket, int], None]
+    _on_keyframe: Callable[[], None]
+    _again: TokenBucket
+    _recent: deque[RtpPacket]
+
+    def release(self) -> None:
+        """Forget the track, which refers to its peer."""
+        self._on_packet = self._on_keyframe = _ignore
+
+    async def _handle_rtcp_packet(self, packet: AnyRtcpPacket) -> None:
+        if isinstance(packet, RtcpRtpfbPacket):
+            # A report of 1 kB may ask for the same packet 4,000 times.
+            packet.lost = [each for each in dict.fromkeys(packet.lost) if self._again.take()]
+        self._on_packet(packet, self._ssrc)
+        await super()._handle_rtcp_packet(packet)
+
+    def _send_keyframe(self) -> None:
+        self._on_keyframe()
+
+    async def _run_rtp(self, codec: RTCRtpCodecParameters) -> None:
+        private = cast("Any", self)
+        private._RTCRtpSender__rtp_started.set()
+        try:
+            await self._send_frames(codec)
+        except (asyncio.CancelledError, ConnectionError, MediaStreamError):
+            pass
+        except Exception:
+            log_exception("sending a track failed")
+        finally:
+            if self.track is not None:
+                self.track.stop()
+                self.replaceTrack(None)
+            private._RTCRtpSender__encoder = None
+            self._recent.clear()
+            private._RTCRtpSender__rtp_exited.set()
+
+    async def _send_frames(self, codec: RTCRtpCodecParameters) -> None:
+        assert codec.payloadType is not None  # It was negotiated.
+        number, origin = secrets.randbelow(32768), secrets.randbits(32)
+        while True:
+            await self._frame_room()
+            probe = self._controller.next_probe(monotonic()) if self._recent else None
+            if probe is not None:
+                await self._send_probe(probe)
+            frame = await self._next_encoded_frame(codec)
+            if frame is None:
+                continue
+            for index, payload in enumerate(frame.payloads):
+                packet = RtpPacket(
+                    payload_type=codec.payloadType,
+                    marker=int(index == len(frame.payloads) - 1),
+                    sequence_number=number,
+                    timestamp=(origin + frame.timestamp) % 2**32,
+                    ssrc=self._ssrc,
+                    payload=payload,
+                )
+                await self._paced()
+                await self._send_packet(packet)
+                self._count(packet)
+                number = (number + 1) % 65536
+
+    async def _frame_room(self) -> None:
+        """Wait until the frames before are paid for."""
+        while True:
+            now = monotonic()
+            delay = self._pacer.frame_delay(self._controller.rate(now), now)
+            if delay <= 0:
+                return
+            await asyncio.sleep(min(delay, FRAME_WAIT_SECONDS))
+
+    async def _paced(self) -> None:
+        delay = self._pacer.packet_delay(monotonic())
+        if delay > LEAST_SLEEP_SECONDS:
+            await asyncio.sleep(delay)
+
+    async def _send_packet(self, packet: RtpPacket, probe: Probe | None = None) -> None:
+        private, now = cast("Any", self), monotonic()
+        packet.extensions.abs_send_time = (current_ntp_time() >> 14) & 0xFFFFFF
+        packet.extensions.mid = private._RTCRtpSender__mid
+        size = len(packet.payload) + PACKET_OVERHEAD_BYTES
+        packet.extensions.transport_sequence_number = self._controller.sent(size, now, probe)
+        self._pacer.sent(size, self._controller.rate(now), now, probe.rate if probe else None)
+        await self.transport._send_rtp(packet.serialize(private._RTCRtpSender__rtp_header_extensions_map))
+
+    def _count(self, packet: RtpPacket) -> None:
+        """Keep a packet for retransmission, and count it for sender reports."""
+        private = cast("Any", self)
+        private._RTCRtpSender__rtp_history[packet.sequence_number % RTP_HISTORY_SIZE] = packet
+        private._RTCRtpSender__ntp_timestamp = current_ntp_time()
+        private._RTCRtpSender__rtp_timestamp = packet.timestamp
+        private._RTCRtpSender__octet_count += len(packet.payload)
+        private._RTCRtpSender__packet_count += 1
+        self._recent.append(packet)
+
+    async def _retransmit(self, sequence_number: int) -> None:
+        history: dict[int, RtpPacket] = cast("Any", self)._RTCRtpSender__rtp_history
+        packet = history.get(sequence_number % RTP_HISTORY_SIZE)
+        now = monotonic()
+        if self._pacer.frame_delay(self._controller.rate(now), now) > REPEAT_WAIT_SECONDS:
+            return  # Repetition would fill the link further. The receiver asks again, or for a key frame.
+        if packet is not None and packet.sequence_number == sequence_number:
+            await self._send_packet(self._repeated(packet) or packet)
+
+    def _repeated(self, packet: RtpPacket) -> RtpPacket | None:
+        """Return a packet as a retransmission (RFC 4588); None if the receiver does not support them."""
+        private = cast("Any", self)
+        if private._RTCRtpSender__rtx_payload_type is None:
+            return None
+        number = private._RTCRtpSender__rtx_sequence_number
+        private._RTCRtpSender__rtx_sequence_number = (number + 1) % 65536
+        repeated = wrap_rtx(packet, private._RTCRtpSender__rtx_payload_type, number, self._rtx_ssrc)
+        repeated.extensions = HeaderExtensions()
+        return repeated
+
+    async def _send_probe(self, probe: Probe) -> None:
+        """Repeat the last packets at the rate of a probe: receivers discard them, and report their times."""
+        largest = max(self._recent, key=lambda packet: len(packet.payload))
+        size = 0
+        while size < probe.size or probe.count < PROBE_PACKETS:
+            packet = self._repeated(largest)
+            if packet is None:
+                break
+            await self._paced()
+            await self._send_packet(packet, probe)
+            size += len(packet.payload) + PACKET_OVERHEAD_BYTES
+        probe.is_complete = True
+
+
+def negotiate_transport_feedback(connection: RTCPeerConnection, transceiver: RTCRtpTransceiver) -> bool:
+    """Accept transport-wide feedback for a sender. Returns False if the offer has none.
+
+    Call between the offer and the answer. aiortc does not offer it, since its receivers do not send it.
+    """
+    remote: SessionDescription = cast("Any", connection)._RTCPeerConnection__remoteDescription()
+    (media,) = (each for each in remote.media if each.rtp.muxId == transceiver.mid)
+    offered = {each.uri: each for each in media.rtp.headerExtensions}
+    able = {codec.payloadType for codec in media.rtp.codecs if TRANSPORT_FEEDBACK in codec.rtcpFeedback}
+    codecs = [codec for codec in transceiver._codecs if codec.payloadType in able]
+    if TRANSPORT_NUMBERS not in offered or not codecs:
+        return False
+    transceiver._headerExtensions.append(offered[TRANSPORT_NUMBERS])
+    for codec in codecs:
+        codec.rtcpFeedback.append(TRANSPORT_FEEDBACK)
+    return True
