@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from rwt_graph import SimulatedClock
+from rwt_graph.actions.server import RESULTS_KEPT
 from rwt_graph.api import GoalEvents, ServerGoal
 from rwt_graph.zenoh import ZenohGraph
-from rwt_graph.zenoh.actions.server import RESULTS_KEPT
 from rwt_interfaces.payload import Payload
 from rwt_interfaces.registry import Registry
 from rwt_participant.goals import GoalStatus

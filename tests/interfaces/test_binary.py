@@ -29,6 +29,11 @@ STORES = {1: get_typestore(Stores.ROS1_NOETIC), 2: get_typestore(Stores.ROS2_JAZ
 REGISTRIES[2].add_text(
     "string<=5[<=2] s\nuint8[<=3] u\nbyte[] b\nbool[2] f\nwstring w\nint8[] i", "t_msgs/Odd"
 )
+REGISTRIES[2].add_text(
+    'wstring a\nwstring b "Hello world!"\nwstring c "Hellö wörld!"\nwstring d "ハローワールド"\n'
+    "wstring[3] fixed\nwstring[<=3] few\nwstring[] many",
+    "t_msgs/Wide",
+)
 REGISTRIES[2].add_text("", "t_msgs/Nothing")
 REGISTRIES[2].add_text("Nothing n\nuint8 a\nNothing[] ns\nfloat64 d\nNothing m", "t_msgs/Holder")
 REGISTRIES[1].add_text("time[] t\nduration d\nbyte[] b\nstring[2] s\nfloat32[2] f", "t_msgs/Old")
@@ -258,7 +263,24 @@ PACKED_VECTORS = [
         {"s": ["a"], "u": [1], "b": [2], "w": "é😀", "i": []},
         (
             "00010000 01000000 02000000 6100 0000 01000000 01 000000 01000000 02 00 00 00 "
-            "03000000 e9003dd800de 0000 00000000"
+            "03000000 e90000003dd8000000de0000 00000000"
+        ),
+    ),
+    (
+        # Recorded from rclpy of Kilted and of Jazzy, with rmw_fastrtps_cpp: `test_msgs/WStrings`.
+        2,
+        "cdr",
+        "t_msgs/Wide",
+        {"a": "a😀b\0c", "fixed": ["", "x", "a😀b\0c"], "few": ["b"], "many": ["a😀b\0c"]},
+        (
+            "00010000 06000000 610000003dd8000000de0000620000000000000063000000"
+            "0c000000 48000000650000006c0000006c0000006f000000"
+            "20000000770000006f000000720000006c0000006400000021000000"
+            "0c000000 48000000650000006c0000006c000000f6000000"
+            "2000000077000000f6000000720000006c0000006400000021000000"
+            "07000000 cf300000ed300000fc300000ef300000fc300000eb300000c9300000"
+            "00000000 01000000 78000000 06000000 610000003dd8000000de0000620000000000000063000000"
+            "01000000 01000000 62000000 01000000 06000000 610000003dd8000000de0000620000000000000063000000"
         ),
     ),
     (
@@ -335,6 +357,8 @@ def test_an_empty_string_may_come_without_its_zero() -> None:
             "00010000 01000000 0700000061616161616100",
             "s[0]: expected at most 5 characters",
         ),
+        ("cdr", "t_msgs/Wide", "00010000 01000000 00f60100", "a: a wstring with a unit of more than 16 bits"),
+        ("cdr", "t_msgs/Wide", "00010000 01000000 3dd80000", "a: text that is not valid UTF-16"),
         ("ros1", "geometry_msgs/PoseArray", "00" * 16 + "ffffffff", "poses: data cut short"),
         (
             "ros1",

@@ -65,20 +65,7 @@ def comparable(value: Any) -> Any:
     return value if isinstance(value, bool) else int(value) if float(value).is_integer() else float(value)
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(
-            name,
-            marks=[
-                pytest.mark.xfail(reason="rwt_interfaces writes 2 bytes per unit of a wstring, Fast CDR 4")
-            ]
-            if name == "WStrings"
-            else [],
-        )
-        for name in TYPES
-    ],
-)
+@pytest.mark.parametrize("name", TYPES)
 async def test_every_kind_of_field_in_both_directions(graph: Ros2Graph, program: Program, name: str) -> None:
     type = graph.registry.message(f"test_msgs/{name}")
     samples: list[Sample] = []

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Self
 import anyio
 import anyio.to_thread
 
+from rwt_graph.actions.remote_goals import Ros2Actions
+from rwt_graph.actions.server import Ros2ActionServer
 from rwt_graph.errors import ZenohError
 from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
 from rwt_graph.names import resolve
 from rwt_graph.nodes.node import Node
-from rwt_graph.zenoh.actions.remote_goals import ZenohActions
-from rwt_graph.zenoh.actions.server import Ros2ActionServer
 from rwt_graph.zenoh.discovery import Discovery
 from rwt_graph.zenoh.link import Presence, ZenohLink
 from rwt_graph.zenoh.services import ZenohServices
@@ -86,7 +86,7 @@ class ZenohGraph(MemoryGraph):
         self._discovery = Discovery(self, self._zenoh_topics, self._zenoh_services)
         self.topic_table.remote = self._zenoh_topics
         self.service_table.remote = self._zenoh_services
-        self.action_table.remote = ZenohActions(
+        self.action_table.remote = Ros2Actions(
             self.topic_table, self.service_table, self._zenoh_services, self.registry
         )
 

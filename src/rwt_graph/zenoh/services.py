@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,7 @@ import zenoh
 
 from rwt_graph.api import ServiceInfo
 from rwt_graph.errors import WireError
+from rwt_graph.memory.remote_services import RemoteServiceTable
 from rwt_graph.memory.services import MemoryCall
 from rwt_graph.memory.tables import NodeResources
 from rwt_graph.zenoh.calls import FAILED, GONE, Client, RemoteCall, abandoned_key, read_abandoned
@@ -46,24 +47,6 @@ class DeclaredService:
         self.queryable.undeclare()
 
 
-@dataclass(eq=False, slots=True)
-class RemoteService:
-    """Service that one or more other processes offer.
-
-    Attributes:
-        open: pending calls.
-        offers: providers by the keys of their tokens, the oldest first.
-    """
-
-    open: set[MemoryCall] = field(default_factory=set)
-    offers: dict[str, tuple[Token, TokenEndpoint, ServiceInfo]] = field(default_factory=dict)
-
-    @property
-    def first(self) -> tuple[Token, TokenEndpoint, ServiceInfo]:
-        """Return the oldest provider, which determines type and node of the service."""
-        return next(iter(self.offers.values()))
-
-
 class ZenohServices:
     """Declares the services of this process, and calls those of others."""
 
@@ -73,7 +56,8 @@ class ZenohServices:
         self._time_ns = time_ns
         self._link: ZenohLink | None = None
         self._offers: dict[MemoryProvider, DeclaredService] = {}
-        self._remote: dict[str, RemoteService] = {}
+        self._remote: RemoteServiceTable[tuple[Token, TokenEndpoint]] = RemoteServiceTable(services.changes)
+        self.info, self.names, self.by_node = self._remote.info, self._remote.names, self._remote.by_node
         # Unanswered requests of other processes, by client and number.
         self._asked: dict[bytes, dict[int, MemoryCall]] = {}
         self._clients: dict[tuple[NodeResources, str, str], Client] = {}
@@ -93,8 +77,7 @@ class ZenohServices:
     def close(self) -> None:
         """Declare no more services; those declared end with the session."""
         self._link = None
-        for service in tuple(self._remote.values()):
-            self._lose(service, "the connection to it was closed")
+        self._remote.close()
 
     # Services of this process
 
@@ -183,36 +166,8 @@ class ZenohServices:
                 "service %s of node %s is left out: %s is not known", end.name, token.node, end.dds_type
             )
             return lambda: None
-        service = self._remote.setdefault(end.name, RemoteService())
-        service.offers[key] = (token, end, ServiceInfo(end.name, type, token.node))
-        self._services.changes.note()
-        return partial(self._lost, end.name, key)
-
-    def _lost(self, name: str, key: str) -> None:
-        service = self._remote.get(name)
-        if service is None or key not in service.offers:
-            return
-        del service.offers[key]
-        self._services.changes.note()
-        if not service.offers:
-            del self._remote[name]
-            self._lose(service, f"Service {name} was unadvertised")
-
-    def _lose(self, service: RemoteService, why: str) -> None:
-        while service.open:
-            service.open.pop().end_with(ProviderGone(why))
-
-    def info(self, name: str) -> ServiceInfo | None:
-        service = self._remote.get(name)
-        return None if service is None else service.first[2]
-
-    def names(self) -> set[str]:
-        return set(self._remote)
-
-    def by_node(self) -> Iterator[tuple[str, str]]:
-        for name, service in self._remote.items():
-            for _, _, info in service.offers.values():
-                yield info.node, name
+        self._remote.found(key, ServiceInfo(end.name, type, token.node), (token, end))
+        return partial(self._remote.lost, key, end.name)
 
     def call(
         self, name: str, request: Payload, on_reply: OnReply, timeout: float | None, caller: NodeResources
@@ -220,14 +175,14 @@ class ZenohServices:
         service, link = self._remote.get(name), self._link
         if service is None or link is None:
             return None
-        _, end, info = service.first
+        info, (_, end) = service.first
         if end.type_hash != info.type.rihs01:
             text = f"Service {name} defines {type_name(end.dds_type)} otherwise than this process"
             refused = RemoteCall(name, request, on_reply, info.type.response)
             refused.end_with(CallFailed(text))
             return refused
         client = self._client(link, caller, end)
-        sessions = {token.session for token, _, _ in service.offers.values()}
+        sessions = {token.session for _, (token, _) in service.offers.values()}
         call = client.ask(name, request, on_reply, info.type.response, sessions)
         deadlines = self._services.deadlines
         call.wait(service.open, caller, None if timeout is None else deadlines.add(call, timeout))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rwt_graph.zenoh.actions.names import belongs_to_action
+from rwt_graph.actions.names import belongs_to_action
 from rwt_graph.zenoh.receive_queue import ReceiveQueue
 from rwt_graph.zenoh.remote_publisher import ZenohPublisher
 from rwt_graph.zenoh.rmw.keys import data_key, dds_type

@@ -213,15 +213,21 @@ def _write_length(out: bytearray, count: int, aligned: bool) -> None:
 
 def _string_writer(field_type: field_types.String, rules: WireRules) -> _Write:
     aligned = rules.aligned
-    # A wstring is UTF-16 without a byte order mark; its length counts units, and no zero ends it.
-    encoding, unit, end = ("utf-16-le", 2, b"") if field_type.wide else ("utf-8", 1, b"\0" * rules.terminated)
+    end = b"\0" * rules.terminated
 
     def write(out: bytearray, value: str) -> None:
-        octets = value.encode(encoding) + end
-        _write_length(out, len(octets) // unit, aligned)
+        octets = value.encode() + end
+        _write_length(out, len(octets), aligned)
         out += octets
 
-    return write
+    def write_wide(out: bytearray, value: str) -> None:
+        units = value.encode("utf-16-le")
+        octets = bytearray(2 * len(units))
+        octets[::4], octets[1::4] = units[::2], units[1::2]
+        _write_length(out, len(units) // 2, aligned)
+        out += octets
+
+    return write_wide if field_type.wide else write
 
 
 def _octets_writer(field_type: field_types.Octets, rules: WireRules) -> _Write:

@@ -100,7 +100,8 @@ def _need(data: memoryview, position: int, count: int) -> None:
 
 
 def _string_reader(field_type: field_types.String, rules: WireRules) -> _Read:
-    encoding, unit, end = ("utf-16-le", 2, 0) if field_type.wide else ("utf-8", 1, int(rules.terminated))
+    wide = field_type.wide
+    unit, end = (4, 0) if wide else (1, int(rules.terminated))
 
     def read(data: memoryview, position: int) -> tuple[Any, int]:
         count, position = _read_length(data, position, rules.aligned)
@@ -112,14 +113,24 @@ def _string_reader(field_type: field_types.String, rules: WireRules) -> _Read:
         if end and data[after - 1] != 0:
             raise InvalidMessage("", "a string without its closing zero")
         try:
-            text = str(data[position : after - end], encoding)
+            octets = data[position : after - end]
+            text = _wide_text(octets) if wide else str(octets, "utf-8")
         except UnicodeDecodeError:
-            raise InvalidMessage("", f"text that is not valid {encoding[:6].upper()}") from None
+            encoding = "UTF-16" if wide else "UTF-8"
+            raise InvalidMessage("", f"text that is not valid {encoding}") from None
         if field_type.bound is not None and len(text) > field_type.bound:
             raise InvalidMessage("", f"expected at most {field_type.bound} characters, got {len(text)}")
         return text, after
 
     return read
+
+
+def _wide_text(octets: memoryview) -> str:
+    if any(octets[2::4]) or any(octets[3::4]):
+        raise InvalidMessage("", "a wstring with a unit of more than 16 bits")
+    units = bytearray(len(octets) // 2)
+    units[::2], units[1::2] = octets[::4], octets[1::4]
+    return str(units, "utf-16-le")
 
 
 def _octets_reader(field_type: field_types.Octets, rules: WireRules) -> _Read:

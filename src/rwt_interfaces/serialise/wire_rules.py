@@ -40,7 +40,11 @@ LENGTH = struct.Struct("<I")
 FILLED = "x"
 
 CDR: Final = WireRules(header=b"\0\1\0\0", aligned=True, terminated=True, filler=b"\0")
-"""XCDR version 1 with its encapsulation header. Alignment counts from after the header."""
+"""XCDR version 1 with its encapsulation header. Alignment counts from after the header.
+
+The standard leaves `wstring` open; this is the form of Fast CDR, ROS 2's default: units of UTF-16 in four
+bytes each, counted by the length, without byte order mark and closing zero. CycloneDDS writes two bytes.
+"""
 
 ROS1: Final = WireRules(header=b"", aligned=False, terminated=False, filler=b"")
 """The body of a TCPROS message, without its length prefix."""

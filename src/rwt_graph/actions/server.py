@@ -10,11 +10,11 @@ from collections import OrderedDict
 from typing import TYPE_CHECKING, Any
 
 from rwt_graph.accounts import hold_for_asker
+from rwt_graph.actions.names import ActionNames, struct_payload, uuid_struct
 from rwt_graph.api import GoalEvents
 from rwt_graph.clock import Clock
 from rwt_graph.memory.actions import cancel_service
 from rwt_graph.memory.tables import NodeResources
-from rwt_graph.zenoh.actions.names import ActionNames, struct_payload, uuid_struct
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed, GoalRejected
 from rwt_participant.goals import GoalStatus

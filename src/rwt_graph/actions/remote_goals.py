@@ -6,8 +6,8 @@ import logging
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
+from rwt_graph.actions.names import SEND_GOAL, ActionNames, struct_payload, uuid_struct
 from rwt_graph.api import ActionInfo, ClientGoal, Sample, Subscription
-from rwt_graph.zenoh.actions.names import SEND_GOAL, ActionNames, struct_payload, uuid_struct
 from rwt_interfaces.errors import InterfaceError
 from rwt_interfaces.payload import Payload
 from rwt_participant.errors import CallFailed, GoalRejected, ProviderGone, ServiceFailed
@@ -29,7 +29,7 @@ _EVERY_GOAL = "0" * 32
 _STATES = {status.value: status for status in GoalStatus}
 
 
-class ZenohActions:
+class Ros2Actions:
     """Actions of other processes: a node that offers `<action>/_action/send_goal` offers the action."""
 
     def __init__(
@@ -97,7 +97,7 @@ class RemoteGoal(ClientGoal):
     reason = ""
 
     def __init__(
-        self, actions: ZenohActions, info: ActionInfo, events: GoalEvents, goal_id: str, client: NodeResources
+        self, actions: Ros2Actions, info: ActionInfo, events: GoalEvents, goal_id: str, client: NodeResources
     ) -> None:
         self.id = goal_id
         self.action = info.name
