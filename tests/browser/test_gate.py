@@ -31,7 +31,7 @@ async def test_who_drives_is_seen_and_the_stop_holds_for_everybody(browser: Brow
             await open_panels(page, url, [("teleop", {"topic": "/cmd_vel"})])
             await page.wait(f"{text('.driver')}.includes('No driver')")
             await other.call("/gate/take_lease", {"topic": "/cmd_vel"}, "rwt_gate_msgs/Lease")
-            await page.wait(f"{text('.driver')}.includes('Driven by rosbridge:')")
+            await page.wait(f"{text('.driver')} === 'admin (127.0.0.1) drives'")
             answer = await other.call("/gate/release_lease", {"topic": "/cmd_vel"}, "rwt_gate_msgs/Lease")
             assert answer.success
             await page.wait(f"{text('.driver')}.includes('No driver')")
@@ -55,6 +55,27 @@ async def test_who_drives_is_seen_and_the_stop_holds_for_everybody(browser: Brow
             await other.call("/gate/take_lease", {"topic": "/cmd_vel"}, "rwt_gate_msgs/Lease")
             await page.click("text=Take over")
             await page.wait(f"{text('.lease .problem')}.includes('/cmd_vel is held by rosbridge:')")
+
+
+async def test_a_lease_is_asked_for_and_handed_over(browser: Browser) -> None:
+    async with Server("ws://127.0.0.1:0", demo=True, gate=GATE) as server:
+        url = server.urls[0].replace("ws", "http", 1) + "/"
+        async with browser.page(f"{url}healthz") as one, browser.page(f"{url}healthz") as two:
+            for page in (one, two):
+                await open_panels(page, url, [("teleop", {"topic": "/cmd_vel"})])
+            # A lease that is taken by driving is this page's own, too.
+            await one.evaluate("document.querySelector('.drive-forward').focus()")
+            await one.keyboard("down", " ")
+            await one.wait(f"{text('.driver')} === 'You drive'")
+            await one.keyboard("up", " ")
+            await two.wait(f"/^admin [(](Chrome|Firefox), Linux[)] drives$/.test({text('.driver')})")
+            await two.click("text=Ask for control")
+            await two.wait("document.querySelector('.lease button:disabled')?.textContent === 'Asked'")
+            await one.wait(f"{text('.lease-request')}.includes('asks for control')")
+            assert await violations(one) == []
+            await one.click("text=Hand over")
+            await two.wait(f"{text('.driver')} === 'You drive'")
+            await one.wait(f"{text('.driver')}.endsWith(' drives')")
 
 
 CLAMPING = {

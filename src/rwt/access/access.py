@@ -37,6 +37,26 @@ if TYPE_CHECKING:
 _GONE: Final = "the server's settings have changed, and do not allow this any more"
 
 
+#: Parts of a `User-Agent` header and their names for people; browsers name older ones behind themselves.
+_PROGRAMS: Final = {"Edg": "Edge", "Firefox": "Firefox", "Chrome": "Chrome", "Safari": "Safari"}
+_SYSTEMS: Final = {
+    "Android": "Android", "iPhone": "iPhone", "iPad": "iPad", "CrOS": "ChromeOS",
+    "Windows": "Windows", "Macintosh": "Mac", "Linux": "Linux",
+}  # fmt: skip
+
+
+def device_of(user_agent: str) -> str:
+    """Return the program and system that a `User-Agent` header names, such as `Firefox, Android`.
+
+    Only known names are returned: a client cannot show people a text of its own.
+    """
+    found = (
+        next((name for part, name in known.items() if part in user_agent), "")
+        for known in (_PROGRAMS, _SYSTEMS)
+    )
+    return ", ".join(filter(None, found))
+
+
 class Access:
     """Access control of one server.
 
@@ -127,7 +147,9 @@ class Access:
         if self.gate is not None:
             self.gate.close()
 
-    def client(self, shared: SharedGraph, role: Role, address: str, name: str = "") -> ClientGraph:
+    def client(
+        self, shared: SharedGraph, role: Role, address: str, name: str = "", user_agent: str = ""
+    ) -> ClientGraph:
         """Return the graph as one client may see and use it.
 
         Args:
@@ -137,11 +159,12 @@ class Access:
                 count towards its quotas.
             name: name of the client at the gate, such as `rosbridge:3`, which begins with that of its gateway
                 (:mod:`rwt.access.decisions`); empty: a program of this process, named by the gate.
+            user_agent: ``User-Agent`` header of the client's program, by which people recognise its device.
         """
         of_address = self._quotas_of(address)
         work = self._work(self.limits.work_per_second, of_address.work)
         quotas = ClientQuotas(self.limits, of_address, work)
-        gate = None if self.gate is None else self._client_gate(self.gate, role, address, name)
+        gate = None if self.gate is None else self._client_gate(self.gate, role, address, name, user_agent)
         return ClientGraph(
             shared,
             role,
@@ -171,10 +194,10 @@ class Access:
         self._reserved.add(topic)
 
     @staticmethod
-    def _client_gate(gate: Gate, role: Role, address: str, name: str) -> ClientGate:
+    def _client_gate(gate: Gate, role: Role, address: str, name: str, user_agent: str) -> ClientGate:
         from rwt.access.gate.client_gate import ClientGate
 
-        return ClientGate(gate, name, role, address)
+        return ClientGate(gate, name, role, address, device_of(user_agent))
 
     def _quotas_of(self, address: str) -> AddressQuotas:
         """Return the quotas shared by all clients of an address.

@@ -150,7 +150,9 @@ class ConnectionGateway(Gateway, Generic[C]):
         """Create the client of an admitted connection by `make(number, graph)`; count and log it."""
         self._count += 1
         number = self._count
-        graph = self.access.client(self.shared, role, info.address, f"{self.name}:{number}")
+        graph = self.access.client(
+            self.shared, role, info.address, f"{self.name}:{number}", info.headers.get("user-agent", "")
+        )
         client = self._clients[number] = make(number, graph)
         self.shared.counters.clients += 1
         self.access.audit.write(

@@ -295,7 +295,7 @@ async def _stream(chunks: AsyncIterator[bytes], receive: Receive, send: Send) ->
         try:
             async for chunk in chunks:
                 await send({"type": "http.response.body", "body": chunk, "more_body": True})
-        except OSError:              # The client has disconnected; the specification lets servers raise this.
+        except OSError:  # The client has disconnected; the specification lets servers raise this.
             pass
         except Exception:
             log_exception("a streamed body failed")

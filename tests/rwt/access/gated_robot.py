@@ -87,9 +87,10 @@ class GatedRobot:
         heard, self.heard = self.heard, []
         return heard
 
-    def client(self, role: str = "operator") -> Client:
+    def client(self, role: str = "operator", user_agent: str = "") -> Client:
         """One more client, which is told of warnings and errors."""
-        client = Client(self.bridge, headers={"authorization": f"Bearer {token(role)}"})
+        headers = {"authorization": f"Bearer {token(role)}", "user-agent": user_agent}
+        client = Client(self.bridge, headers=headers)
         client.say("set_level", level="warning")
         return client
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rwt.access.gate.node import MAX_LISTED
+from rwt.access.gate.node import MAX_LISTED, REQUEST_SECONDS
 from rwt.access.gate.state import MAX_LEASES
 from rwt.access.roles import Role
 from rwt.access.settings import RoleSettings
@@ -18,10 +18,15 @@ STOPS = [(0.0, GATE)]
 
 def _leases(robot: GatedRobot) -> list[tuple[str, str]]:
     """What `/gate/leases` says now: topics and holders."""
+    return [(each.topic, each.holder) for each in _heard(robot)]
+
+
+def _heard(robot: GatedRobot) -> list[Any]:
+    """Leases that `/gate/leases` lists now."""
     heard: list[Any] = []
-    subscription = robot.node.subscribe("/gate/leases", heard.append, type="rwt_gate_msgs/Leases")
-    subscription.close()
-    return [(each.topic, each.holder) for each in heard[-1].leases]
+    robot.node.subscribe("/gate/leases", heard.append, type="rwt_gate_msgs/Leases").close()
+    leases: list[Any] = heard[-1].leases
+    return leases
 
 
 def test_where_nothing_is_declared_a_client_gets_the_publisher_itself() -> None:
@@ -316,3 +321,38 @@ def test_messages_about_leases_are_bounded_in_size_and_rate() -> None:
     assert 10 <= len(heard) <= 12
     robot.clock.advance(0.1)
     assert heard[-1].leases[0].holder == "rosbridge:1"
+
+
+def test_people_recognise_the_holder_and_who_asks_for_the_lease() -> None:
+    robot = GatedRobot({"drive": DRIVE})
+    phone = "Mozilla/5.0 (Android 14; Mobile; rv:130.0) Gecko/130.0 Firefox/130.0"
+    one = robot.client("operator", user_agent=phone)
+    two = robot.client("admin", user_agent="<b>Admin</b>")
+    drive(one, 0.1)
+    assert call(two, "/gate/request_lease", topic="/cmd_vel")["success"]
+    assert "take it" in call(one, "/gate/request_lease", topic="/cmd_vel")["message"]
+    robot.clock.advance(0.2)
+    held = _heard(robot)[0]
+    assert (held.holder, held.user, held.device) == ("rosbridge:1", "operator", "Firefox, Android")
+    (request,) = held.requests
+    # A header can say anything: only known names are shown.
+    assert (request.client, request.user, request.device) == ("rosbridge:2", "admin", "127.0.0.1")
+    assert call(one, "/gate/pass_lease", topic="/cmd_vel", to=request.client)["success"]
+    robot.clock.advance(0.2)
+    assert (_heard(robot)[0].user, _heard(robot)[0].requests) == ("admin", [])
+
+
+def test_requests_for_a_lease_expire_and_end_with_their_client() -> None:
+    robot = GatedRobot({"drive": {**DRIVE, "lease": {"seconds": 60}}})
+    holder, asking, leaving = robot.client(), robot.client("admin"), robot.client("operator")
+    drive(holder, 0.1)
+    for client in (asking, asking, leaving):
+        assert call(client, "/gate/request_lease", topic="/cmd_vel")["success"]
+    robot.clock.advance(0.2)
+    assert [each.client for each in _heard(robot)[0].requests] == ["rosbridge:2", "rosbridge:3"]
+    leaving.leave()
+    assert call(asking, "/gate/request_lease", topic="/cmd_vel")["success"]
+    robot.clock.advance(0.2)
+    assert [each.client for each in _heard(robot)[0].requests] == ["rosbridge:2"]
+    robot.clock.advance(REQUEST_SECONDS)
+    assert _heard(robot)[0].requests == []

@@ -3,7 +3,7 @@
 import { useSignal } from "@preact/signals";
 import { useTexts } from "../i18n/context";
 import type { Texts } from "../i18n/text";
-import type { Gate } from "../robot/gate";
+import { type Gate, personText } from "../robot/gate";
 import type { RobotSession } from "../robot/session";
 import type { Stop } from "../robot/stop";
 import { Commanding } from "./commanding";
@@ -21,21 +21,22 @@ export function Driver({ gate, topic, session }: { gate: Gate; topic: string; se
   const problem = useSignal("");
   const holder = gate.holders.value.get(topic);
   if (!holder) return null;
-  const isMine = holder.name !== "" && holder.name === gate.client.value;
-  const take = async () => {
+  const { name, requests } = holder;
+  const isMine = name !== "" && name === gate.client.value;
+  const asks = requests.some((each) => each.name === gate.client.value);
+  const attempt = async (act: Promise<void>) => {
     problem.value = "";
     try {
-      await gate.take(topic);
+      await act;
     } catch (error) {
       problem.value = (error as Error).message;
     }
   };
-  const { name, role } = holder;
   return (
     <div class="lease" part="lease">
       <p class={name ? "driver held" : "driver"} part="driver" role="status">
         <span class="dot" aria-hidden="true" />
-        {isMine ? t("teleop.mine") : name ? t("teleop.held", { name, role }) : t("teleop.free")}
+        {isMine ? t("teleop.mine") : name ? t("teleop.held", { name: personText(holder) }) : t("teleop.free")}
       </p>
       {isMine ? (
         <button type="button" part="button" onClick={() => gate.giveBack(topic)}>
@@ -43,11 +44,25 @@ export function Driver({ gate, topic, session }: { gate: Gate; topic: string; se
         </button>
       ) : (
         <Commanding session={session} quiet>
-          <button type="button" part="button" onClick={take}>
+          <button type="button" part="button" onClick={() => attempt(gate.take(topic))}>
             {t(name ? "teleop.take.over" : "teleop.take")}
           </button>
+          {name && (
+            <button type="button" part="button" disabled={asks} onClick={() => attempt(gate.request(topic))}>
+              {t(asks ? "teleop.asked" : "teleop.ask")}
+            </button>
+          )}
         </Commanding>
       )}
+      {isMine &&
+        requests.map((each) => (
+          <p key={each.name} class="lease-request" part="request" role="status">
+            {t("teleop.asks", { name: personText(each) })}{" "}
+            <button type="button" part="button" onClick={() => attempt(gate.handOver(topic, each))}>
+              {t("teleop.hand_over")}
+            </button>
+          </p>
+        ))}
       {problem.value && <Problem text={problem.value} />}
     </div>
   );

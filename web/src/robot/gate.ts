@@ -5,14 +5,33 @@ import type { RobotSession } from "./session";
 
 const STOP = "/gate/stop";
 
-/** Who may publish on a topic now; an empty name: nobody does. */
-export interface Holder {
+/** A client at the gate, as people recognise it. */
+export interface Person {
+  /** Name of its connection; empty for nobody. */
   name: string;
   role: string;
+  /** Name of its token; empty without one. */
+  user: string;
+  /** Its program and system, or its address. */
+  device: string;
 }
 
+/** Who may publish on a topic now, and who asks to. */
+export interface Holder extends Person {
+  requests: readonly Person[];
+}
+
+type Described = { role: string; user: string; device: string };
+
 interface Leases {
-  leases: { topic: string; holder: string; role: string }[];
+  leases: (Described & { topic: string; holder: string; requests: (Described & { client: string })[] })[];
+}
+
+const personOf = (name: string, { role, user, device }: Described): Person => ({ name, role, user, device });
+
+/** How people call a client: by its token, else its role, and by its device. */
+export function personText({ role, user, device }: Person): string {
+  return `${user || role}${device && ` (${device})`}`;
 }
 
 /** An act of a client that waits for a person's yes. */
@@ -53,7 +72,7 @@ export class Gate {
   readonly stop: Signal<StopState> = signal(MOVING);
   /** Who holds the topics that one client at a time publishes on. */
   readonly holders: Signal<ReadonlyMap<string, Holder>> = signal(new Map());
-  /** Name of this page's client at the gate; empty until a lease was asked for. */
+  /** Name of this page's client at the gate; empty until the gate has said it. */
   readonly client = signal("");
   /** What waits for a yes. */
   readonly approvals: Signal<readonly Approval[]> = signal([]);
@@ -77,8 +96,12 @@ export class Gate {
         session.subscribe("/gate/leases", "rwt_gate_msgs/Leases", (message) => {
           const { leases } = message as unknown as Leases;
           this.holders.value = new Map(
-            leases.map(({ topic, holder, role }) => [topic, { name: holder, role }]),
+            leases.map((lease) => {
+              const requests = lease.requests.map((each) => personOf(each.client, each));
+              return [lease.topic, { ...personOf(lease.holder, lease), requests }];
+            }),
           );
+          if (leases.length && !this.client.peek()) void this.introduce();
         }),
         ...(session.may("subscribe", "/gate/approvals")
           ? [
@@ -129,14 +152,34 @@ export class Gate {
    * @throws Error another client holds it, or commands are blocked
    */
   async take(topic: string): Promise<void> {
-    const { commands } = this.session;
-    const answer = await commands.call<GateAnswer & { client: string }>(
-      "/gate/take_lease",
-      { topic },
-      "rwt_gate_msgs/Lease",
-    );
-    this.client.value = answer.client;
-    if (!answer.success) throw new Error(answer.message);
+    await this.ask("/gate/take_lease", "rwt_gate_msgs/Lease", { topic }, false);
+  }
+
+  /**
+   * Ask the holder of a topic's lease to hand it over; the holder sees it for half a minute.
+   *
+   * @throws Error there is no other holder, or commands are blocked
+   */
+  async request(topic: string): Promise<void> {
+    await this.ask("/gate/request_lease", "rwt_gate_msgs/Lease", { topic }, false);
+  }
+
+  /**
+   * Hand the lease of a topic over to a client that asks for it; the robot stops until that one drives.
+   *
+   * @throws Error this page does not hold it, or the client is gone
+   */
+  async handOver(topic: string, to: Person): Promise<void> {
+    await this.ask("/gate/pass_lease", "rwt_gate_msgs/PassLease", { topic, to: to.name });
+  }
+
+  /** Ask for the name of this page's client, which every answer about a lease has, also where there is none. */
+  private async introduce(): Promise<void> {
+    const none = { topic: "/" };
+    const answer = await this.session.commands
+      .callSafe<{ client: string }>("/gate/release_lease", none, "rwt_gate_msgs/Lease")
+      .catch(() => null); // Asked again with the next message.
+    if (answer) this.client.value = answer.client;
   }
 
   /** Give the lease of a topic back, whoever holds it: the server knows whether that is this page. */

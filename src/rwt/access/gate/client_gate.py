@@ -266,10 +266,10 @@ class ClientGate:
 
     __slots__ = ("_actor", "_gate", "_recorded")
 
-    def __init__(self, gate: Gate, name: str, role: Role, address: str) -> None:
+    def __init__(self, gate: Gate, name: str, role: Role, address: str, device: str) -> None:
         self._gate = gate
         self._recorded: set[str] = set()
-        self._actor = gate.join(name, role, address)
+        self._actor = gate.join(name, role, address, device)
 
     @property
     def name(self) -> str:

@@ -198,14 +198,18 @@ class Gate(GateState):
 
     # Clients
 
-    def join(self, name: str, role: Role, address: str) -> Actor:
+    def join(self, name: str, role: Role, address: str, device: str = "") -> Actor:
         """Add a client, under a name that no other client has."""
         self._count += 1
-        actor = Actor(name or f"client:{self._count}", role, address)
+        actor = Actor(name or f"client:{self._count}", role, address, device)
         if actor.name in self._actors:
             actor.name = f"{actor.name}.{self._count}"
         self._actors[actor.name] = actor
         return actor
+
+    def is_present(self, actor: Actor) -> bool:
+        """Return True until a client has left."""
+        return self._actors.get(actor.name) is actor
 
     def leave(self, actor: Actor) -> None:
         """Remove a client: release its leases, and withdraw its requests for approval."""

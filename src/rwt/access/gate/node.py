@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rwt.access.gate.record import Actor
     from rwt_graph.api import Graph, Publisher, Sample, ServiceCall
     from rwt_interfaces.structs import ServiceType
+    from rwt_participant.timers import Timer
 
 logger: Final = logging.getLogger("rwt.bridge")
 
@@ -30,12 +31,19 @@ TOPICS: Final = frozenset({LEASES, STOPPED, APPROVALS})
 MAX_LISTED: Final = 256
 """Maximum number of leases in a message of :data:`LEASES`; those with a holder come first."""
 
+REQUEST_SECONDS: Final = 30.0
+"""Seconds for which a request for a lease is shown to its holder."""
+
+MAX_REQUESTS: Final = 64
+"""Maximum number of pending requests for leases, of which each credential or address has one for a topic."""
+
 PUBLISH_SECONDS: Final = 0.1
 """Minimum interval between two messages of :data:`LEASES`, in seconds."""
 
 SERVICES: Final = {
     "/gate/take_lease": "rwt_gate_msgs/Lease",
     "/gate/release_lease": "rwt_gate_msgs/Lease",
+    "/gate/request_lease": "rwt_gate_msgs/Lease",
     "/gate/pass_lease": "rwt_gate_msgs/PassLease",
     STOP: "rwt_gate_msgs/Stop",
     "/gate/release_stop": "rwt_gate_msgs/Stop",
@@ -59,6 +67,8 @@ class GateNode:
         self._registry = graph.registry
         self._due: set[str] = set()
         self._published_at: dict[str, float] = {}
+        #: Clients that ask for a lease, by its topic and their identity, with the end of the request.
+        self._requests: dict[tuple[str, str], tuple[Actor, Timer]] = {}
         participant = gate.participant
         self._publishers: dict[str, Publisher] = {
             name: participant.advertise(name, graph.registry.message(type), LATCHED)
@@ -71,6 +81,7 @@ class GateNode:
         handlers: dict[str, Callable[[Actor | None, Any], dict[str, object]]] = {
             "/gate/take_lease": self._take_lease,
             "/gate/release_lease": self._release_lease,
+            "/gate/request_lease": self._request_lease,
             "/gate/pass_lease": self._pass_lease,
             STOP: self._stop,
             "/gate/release_stop": self._release_stop,
@@ -112,10 +123,10 @@ class GateNode:
                 {
                     "topic": topic.name,
                     "rule": topic.lease_rule,
-                    "holder": topic.lease.holder.name if topic.lease.holder else "",
-                    "role": topic.lease.holder.role if topic.lease.holder else "",
+                    **_described("holder", topic.lease.holder),
                     "since": time(topic.lease.since_ns),
                     "seconds": topic.lease.settings.seconds,
+                    "requests": self._requests_for(topic.name, topic.lease.holder),
                 }
                 for topic in islice(self._gate.leased_topics(), MAX_LISTED)
                 if topic.lease is not None
@@ -165,6 +176,43 @@ class GateNode:
 
     def _release_lease(self, actor: Actor | None, request: Any) -> dict[str, object]:
         return self._change_lease(actor, request.topic, self._gate.release_lease)
+
+    def _request_lease(self, actor: Actor | None, request: Any) -> dict[str, object]:
+        return self._change_lease(actor, request.topic, self._ask_holder)
+
+    def _ask_holder(self, client: Actor, name: str) -> None:
+        """Show the holder of a lease that a client asks for it, until it has it or :data:`REQUEST_SECONDS`.
+
+        Raises:
+            GateRefused: no other client holds it, too many requests are pending, or as for `Gate.leased`.
+        """
+        topic = self._gate.leased(client, name)
+        assert topic.lease is not None  # `leased` finds no others.
+        if topic.lease.holder in (None, client):
+            raise GateRefused(f"no other client holds the lease of {topic.name}: take it")
+        key = topic.name, client.owner
+        if key not in self._requests:
+            if len(self._requests) >= MAX_REQUESTS:
+                raise GateRefused(f"{MAX_REQUESTS} requests for leases are pending: try again later")
+        else:
+            self._requests.pop(key)[1].cancel()
+        timer = self._clock.call_later(REQUEST_SECONDS, lambda: self._end_request(key))
+        self._requests[key] = client, timer
+        self._publish_soon(LEASES, PUBLISH_SECONDS)
+
+    def _end_request(self, key: tuple[str, str]) -> None:
+        del self._requests[key]
+        self._publish_soon(LEASES, PUBLISH_SECONDS)
+
+    def _requests_for(self, topic: str, holder: Actor | None) -> list[dict[str, object]]:
+        """Return the pending requests for a lease; drop those that are granted, or whose client has left."""
+        for key, (client, timer) in tuple(self._requests.items()):
+            if (key[0] == topic and client is holder) or not self._gate.is_present(client):
+                timer.cancel()
+                del self._requests[key]
+        return [
+            _described("client", client) for (name, _), (client, _) in self._requests.items() if name == topic
+        ]
 
     def _change_lease(
         self, actor: Actor | None, topic: str, change: Callable[[Actor, str], None]
@@ -216,6 +264,13 @@ def stop_response(gate: Gate, actor: Actor, request: Payload, type: ServiceType)
     except GateRefused as refused:
         answer = {"success": False, "message": str(refused)}
     return Payload.from_value(type.response, answer)
+
+
+def _described(key: str, client: Actor | None) -> dict[str, object]:
+    """Return the fields that name a client, by connection and so that people recognise it."""
+    if client is None:
+        return {key: "", "role": "", "user": "", "device": ""}
+    return {key: client.name, "role": client.role, "user": client.credential, "device": client.device}
 
 
 def _press(gate: Gate, actor: Actor | None, request: Any) -> dict[str, object]:

@@ -90,6 +90,7 @@ class Actor:
 
     Attributes:
         name: unique name on this server, such as `rosbridge:3`.
+        device: program and system, such as `Firefox, Android`, or the address; for people.
         rights: present role.
         address: network address; empty if unknown.
         topics: guarded topics that it publishes on or has held.
@@ -98,12 +99,13 @@ class Actor:
             told.
     """
 
-    __slots__ = ("address", "name", "on_approval", "on_notice", "rights", "topics")
+    __slots__ = ("address", "device", "name", "on_approval", "on_notice", "rights", "topics")
 
-    def __init__(self, name: str, rights: Role, address: str) -> None:
+    def __init__(self, name: str, rights: Role, address: str, device: str = "") -> None:
         self.name = name
         self.rights = rights
         self.address = address
+        self.device = device or address
         self.topics: set[GuardedTopic] = set()
         self.on_notice: Callable[[str], None] | None = None
         self.on_approval: Callable[[str], None] | None = None

@@ -131,7 +131,8 @@ class Clients(Visitors[HttpClient]):
         def make(clients: Visitors[HttpClient], key: Hashable) -> HttpClient:
             self._count += 1
             gateway = self._gateway
-            graph = gateway.access.client(gateway.shared, role, address, f"{gateway.name}:{self._count}")
+            name, agent = f"{gateway.name}:{self._count}", request.headers.get("user-agent", "")
+            graph = gateway.access.client(gateway.shared, role, address, name, agent)
             return HttpClient(clients, key, graph)
 
         client = self.find(self._key_of(request, (role.name, role.credential, network_of(address))), make)
