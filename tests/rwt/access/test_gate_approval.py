@@ -21,9 +21,9 @@ APPROVAL = {"roles": ["supervisor"], "seconds": 10, "remember_seconds": 60}
 class QuietRobot(GatedRobot):
     """A robot whose clients are told of errors only."""
 
-    def client(self, role: str = "operator") -> Client:
+    def client(self, role: str = "operator", user_agent: str = "") -> Client:
         """One more client, which is not told that its requests wait."""
-        client = super().client(role)
+        client = super().client(role, user_agent)
         client.say("set_level", level="error")
         return client
 

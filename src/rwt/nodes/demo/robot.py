@@ -67,7 +67,7 @@ class DemoRobot:
     `/arm_controller/follow_joint_trajectory` and `/arm_controller/joint_trajectory`, publishes `/odom`,
     `/robot_pose`, `/tf`, `/tf_static`, `/joint_states`, `/scan`, `/camera/…`, `/map`, `/plan`,
     `/battery_state`, `/diagnostics`, `/robot_description`, `/chatter`, and serves `/add_two_ints`, `/reset`,
-    `/enable_motors` and `/fibonacci`. An interactive marker under `/goal_marker` sends it to the place where it is
+    `/enable_motors` and `/fibonacci`. An interactive marker under `/goal_marker` sends it where it is
     dropped. Its parameters are in :data:`TUNABLES`; `openni_depth_cloud` makes its
     depth stream what the stock pages of ros3djs expect of an OpenNI camera. Two nodes beside it make
     `/depthcloud_encoded` and `/camera/depth/points/decimated` of what its camera sees.

@@ -74,7 +74,7 @@ class WireProbe:
         """Receive a message; satisfies :class:`rwt_transports.endpoint.Endpoint`."""
         first = data[:1] if binary else b""
         encoding = next((each for each in SELECTABLE if first and first in each.first_bytes), CODECS["none"])
-        op = _decoded(data, encoding.codec)
+        op = _decoded(data, encoding.codec and encoding.codec())
         frame = ReceivedFrame(encoding.name, len(data), op, anyio.current_time())
         if frame.is_op("status") and len(self.complaints) < _COMPLAINTS:
             self.complaints.append(str(frame.op.get("msg", ""))[:_COMPLAINT_CHARS])
