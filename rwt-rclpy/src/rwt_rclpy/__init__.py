@@ -6,7 +6,7 @@
 >>> import rclpy
 >>> from std_msgs.msg import String
 
-Nothing is imported under ROS's names before :func:`install`, and nothing at all where ROS is installed.
+Nothing is imported under ROS's names before :func:`install`, or if ROS is installed.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ Which = Literal["ros", "rwt_rclpy"]
 
 
 def install(interfaces: Iterable[str | PathLike[str]] = (), *, registry: Registry | None = None) -> Which:
-    """Let `import rclpy` and the packages of messages work in this process.
+    """Make `import rclpy` and the message packages work in this process.
 
-    Where ROS is installed nothing is done, and its own rclpy runs.
+    No-op if ROS is installed: its own rclpy is used.
 
     Args:
         interfaces: folders with packages of ``.msg``, ``.srv`` and ``.action`` files.
-        registry: the interfaces to know instead of the standard ones of jazzy.
+        registry: interfaces instead of the standard ones of jazzy.
 
     Returns:
-        Which of both runs: ``ros`` or ``rwt_rclpy``.
+        Name of the rclpy in use: ``ros`` or ``rwt_rclpy``.
 
     Raises:
-        DefinitionError: a folder cannot be read, and where and why.
-        RuntimeError: modules of ROS were imported before by other means.
+        DefinitionError: a folder cannot be read; the text gives location and reason.
+        RuntimeError: modules of ROS were imported already.
     """
     from rwt_rclpy import import_hook
     from rwt_rclpy.messages import loaded
@@ -70,10 +70,10 @@ def installed() -> Which | None:
 
 
 def use_graph(graph: Graph | None) -> None:
-    """Let nodes that are made from now on join a graph that exists, a server's for example.
+    """Let new nodes join an existing graph, such as that of a server.
 
     Args:
-        graph: the graph, running or not; None for one of the process itself again.
+        graph: graph, running or not; None for a graph of this process.
     """
     from rwt_rclpy.middleware.link import DOMAINS, Link
 
@@ -81,7 +81,7 @@ def use_graph(graph: Graph | None) -> None:
 
 
 def join(where: str | None = None) -> AbstractContextManager[None]:
-    """Let nodes that are made in a block join the graph of a server, or one over Zenoh.
+    """Let nodes created in a block join the graph of a server, or one over Zenoh.
 
     >>> with rwt_rclpy.join("ws://127.0.0.1:9090"):
     ...     rclpy.init()
@@ -89,10 +89,10 @@ def join(where: str | None = None) -> AbstractContextManager[None]:
 
     Args:
         where: ``memory``, ``ws://HOST:PORT``, ``unix:///PATH``, ``zenoh`` or ``zenoh:tcp/HOST:PORT``; None
-            takes what the variable RWT_RCLPY_GRAPH says.
+            for the value of the variable RWT_RCLPY_GRAPH.
 
     Raises:
-        CannotJoin: it is none of these, or cannot be reached; when the block is entered.
+        CannotJoin: the graph is invalid or cannot be reached; raised on entering the block.
     """
     from rwt_rclpy.middleware.joining import joined
 
@@ -100,15 +100,15 @@ def join(where: str | None = None) -> AbstractContextManager[None]:
 
 
 def octets_of(message: Message, name: str) -> np.ndarray:
-    """The octets of a message's field of type ``uint8[]``, as a read-only numpy array and without a copy.
+    """Return the octets of a field of type ``uint8[]`` as a read-only numpy array, without a copy.
 
-    They are the bytes that were published, in the same process, as long as nobody has asked the message for
-    the field itself, which makes an `array.array` of them.
+    They are the published bytes, within one process, as long as no program has read
+    the field itself, which creates an `array.array`.
 
     >>> pixels = rwt_rclpy.octets_of(image, "data").reshape(image.height, image.width, 3)
 
     Raises:
-        TypeError: it has no such field, or one of another type.
+        TypeError: the message has no such field, or its type differs.
     """
     from rwt_rclpy.messages import classes
 
@@ -116,7 +116,7 @@ def octets_of(message: Message, name: str) -> np.ndarray:
 
 
 def uninstall() -> None:
-    """Undo :func:`install`; modules that were imported stay with who has them."""
+    """Undo :func:`install`; references to imported modules stay valid."""
     from rwt_rclpy import import_hook
 
     import_hook.uninstall()

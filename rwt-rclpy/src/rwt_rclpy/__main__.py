@@ -17,7 +17,7 @@ example:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Read the command line, and run the program."""
+    """Parse the command line, and run the program."""
     parser = argparse.ArgumentParser(
         "python -m rwt_rclpy",
         description="Run a program that was written for ROS 2's rclpy, on a machine without ROS.",
@@ -35,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--graph",
         metavar="WHERE",
         help="the graph to join: memory (default), ws://HOST:PORT or unix:///PATH of a server, zenoh, or"
-        " zenoh:ENDPOINT; without it what RWT_RCLPY_GRAPH says",
+        " zenoh:ENDPOINT; default: the variable RWT_RCLPY_GRAPH",
     )
     parser.add_argument("-m", dest="module", metavar="NAME", help="run a module instead of a file")
     parser.add_argument(

@@ -1,4 +1,4 @@
-"""`rclpy._rclpy_pybind11`: of rclpy's C extension, the exceptions and enums that programs import."""
+"""`rclpy._rclpy_pybind11`: exceptions and enums of rclpy's C extension that programs import."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rwt_rclpy.exceptions import TimerCancelledError as TimerCancelledError
 from rwt_rclpy.exceptions import UnknownROSArgsError as UnknownROSArgsError
 from rwt_rclpy.exceptions import UnsupportedEventTypeError as UnsupportedEventTypeError
 
-#: What `rclpy.impl.implementation_singleton` calls the extension.
+#: Name of the extension in `rclpy.impl.implementation_singleton`.
 rclpy_implementation = sys.modules[__name__]
 
 

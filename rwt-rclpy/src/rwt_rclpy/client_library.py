@@ -29,16 +29,16 @@ def init(
     domain_id: int | None = None,
     signal_handler_options: SignalHandlerOptions | None = None,
 ) -> InitContextManager:
-    """Begin.
+    """Initialise a context.
 
     Args:
-        args: the command line, `sys.argv` by default.
-        context: what begins; the default context by default.
-        domain_id: the ROS domain; what ROS_DOMAIN_ID says by default.
-        signal_handler_options: which signals end it: both for the default context, none for others.
+        args: command line, `sys.argv` by default.
+        context: context; the default one if None.
+        domain_id: ROS domain; by default the value of ROS_DOMAIN_ID.
+        signal_handler_options: signals that end it; by default both for the default context, none for others.
 
     Returns:
-        Something whose ``with`` block ends it.
+        Context manager that shuts it down.
     """
     default = get_default_context()
     context = default if context is None else context
@@ -50,7 +50,7 @@ def init(
 
 
 class InitContextManager:
-    """Ends with its ``with`` block what `init` began."""
+    """Context manager that shuts down what `init` began."""
 
     def __init__(self, context: Context) -> None:
         self.context = context
@@ -72,10 +72,10 @@ def ok(*, context: Context | None = None) -> bool:
 
 
 def shutdown(*, context: Context | None = None, uninstall_handlers: bool | None = None) -> None:
-    """End.
+    """Shut down a context.
 
     Raises:
-        RuntimeError: it has not begun, or has ended.
+        RuntimeError: it is not initialised, or was shut down already.
     """
     default = context is None or context is get_default_context()
     (get_default_context(shutting_down=True) if default else context or get_default_context()).shutdown()
@@ -84,7 +84,7 @@ def shutdown(*, context: Context | None = None, uninstall_handlers: bool | None 
 
 
 def try_shutdown(*, context: Context | None = None, uninstall_handlers: bool | None = None) -> None:
-    """End, unless it has."""
+    """Shut down a context, unless that was done already."""
     default = context is None or context is get_default_context()
     if default:
         get_default_context(shutting_down=True).try_shutdown()
@@ -113,7 +113,7 @@ def get_global_executor() -> Executor:
 
 
 def create_node(node_name: str, **options: Any) -> Node:
-    """A node; see :class:`rwt_rclpy.nodes.node.Node`, whose arguments these are."""
+    """Create a node; see :class:`rwt_rclpy.nodes.node.Node` for the arguments."""
     from rwt_rclpy.nodes.node import Node
 
     return Node(node_name, **options)
@@ -169,7 +169,7 @@ def get_available_rmw_implementations() -> set[str]:
 
 
 def timeout_sec_to_nsec(timeout_sec: float | None) -> int:
-    """Seconds as whole nanoseconds; -1 for a timeout that never comes."""
+    """Return seconds as whole nanoseconds; -1 for no timeout."""
     if timeout_sec is None or timeout_sec < 0:
         return -1
     return int(float(timeout_sec) * 1_000_000_000)
@@ -184,7 +184,7 @@ def remove_ros_args(args: Sequence[str] | None = None) -> list[str]:
     return arguments.remove_ros_args(sys.argv if args is None else args)
 
 
-#: It is a package whose modules the import hook finds.
+#: Marks a package, whose modules the import hook finds.
 __path__: list[str] = []
 
 

@@ -1,4 +1,4 @@
-"""Handles: what stands where rclpy keeps pointers into C."""
+"""Handles, in place of rclpy's pointers to C objects."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from rwt_rclpy.exceptions import InvalidHandle
 
 
 class Destroyable:
-    """An entity that is destroyed once nobody uses it; ``with handle:`` uses it.
+    """Handle of an entity that is destroyed once it is unused; ``with handle:`` uses it.
 
     Args:
-        what: what it is, for errors.
+        what: description for errors.
         on_destroy: called once, when it is destroyed.
     """
 
@@ -27,7 +27,7 @@ class Destroyable:
 
     @property
     def pointer(self) -> int:
-        """A number that no other living handle has."""
+        """Number, unique among existing handles."""
         return id(self)
 
     def __bool__(self) -> bool:
@@ -51,7 +51,7 @@ class Destroyable:
             raise InvalidHandle(f"cannot use this {self._what}: it was destroyed")
 
     def destroy_when_not_in_use(self) -> None:
-        """Destroy it now, or when the last user leaves."""
+        """Destroy it now, or after its last use."""
         self._wanted_gone = True
         self._settle()
 

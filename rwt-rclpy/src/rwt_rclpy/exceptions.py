@@ -1,4 +1,4 @@
-"""`rclpy.exceptions`: what rclpy raises, under the names that programs catch."""
+"""`rclpy.exceptions`: exceptions of rclpy."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class NotInitializedException(Exception):
 
 
 class NoTypeSupportImportedException(Exception):
-    """The class has no type behind it."""
+    """The class has no type support."""
 
     def __init__(self) -> None:
         super().__init__("no type support: the class was not made from a definition")
@@ -34,7 +34,7 @@ class InvalidHandle(Exception):
 
 
 class NodeNameNonExistentError(RCLError):
-    """No node of that name is in the graph."""
+    """The graph has no node of that name."""
 
 
 class TimerCancelledError(RCLError):
@@ -46,7 +46,7 @@ class UnsupportedEventTypeError(RCLError):
 
 
 class UnknownROSArgsError(RuntimeError):
-    """An argument after ``--ros-args`` that ROS does not have."""
+    """An argument after ``--ros-args`` is unknown."""
 
     def __init__(self, arguments: Sequence[str]) -> None:
         super().__init__(f"Found unknown ROS arguments: {list(arguments)}")
@@ -54,17 +54,17 @@ class UnknownROSArgsError(RuntimeError):
 
 
 class RCLInvalidROSArgsError(RCLError):
-    """An argument after ``--ros-args`` whose value cannot be read."""
+    """The value of an argument after ``--ros-args`` is invalid."""
 
 
 class NameValidationException(Exception):
-    """A name that ROS does not allow.
+    """ROS does not allow the name.
 
     Attributes:
-        name_type: what kind of name it is.
-        name: the name.
-        error_msg: what is wrong.
-        invalid_index: where in the name.
+        name_type: kind of name.
+        name: invalid name.
+        error_msg: reason.
+        invalid_index: position in the name.
     """
 
     def __init__(self, name_type: str, name: str, error_msg: str, invalid_index: int) -> None:
@@ -83,31 +83,31 @@ class _NameException(NameValidationException):
 
 
 class InvalidNamespaceException(_NameException):
-    """A namespace that ROS does not allow."""
+    """ROS does not allow the namespace."""
 
     kind = "namespace"
 
 
 class InvalidNodeNameException(_NameException):
-    """A name of a node that ROS does not allow."""
+    """ROS does not allow the name for a node."""
 
     kind = "node name"
 
 
 class InvalidTopicNameException(_NameException):
-    """A name of a topic that ROS does not allow."""
+    """ROS does not allow the name for a topic."""
 
     kind = "topic name"
 
 
 class InvalidServiceNameException(_NameException):
-    """A name of a service that ROS does not allow."""
+    """ROS does not allow the name for a service."""
 
     kind = "service name"
 
 
 class ParameterException(Exception):
-    """Base of what is wrong with parameters."""
+    """Base of the errors of parameters."""
 
     def __init__(self, error_msg: str, parameters: object) -> None:
         super().__init__(f"{error_msg}: {parameters}")
@@ -128,7 +128,7 @@ class ParameterAlreadyDeclaredException(ParameterException):
 
 
 class InvalidParameterException(ParameterException):
-    """A name of a parameter that ROS does not allow."""
+    """ROS does not allow the name for a parameter."""
 
     def __init__(self, parameter_name: str) -> None:
         super().__init__("Invalid parameter name", parameter_name)
@@ -146,7 +146,7 @@ class InvalidParameterTypeException(ParameterException):
 
 
 class InvalidParameterValueException(ParameterException):
-    """The parameter's range or a callback of the program refused the value."""
+    """The parameter's range or a callback of the program rejected the value."""
 
     def __init__(self, parameter: str, value: Any, reason: str) -> None:
         super().__init__(f"Invalid parameter value ({value}). Reason: {reason}", parameter)
@@ -160,7 +160,7 @@ class ParameterImmutableException(ParameterException):
 
 
 class ParameterUninitializedException(ParameterException):
-    """The parameter was declared without a value, and has got none."""
+    """The parameter was declared without a value, and has none yet."""
 
     def __init__(self, parameter_name: str) -> None:
         super().__init__("the parameter has no value yet", parameter_name)

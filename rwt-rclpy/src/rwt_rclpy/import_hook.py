@@ -1,6 +1,6 @@
-"""Makes `import rclpy` and `from std_msgs.msg import String` work, once :func:`install` was called.
+"""Import hook for `import rclpy` and `from std_msgs.msg import String`, active after :func:`install`.
 
-Nothing is put in the way of a ROS that is installed: with one, nothing is installed here.
+An installed ROS takes precedence: then the hook is not installed.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from rwt_rclpy.modules import ABSENT, ABSENT_IN_RCLPY, MODULES
 
 
 class MixedInstallation(ImportError):
-    """Half of a ROS is installed, which would be mixed with what is here."""
+    """ROS is installed in part, which would be mixed with this package."""
 
 
 class NotAvailable(ImportError):
@@ -31,7 +31,7 @@ class NotAvailable(ImportError):
 
 
 class InterfaceModule(ModuleType):
-    """`std_msgs.msg`: the classes of a package, each made when it is first asked for."""
+    """Module such as `std_msgs.msg`, whose classes are created on first use."""
 
     def __init__(self, name: str, package: str, kind: str) -> None:
         super().__init__(name, f"The {kind} interfaces of {package}.")
@@ -53,14 +53,14 @@ class InterfaceModule(ModuleType):
             found = _interface(self._package, self._kind, name)
         except UnknownType as error:
             if name in self.__all__:
-                # It is there, and needs what is not: of an AttributeError Python tells no reason here.
+                # It exists, but needs a missing module. Python does not show the cause of an AttributeError.
                 raise ImportError(f"{self.__name__}.{name}: {error}", name=self.__name__) from None
             raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}: {error}") from None
         setattr(self, name, found)
         return found
 
 
-#: What stands in the module of an interface beside it.
+#: Further names in the module of an interface.
 _PARTS = {
     "msg": (),
     "srv": ("Request", "Response", "Event"),
@@ -102,13 +102,13 @@ def _names(package: str, kind: str) -> list[str]:
 
 
 def packages() -> set[str]:
-    """The packages of interfaces that can be imported."""
+    """Return the packages of interfaces that can be imported."""
     names = classes().registry.names
     return {full.partition("/")[0] for kind in KINDS for full in names(kind)}
 
 
 class _Alias(Loader):
-    """Gives a module another name."""
+    """Loader of a module under another name."""
 
     def __init__(self, target: str) -> None:
         self._target = target
@@ -120,15 +120,15 @@ class _Alias(Loader):
         self._name = spec.name
         self._spec = module.__spec__
         if not hasattr(module, "__path__"):
-            # A name may be that of a package where the module is none.
+            # The name may be that of a package, although the module is not a package.
             module.__path__ = []
         return module
 
     def exec_module(self, module: ModuleType) -> None:
-        """Let names below that are the same module be known, too.
+        """Register names below that denote the same module.
 
-        An import of one would put the module in the place of a function of its name, as
-        `rosidl_runtime_py.get_interfaces` has one.
+        Otherwise, importing one would replace a function of the same name by the module, such as
+        `rosidl_runtime_py.get_interfaces`.
         """
         module.__spec__ = self._spec
         for name, target in MODULES.items():
@@ -140,7 +140,7 @@ class _Alias(Loader):
 
 
 class _Interfaces(Loader):
-    """Makes `pkg`, `pkg.msg` and `pkg.msg._name`."""
+    """Loader of `pkg`, `pkg.msg` and `pkg.msg._name`."""
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
         package, *rest = spec.name.split(".")
@@ -162,10 +162,10 @@ class _Interfaces(Loader):
 
 
 class RosFinder(MetaPathFinder):
-    """Finds what is here under the names of ROS.
+    """Finder of this package's modules under the names of ROS.
 
     Attributes:
-        packages: the packages of interfaces; kept, since finding them imports modules itself.
+        packages: packages of interfaces; stored, because finding them imports modules.
     """
 
     def __init__(self) -> None:
@@ -174,11 +174,11 @@ class RosFinder(MetaPathFinder):
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> ModuleSpec | None:
-        """The module of a name of ROS; None for every other name."""
+        """Return the module of a ROS name; None for other names."""
         top, _, rest = fullname.partition(".")
         if fullname in MODULES:
             if not rest and top != "rclpy" and _installed(top) is not None:
-                return None  # A companion that was installed on its own is its user's choice.
+                return None  # A separately installed companion takes precedence.
             return self._spec(fullname, _Alias(MODULES[fullname]))
         if top == "rclpy":
             reason = next(
@@ -193,7 +193,7 @@ class RosFinder(MetaPathFinder):
         installed = _installed(top)
         if installed is not None:
             if not _has_interfaces(installed):
-                return None  # A package of programs that shares its name with one of interfaces.
+                return None  # A package of programs with the same name as one of interfaces.
             raise MixedInstallation(
                 f"the package {top} is installed at {installed.origin}, and rclpy is not: install or source"
                 " all of ROS, or take this folder off PYTHONPATH",
@@ -212,7 +212,7 @@ class RosFinder(MetaPathFinder):
 
 
 def _installed(name: str) -> ModuleSpec | None:
-    """The regular package of that name on the path; a folder without ``__init__.py`` is none."""
+    """Return the regular package of a name on the path; a folder without ``__init__.py`` does not count."""
     try:
         spec = PathFinder.find_spec(name)
     except (ImportError, ValueError):
@@ -236,14 +236,14 @@ def ros_is_installed() -> str:
 
 
 def install() -> None:
-    """Let programs import what is here under the names of ROS."""
+    """Let programs import this package's modules under the names of ROS."""
     _finder.packages = frozenset(packages())
     if _finder not in sys.meta_path:
         sys.meta_path.insert(0, _finder)
 
 
 def uninstall() -> None:
-    """Undo :func:`install`, and forget the modules that were imported by ROS's names."""
+    """Undo :func:`install`, and remove modules that were imported under ROS's names."""
     if _finder in sys.meta_path:
         sys.meta_path.remove(_finder)
     for name in tuple(_ours()):

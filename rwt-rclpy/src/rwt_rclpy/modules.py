@@ -1,4 +1,4 @@
-"""The names under which programs import what is here: `rclpy.node` is `rwt_rclpy.nodes.node`."""
+"""Names of ROS modules and the modules of this package: `rclpy.node` is `rwt_rclpy.nodes.node`."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ _LAUNCH: Final = {
     "utilities": ".entities",
 }
 
-#: Every module that can be imported, and where it is.
+#: Modules of this package by ROS name.
 MODULES: Final = {
     **{f"rclpy.{name}" if name else "rclpy": f"{_HERE}.{place}" for name, place in _RCLPY.items()},
     "rosidl_parser": f"{_HERE}.messages.slot_types",
@@ -141,12 +141,12 @@ MODULES: Final = {
     "launch_ros.substitutions": f"{_HERE}.launch.ros_substitutions",
 }
 
-#: Modules of rclpy that are not here, and what to use instead.
+#: Missing modules of rclpy, with alternatives.
 ABSENT_IN_RCLPY: Final = {
     "rclpy.experimental": "executors in C++; every executor of rclpy.executors is woken by events here",
 }
 
-#: What programs import that cannot be here, and what to do instead.
+#: Other missing modules, with alternatives.
 ABSENT: Final = {
     "rclcpp": "C++ nodes; run them on a machine with ROS and join it over Zenoh or rosbridge",
     "rclcpp_components": "C++ components; run them on a machine with ROS",

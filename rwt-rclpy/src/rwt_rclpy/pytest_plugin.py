@@ -1,7 +1,7 @@
-"""The pytest plugin: a fixture for tests of nodes in virtual time.
+"""Pytest plugin with a fixture for tests of nodes in virtual time.
 
-pytest imports this module at the start of every run, so what the fixture needs is imported when the first
-test asks for it.
+pytest imports this module at the start of every run, so the fixture imports its dependencies on
+first use.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def rclpy_graph() -> Iterator[VirtualDomain]:
-    """A graph of the test's own in virtual time, with `import rclpy` and `rclpy.init()` done: a timer of ten
+    """Return a graph of the test in virtual time, with `import rclpy` and `rclpy.init()` done: a timer of ten
     minutes is due at once, and always in the same order.
 
     The test is skipped if ROS is installed, because ROS's own rclpy would run.

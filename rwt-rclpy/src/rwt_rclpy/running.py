@@ -1,4 +1,4 @@
-"""Running programs that were written for ROS 2: a file, a module, or an executable of a package's source."""
+"""Execution of ROS 2 programs: a file, a module, or an executable of a package's source."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from rwt_rclpy.modules import MODULES
 
 
 class CannotRun(RobotError):
-    """The program does not exist; says what was looked for and where."""
+    """The program does not exist; the text names it and the searched folders."""
 
 
 def run_file(path: Path, arguments: Sequence[str]) -> None:
-    """Run a file as `python FILE ARGUMENTS…` does.
+    """Run a file like `python FILE ARGUMENTS…`.
 
     Raises:
         CannotRun: there is no such file.
@@ -36,7 +36,7 @@ def run_file(path: Path, arguments: Sequence[str]) -> None:
 
 
 def run_program(program: Sequence[str]) -> None:
-    """Run what a command line names: a file, or a package below :func:`root` and an executable.
+    """Run the program of a command line: a file, or a package below :func:`root` and an executable.
 
     Raises:
         CannotRun: there is no such program.
@@ -51,29 +51,29 @@ def run_program(program: Sequence[str]) -> None:
 
 
 def run_module(name: str, arguments: Sequence[str]) -> None:
-    """Run a module as `python -m NAME ARGUMENTS…` does."""
+    """Run a module like `python -m NAME ARGUMENTS…`."""
     sys.argv = [name, *arguments]
     runpy.run_module(name, run_name="__main__", alter_sys=True)
 
 
-#: Where packages are looked for when nobody says; what is started here passes it on.
+#: Variable with the root of packages, inherited by started programs.
 _ROOT: Final = "RWT_RCLPY_ROOT"
-#: Folders of interfaces, for programs that are started in processes of their own.
+#: Variable with the folders of interfaces, for started processes.
 _INTERFACES: Final = "RWT_RCLPY_INTERFACES"
 
 
 def root() -> Path:
-    """The folder below which packages are looked for: what RWT_RCLPY_ROOT says, or the present one."""
+    """Return the root of packages: RWT_RCLPY_ROOT, or the current folder."""
     return Path(os.environ.get(_ROOT) or ".")
 
 
 def use_root(folder: Path) -> None:
-    """Look for packages below a folder from now on, in programs that are started as well."""
+    """Set the root of packages, also for started programs."""
     os.environ[_ROOT] = str(folder.resolve())
 
 
 def interface_folders(given: Sequence[str]) -> list[str]:
-    """The folders of interfaces given, after those that the program's starter had; passed on as well."""
+    """Add folders of interfaces to the inherited ones, also for started programs; return all."""
     before = [each for each in os.environ.get(_INTERFACES, "").split(os.pathsep) if each]
     folders = [*before, *(each for each in map(os.path.abspath, given) if each not in before)]
     if folders:
@@ -86,9 +86,9 @@ class Executable:
     """Program that `ros2 run` would start.
 
     Attributes:
-        name: what it is called.
+        name: name.
         function: ``module:function`` of a console script; empty for a file.
-        file: the program, where it is a file.
+        file: file of the program, if it is one.
     """
 
     name: str
@@ -98,7 +98,7 @@ class Executable:
 
 @dataclass(frozen=True, slots=True)
 class Package:
-    """A package's source: a folder with a ``package.xml`` or a ``setup.py``."""
+    """Source of a package: a folder with a ``package.xml`` or a ``setup.py``."""
 
     folder: Path
 
@@ -112,7 +112,7 @@ class Package:
 
     @property
     def executables(self) -> dict[str, Executable]:
-        """The console scripts of its ``setup.py``, and the programs that its ``CMakeLists.txt`` installs."""
+        """Return the console scripts of ``setup.py``, and the programs that ``CMakeLists.txt`` installs."""
         setup = self.folder / "setup.py"
         scripts = console_scripts(setup) if setup.is_file() else {}
         found = {name: Executable(name, function) for name, function in scripts.items()}
@@ -124,7 +124,7 @@ class Package:
 
     @property
     def python_folder(self) -> Path:
-        """The folder on the path of Python from which its modules are imported."""
+        """Folder on Python's path from which its modules are imported."""
         found = _PYTHON_PACKAGE.search(self._cmake)
         if found is None:
             return self.folder
@@ -144,7 +144,7 @@ _PYTHON_PACKAGE: Final = re.compile(
 
 
 def packages(root: Path) -> Iterator[Package]:
-    """The packages below a folder; hidden folders are not entered."""
+    """Return the packages below a folder, without hidden folders."""
     for folder, folders, files in os.walk(root):
         folders[:] = sorted(each for each in folders if not each.startswith(".") and each != "node_modules")
         if "package.xml" in files or "setup.py" in files:
@@ -152,7 +152,7 @@ def packages(root: Path) -> Iterator[Package]:
 
 
 def find_executable(package: str, executable: str, root: Path) -> Executable:
-    """An executable of a package below a folder.
+    """Return an executable of a package below a folder.
 
     Raises:
         CannotRun: there is no such package or executable.
@@ -172,16 +172,16 @@ def find_executable(package: str, executable: str, root: Path) -> Executable:
 
 
 def run_executable(package: str, executable: str, arguments: Sequence[str], root: Path) -> None:
-    """Run an executable as `ros2 run PACKAGE EXECUTABLE` does, from the package's source.
+    """Run an executable like `ros2 run PACKAGE EXECUTABLE`, from the package's source.
 
     The modules of the other packages below the folder can be imported, as in a workspace that is built, but
     for those that are here: the source of `tf2_ros` would ask for C++ that nobody has built.
 
     Args:
-        package: the name of a package below `root`.
-        executable: one of its console scripts, or of the programs that it installs.
-        arguments: the command line of the program.
-        root: where packages are looked for.
+        package: name of a package below `root`.
+        executable: a console script, or an installed program.
+        arguments: command line of the program.
+        root: root of packages.
 
     Raises:
         CannotRun: there is no such package or executable.
@@ -217,7 +217,7 @@ def is_python(file: Path) -> bool:
 
 
 def _call_of_setup(setup: Path) -> tuple[ast.Call | None, dict[str, ast.expr]]:
-    """The call of `setup(…)` in a file, and what its variables are given."""
+    """Return the call of `setup(…)` in a file, and the values of its variables."""
     tree = ast.parse(setup.read_text("utf-8"), str(setup))
     variables = {
         target.id: node.value
@@ -245,15 +245,15 @@ def _argument(setup: Path, name: str) -> object:
     return None
 
 
-#: How deep an argument of `setup()` may be nested to be read.
+#: Maximum nesting of an argument of `setup()`.
 _MOST_NESTED = 30
 
 
 def _plain(value: ast.expr, variables: dict[str, ast.expr], depth: int) -> object:
-    """Return the value of an expression of constants and of names with constant values; nothing is run.
+    """Return the value of an expression of constants and names of constants, without executing it.
 
     Raises:
-        ValueError: it is of anything else.
+        ValueError: the expression has other parts.
     """
     if depth == 0:
         raise ValueError("nested too deep")
@@ -285,7 +285,7 @@ def _plain(value: ast.expr, variables: dict[str, ast.expr], depth: int) -> objec
 
 
 def console_scripts(setup: Path) -> dict[str, str]:
-    """The executables that a ``setup.py`` names, each with its ``module:function``."""
+    """Return the executables of a ``setup.py``, each with its ``module:function``."""
     points = _argument(setup, "entry_points")
     lines = points.get("console_scripts", []) if isinstance(points, dict) else []
     pairs = (line.partition("=") for line in lines if isinstance(line, str))

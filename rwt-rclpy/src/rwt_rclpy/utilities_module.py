@@ -10,10 +10,10 @@ from rwt_rclpy.execution.context import get_default_context as get_default_conte
 
 
 def shutdown(*, context: Context | None = None) -> None:
-    """End the context. Raises RuntimeError when it has not begun, or has ended."""
+    """Shut down the context. Raises RuntimeError if it is not initialised, or was shut down."""
     (get_default_context(shutting_down=True) if context is None else context).shutdown()
 
 
 def try_shutdown(*, context: Context | None = None) -> None:
-    """End the context, unless it has ended."""
+    """Shut down the context, unless that was done already."""
     (get_default_context(shutting_down=True) if context is None else context).try_shutdown()

@@ -1,4 +1,4 @@
-"""`rclpy.action.graph`: which actions there are."""
+"""`rclpy.action.graph`: listings of actions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def get_action_names_and_types(node: Node) -> NamesAndTypes:
-    """Every action that is offered, with its type."""
+    """Return all offered actions with their types."""
     with node.handle:
         return [(name, [kind]) for name, kind, _ in node._rwt_queries.actions()]
 
@@ -20,7 +20,7 @@ def get_action_names_and_types(node: Node) -> NamesAndTypes:
 def get_action_server_names_and_types_by_node(
     node: Node, remote_node_name: str, remote_node_namespace: str
 ) -> NamesAndTypes:
-    """The actions that a node offers. Raises NodeNameNonExistentError."""
+    """Return the actions that a node offers. Raises NodeNameNonExistentError."""
     with node.handle:
         return node._rwt_queries.actions_of(remote_node_name, remote_node_namespace)
 
@@ -28,7 +28,7 @@ def get_action_server_names_and_types_by_node(
 def get_action_client_names_and_types_by_node(
     node: Node, remote_node_name: str, remote_node_namespace: str
 ) -> NamesAndTypes:
-    """The actions that a node has clients of, told by its subscriptions to feedback.
+    """Return the actions that a node has clients of, from its subscriptions to feedback.
 
     Raises:
         NodeNameNonExistentError: no such node.

@@ -1,4 +1,4 @@
-"""`rclpy.action.server`: offers an action.
+"""`rclpy.action.server`: action servers.
 
 Clients reach it as ROS 2 carries actions, by three services and two topics below `<action>/_action`, and as
 an action of the graph, by which bridges and the programs of this project send goals.
@@ -67,7 +67,7 @@ class GoalEvent(IntEnum):
     CANCELED = 4
 
 
-#: What may happen in which state (ROS 2's design article "Actions").
+#: Allowed transitions (ROS 2's design article "Actions").
 TRANSITIONS: Final = {
     (GoalStatus.ACCEPTED, GoalEvent.EXECUTE): GoalStatus.EXECUTING,
     (GoalStatus.ACCEPTED, GoalEvent.CANCEL_GOAL): GoalStatus.CANCELING,
@@ -81,7 +81,7 @@ TRANSITIONS: Final = {
 
 
 class RequestQueue(Service):
-    """A service whose callback is given the request's header, and answers when it likes.
+    """Service whose callback gets the request's header, and may respond later.
 
     The caller is charged for the request until it is answered; for a goal that is accepted, until that ends.
     """
@@ -90,13 +90,13 @@ class RequestQueue(Service):
         return self.callback(request, header)
 
     def answer(self, response: Any, header: RequestHeader) -> None:
-        """Answer a request, and charge nobody for it any more."""
+        """Answer a request, and release its charge."""
         self.send_response(response, header)
         self._link.post(header.release)
 
 
 class ServerGoalHandle:
-    """One goal that was accepted."""
+    """Accepted goal."""
 
     def __init__(
         self,
@@ -113,7 +113,7 @@ class ServerGoalHandle:
         self._destroyed = False
         self._lock = threading.Lock()
         self.expires_ns: int | None = None
-        #: Ends what who sent the goal is charged for it.
+        #: Releases the charge of the goal's client.
         self.release: Release | None = None
 
     def __eq__(self, other: object) -> bool:
@@ -123,7 +123,7 @@ class ServerGoalHandle:
 
     @property
     def request(self) -> Any:
-        """The goal's message."""
+        """Message of the goal."""
         return self._goal_request
 
     @property
@@ -143,7 +143,7 @@ class ServerGoalHandle:
 
     @property
     def status(self) -> int:
-        """Its state, a number of `action_msgs/GoalStatus`."""
+        """State, a number of `action_msgs/GoalStatus`."""
         return int(GoalStatus.UNKNOWN if self._destroyed else self._status)
 
     def _update_state(self, event: GoalEvent) -> None:
@@ -162,7 +162,7 @@ class ServerGoalHandle:
             self._action_server.notify_goal_done(self)
 
     def execute(self, execute_callback: Callable[..., Any] | None = None) -> None:
-        """Have the goal worked on."""
+        """Start to execute the goal."""
         if not self.is_cancel_requested:
             self._update_state(GoalEvent.EXECUTE)
         self._action_server.notify_execute(self, execute_callback)
@@ -176,19 +176,19 @@ class ServerGoalHandle:
             server.send_feedback(self, feedback)
 
     def succeed(self, response: Any = None) -> None:
-        """End it as succeeded. Raises RCLError when its state does not allow that."""
+        """End the goal as succeeded. Raises RCLError if its state does not allow this."""
         self._update_state(GoalEvent.SUCCEED)
 
     def abort(self, response: Any = None) -> None:
-        """End it as aborted. Raises RCLError when its state does not allow that."""
+        """End the goal as aborted. Raises RCLError if its state does not allow this."""
         self._update_state(GoalEvent.ABORT)
 
     def canceled(self, response: Any = None) -> None:
-        """End it as cancelled. Raises RCLError when its state does not allow that."""
+        """End the goal as canceled. Raises RCLError if its state does not allow this."""
         self._update_state(GoalEvent.CANCELED)
 
     def destroy(self) -> None:
-        """Forget it."""
+        """Destroy the handle."""
         self._destroyed = True
 
 
@@ -203,23 +203,23 @@ def default_goal_callback(goal_request: Any) -> GoalResponse:
 
 
 def default_cancel_callback(cancel_request: Any) -> CancelResponse:
-    """Cancel none."""
+    """Reject every cancel request."""
     return CancelResponse.REJECT
 
 
 class ActionServer(Entity):
-    """Offers an action of a node.
+    """Server of one action of a node.
 
     Args:
         node: the node.
         action_type: the class of the action.
         action_name: its name.
-        execute_callback: works on a goal; takes a :class:`ServerGoalHandle`, returns the result.
+        execute_callback: executes a goal; takes a :class:`ServerGoalHandle`, returns the result.
         callback_group: which callbacks may run beside its own.
-        goal_callback: takes a goal's message, says whether it is accepted.
-        handle_accepted_callback: is given each accepted goal; executes it by default.
-        cancel_callback: takes a :class:`ServerGoalHandle`, says whether it will be cancelled.
-        result_timeout: for how many seconds results are kept; negative for as long as the server lives.
+        goal_callback: takes the message of a goal, returns whether it is accepted.
+        handle_accepted_callback: called with each accepted goal; executes it by default.
+        cancel_callback: takes a :class:`ServerGoalHandle`, returns whether it will be canceled.
+        result_timeout: seconds for which results are kept; negative: as long as the server exists.
     """
 
     def __init__(
@@ -279,7 +279,7 @@ class ActionServer(Entity):
     def _advertise(self, interface: ActionType) -> Any:
         """Offer the action and its services in one turn of the graph, so that no goal comes between them."""
         participant = self._node._rwt_participant
-        # The action of the graph comes first: its own services give way to those here.
+        # The graph's action comes first: its own services are displaced by those here.
         registration = participant.advertise_action(self._name, interface, self._on_graph_goal)
         for service in self._services:
             kind = service_type(service.srv_type)
@@ -298,25 +298,25 @@ class ActionServer(Entity):
 
     @property
     def action_type(self) -> Any:
-        """The class of the action."""
+        """Class of the action."""
         return self._action_type
 
     # Callbacks of the program
 
     def register_handle_accepted_callback(self, callback: Callable[..., Any] | None) -> None:
-        """Give each accepted goal to a callback; None executes it."""
+        """Set the callback for accepted goals; None executes them."""
         self._handle_accepted_callback = callback or default_handle_accepted_callback
 
     def register_goal_callback(self, callback: Callable[..., Any] | None) -> None:
-        """Ask a callback whether a goal is accepted; None accepts all."""
+        """Set the callback that accepts goals; None accepts all."""
         self._goal_callback = callback or default_goal_callback
 
     def register_cancel_callback(self, callback: Callable[..., Any] | None) -> None:
-        """Ask a callback whether a goal will be cancelled; None cancels none."""
+        """Set the callback that accepts cancel requests; None rejects all."""
         self._cancel_callback = callback or default_cancel_callback
 
     def register_execute_callback(self, callback: Callable[..., Any]) -> None:
-        """Work on goals with a callback. Raises TypeError for what cannot be called."""
+        """Set the callback that executes goals. Raises TypeError if it is not callable."""
         if not callable(callback):
             raise TypeError(f"Failed to register goal execution callback: not callable: {callback!r}")
         self._execute_callback = callback
@@ -326,7 +326,7 @@ class ActionServer(Entity):
     async def _take_goal(
         self, goal_id: bytes, goal: Any, graph_goal: ServerGoal | None
     ) -> ServerGoalHandle | None:
-        """Ask the program about a goal; returns its handle, or None when it is rejected."""
+        """Ask the program about a goal; return its handle, or None if it is rejected."""
         if goal_id in self._goal_handles:
             return None
         answer = await await_or_execute(self._goal_callback, goal)
@@ -400,7 +400,7 @@ class ActionServer(Entity):
         self._services[0].answer(response, header)
 
     def _to_cancel(self, info: Any) -> tuple[list[ServerGoalHandle], int]:
-        """The goals that a request is about, by id, up to a time, or all; and the error if there is none."""
+        """Return the goals of a cancel request, by id, up to a time, or all; and the error if none."""
         wanted = bytes(info.goal_id.uuid)
         stamp = (info.stamp.sec, info.stamp.nanosec)
         response: Any = self._action_type.Impl.CancelGoalService.Response
@@ -467,12 +467,12 @@ class ActionServer(Entity):
         except InvalidTransition as error:
             self._logger.debug(f"the goal had ended in the graph: {error}")
 
-    # What goals ask of it
+    # Interface of goals
 
     def notify_execute(
         self, goal_handle: ServerGoalHandle, execute_callback: Callable[..., Any] | None
     ) -> None:
-        """Work on a goal in the executor."""
+        """Execute a goal in the executor."""
         call = execute_callback or self._execute_callback
         executor = self._node.executor
         if executor is None:
@@ -481,7 +481,7 @@ class ActionServer(Entity):
             executor.create_task(self._execute_goal, call, goal_handle)
 
     def notify_goal_done(self, goal_handle: ServerGoalHandle) -> None:
-        """A goal has ended: its result is kept for a while, and nobody is charged for it any more."""
+        """End a goal: keep its result for a time, and release its charge."""
         self._charge_no_more(goal_handle)
         if self._result_timeout >= 0:
             now = self._clock.handle.now_ns()
@@ -494,7 +494,7 @@ class ActionServer(Entity):
             self._link.post(release)
 
     def send_feedback(self, goal_handle: ServerGoalHandle, feedback: Any) -> None:
-        """Send a goal's feedback to all that want it."""
+        """Send the feedback of a goal to all subscribers."""
         message: Any = self._action_type.Impl.FeedbackMessage()
         message.goal_id = goal_handle.goal_id
         message.feedback = feedback
@@ -519,7 +519,7 @@ class ActionServer(Entity):
     # What an executor asks
 
     def has_work(self) -> bool:
-        """True if a request is pending, or a result has been kept long enough."""
+        """True if a request is pending, or a result has expired."""
         if not self._handle:
             return False
         return bool(self._waiting) or any(each.has_work() for each in self._services) or self._expired()
@@ -529,12 +529,12 @@ class ActionServer(Entity):
         return due is not None and due <= 0
 
     def due_in_ns(self) -> int | None:
-        """Nanoseconds until a result has been kept long enough."""
+        """Return the nanoseconds until a result expires."""
         ends = [each.expires_ns for each in tuple(self._goal_handles.values()) if each.expires_ns is not None]
         return min(ends) - self._clock.handle.now_ns() if ends else None
 
     def take(self) -> Callable[[], object] | None:
-        """The oldest request."""
+        """Return the oldest request."""
         if self._waiting:
             return self._waiting.popleft()
         for service in reversed(self._services):
@@ -554,11 +554,11 @@ class ActionServer(Entity):
                 self._result_futures.pop(goal_id, None)
 
     def get_num_entities(self) -> NumberOfEntities:
-        """Three services, and a timer for results."""
+        """Return the numbers of three services, and a timer for results."""
         return NumberOfEntities(num_timers=1, num_services=3)
 
     def destroy(self) -> None:
-        """Withdraw the action; goals that run end as aborted for clients of the graph."""
+        """Withdraw the action; active goals end as aborted for clients of the graph."""
         if not self._handle:
             return
         for handle in self._goal_handles.values():

@@ -1,4 +1,4 @@
-"""`rclpy.clock`: clocks, what hears of their jumps, and sleeping by them."""
+"""`rclpy.clock`: clocks, callbacks for time jumps, and sleeping."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ class JumpThreshold:
     """Threshold of time jumps that call a handler.
 
     Args:
-        min_forward: the least jump ahead, positive; None for none.
-        min_backward: the least jump back, negative; None for none.
-        on_clock_change: whether to hear of ROS time's being activated or deactivated.
+        min_forward: minimum forward jump, positive; None for none.
+        min_backward: minimum backward jump, negative; None for none.
+        on_clock_change: True to report activation and deactivation of ROS time.
 
     Raises:
-        ValueError: a sign is wrong, or nothing would be heard of.
+        ValueError: a sign is wrong, or nothing would be reported.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class JumpThreshold:
 
 
 class TimeJump:
-    """One jump, as a callback is told of it."""
+    """Time jump, as passed to callbacks."""
 
     def __init__(self, clock_change: ClockChange, delta: Duration) -> None:
         if not isinstance(clock_change, ClockChange):
@@ -77,10 +77,10 @@ PostCallback: TypeAlias = Callable[[TimeJump], object]
 
 
 class JumpHandle:
-    """A registered callback, until :meth:`unregister`.
+    """Registered callback, until :meth:`unregister`.
 
     Raises:
-        ValueError: no callback, or one that cannot be called.
+        ValueError: no callback is given, or one is not callable.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class JumpHandle:
         return backward is not None and delta_ns <= backward.nanoseconds
 
     def unregister(self) -> None:
-        """Hear of no more jumps."""
+        """Stop reporting jumps."""
         if self._clock is not None:
             self._clock.handle.jumps.remove(self)
             self._clock = None
@@ -126,12 +126,12 @@ class JumpHandle:
 
 
 class ClockHandle(Destroyable):
-    """The state of a clock.
+    """State of a clock.
 
     Attributes:
-        override_ns: the ROS time that was set; None while the clock follows the system's.
-        jumps: who hears of jumps.
-        watchers: called after each change, so that what waits for this clock looks again.
+        override_ns: ROS time that was set; None while the clock follows the system's.
+        jumps: handlers of jumps.
+        watchers: called after each change, to wake waiting threads.
     """
 
     def __init__(self, clock_type: ClockType) -> None:
@@ -143,18 +143,18 @@ class ClockHandle(Destroyable):
         self.watchers: weakref.WeakSet[Any] = weakref.WeakSet()
 
     def now_ns(self) -> int:
-        """The time now."""
+        """Return the current time."""
         if self.override_ns is not None:
             return self.override_ns
         keeper = timekeeper.current()
         return keeper.steady_ns() if self.clock_type is ClockType.STEADY_TIME else keeper.system_ns()
 
     def set_override(self, time_ns: int | None, *, change: bool) -> None:
-        """Set the time, and tell of the jump.
+        """Set the time, and report the jump.
 
         Args:
-            time_ns: the new ROS time; None to follow the system's again.
-            change: whether this activates or deactivates ROS time.
+            time_ns: new ROS time; None to follow the system's again.
+            change: change of the source of time.
         """
         before = self.now_ns()
         after = timekeeper.current().system_ns() if time_ns is None else time_ns
@@ -174,13 +174,13 @@ class ClockHandle(Destroyable):
 
 
 class Clock:
-    """A clock. One of type ROS_TIME is a :class:`ROSClock`."""
+    """Clock. Clocks of type ROS_TIME are of the class :class:`ROSClock`."""
 
     _handle: ClockHandle
     _clock_type: ClockType
 
     def __new__(cls, *, clock_type: ClockType = ClockType.SYSTEM_TIME) -> Clock:
-        """Make the clock of that type. Raises TypeError for what is no ClockType."""
+        """Create a clock of a type. Raises TypeError if it is not a ClockType."""
         if not isinstance(clock_type, ClockType):
             raise TypeError("Clock type must be a ClockType enum")
         self = super().__new__(ROSClock if clock_type is ClockType.ROS_TIME else cls)
@@ -195,14 +195,14 @@ class Clock:
 
     @property
     def handle(self) -> ClockHandle:
-        """Its state."""
+        """State of the clock."""
         return self._handle
 
     def __repr__(self) -> str:
         return f"Clock(clock_type={self._clock_type.name})"
 
     def now(self) -> Time:
-        """The time now."""
+        """Return the current time."""
         return Time(nanoseconds=self._handle.now_ns(), clock_type=self._clock_type)
 
     def create_jump_callback(
@@ -212,20 +212,20 @@ class Clock:
         pre_callback: PreCallback | None = None,
         post_callback: PostCallback | None = None,
     ) -> JumpHandle:
-        """Call back before and after jumps. Raises ValueError for callbacks that cannot be called."""
+        """Register callbacks before and after jumps. Raises ValueError if one is not callable."""
         return JumpHandle(
             clock=self, threshold=threshold, pre_callback=pre_callback, post_callback=post_callback
         )
 
     def sleep_until(self, until: Time, context: Context | None = None) -> bool:
-        """Sleep until the clock shows a time.
+        """Sleep until the clock has reached a time.
 
         Returns:
-            Whether it does; False when the context was shut down or the source of ROS time changed.
+            True if the time was reached; False if the context was shut down or the source of time changed.
 
         Raises:
             NotInitializedException: the context is not initialised.
-            ValueError: the time is of another kind of clock.
+            ValueError: the time is of another clock type.
         """
         from rwt_rclpy.execution.context import get_default_context
 
@@ -238,12 +238,12 @@ class Clock:
         return sleeper.sleep()
 
     def sleep_for(self, rel_time: Duration, context: Context | None = None) -> bool:
-        """Sleep for a span of this clock's time; see :meth:`sleep_until`."""
+        """Sleep for a duration of this clock's time; see :meth:`sleep_until`."""
         return self.sleep_until(self.now() + rel_time, context)
 
 
 class _Sleeper:
-    """One sleep."""
+    """Sleeping thread."""
 
     def __init__(self, clock: Clock, until: Time, context: Context) -> None:
         self._clock = clock
@@ -255,7 +255,7 @@ class _Sleeper:
         self._woken = False
 
     def wake(self) -> None:
-        """Look again."""
+        """Wake the waiting thread."""
         with self._condition:
             self._woken = True
             self._condition.notify_all()
@@ -295,12 +295,12 @@ class _Sleeper:
 
 
 class ROSClock(Clock):
-    """A clock that follows the system's, or `/clock` when ROS time is active."""
+    """Clock that follows the system's, or `/clock` if ROS time is active."""
 
     def __new__(cls) -> ROSClock:
-        """Make one."""
+        """Create a clock."""
         self = super().__new__(Clock, clock_type=ClockType.ROS_TIME)
-        assert isinstance(self, ROSClock)  # Clock makes it so.
+        assert isinstance(self, ROSClock)  # Clock creates instances of this class.
         return self
 
     @property
@@ -313,7 +313,7 @@ class ROSClock(Clock):
             self._handle.set_override(self._handle.last_set_ns if enabled else None, change=True)
 
     def set_ros_time_override(self, time: Time) -> None:
-        """Set the time that it shows while ROS time is active. Raises TypeError for what is no Time."""
+        """Set the time for active ROS time. Raises TypeError if it is not a Time."""
         if not isinstance(time, Time):
             raise TypeError(f"Time must be specified as rclpy.time.Time. Received type: {type(time)}")
         self._handle.last_set_ns = time.nanoseconds

@@ -1,4 +1,4 @@
-"""`rclpy.duration`: spans of time."""
+"""`rclpy.duration`: durations."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ INT64_MIN: Final = -(2**63)
 
 
 class Duration:
-    """A span of time, positive or negative, in nanoseconds of 64 bits.
+    """Duration, positive or negative, in nanoseconds of 64 bits.
 
     Raises:
         OverflowError: it does not fit.
@@ -71,7 +71,7 @@ class Duration:
         return Duration(nanoseconds=self._ns - other._ns) if isinstance(other, Duration) else NotImplemented
 
     def __mul__(self, other: object) -> Duration:
-        """So many times as long; times infinity is :data:`Infinite`. Raises ValueError for NaN."""
+        """Return a multiple; times infinity is :data:`Infinite`. Raises ValueError for NaN."""
         if not isinstance(other, (int, float)) or isinstance(other, bool):
             return NotImplemented
         if math.isnan(other):
@@ -83,19 +83,19 @@ class Duration:
     __rmul__ = __mul__
 
     def to_msg(self) -> Any:
-        """The same as `builtin_interfaces.msg.Duration`."""
+        """Return the duration as `builtin_interfaces.msg.Duration`."""
         sec, nanosec = divmod(self._ns, S_TO_NS)
         return message_class("builtin_interfaces/Duration")(sec=sec, nanosec=nanosec)
 
     @classmethod
     def from_msg(cls, msg: Any) -> Duration:
-        """The span that a `builtin_interfaces.msg.Duration` says. Raises TypeError for anything else."""
+        """Return the duration of a `builtin_interfaces.msg.Duration`. Raises TypeError for anything else."""
         if not isinstance(msg, message_class("builtin_interfaces/Duration")):
             raise TypeError("Must pass a builtin_interfaces.msg.Duration object")
         return cls(seconds=msg.sec, nanoseconds=msg.nanosec)
 
     def get_c_duration(self) -> int:
-        """Its length, for code that passes it on to rcl."""
+        """Return the length, for code that passes it to rcl."""
         return self._ns
 
 

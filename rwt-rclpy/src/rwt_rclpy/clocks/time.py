@@ -12,7 +12,7 @@ CONVERSION_CONSTANT: Final = S_TO_NS
 
 
 class ClockType(IntEnum):
-    """`rclpy.clock_type`: which clock a time is of."""
+    """`rclpy.clock_type`: type of clock of a time."""
 
     UNINITIALIZED = 0
     ROS_TIME = 1
@@ -21,7 +21,7 @@ class ClockType(IntEnum):
 
 
 class Time:
-    """A point in time on one kind of clock. Times of different clocks cannot be compared.
+    """Point in time of a clock type. Times of different types cannot be compared.
 
     Raises:
         ValueError: it is negative.
@@ -51,7 +51,7 @@ class Time:
         return self._ns
 
     def seconds_nanoseconds(self) -> tuple[int, int]:
-        """Whole seconds, and the nanoseconds beyond them."""
+        """Return whole seconds and remaining nanoseconds."""
         return divmod(self._ns, S_TO_NS)
 
     @property
@@ -131,13 +131,13 @@ class Time:
         return self._ns >= other._ns
 
     def to_msg(self) -> Any:
-        """The same as `builtin_interfaces.msg.Time`."""
+        """Return the time as `builtin_interfaces.msg.Time`."""
         sec, nanosec = divmod(self._ns, S_TO_NS)
         return message_class("builtin_interfaces/Time")(sec=sec, nanosec=nanosec)
 
     @classmethod
     def from_msg(cls, msg: Any, clock_type: ClockType = ClockType.ROS_TIME) -> Time:
-        """The time that a `builtin_interfaces.msg.Time` says. Raises TypeError for anything else."""
+        """Return the time of a `builtin_interfaces.msg.Time`. Raises TypeError for anything else."""
         if not isinstance(msg, message_class("builtin_interfaces/Time")):
             raise TypeError("Must pass a builtin_interfaces.msg.Time object")
         return cls(seconds=msg.sec, nanoseconds=msg.nanosec, clock_type=clock_type)

@@ -1,4 +1,4 @@
-"""`rclpy.time_source`: lets a node's clock follow `/clock` while its parameter `use_sim_time` is true."""
+"""`rclpy.time_source`: source of a node's time, `/clock` while its parameter `use_sim_time` is true."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ USE_SIM_TIME_NAME: Final = "use_sim_time"
 
 
 class TimeSource:
-    """Sets the clocks that are attached to it."""
+    """Time source of the attached clocks."""
 
     def __init__(self, *, node: Node | None = None) -> None:
         self._clock_sub: Subscription | None = None
@@ -63,7 +63,7 @@ class TimeSource:
             )
 
     def attach_node(self, node: Node) -> None:
-        """Follow the parameter of a node, which is declared if it is not."""
+        """Follow the parameter of a node; declare it if necessary."""
         if self._node_weak_ref is not None:
             self.detach_node()
         self._node_weak_ref = weakref.ref(node)
@@ -81,7 +81,7 @@ class TimeSource:
             self._subscribe()
 
     def detach_node(self) -> None:
-        """Follow no node's parameter."""
+        """Stop following the node's parameter."""
         node = self._get_node()
         if node is not None:
             if self._clock_sub is not None:
@@ -91,7 +91,7 @@ class TimeSource:
         self._node_weak_ref = None
 
     def attach_clock(self, clock: ROSClock) -> None:
-        """Set a clock too. Raises ValueError for one that is not of ROS time."""
+        """Attach a clock. Raises ValueError if it is not of ROS time."""
         if not isinstance(clock, ROSClock):
             raise ValueError("Only clocks with type ROS_TIME can be attached.")
         self._set(clock, self._last_time_set)
@@ -99,7 +99,7 @@ class TimeSource:
         self._associated_clocks.add(clock)
 
     def clock_callback(self, msg: Any) -> None:
-        """Take a message of `/clock`."""
+        """Handle a message of `/clock`."""
         self._last_time_set = Time.from_msg(msg.clock)
         for clock in self._associated_clocks:
             self._set(clock, self._last_time_set)

@@ -1,7 +1,7 @@
-"""The time of the process: the system's, or one that jumps to what is due next when nothing else is left.
+"""Time of the process: the system's, or virtual time that jumps to the next deadline when all threads wait.
 
-In virtual time all that waits shares one lock. Whoever begins to wait last moves time to the earliest
-deadline of them all. A program of one executor so runs the same way each time, and takes no time of its own.
+In virtual time all waiting threads share one lock. The last one that begins to wait moves time to the
+earliest deadline. So a program with one executor is deterministic, and its waits take no real time.
 """
 
 from __future__ import annotations
@@ -28,34 +28,34 @@ class Timekeeper(ABC):
 
     @abstractmethod
     def system_ns(self) -> int:
-        """Nanoseconds since the epoch."""
+        """Return nanoseconds since the epoch."""
 
     @abstractmethod
     def steady_ns(self) -> int:
-        """Nanoseconds since some moment; never goes back."""
+        """Return nanoseconds of a monotonic clock."""
 
     @abstractmethod
     def condition(self) -> threading.Condition:
-        """Something to wait on with :meth:`wait`."""
+        """Return a condition to wait on with :meth:`wait`."""
 
     @abstractmethod
     def wait(self, condition: threading.Condition, deadline_ns: int | None) -> None:
         """Wait, with the condition held, until it is notified or steady time is at the deadline.
 
-        It may return early; whoever calls looks again.
+        It may return early; callers check their condition again.
         """
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """While this thread runs callbacks, time stands still."""
+        """Stop virtual time while this thread runs callbacks."""
         yield
 
     def handed_over(self) -> None:  # noqa: B027 - real time need not count it
-        """Work was given to a thread of a pool, which has not begun it yet."""
+        """Count work that was given to a thread of a pool and has not begun yet."""
 
     @contextmanager
     def working(self) -> Iterator[None]:
-        """The thread of a pool does work that was :meth:`handed_over`."""
+        """Run, in a thread of a pool, work that was counted by :meth:`handed_over`."""
         yield
 
 
@@ -66,25 +66,25 @@ thread, ends no wait of Python's: the main thread answers it when it looks again
 
 
 class RealTime(Timekeeper):
-    """The system's clocks."""
+    """Timekeeper with the system's clocks."""
 
     def __init__(self) -> None:
         self.lock = threading.RLock()
 
     def system_ns(self) -> int:
-        """The wall clock."""
+        """Return the time of the wall clock."""
         return time.time_ns()
 
     def steady_ns(self) -> int:
-        """The monotonic clock."""
+        """Return the time of the monotonic clock."""
         return time.monotonic_ns()
 
     def condition(self) -> threading.Condition:
-        """A condition of its own."""
+        """Return a new condition."""
         return threading.Condition()
 
     def wait(self, condition: threading.Condition, deadline_ns: int | None) -> None:
-        """Wait for real."""
+        """Wait in real time."""
         is_main = threading.get_ident() == threading.main_thread().ident
         longest = _LOOK_AGAIN_S if is_main else threading.TIMEOUT_MAX
         left = longest if deadline_ns is None else (deadline_ns - time.monotonic_ns()) / 1e9
@@ -97,10 +97,10 @@ class _Thread(threading.local):
 
 
 class VirtualTime(Timekeeper):
-    """Time that moves only when everything waits for it.
+    """Virtual time, which moves when all threads wait.
 
     Args:
-        clock: the clock of the graph, which is moved.
+        clock: clock of the graph, which is advanced.
     """
 
     def __init__(self, clock: SimulatedClock) -> None:
@@ -113,19 +113,19 @@ class VirtualTime(Timekeeper):
         self._tokens = 0
 
     def system_ns(self) -> int:
-        """The graph's ROS time."""
+        """Return the graph's ROS time."""
         return self.clock.time_ns()
 
     def steady_ns(self) -> int:
-        """The graph's steady time."""
+        """Return the graph's steady time."""
         return round(self.clock.monotonic() * 1e9)
 
     def condition(self) -> threading.Condition:
-        """The one condition of all."""
+        """Return the shared condition."""
         return self._condition
 
     def wait(self, condition: threading.Condition, deadline_ns: int | None) -> None:
-        """Wait until notified, or until everything else waits and this deadline is the earliest."""
+        """Wait until notified, or until all threads wait and this deadline is the earliest."""
         self._tokens += 1
         token = self._tokens
         self._deadlines[token] = deadline_ns
@@ -153,14 +153,14 @@ class VirtualTime(Timekeeper):
             self.clock.set_time(self.clock.time_ns() + ahead)
 
     def advance(self, seconds: float) -> None:
-        """Move time on by hand, and let what waits look again."""
+        """Advance time explicitly, and wake waiting threads."""
         with self._condition:
             self.clock.advance(seconds)
             self._condition.notify_all()
 
     @contextmanager
     def running(self) -> Iterator[None]:
-        """While this thread runs callbacks, time stands still."""
+        """Stop virtual time while this thread runs callbacks."""
         if self._thread.counted:
             yield
             return
@@ -180,7 +180,7 @@ class VirtualTime(Timekeeper):
 
     @contextmanager
     def working(self) -> Iterator[None]:
-        """Do work that was counted when it was handed over."""
+        """Run work that was counted by :meth:`handed_over`."""
         self._thread.counted = True
         try:
             yield
@@ -199,12 +199,12 @@ _current: Timekeeper = RealTime()
 
 
 def current() -> Timekeeper:
-    """The timekeeper of the process."""
+    """Return the timekeeper of the process."""
     return _current
 
 
 def keep_time_by(timekeeper: Timekeeper) -> Timekeeper:
-    """Make a timekeeper that of the process; returns the one it had."""
+    """Set the timekeeper of the process; return the previous one."""
     global _current
     before, _current = _current, timekeeper
     return before

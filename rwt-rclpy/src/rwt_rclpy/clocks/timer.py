@@ -1,4 +1,4 @@
-"""`rclpy.timer`: timers that executors call, and rates that sleep."""
+"""`rclpy.timer`: timers and rates."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 
 class TimerInfo:
-    """When a call of a timer was due and when it came.
+    """Expected and actual time of a timer's call.
 
     Attributes:
-        expected_call_time: when it was due.
-        actual_call_time: when it was taken.
+        expected_call_time: time at which it was due.
+        actual_call_time: time of the call.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class TimerInfo:
 
 
 class TimerHandle(Destroyable):
-    """The state of a timer, in nanoseconds of its clock."""
+    """State of a timer, in nanoseconds of its clock."""
 
     def __init__(self, clock: Clock, period_ns: int, autostart: bool) -> None:
         super().__init__("timer")
@@ -55,11 +55,11 @@ class TimerHandle(Destroyable):
         return not self.canceled and bool(self) and self._clock.now_ns() >= self.next_ns
 
     def until_next(self) -> int | None:
-        """Nanoseconds of its clock until it is due; None when it was cancelled."""
+        """Return the nanoseconds of its clock until it is due; None if it was cancelled."""
         return None if self.canceled else self.next_ns - self._clock.now_ns()
 
     def call(self) -> TimerInfo:
-        """Take one call: it is due again a whole number of periods after it was due."""
+        """Count one call: the next is due a whole number of periods later."""
         now, expected = self._clock.now_ns(), self.next_ns
         self.last_ns = now
         self.next_ns += self.period_ns
@@ -77,22 +77,22 @@ class TimerHandle(Destroyable):
         return self.next_ns - self.period_ns > self._clock.now_ns()
 
     def reset(self) -> None:
-        """Begin a period now."""
+        """Restart the period."""
         now = self._clock.now_ns()
         self.last_ns, self.next_ns = now, now + self.period_ns
         self.canceled = False
 
 
 class Timer(Entity):
-    """Calls a function again and again.
+    """Timer that calls a function periodically.
 
     Args:
-        callback: takes nothing, or a :class:`TimerInfo`.
-        callback_group: which callbacks may run beside it.
-        timer_period_ns: nanoseconds between two calls.
-        clock: which clock they are of.
-        context: ends the timer with it.
-        autostart: whether it runs from the start, or from the first :meth:`reset`.
+        callback: takes no argument, or a :class:`TimerInfo`.
+        callback_group: group of the callback.
+        timer_period_ns: period in nanoseconds.
+        clock: clock of the period.
+        context: context whose end ends the timer.
+        autostart: True to run from the start, else from the first :meth:`reset`.
     """
 
     def __init__(
@@ -123,13 +123,13 @@ class Timer(Entity):
         )
 
     def _jumped(self, jump: TimeJump) -> None:
-        # Time is of another source, or went back by more than a period: begin one now.
+        # The source of time changed, or time went back by more than a period: restart the period.
         other_source = jump.clock_change in (ClockChange.ROS_TIME_ACTIVATED, ClockChange.ROS_TIME_DEACTIVATED)
         if not self._handle.canceled and (other_source or self._handle.is_beyond_a_period()):
             self._handle.reset()
 
     def clock_changed(self) -> None:
-        """The clock was set: whoever waits for this timer looks again."""
+        """Wake waiting threads after the clock was set."""
         self.wake()
 
     @property
@@ -144,7 +144,7 @@ class Timer(Entity):
 
     @property
     def timer_period_ns(self) -> int:
-        """Nanoseconds between two calls; may be set."""
+        """Period in nanoseconds; writable."""
         self._handle.check()
         return self._handle.period_ns
 
@@ -165,7 +165,7 @@ class Timer(Entity):
         self._with_info = callback is not None and _takes_info(callback)
 
     def destroy(self) -> None:
-        """End it."""
+        """Destroy the timer."""
         self._handle.destroy_when_not_in_use()
         if self._jump is not None:
             self._jump.unregister()
@@ -189,40 +189,40 @@ class Timer(Entity):
             return self._handle.canceled
 
     def cancel(self) -> None:
-        """Call no more until :meth:`reset`."""
+        """Stop calling until :meth:`reset`."""
         with self._handle:
             self._handle.canceled = True
 
     def reset(self) -> None:
-        """Begin a period now."""
+        """Restart the period."""
         with self._handle:
             self._handle.reset()
         self.wake()
 
     def time_since_last_call(self) -> int:
-        """Nanoseconds since the last call, or since it was made."""
+        """Return the nanoseconds since the last call, or since creation."""
         with self._handle:
             return self._clock.handle.now_ns() - self._handle.last_ns
 
     def time_until_next_call(self) -> int | None:
-        """Nanoseconds until the next call, negative when it is overdue; None when it was cancelled."""
+        """Return the nanoseconds until the next call, negative if overdue; None if it was cancelled."""
         with self._handle:
             return self._handle.until_next()
 
-    # What an executor asks
+    # Interface of executors
 
     def has_work(self) -> bool:
         """True if the timer is due."""
         return self._handle.is_timer_ready()
 
     def due_in_ns(self) -> int | None:
-        """Nanoseconds until it is due; None when that depends on something else than time going by."""
+        """Return the nanoseconds until it is due; None if that does not depend on elapsed time alone."""
         if self._clock.handle.override_ns is not None:
             return None
         return self._handle.until_next()
 
     def take(self) -> Callable[[], Coroutine[Any, Any, object] | object] | None:
-        """The call that is due."""
+        """Return the due call."""
         if not self._handle or self._handle.canceled:
             return None
         info = self._handle.call()
@@ -249,13 +249,13 @@ def _takes_info(callback: Callable[..., object]) -> bool:
 
 
 class Rate:
-    """Sleeps to the end of each period. An executor must run in another thread meanwhile.
+    """Rate that sleeps to the end of each period. An executor must run in another thread.
 
-    A period that ends while nobody sleeps is not lost: the next sleep ends at once.
+    If a period ends while no thread sleeps, the next sleep ends at once.
     """
 
     def __init__(self, timer: Timer, *, context: Context) -> None:
-        # Not above: a context needs what needs clocks.
+        # Imported here to avoid a cycle: contexts need clocks.
         from rwt_rclpy.execution.blocking import Wait
 
         self._timer = timer
@@ -272,7 +272,7 @@ class Rate:
         self._wait.wake()
 
     def destroy(self) -> None:
-        """Wake who sleeps, and sleep no more."""
+        """Wake sleeping threads, and end the rate."""
         self._is_destroyed = True
         self._wait.wake()
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def add_graph_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that both commands have."""
+    """Add the options of both commands."""
     parser.add_argument(
         "--interfaces",
         action="append",
@@ -42,10 +42,10 @@ def add_graph_options(parser: argparse.ArgumentParser) -> None:
 
 
 def install_rclpy(arguments: Arguments) -> Which:
-    """Install rclpy as the options say.
+    """Install rclpy according to the options.
 
     Returns:
-        The rclpy that programs import; see :func:`rwt_rclpy.install`.
+        Name of the rclpy in use; see :func:`rwt_rclpy.install`.
 
     Raises:
         CommandError: the options name two graphs.
@@ -64,7 +64,7 @@ def install_rclpy(arguments: Arguments) -> Which:
 
 
 def serve_graph(arguments: Arguments, stack: ExitStack, *urls: str) -> MemoryGraph:
-    """Serve a graph until the stack ends, at the URLs of `--serve`, which are printed, and at others."""
+    """Serve a graph until the stack is closed, at the URLs of `--serve`, which are printed, and at others."""
     from rwt.cli.commands.serve import command_errors
     from rwt.server import Server, listening
     from rwt_graph import MemoryGraph

@@ -76,7 +76,7 @@ def _run(arguments: Arguments) -> int:
 
 
 def _launch(description: LaunchDescription, given: dict[str, str], arguments: Arguments) -> int:
-    """Run a launch description. Its nodes, each a process, join one graph."""
+    """Run a launch description. Its nodes are processes, which join one graph."""
     from rwt_rclpy.launch.service import run_description
     from rwt_rclpy.middleware.joining import VARIABLE
 

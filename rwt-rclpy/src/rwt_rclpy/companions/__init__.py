@@ -1,1 +1,1 @@
-"""The packages that programs import beside rclpy: tf2_ros, message_filters, rosidl_runtime_py and others."""
+"""Packages that programs import besides rclpy: tf2_ros, message_filters, rosidl_runtime_py and others."""

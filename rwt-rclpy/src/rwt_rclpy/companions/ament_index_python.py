@@ -1,18 +1,18 @@
-"""`ament_index_python`: where packages are, among the folders that ``AMENT_PREFIX_PATH`` names or that hold
-their source below the root."""
+"""`ament_index_python`: folders of packages, in ``AMENT_PREFIX_PATH`` or as
+source below the root."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
 
-# Not its names: `ament_index_python.packages`, which is this module, too, takes the name `packages` in it.
+# Imported under other names: `ament_index_python.packages` is this module, too.
 from rwt_rclpy import running
 from rwt_rclpy.companions.rosidl_runtime_py import get_interface_packages
 
 
 class PackageNotFoundError(KeyError):
-    """No folder of that package is known."""
+    """The package has no known folder."""
 
 
 def _prefixes() -> list[Path]:
@@ -20,7 +20,7 @@ def _prefixes() -> list[Path]:
 
 
 def get_packages_with_prefixes() -> dict[str, str]:
-    """Every package with its folder; the packages of interfaces, which have none, with an empty text."""
+    """Return all packages with their folders; packages of interfaces have an empty one."""
     found = dict(get_interface_packages())
     for prefix in _prefixes():
         share = prefix / "share"
@@ -34,7 +34,7 @@ def get_packages_with_prefixes() -> dict[str, str]:
 
 
 def get_package_prefix(package_name: str) -> str:
-    """The folder of a package. Raises PackageNotFoundError, which says where was looked."""
+    """Return the folder of a package. Raises PackageNotFoundError with the searched folders."""
     found = get_packages_with_prefixes().get(package_name)
     if not found:
         raise PackageNotFoundError(
@@ -51,7 +51,7 @@ def get_package_share_directory(package_name: str, print_warning: bool = True) -
 
 
 def get_package_share_path(package_name: str) -> Path:
-    """:func:`get_package_share_directory` as a path."""
+    """Return :func:`get_package_share_directory` as a path."""
     return Path(get_package_share_directory(package_name))
 
 
@@ -68,7 +68,7 @@ def has_resource(resource_type: str, resource_name: str) -> bool:
 
 
 def get_resource(resource_type: str, resource_name: str) -> tuple[str, str]:
-    """Return a resource and its place. Raises LookupError."""
+    """Return the content of a resource and its folder. Raises LookupError."""
     found = get_resources(resource_type)
     if resource_name not in found:
         raise LookupError(f"no {resource_type} {resource_name!r} is registered")

@@ -1,6 +1,6 @@
-"""`cv_bridge`: images as numpy arrays, as OpenCV has them. OpenCV itself is not needed for that.
+"""`cv_bridge`: images as numpy arrays in OpenCV's layout. OpenCV itself is not needed.
 
-Encodings are converted where only the order of channels changes; other conversions are left to OpenCV.
+Only conversions that change the order of channels are supported; use OpenCV for others.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ _DEPTHS: Final = {"8U": "u1", "8S": "i1", "16U": "u2", "16S": "i2", "32S": "i4",
 
 
 class CvBridgeError(TypeError):
-    """An encoding that is not known or cannot be made."""
+    """An encoding is unknown, or a conversion is not supported."""
 
 
 class CvBridge:
-    """Converts between `sensor_msgs/Image` and arrays."""
+    """Converter between `sensor_msgs/Image` and arrays."""
 
     def encoding_to_dtype_with_channels(self, encoding: str) -> tuple[str, int]:
-        """The numpy type of a channel, and how many there are. Raises CvBridgeError."""
+        """Return the numpy type and number of channels. Raises CvBridgeError."""
         if encoding in _NAMED:
             return _NAMED[encoding]
         depth, _, channels = encoding.partition("C")
@@ -38,10 +38,10 @@ class CvBridge:
         raise CvBridgeError(f"Unrecognized image encoding [{encoding}]")
 
     def imgmsg_to_cv2(self, img_msg: Any, desired_encoding: str = "passthrough") -> np.ndarray:
-        """An image as an array of rows, columns and channels; not a copy where nothing is converted.
+        """Return an image as an array of rows, columns and channels; a view if nothing is converted.
 
         Raises:
-            CvBridgeError: the encoding is not known, or the conversion is not one of channels' order.
+            CvBridgeError: the encoding is unknown, or the conversion is not supported.
         """
         name, channels = self.encoding_to_dtype_with_channels(img_msg.encoding)
         dtype = np.dtype(name).newbyteorder(">" if img_msg.is_bigendian else "<")
@@ -70,7 +70,7 @@ class CvBridge:
         return np.ascontiguousarray(image[..., channels])
 
     def cv2_to_imgmsg(self, cvim: np.ndarray, encoding: str = "passthrough", header: Any = None) -> Any:
-        """An array as an image. Raises CvBridgeError when the encoding is not that of the array."""
+        """Return an array as an image. Raises CvBridgeError if the encoding does not fit the array."""
         channels = 1 if cvim.ndim == 2 else cvim.shape[2]
         depth = next((name for name, code in _DEPTHS.items() if np.dtype(code) == cvim.dtype), None)
         if depth is None:
@@ -94,7 +94,7 @@ class CvBridge:
     def compressed_imgmsg_to_cv2(
         self, cmprs_img_msg: Any, desired_encoding: str = "passthrough"
     ) -> np.ndarray:
-        """A compressed image as an array, decoded by Pillow, its channels in OpenCV's order."""
+        """Return a compressed image as an array, decoded by Pillow, with channels in OpenCV's order."""
         from io import BytesIO
 
         from PIL import Image

@@ -1,4 +1,4 @@
-"""`message_filters`: messages of several topics that belong together."""
+"""`message_filters`: synchronisation of messages of several topics."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ def _stamp(message: Any) -> int:
 
 
 class SimpleFilter:
-    """Passes messages on to callbacks."""
+    """Base of filters, which pass messages to callbacks."""
 
     def __init__(self) -> None:
         self.callbacks: dict[int, tuple[Callable[..., Any], tuple[Any, ...]]] = {}
 
     def registerCallback(self, cb: Callable[..., Any], *args: Any) -> int:  # message_filters' name
-        """Call back with each message, and with `args` behind it; returns the callback's number."""
+        """Register a callback for each message, followed by `args`; return its number."""
         number = len(self.callbacks)
         self.callbacks[number] = (cb, args)
         return number
 
     def signalMessage(self, *msg: Any) -> None:  # message_filters' name
-        """Give messages to the callbacks."""
+        """Pass messages to the callbacks."""
         for callback, args in tuple(self.callbacks.values()):
             callback(*msg, *args)
 
 
 class Subscriber(SimpleFilter):
-    """The messages of a topic; the arguments are those of `create_subscription`, without a callback."""
+    """Filter with the messages of a topic; arguments as of `create_subscription`, without a callback."""
 
     def __init__(self, node: Node, msg_type: Any, topic: str, qos_profile: Any = 10, **kwargs: Any) -> None:
         super().__init__()
@@ -45,17 +45,17 @@ class Subscriber(SimpleFilter):
         self.sub = node.create_subscription(msg_type, topic, self.signalMessage, qos_profile, **kwargs)
 
     def getTopic(self) -> str:  # message_filters' name
-        """The topic."""
+        """Return the topic."""
         return self.topic
 
 
 class Cache(SimpleFilter):
-    """The last messages of a filter, by time.
+    """Cache of the last messages of a filter, by time.
 
     Args:
-        f: the filter.
-        cache_size: how many are kept.
-        allow_headerless: whether messages without a header are kept by the time of their arrival.
+        f: filter.
+        cache_size: number of kept messages.
+        allow_headerless: True to keep messages without a header, by their time of arrival.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class Cache(SimpleFilter):
             f.registerCallback(self.add)
 
     def add(self, msg: Any) -> None:
-        """Keep a message."""
+        """Store a message."""
         if hasattr(msg, "header"):
             stamp = _stamp(msg)
         elif self.allow_headerless:
@@ -83,28 +83,28 @@ class Cache(SimpleFilter):
         self.signalMessage(msg)
 
     def getInterval(self, from_stamp: Time, to_stamp: Time) -> list[Any]:  # message_filters' name
-        """The messages between two times, both included."""
+        """Return the messages between two times, inclusive."""
         return [msg for stamp, msg in self._kept if from_stamp.nanoseconds <= stamp <= to_stamp.nanoseconds]
 
     def getElemAfterTime(self, stamp: Time) -> Any:  # message_filters' name
-        """The first message that is not before a time, or None."""
+        """Return the first message at or after a time, or None."""
         return next((msg for at, msg in self._kept if at >= stamp.nanoseconds), None)
 
     def getElemBeforeTime(self, stamp: Time) -> Any:  # message_filters' name
-        """The last message that is not after a time, or None."""
+        """Return the last message at or before a time, or None."""
         return next((msg for at, msg in reversed(self._kept) if at <= stamp.nanoseconds), None)
 
     def getLast(self) -> Any:  # message_filters' name
-        """The last message, or None."""
+        """Return the last message, or None."""
         return self._kept[-1][1] if self._kept else None
 
 
 class TimeSynchronizer(SimpleFilter):
-    """Passes on messages that have the same stamp, one of each filter.
+    """Synchroniser of messages with equal stamps, one of each filter.
 
     Args:
-        fs: the filters.
-        queue_size: how many messages of each wait for the others.
+        fs: filters.
+        queue_size: maximum number of queued messages per filter.
     """
 
     def __init__(self, fs: Sequence[SimpleFilter], queue_size: int) -> None:
@@ -113,7 +113,7 @@ class TimeSynchronizer(SimpleFilter):
         self.connectInput(fs)
 
     def connectInput(self, fs: Sequence[SimpleFilter]) -> None:  # message_filters' name
-        """Take messages from filters."""
+        """Connect to filters."""
         self.queues: list[dict[int, Any]] = [{} for _ in fs]
         for number, each in enumerate(fs):
             each.registerCallback(self._added, number)
@@ -127,7 +127,7 @@ class TimeSynchronizer(SimpleFilter):
             del queue[min(queue)]
 
     def add(self, msg: Any, my_queue: dict[int, Any], my_queue_index: int | None = None) -> None:
-        """Keep a message, and pass on what is complete."""
+        """Store a message, and pass on complete sets."""
         stamp = _stamp(msg)
         self._keep(msg, my_queue, stamp)
         if all(stamp in queue for queue in self.queues):
@@ -135,13 +135,13 @@ class TimeSynchronizer(SimpleFilter):
 
 
 class ApproximateTimeSynchronizer(TimeSynchronizer):
-    """Passes on messages whose stamps are close to each other.
+    """Synchroniser of messages with close stamps.
 
     Args:
-        fs: the filters.
-        queue_size: how many messages of each wait for the others.
-        slop: how far apart the stamps may be, in seconds.
-        allow_headerless: whether messages without a header count with the time of their arrival.
+        fs: filters.
+        queue_size: maximum number of queued messages per filter.
+        slop: maximum difference of stamps in seconds.
+        allow_headerless: True to use the time of arrival for messages without a header.
     """
 
     def __init__(
@@ -152,7 +152,7 @@ class ApproximateTimeSynchronizer(TimeSynchronizer):
         self.allow_headerless = allow_headerless
 
     def add(self, msg: Any, my_queue: dict[int, Any], my_queue_index: int | None = None) -> None:
-        """Keep a message, and pass on the closest that belong to it."""
+        """Store a message, and pass on the closest matching set."""
         if hasattr(msg, "header"):
             stamp = _stamp(msg)
         elif self.allow_headerless:

@@ -1,4 +1,4 @@
-"""`ros2topic.api`, `ros2service.api` and `ros2param.api`: questions about a graph, as programs ask them."""
+"""`ros2topic.api`, `ros2service.api` and `ros2param.api`: queries of a graph."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rwt_rclpy.nodes.graph_queries import NamesAndTypes
     from rwt_rclpy.nodes.node import Node
 
-#: How long the services of a node's parameters are waited for, in seconds.
+#: Timeout of waiting for a node's parameter services, in seconds.
 SERVICES_SECONDS = 5.0
 
 
@@ -25,23 +25,23 @@ def _shown(found: NamesAndTypes, hidden: bool) -> NamesAndTypes:
 
 
 def get_topic_names_and_types(*, node: Node, include_hidden_topics: bool = False) -> NamesAndTypes:
-    """Every topic with its types; hidden ones, with a part that begins with an underscore, when asked."""
+    """Return all topics with their types; on request also those with a part that begins with `_`."""
     return _shown(node.get_topic_names_and_types(), include_hidden_topics)
 
 
 def get_topic_names(*, node: Node, include_hidden_topics: bool = False) -> list[str]:
-    """The names of :func:`get_topic_names_and_types`."""
+    """Return the names of :func:`get_topic_names_and_types`."""
     found = get_topic_names_and_types(node=node, include_hidden_topics=include_hidden_topics)
     return [name for name, _ in found]
 
 
 def get_service_names_and_types(*, node: Node, include_hidden_services: bool = False) -> NamesAndTypes:
-    """Every service with its types; hidden ones when asked."""
+    """Return all services with their types; hidden ones on request."""
     return _shown(node.get_service_names_and_types(), include_hidden_services)
 
 
 def get_service_names(*, node: Node, include_hidden_services: bool = False) -> list[str]:
-    """The names of :func:`get_service_names_and_types`."""
+    """Return the names of :func:`get_service_names_and_types`."""
     found = get_service_names_and_types(node=node, include_hidden_services=include_hidden_services)
     return [name for name, _ in found]
 
@@ -56,13 +56,13 @@ def _class(found: NamesAndTypes, name: str, load: Any) -> Any:
 def get_msg_class(
     node: Node, topic: str, blocking: bool = False, include_hidden_topics: bool = False
 ) -> Any | None:
-    """The class of a topic's messages; None when there is no such topic.
+    """Return the class of a topic's messages; None if there is no such topic.
 
     Args:
-        node: the node that asks.
-        topic: the topic's name.
-        blocking: whether to wait until there is one.
-        include_hidden_topics: whether it may be a hidden one.
+        node: node that queries.
+        topic: name of the topic.
+        blocking: True to wait for the topic.
+        include_hidden_topics: True to accept hidden topics.
 
     Raises:
         RuntimeError: the topic has several types.
@@ -79,7 +79,7 @@ def get_msg_class(
 def get_service_class(
     node: Node, service: str, blocking: bool = False, include_hidden_services: bool = False
 ) -> Any | None:
-    """The class of a service; None when there is no such service. The rest is as of :func:`get_msg_class`."""
+    """Return the class of a service; None if there is no such service. See :func:`get_msg_class`."""
     name = node.resolve_service_name(service, only_expand=True)
     while True:
         known = get_service_names_and_types(node=node, include_hidden_services=include_hidden_services)
@@ -90,10 +90,10 @@ def get_service_class(
 
 
 def _call(node: Node, node_name: str, service: str, kind: str, **fields: Any) -> Any:
-    """Call a service of a node's parameters, spinning the node that asks.
+    """Call a parameter service of a node, spinning the calling node.
 
     Raises:
-        RuntimeError: nobody offers it within :data:`SERVICES_SECONDS`.
+        RuntimeError: no node offers it within :data:`SERVICES_SECONDS`.
     """
     full = node_name if node_name.startswith("/") else f"/{node_name}"
     name = f"{full}/{service}"
@@ -109,19 +109,19 @@ def _call(node: Node, node_name: str, service: str, kind: str, **fields: Any) ->
 
 
 def call_get_parameters(*, node: Node, node_name: str, parameter_names: Sequence[str]) -> Any:
-    """The response of a node about the values of its parameters. Raises RuntimeError when it offers none."""
+    """Return a node's response with values of parameters. Raises RuntimeError without the service."""
     return _call(node, node_name, "get_parameters", "GetParameters", names=list(parameter_names))
 
 
 def call_set_parameters(*, node: Node, node_name: str, parameters: Sequence[Any]) -> Any:
-    """The response of a node that is to set parameters. Raises RuntimeError when it offers none."""
+    """Return a node's response about setting parameters. Raises RuntimeError without the service."""
     return _call(node, node_name, "set_parameters", "SetParameters", parameters=list(parameters))
 
 
 def call_list_parameters(
     *, node: Node, node_name: str, prefixes: Sequence[str] | None = None, prefix: str | None = None
 ) -> Any:
-    """The response of a node about the names of its parameters. Raises RuntimeError when it offers none."""
+    """Return a node's response with names of parameters. Raises RuntimeError without the service."""
     wanted = list(prefixes or ([prefix] if prefix else ()))
     return _call(node, node_name, "list_parameters", "ListParameters", prefixes=wanted)
 
@@ -129,7 +129,7 @@ def call_list_parameters(
 def call_describe_parameters(
     *, node: Node, node_name: str, parameter_names: Sequence[str] | None = None
 ) -> Any:
-    """The response of a node about what its parameters are. Raises RuntimeError when it offers none."""
+    """Return a node's response with descriptors of parameters. Raises RuntimeError without the service."""
     return _call(
         node, node_name, "describe_parameters", "DescribeParameters", names=list(parameter_names or ())
     )

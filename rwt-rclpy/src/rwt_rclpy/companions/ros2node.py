@@ -1,4 +1,4 @@
-"""`ros2node.api`: the nodes of a graph and what each takes part in."""
+"""`ros2node.api`: the nodes of a graph and their endpoints."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ HIDDEN_NODE_PREFIX = "_"
 
 
 class NodeName(NamedTuple):
-    """A node's name, where it is, and both."""
+    """Name, namespace and absolute name of a node."""
 
     name: str
     namespace: str
@@ -23,28 +23,28 @@ class NodeName(NamedTuple):
 
 
 class TopicInfo(NamedTuple):
-    """A topic, service or action, and its types."""
+    """Topic, service or action with its types."""
 
     name: str
     types: list[str]
 
 
 def get_absolute_node_name(node_name: str) -> str | None:
-    """A name with a slash before it; None for none."""
+    """Return a name with a leading slash; None for None."""
     if not node_name:
         return None
     return node_name if node_name.startswith("/") else f"/{node_name}"
 
 
 def parse_node_name(node_name: str) -> NodeName:
-    """A node's absolute name in its parts."""
+    """Split the absolute name of a node."""
     full = get_absolute_node_name(node_name) or "/"
     namespace, _, name = full.rpartition("/")
     return NodeName(name, namespace or "/", full)
 
 
 def get_node_names(*, node: Any, include_hidden_nodes: bool = False) -> list[NodeName]:
-    """Every node that does not begin with an underscore, or really every one."""
+    """Return all nodes, by default without those whose name begins with an underscore."""
     return [
         parse_node_name(full)
         for full in node.get_fully_qualified_node_names()
@@ -75,7 +75,7 @@ def get_subscriber_info(
 def get_service_server_info(
     *, node: Node, remote_node_name: str, include_hidden: bool = False
 ) -> list[TopicInfo]:
-    """The services that a node offers."""
+    """Return the services that a node offers."""
     remote = parse_node_name(remote_node_name)
     return _infos(
         node.get_service_names_and_types_by_node(remote.name, remote.namespace), hidden=include_hidden
@@ -88,7 +88,7 @@ get_service_info = get_service_server_info
 def get_service_client_info(
     *, node: Node, remote_node_name: str, include_hidden: bool = False
 ) -> list[TopicInfo]:
-    """The services that a node calls."""
+    """Return the services that a node calls."""
     remote = parse_node_name(remote_node_name)
     return _infos(
         node.get_client_names_and_types_by_node(remote.name, remote.namespace), hidden=include_hidden
@@ -98,7 +98,7 @@ def get_service_client_info(
 def get_action_server_info(
     *, node: Node, remote_node_name: str, include_hidden: bool = False
 ) -> list[TopicInfo]:
-    """The actions that a node offers."""
+    """Return the actions that a node offers."""
     remote = parse_node_name(remote_node_name)
     found = graph.get_action_server_names_and_types_by_node(node, remote.name, remote.namespace)
     return _infos(found, hidden=include_hidden)
@@ -107,7 +107,7 @@ def get_action_server_info(
 def get_action_client_info(
     *, node: Node, remote_node_name: str, include_hidden: bool = False
 ) -> list[TopicInfo]:
-    """The actions that a node has clients of."""
+    """Return the actions that a node has clients of."""
     remote = parse_node_name(remote_node_name)
     found = graph.get_action_client_names_and_types_by_node(node, remote.name, remote.namespace)
     return _infos(found, hidden=include_hidden)

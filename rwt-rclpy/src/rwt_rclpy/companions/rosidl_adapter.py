@@ -1,4 +1,4 @@
-"""`rosidl_adapter.parser`: what a `.msg` text says."""
+"""`rosidl_adapter.parser`: parser of `.msg` files."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from rwt_interfaces.distro import JAZZY
 
 @dataclass(frozen=True, slots=True)
 class Type:
-    """The type of a field.
+    """Type of a field.
 
     Attributes:
-        pkg_name: the package of a message; None for a primitive.
-        type: the message's name or the primitive.
-        string_upper_bound: longest string, or None.
-        is_array: whether it is an array or a sequence.
-        array_size: elements of an array, or the most of a bounded sequence; None for others.
-        is_upper_bound: whether `array_size` is a bound.
+        pkg_name: package of a message; None for a primitive.
+        type: name of the message or primitive.
+        string_upper_bound: maximum length of a string, or None.
+        is_array: True for an array or a sequence.
+        array_size: size of an array, or bound of a sequence; None for others.
+        is_upper_bound: True if `array_size` is a bound.
     """
 
     pkg_name: str | None
@@ -37,7 +37,7 @@ class Type:
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """A field, its type and its default."""
+    """Field with type and default."""
 
     name: str
     type: Type
@@ -46,7 +46,7 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class Constant:
-    """A constant, its type and its value."""
+    """Constant with type and value."""
 
     name: str
     type: str
@@ -64,7 +64,7 @@ class MessageSpecification:
 
 
 def parse_message_string(pkg_name: str, msg_name: str, message_string: str) -> MessageSpecification:
-    """Read a definition. Raises DefinitionError, which says on which line it cannot be read."""
+    """Parse a definition. Raises DefinitionError with the line."""
     found = parse_message(message_string, f"{pkg_name}/{msg_name}", source="", distro=JAZZY)
     return MessageSpecification(
         pkg_name,

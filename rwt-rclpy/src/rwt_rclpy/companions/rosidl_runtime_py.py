@@ -28,7 +28,7 @@ Kind = Literal["msg", "srv", "action"]
 def message_to_ordereddict(
     msg: Any, *, truncate_length: int | None = None, no_arr: bool = False, no_str: bool = False
 ) -> OrderedDict[str, Any]:
-    """A message as dictionaries, lists and scalars; long texts and arrays may be shortened or left out."""
+    """Return a message as dictionaries, lists and scalars; long values may be shortened or omitted."""
     return OrderedDict(
         (field, _plain(getattr(msg, field), kind, truncate_length, no_arr, no_str))
         for field, kind in msg.get_fields_and_field_types().items()
@@ -68,7 +68,7 @@ def message_to_yaml(
     no_str: bool = False,
     flow_style: bool = False,
 ) -> str:
-    """A message as YAML."""
+    """Return a message as YAML."""
     plain = message_to_ordereddict(msg, truncate_length=truncate_length, no_arr=no_arr, no_str=no_str)
     text = yaml.safe_dump(
         _unordered(plain), sort_keys=False, allow_unicode=True, width=2**31, default_flow_style=flow_style
@@ -85,7 +85,7 @@ def _unordered(value: Any) -> Any:
 def message_to_csv(
     msg: Any, *, truncate_length: int | None = None, no_arr: bool = False, no_str: bool = False
 ) -> str:
-    """The values of a message, separated by commas."""
+    """Return the values of a message, separated by commas."""
     values: list[str] = []
 
     def collect(value: Any) -> None:
@@ -113,11 +113,11 @@ def set_message_fields(
     Args:
         msg: the message.
         values: by field name; nested messages by dictionaries.
-        expand_header_auto: whether a header may be ``auto``.
-        expand_time_now: whether a time may be ``now``.
+        expand_header_auto: True if a header may be ``auto``.
+        expand_time_now: True if a time may be ``now``.
 
     Returns:
-        Functions that set the times that are to be now.
+        Functions that set these times to the current time.
 
     Raises:
         AttributeError: the message has no such field.
@@ -174,10 +174,10 @@ def _fitting(msg: Any, name: str, value: Any, present: Any, rest: tuple[bool, bo
 
 
 def get_interface(identifier: str) -> Any:
-    """The class of ``pkg/msg/Name`` and the like.
+    """Return the class of ``pkg/msg/Name`` and similar names.
 
     Raises:
-        ValueError: it is not such a name.
+        ValueError: the name has another form.
         ModuleNotFoundError: there is no such package.
         AttributeError: the package has no such interface.
     """
@@ -205,22 +205,22 @@ def _of_kind(identifier: str, kind: Kind) -> Any:
 
 
 def get_message(identifier: str) -> Any:
-    """The class of a message; ``pkg/Name`` will do."""
+    """Return the class of a message, also for ``pkg/Name``."""
     return _of_kind(identifier, "msg")
 
 
 def get_service(identifier: str) -> Any:
-    """The class of a service."""
+    """Return the class of a service."""
     return _of_kind(identifier, "srv")
 
 
 def get_action(identifier: str) -> Any:
-    """The class of an action."""
+    """Return the class of an action."""
     return _of_kind(identifier, "action")
 
 
 def import_message_from_namespaced_type(message_type: NamespacedType) -> Any:
-    """The class of a nested message's type."""
+    """Return the class of a nested message's type."""
     return classes().by_type_name("/".join(message_type.namespaced_name()))
 
 
@@ -240,7 +240,7 @@ def is_action(interface: Any) -> bool:
 
 
 def get_interface_packages() -> dict[str, str]:
-    """The packages that have interfaces; there is no folder to tell of each."""
+    """Return the packages with interfaces, which have no folders."""
     names = classes().registry.names
     return {name.partition("/")[0]: "" for kind in KINDS for name in names(kind)}
 
@@ -260,22 +260,22 @@ def _interfaces(kinds: Iterable[Kind], package_names: Iterable[str]) -> dict[str
 
 
 def get_interfaces(package_names: Iterable[str] = ()) -> dict[str, list[str]]:
-    """The interfaces by package, each as ``msg/Name``. Raises LookupError for an unknown package."""
+    """Return the interfaces by package, such as ``msg/Name``. Raises LookupError for an unknown package."""
     return _interfaces(KINDS, package_names)
 
 
 def get_message_interfaces(package_names: Iterable[str] = ()) -> dict[str, list[str]]:
-    """The messages by package."""
+    """Return the messages by package."""
     return _bare(_interfaces(("msg",), package_names))
 
 
 def get_service_interfaces(package_names: Iterable[str] = ()) -> dict[str, list[str]]:
-    """The services by package."""
+    """Return the services by package."""
     return _bare(_interfaces(("srv",), package_names))
 
 
 def get_action_interfaces(package_names: Iterable[str] = ()) -> dict[str, list[str]]:
-    """The actions by package."""
+    """Return the actions by package."""
     return _bare(_interfaces(("action",), package_names))
 
 
@@ -284,7 +284,7 @@ def _bare(found: dict[str, list[str]]) -> dict[str, list[str]]:
 
 
 def get_interface_path(interface_name: str) -> str:
-    """A file with the text of an interface, which is removed when the program ends.
+    """Return a file with the text of an interface, which is removed at the end of the program.
 
     Raises:
         LookupError: there is no such interface.

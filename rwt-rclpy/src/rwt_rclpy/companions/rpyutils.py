@@ -1,4 +1,4 @@
-"""`rpyutils`: what programs import of it beside the loading of ROS's C libraries, which are not here."""
+"""`rpyutils`, without loading of ROS's C libraries, which are not available."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import NoReturn
 
 
 def add_dll_directories_from_env(env_name: str) -> AbstractContextManager[None]:
-    """Search the folders of a variable for DLLs, which is Windows' need alone and nothing here."""
+    """No-op: search folders for DLLs, as needed on Windows only."""
     return contextlib.nullcontext()
 
 
 def import_c_library(name: str, package: str | None = None) -> NoReturn:
-    """Refuse to load a library of ROS.
+    """Fail to load a library of ROS.
 
     Raises:
-        ImportError: always; it says what to use instead.
+        ImportError: always; the text names the alternative.
     """
     raise ImportError(
         f"{name} of {package or 'ROS'} is a C library of ROS, which is not available without it; use rclpy's"

@@ -11,12 +11,12 @@ import numpy as np
 
 from rwt_rclpy.messages.loaded import message_class
 
-#: The numpy types of `sensor_msgs/PointField`'s numbers.
+#: numpy types by number of `sensor_msgs/PointField`.
 _DTYPES: Final = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 
 
 def dtype_from_fields(fields: Iterable[Any], point_step: int | None = None) -> np.dtype[Any]:
-    """The structured type of a cloud's points."""
+    """Return the structured type of a cloud's points."""
     names: list[str] = []
     formats: list[Any] = []
     offsets: list[int] = []
@@ -38,7 +38,7 @@ def read_points(
     uvs: Iterable[Any] | None = None,
     reshape_organized_cloud: bool = False,
 ) -> np.ndarray:
-    """The points of a cloud as a structured array.
+    """Return the points of a cloud as a structured array.
 
     Raises:
         AssertionError: a field is not in the cloud.
@@ -71,7 +71,7 @@ def read_points_numpy(
     uvs: Iterable[Any] | None = None,
     reshape_organized_cloud: bool = False,
 ) -> np.ndarray:
-    """The points of a cloud as an array of numbers; the fields must be of one type."""
+    """Return the points of a cloud as an array of numbers; the fields must have one type."""
     points = read_points(cloud, field_names, skip_nans, uvs, reshape_organized_cloud)
     names = points.dtype.names or ()
     if len({points.dtype[name] for name in names}) > 1:
@@ -85,14 +85,14 @@ def read_points_list(
     skip_nans: bool = False,
     uvs: Iterable[Any] | None = None,
 ) -> list[Any]:
-    """The points of a cloud as tuples."""
+    """Return the points of a cloud as tuples."""
     return [tuple(point) for point in read_points(cloud, field_names, skip_nans, uvs)]
 
 
 def create_cloud(
     header: Any, fields: Sequence[Any], points: Any, step: int | None = None, point_step: int | None = None
 ) -> Any:
-    """A cloud of points, which are rows of numbers or a structured array."""
+    """Return a cloud of points from rows of numbers or a structured array."""
     dtype = dtype_from_fields(fields, point_step or step)
     if isinstance(points, np.ndarray) and points.dtype.names:
         packed = points.astype(dtype, copy=False)
@@ -116,7 +116,7 @@ def create_cloud(
 
 
 def create_cloud_xyz32(header: Any, points: Any) -> Any:
-    """A cloud of three float32 coordinates a point."""
+    """Return a cloud with three float32 coordinates per point."""
     field = message_class("sensor_msgs/PointField")
     fields = [field(name=name, offset=4 * at, datatype=7, count=1) for at, name in enumerate("xyz")]
     return create_cloud(header, fields, points)

@@ -20,7 +20,7 @@ def _move(vector: Any, by: Transform) -> None:
 
 
 def do_transform_point(point: Any, transform: Any) -> Any:
-    """A `PointStamped` in the frame of a transform."""
+    """Return a `PointStamped` in the frame of a transform."""
     moved = copy.deepcopy(point)
     _move(moved.point, read_transform(transform).transform)
     moved.header = transform.header
@@ -28,7 +28,7 @@ def do_transform_point(point: Any, transform: Any) -> Any:
 
 
 def do_transform_vector3(vector3: Any, transform: Any) -> Any:
-    """A `Vector3Stamped` in the frame of a transform: it is turned, and not moved."""
+    """Return a `Vector3Stamped` in the frame of a transform: rotated, not translated."""
     moved = copy.deepcopy(vector3)
     _move(moved.vector, _turned(transform))
     moved.header = transform.header
@@ -36,7 +36,7 @@ def do_transform_vector3(vector3: Any, transform: Any) -> Any:
 
 
 def do_transform_pose(pose: Any, transform: Any) -> Any:
-    """A `Pose` in the frame of a transform."""
+    """Return a `Pose` in the frame of a transform."""
     moved = copy.deepcopy(pose)
     turned = pose.orientation
     place = Transform(
@@ -50,7 +50,7 @@ def do_transform_pose(pose: Any, transform: Any) -> Any:
 
 
 def do_transform_pose_stamped(pose: Any, transform: Any) -> Any:
-    """A `PoseStamped` in the frame of a transform."""
+    """Return a `PoseStamped` in the frame of a transform."""
     moved = copy.deepcopy(pose)
     moved.pose = do_transform_pose(pose.pose, transform)
     moved.header = transform.header
@@ -58,7 +58,7 @@ def do_transform_pose_stamped(pose: Any, transform: Any) -> Any:
 
 
 def do_transform_pose_with_covariance_stamped(pose: Any, transform: Any) -> Any:
-    """A `PoseWithCovarianceStamped` in the frame of a transform; its covariance is turned with it."""
+    """Return a `PoseWithCovarianceStamped` in the frame of a transform, with rotated covariance."""
     import numpy as np
 
     moved = copy.deepcopy(pose)
@@ -72,7 +72,7 @@ def do_transform_pose_with_covariance_stamped(pose: Any, transform: Any) -> Any:
 
 
 def do_transform_wrench(wrench: Any, transform: Any) -> Any:
-    """A `WrenchStamped` in the frame of a transform: force and torque are turned."""
+    """Return a `WrenchStamped` in the frame of a transform: force and torque are rotated."""
     moved = copy.deepcopy(wrench)
     turn = _turned(transform)
     _move(moved.wrench.force, turn)

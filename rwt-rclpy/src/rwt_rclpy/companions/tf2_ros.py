@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 
 
 class TransformException(Exception):  # tf2's name
-    """Base of what tf2 raises."""
+    """Base of tf2's exceptions."""
 
 
 class LookupException(TransformException):
-    """A frame is not known."""
+    """A frame is unknown."""
 
 
 class ConnectivityException(LookupException):
@@ -37,11 +37,11 @@ class ConnectivityException(LookupException):
 
 
 class ExtrapolationException(LookupException):
-    """The time that was asked for is outside of what is known."""
+    """The requested time is outside of the history."""
 
 
 class InvalidArgumentException(TransformException):
-    """A transform or a frame that cannot be."""
+    """A transform or a frame is invalid."""
 
 
 class TimeoutException(TransformException):
@@ -61,16 +61,16 @@ def _ns(time: Any) -> int:
 
 
 class TransformRegistration:
-    """Functions that transform messages, by their class; `tf2_geometry_msgs` adds some."""
+    """Registry of functions that transform messages, by class; `tf2_geometry_msgs` adds some."""
 
     _functions: ClassVar[dict[type, Callable[[Any, Any], Any]]] = {}
 
     def add(self, key: type, callback: Callable[[Any, Any], Any]) -> None:
-        """Add the function of a class."""
+        """Register the function of a class."""
         self._functions[key] = callback
 
     def get(self, key: type) -> Callable[[Any, Any], Any]:
-        """The function of a class. Raises TypeException, which says what to import."""
+        """Return the function of a class. Raises TypeException, which names the module to import."""
         try:
             return self._functions[key]
         except KeyError:
@@ -86,11 +86,11 @@ class BufferInterface:
     def transform(
         self, object_stamped: Any, target_frame: str, timeout: Duration | None = None, new_type: Any = None
     ) -> Any:
-        """A stamped message in another frame.
+        """Return a stamped message in another frame.
 
         Raises:
             TypeException: messages of its class cannot be transformed.
-            LookupException: where the frames are is not known.
+            LookupException: the transform is not available.
         """
         do_transform = self.registration.get(type(object_stamped))
         header = object_stamped.header
@@ -105,11 +105,11 @@ class BufferInterface:
 
 
 class Buffer(BufferInterface):
-    """Transforms of the last seconds.
+    """Buffer of the transforms of the last seconds.
 
     Args:
-        cache_time: for how long they are kept; ten seconds by default.
-        node: offers `tf2_frames` where it is given.
+        cache_time: duration of the history; ten seconds by default.
+        node: node that offers `tf2_frames`, if given.
     """
 
     def __init__(
@@ -133,11 +133,11 @@ class Buffer(BufferInterface):
     # Filling
 
     def set_transform(self, transform: Any, authority: str) -> None:
-        """Keep a `geometry_msgs/TransformStamped`. Raises InvalidArgumentException."""
+        """Add a `geometry_msgs/TransformStamped`. Raises InvalidArgumentException."""
         self._put(transform, static=False)
 
     def set_transform_static(self, transform: Any, authority: str) -> None:
-        """Keep one that holds for all times. Raises InvalidArgumentException."""
+        """Add a static transform. Raises InvalidArgumentException."""
         self._put(transform, static=True)
 
     def _put(self, transform: Any, *, static: bool) -> None:
@@ -149,13 +149,13 @@ class Buffer(BufferInterface):
         self._new_data()
 
     def take(self, message: Any, *, static: bool) -> None:
-        """Take a message of `/tf` or `/tf_static`; what is wrong with it is logged."""
+        """Handle a message of `/tf` or `/tf_static`; errors are logged."""
         with self._lock:
             self._feed.take(message, static=static)
         self._new_data()
 
     def clear(self) -> None:
-        """Forget what moves."""
+        """Remove all non-static transforms."""
         with self._lock:
             self._frames.clear()
 
@@ -201,13 +201,13 @@ class Buffer(BufferInterface):
         """Return the transform of `source_frame` in `target_frame`, as `geometry_msgs/TransformStamped`.
 
         Args:
-            time: of which moment; `Time()` for the latest that is known.
-            timeout: how long to wait for it; a spin in another thread brings it.
+            time: time of the transform; `Time()` for the latest.
+            timeout: maximum wait; needs an executor in another thread.
 
         Raises:
-            LookupException: a frame is not known.
-            ConnectivityException: nothing joins the two.
-            ExtrapolationException: not of that time.
+            LookupException: a frame is unknown.
+            ConnectivityException: the frames are not connected.
+            ExtrapolationException: the history does not contain the time.
         """
         self._wait(lambda: bool(self._verdict(target_frame, source_frame, time)), timeout)
         with self._lock, _as_tf2():
@@ -250,7 +250,7 @@ class Buffer(BufferInterface):
         return (bool(verdict), verdict.reason) if return_debug_tuple else bool(verdict)
 
     def wait_for_transform_async(self, target_frame: str, source_frame: str, time: Any) -> Future:
-        """A future that is done as soon as the transform is known."""
+        """Return a future that is done once the transform is available."""
         future = Future()
 
         def ready() -> bool:
@@ -263,22 +263,22 @@ class Buffer(BufferInterface):
         return future
 
     async def lookup_transform_async(self, target_frame: str, source_frame: str, time: Any) -> Any:
-        """:meth:`lookup_transform` in a coroutine."""
+        """Return :meth:`lookup_transform` in a coroutine."""
         await self.wait_for_transform_async(target_frame, source_frame, time)
         return self.lookup_transform(target_frame, source_frame, time)
 
     def get_latest_common_time(self, source_frame: str, dest_frame: str) -> Time:
-        """The latest time of which both are known. Raises LookupException."""
+        """Return the latest common time of both frames. Raises LookupException."""
         with self._lock, _as_tf2():
             return Time(nanoseconds=self._frames.latest_common_time(dest_frame, source_frame))
 
     def all_frames_as_yaml(self) -> str:
-        """Every frame, as YAML."""
+        """Return all frames as YAML."""
         with self._lock:
             return self._frames.all_frames_as_yaml()
 
     def all_frames_as_string(self) -> str:
-        """Every frame, for people."""
+        """Return all frames as text for people."""
         with self._lock:
             return self._frames.tree()
 
@@ -319,12 +319,12 @@ _STATIC_HISTORY = QoSProfile(
 
 
 class TransformListener:
-    """Fills a buffer from `/tf` and `/tf_static`.
+    """Listener that fills a buffer from `/tf` and `/tf_static`.
 
     Args:
-        buffer: what is filled.
-        node: subscribes.
-        spin_thread: whether a thread of its own spins the node.
+        buffer: buffer.
+        node: node that subscribes.
+        spin_thread: True to spin the node in a separate thread.
     """
 
     def __init__(
@@ -363,7 +363,7 @@ class TransformListener:
             self.dedicated_listener_thread.start()
 
     def unregister(self) -> None:
-        """Fill it no more."""
+        """Stop listening."""
         if hasattr(self, "executor"):
             self.executor.shutdown()
         self.node.destroy_subscription(self.tf_sub)
@@ -371,26 +371,26 @@ class TransformListener:
 
 
 class TransformBroadcaster:
-    """Publishes on `/tf`."""
+    """Broadcaster on `/tf`."""
 
     def __init__(self, node: Node, qos: QoSProfile | int = 100) -> None:
         self.pub_tf = node.create_publisher(message_class("tf2_msgs/TFMessage"), "/tf", qos)
 
     def sendTransform(self, transform: Any) -> None:  # tf2_ros's name
-        """Publish one `geometry_msgs/TransformStamped`, or several."""
+        """Publish one or several `geometry_msgs/TransformStamped`."""
         transforms = list(transform) if isinstance(transform, (list, tuple)) else [transform]
         self.pub_tf.publish(message_class("tf2_msgs/TFMessage")(transforms=transforms))
 
 
 class StaticTransformBroadcaster:
-    """Publishes on `/tf_static`, where late listeners get all that was sent."""
+    """Broadcaster on `/tf_static`, which is latched."""
 
     def __init__(self, node: Node, qos: QoSProfile | None = None) -> None:
         self.pub_tf = node.create_publisher(message_class("tf2_msgs/TFMessage"), "/tf_static", qos or _STATIC)
         self._sent: dict[str, Any] = {}
 
     def sendTransform(self, transform: Any) -> None:  # tf2_ros's name
-        """Publish one `geometry_msgs/TransformStamped`, or several, with all before them."""
+        """Publish one or several `geometry_msgs/TransformStamped`, with all earlier ones."""
         for each in transform if isinstance(transform, (list, tuple)) else [transform]:
             self._sent[each.child_frame_id] = each
         self.pub_tf.publish(message_class("tf2_msgs/TFMessage")(transforms=list(self._sent.values())))

@@ -32,17 +32,17 @@ if TYPE_CHECKING:
 
 #: `service_msgs/ServiceEventInfo`.
 REQUEST_SENT, RESPONSE_RECEIVED = 0, 3
-#: How often a wait for something to appear looks again, in nanoseconds.
+#: Polling interval of waits for an entity, in nanoseconds.
 LOOK_AGAIN_NS = 10_000_000
 
 
 class Client(Entity):
-    """Calls a service; made by :meth:`Node.create_client`.
+    """Client of a service, created by :meth:`Node.create_client`.
 
     Attributes:
-        srv_type: the class of the service.
-        srv_name: the service's absolute name.
-        qos_profile: its quality of service.
+        srv_type: class of the service.
+        srv_name: absolute name of the service.
+        qos_profile: quality of service.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class Client(Entity):
 
     @property
     def service_name(self) -> str:
-        """The service's absolute name."""
+        """Absolute name of the service."""
         self._handle.check()
         return self.srv_name
 
@@ -89,12 +89,12 @@ class Client(Entity):
         """Call the service and wait for the response, while an executor spins in another thread.
 
         Returns:
-            The response; None when none came in time.
+            The response; None after the timeout.
 
         Raises:
             TypeError: the request is of another class.
-            CallFailed: the service answered that it failed.
-            ExternalShutdownException: the context ended before a response came.
+            CallFailed: the service reported failure.
+            ExternalShutdownException: the context ended before the response arrived.
             InvalidHandle: the client was destroyed.
         """
         wait = Wait(self.context)
@@ -110,8 +110,8 @@ class Client(Entity):
     def call_async(self, request: Any) -> Future:
         """Call the service; the future gets the response from the executor.
 
-        As on ROS, it is never done when nobody offers the service. When the service answers that it failed,
-        which ROS has no way to say, it gets a :exc:`CallFailed`.
+        As on ROS, it is never done if no node offers the service. If the service reports failure,
+        which ROS does not support, it gets a :exc:`CallFailed`.
 
         Raises:
             TypeError: the request is of another class.
@@ -140,11 +140,11 @@ class Client(Entity):
         self._pending_requests.pop(number, None)
 
     def get_pending_request(self, sequence_number: int) -> Future:
-        """The future of a request. Raises KeyError for one that is not pending."""
+        """Return the future of a request. Raises KeyError if it is not pending."""
         return self._pending_requests[sequence_number]
 
     def remove_pending_request(self, future: Future) -> None:
-        """Wait for a response no longer."""
+        """Drop a pending request."""
         for number, pending in tuple(self._pending_requests.items()):
             if pending is future:
                 self._forget(number)
@@ -155,7 +155,7 @@ class Client(Entity):
             return self._link.run(lambda: self._link.graph.service(self.srv_name)) is not None
 
     def wait_for_service(self, timeout_sec: float | None = None) -> bool:
-        """Wait until somebody offers the service; says whether that was in time."""
+        """Wait until a node offers the service. Returns False after the timeout."""
         return wait_until(self.context, self._link, self.service_is_ready, timeout_sec)
 
     def configure_introspection(
@@ -164,23 +164,23 @@ class Client(Entity):
         service_event_qos_profile: QoSProfile,
         introspection_state: ServiceIntrospectionState,
     ) -> None:
-        """Publish the steps of its calls, or no longer."""
+        """Start or stop publishing service events."""
         self._steps = self._node.step_publisher(
             self, self.srv_name, clock, service_event_qos_profile, introspection_state, self._steps
         )
 
     def destroy(self) -> None:
-        """Call no more; :meth:`Node.destroy_client` does it."""
+        """Destroy the client; see :meth:`Node.destroy_client`."""
         self._handle.destroy_when_not_in_use()
 
-    # What an executor asks
+    # Interface of executors
 
     def has_work(self) -> bool:
         """True if a response is pending."""
         return bool(self._replies)
 
     def take(self) -> Callable[[], object] | None:
-        """Return a function that gives the oldest response to its future."""
+        """Return a function that passes the oldest response to its future."""
         try:
             number, reply = self._replies.popleft()
         except IndexError:
@@ -212,7 +212,7 @@ class Client(Entity):
 
 
 def wait_until(context: Context, link: Link, ready: Callable[[], bool], timeout_sec: float | None) -> bool:
-    """Wait until something is there, looking again now and then; says whether that was in time."""
+    """Poll until an entity exists. Returns False after the timeout."""
     keeper = link.timekeeper
     condition = keeper.condition()
     deadline = None if timeout_sec is None or timeout_sec < 0 else keeper.steady_ns() + int(timeout_sec * 1e9)

@@ -1,7 +1,7 @@
-"""Content filters: which messages of a topic a subscription wants, in the words of DDS.
+"""Content filters of subscriptions, in DDS's expressions.
 
 An expression is the `FilterExpression` of DDS 1.4, annex B: comparisons of fields with values,
-`BETWEEN … AND …`, `LIKE` with `%` and `_`, `AND`, `OR`, `NOT` and parentheses. `%0` to `%99` stand for
+`BETWEEN … AND …`, `LIKE` with `%` and `_`, `AND`, `OR`, `NOT` and parentheses. `%0` to `%99` are
 parameters.
 
 >>> ContentFilter("speed > %0 AND name LIKE 'wheel%'", ["1.5"])
@@ -16,9 +16,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-#: How deep parentheses and NOT may be nested, which bounds what a hostile expression costs.
+#: Maximum nesting of parentheses and NOT, which limits the cost of hostile expressions.
 MOST_NESTED: Final = 50
-#: How long an expression may be, in characters.
+#: Maximum length of an expression in characters.
 LONGEST: Final = 10_000
 
 _TOKEN = re.compile(
@@ -38,7 +38,7 @@ Condition = Callable[[Any], bool]
 
 
 class InvalidFilter(ValueError):
-    """An expression that is none, or that a message cannot be asked; says where and what is expected."""
+    """An expression is invalid, or does not fit the message; the text gives position and expectation."""
 
 
 @dataclass
@@ -46,8 +46,8 @@ class ContentFilterOptions:
     """Content filter of a subscription.
 
     Attributes:
-        filter_expression: which messages; an empty one wants all.
-        expression_parameters: what stands for `%0`, `%1` and so on, as texts in the form of the expression.
+        filter_expression: condition; empty for all messages.
+        expression_parameters: values of `%0`, `%1` and so on, in the syntax of expressions.
     """
 
     filter_expression: str = ""
@@ -55,15 +55,15 @@ class ContentFilterOptions:
 
 
 class ContentFilter:
-    """A condition on messages.
+    """Condition on messages.
 
     Args:
-        expression: what DDS calls a filter expression.
-        parameters: what stands for `%0`, `%1` and so on.
-        fields: the names of the message's own fields; None to look at them only with messages.
+        expression: filter expression of DDS.
+        parameters: values of `%0`, `%1` and so on.
+        fields: names of the message's fields; None to check them only with messages.
 
     Raises:
-        InvalidFilter: it cannot be read, lacks a parameter, or names a field that the message has not.
+        InvalidFilter: it is invalid, lacks a parameter, or names an unknown field.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class ContentFilter:
 
 
 class _Parser:
-    """Reads one expression, from left to right: NOT before AND before OR."""
+    """Parser of one expression, from left to right: NOT before AND before OR."""
 
     def __init__(self, text: str, parameters: tuple[str, ...], fields: frozenset[str] | None) -> None:
         if len(text) > LONGEST:

@@ -1,4 +1,4 @@
-"""Events of an endpoint, and the handlers that call a program back with them."""
+"""Events of an endpoint, and their handlers."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ OnEvent = Callable[[Any], object]
 
 
 class EventHandler(Entity):
-    """Calls back with one kind of event."""
+    """Handler of one kind of event."""
 
     def __init__(
         self, *, callback_group: Any, callback: OnEvent, event_type: IntEnum, parent_impl: Any
@@ -72,10 +72,10 @@ class EventHandler(Entity):
         self._pending: Any = None
 
     def active(self) -> None:
-        """A message was published or received, or a publisher has said that it is alive."""
+        """Handle a published or received message, or an assertion of liveliness."""
 
     def happened(self, info: Any) -> None:
-        """Have the callback called; a newer event takes the place of one that was not taken."""
+        """Schedule the callback; a newer event replaces a pending one."""
         self._pending = info
         self.wake()
 
@@ -84,10 +84,10 @@ class EventHandler(Entity):
         return self._pending is not None and bool(self._handle)
 
     def take(self) -> Callable[[], object] | None:
-        """The callback with the event."""
+        """Return the callback with the event."""
         info, self._pending = self._pending, None
         return None if info is None else lambda: self.callback(info)
 
     def destroy(self) -> None:
-        """Call back no more."""
+        """Destroy the handler."""
         self._handle.destroy_when_not_in_use()

@@ -1,7 +1,7 @@
 """Watches of an endpoint for deadlines, liveliness and matching.
 
-Deadlines and leases are due at a moment, which executors wait for as for a timer. What joins and leaves a
-topic is looked for :data:`LOOKS_PER_SECOND` times a second, and only while a program has a callback for it.
+Deadlines and leases are due at a time, for which executors wait like for a timer. Changes of the endpoints
+of a topic are polled :data:`LOOKS_PER_SECOND` times per second, only while a program has a callback for them.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ if TYPE_CHECKING:
     from rwt_rclpy.clocks.timekeeper import Timekeeper
     from rwt_rclpy.endpoints.qos import QoSProfile
 
-#: How often a topic's other end is counted.
+#: Rate at which the endpoints of a topic are counted, in Hz.
 LOOKS_PER_SECOND: Final = 10
 
 
 @dataclass(frozen=True, slots=True)
 class Watched:
-    """A publisher or a subscription, as handlers of its events see it.
+    """Publisher or subscription as seen by handlers of its events.
 
     Attributes:
-        profile: its quality of service.
-        others: counts the endpoints at the other end of its topic.
-        timekeeper: what time is measured by.
+        profile: quality of service.
+        others: returns the number of endpoints at the other end of its topic.
+        timekeeper: source of time.
     """
 
     profile: QoSProfile
@@ -45,7 +45,7 @@ class Watched:
 
 
 class DeadlineHandler(EventHandler):
-    """Tells how often a message did not follow the last one within the deadline."""
+    """Watch for missed deadlines between messages."""
 
     def __init__(self, group: Any, callback: OnEvent, kind: IntEnum, watched: Watched) -> None:
         super().__init__(callback_group=group, callback=callback, event_type=kind, parent_impl=watched)
@@ -55,7 +55,7 @@ class DeadlineHandler(EventHandler):
         self._missed = 0
 
     def active(self) -> None:
-        """A message was published or received."""
+        """Handle a published or received message."""
         waited = self._next_ns is not None
         self._next_ns = self._keeper.steady_ns() + self._period_ns
         if not waited:
@@ -66,11 +66,11 @@ class DeadlineHandler(EventHandler):
         return self._next_ns is not None and bool(self._handle) and self._keeper.steady_ns() >= self._next_ns
 
     def due_in_ns(self) -> int | None:
-        """Nanoseconds until the deadline; None before the first message."""
+        """Return the nanoseconds until the deadline; None before the first message."""
         return None if self._next_ns is None else self._next_ns - self._keeper.steady_ns()
 
     def take(self) -> Callable[[], object] | None:
-        """The callback with how many deadlines have gone by."""
+        """Return the callback with the number of missed deadlines."""
         late = None if self._next_ns is None else self._keeper.steady_ns() - self._next_ns
         if late is None or late < 0 or self._next_ns is None:
             return None
@@ -82,14 +82,14 @@ class DeadlineHandler(EventHandler):
 
 
 class LeaseHandler(DeadlineHandler):
-    """Tells that a publisher has not said in time that it is alive."""
+    """Watch for a publisher that did not assert its liveliness in time."""
 
     def __init__(self, group: Any, callback: OnEvent, kind: IntEnum, watched: Watched) -> None:
         super().__init__(group, callback, kind, watched)
         self._period_ns = watched.profile.liveliness_lease_duration.nanoseconds
 
     def take(self) -> Callable[[], object] | None:
-        """The callback, once for each time that it is lost."""
+        """Return the callback, once for each loss."""
         if not self.has_work():
             return None
         self._next_ns = None
@@ -99,7 +99,7 @@ class LeaseHandler(DeadlineHandler):
 
 
 class MatchedHandler(EventHandler):
-    """Tells how many endpoints the other end of the topic has."""
+    """Watch for the number of endpoints at the other end of the topic."""
 
     def __init__(self, group: Any, callback: OnEvent, kind: IntEnum, watched: Watched) -> None:
         super().__init__(callback_group=group, callback=callback, event_type=kind, parent_impl=watched)
@@ -111,7 +111,7 @@ class MatchedHandler(EventHandler):
         self._total = 0
 
     def active(self) -> None:
-        """Messages say nothing about how many endpoints there are."""
+        """No-op: messages do not change the number of endpoints."""
 
     def has_work(self) -> bool:
         """True if the number of matched endpoints has changed since the last event."""
@@ -122,11 +122,11 @@ class MatchedHandler(EventHandler):
         return self._now != self._told and bool(self._handle)
 
     def due_in_ns(self) -> int | None:
-        """Nanoseconds until it looks again."""
+        """Return the nanoseconds until the next poll."""
         return self._look_ns - self._keeper.steady_ns() if self._handle else None
 
     def take(self) -> Callable[[], object] | None:
-        """The callback with the new number."""
+        """Return the callback with the new number."""
         change, self._told = self._now - self._told, self._now
         if not change:
             return None
@@ -140,19 +140,19 @@ class MatchedHandler(EventHandler):
 
 
 class LivelinessHandler(MatchedHandler):
-    """Tells how many publishers are alive: those that are there."""
+    """Watch for the number of live publishers, which is that of existing ones."""
 
     def _info(self, now: int, change: int) -> Any:
         return QoSLivelinessChangedInfo(now, change, 0, 0)
 
 
 def _is_a_span(duration: Duration) -> bool:
-    """True if a duration is finite: 0 and infinity stand for none."""
+    """True if a duration is finite: 0 and infinity mean none."""
     return 0 < duration.nanoseconds < Infinite.nanoseconds
 
 
 def make_handler(group: Any, callback: OnEvent, kind: IntEnum, watched: Watched) -> EventHandler:
-    """The handler of a kind of event; one that never calls where the profile asks for nothing."""
+    """Return the handler of a kind of event; it never calls if the profile does not request the event."""
     profile = watched.profile
     made: type[DeadlineHandler] | type[MatchedHandler] | None = None
     # By name: events of publishers and of subscriptions share numbers, and so are equal.

@@ -1,6 +1,6 @@
-"""`rclpy.event_handler`: what happens to publishers and subscriptions beside messages.
+"""`rclpy.event_handler`: events of publishers and subscriptions besides messages.
 
-Deadlines, liveliness, matching and lost messages are told of; see :mod:`rwt_rclpy.endpoints.event_watches`.
+Deadlines, liveliness, matching and lost messages are reported; see :mod:`rwt_rclpy.endpoints.event_watches`.
 No pair of endpoints is incompatible in a graph without DDS, so that those events never come.
 """
 
@@ -66,7 +66,7 @@ QoSEventHandler = EventHandler
 
 
 class _EventCallbacks:
-    """The callbacks for the events of an endpoint."""
+    """Callbacks for the events of an endpoint."""
 
     _types: ClassVar[Mapping[str, IntEnum]]
 
@@ -79,7 +79,7 @@ class _EventCallbacks:
         self.use_default_callbacks = use_default_callbacks
 
     def create_event_handlers(self, callback_group: Any, watched: Watched) -> list[EventHandler]:
-        """A handler for each callback."""
+        """Return a handler for each callback."""
         callbacks = ((getattr(self, name), kind) for name, kind in self._types.items())
         return [
             make_handler(callback_group, callback, kind, watched)
@@ -89,7 +89,7 @@ class _EventCallbacks:
 
 
 class SubscriptionEventCallbacks(_EventCallbacks):
-    """The callbacks for the events of a subscription."""
+    """Callbacks for the events of a subscription."""
 
     _types: ClassVar[Mapping[str, IntEnum]] = {
         "deadline": QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_DEADLINE_MISSED,
@@ -102,7 +102,7 @@ class SubscriptionEventCallbacks(_EventCallbacks):
 
 
 class PublisherEventCallbacks(_EventCallbacks):
-    """The callbacks for the events of a publisher."""
+    """Callbacks for the events of a publisher."""
 
     _types: ClassVar[Mapping[str, IntEnum]] = {
         "deadline": QoSPublisherEventType.RCL_PUBLISHER_OFFERED_DEADLINE_MISSED,

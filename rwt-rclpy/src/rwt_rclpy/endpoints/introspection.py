@@ -1,4 +1,4 @@
-"""`rclpy.service_introspection`: the steps of calls, published on `<service>/_service_event`."""
+"""`rclpy.service_introspection`: events of calls, published on `<service>/_service_event`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class ServiceIntrospectionState(IntEnum):
 
 
 class StepPublisher:
-    """Publishes the steps of one client or service."""
+    """Publisher of the service events of one client or service."""
 
     def __init__(self, publisher: Publisher, clock: Clock, state: ServiceIntrospectionState) -> None:
         self.publisher = publisher
@@ -31,7 +31,7 @@ class StepPublisher:
         self._gid = list(uuid.uuid4().bytes)
 
     def publish(self, event_type: int, sequence: int, *, request: Any = None, response: Any = None) -> None:
-        """Publish one step; the number is one of `service_msgs/ServiceEventInfo`."""
+        """Publish one event; its type is a number of `service_msgs/ServiceEventInfo`."""
         event = self.publisher.msg_type()
         info: Any = message_class("service_msgs/ServiceEventInfo")(
             event_type=event_type,

@@ -1,4 +1,4 @@
-"""`rclpy.qos_overriding_options`: quality of service that parameters may change."""
+"""`rclpy.qos_overriding_options`: quality of service that parameters can change."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ _ENUMS: dict[QoSPolicyKind, type[QoSPolicyEnum]] = {
 
 
 class InvalidQosOverridesError(Exception):
-    """The program's callback has refused the profile."""
+    """The program's callback rejected the profile."""
 
 
 class QoSOverridingOptions:
     """Policies of an endpoint that parameters may override.
 
     Args:
-        policy_kinds: the policies.
-        callback: refuses a profile by returning an unsuccessful `SetParametersResult`.
-        entity_id: tells endpoints of one topic apart.
+        policy_kinds: policies.
+        callback: rejects a profile by returning an unsuccessful `SetParametersResult`.
+        entity_id: distinguishes endpoints of one topic.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class QoSOverridingOptions:
     def with_default_policies(
         cls, *, callback: QosCallbackType | None = None, entity_id: str | None = None
     ) -> QoSOverridingOptions:
-        """History, depth and reliability may be changed."""
+        """Return options for history, depth and reliability."""
         kinds = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.RELIABILITY)
         return cls(kinds, callback=callback, entity_id=entity_id)
 
@@ -73,12 +73,12 @@ def _declare_qos_parameters(
     qos: QoSProfile,
     options: QoSOverridingOptions,
 ) -> None:
-    """Declare the parameters of an endpoint, and change its profile to what they say.
+    """Declare the parameters of an endpoint, and apply them to its profile.
 
     Raises:
-        InvalidQosOverridesError: the program's callback refuses it.
+        InvalidQosOverridesError: the program's callback rejects it.
         RuntimeError: a parameter names no such policy.
-        TypeError: `entity_type` is neither a publisher's class nor a subscription's.
+        TypeError: `entity_type` is neither the class of publishers nor that of subscriptions.
     """
     if not issubclass(entity_type, (Publisher, Subscription)):
         raise TypeError("Argument `entity_type` should be a subclass of Publisher or Subscription")

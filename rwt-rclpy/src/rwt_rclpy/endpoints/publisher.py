@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 
 class Publisher:
-    """Publishes messages of one type; made by :meth:`Node.create_publisher`.
+    """Publisher of messages of one type, created by :meth:`Node.create_publisher`.
 
     Attributes:
-        msg_type: the class of the messages.
-        topic: the name that was asked for.
-        qos_profile: its quality of service.
-        event_handlers: what hears of events.
+        msg_type: class of the messages.
+        topic: requested name.
+        qos_profile: quality of service.
+        event_handlers: handlers of events.
     """
 
     def __init__(
@@ -51,10 +51,10 @@ class Publisher:
         self._link.post(self._publisher.close)
 
     def publish(self, msg: Any) -> None:
-        """Publish a message, or one in CDR that is passed on.
+        """Publish a message, or bytes in CDR.
 
         Raises:
-            TypeError: it is of another class.
+            TypeError: the message is of another class.
             InvalidHandle: the publisher was destroyed.
             InvalidMessage: the CDR does not fit the type.
         """
@@ -77,7 +77,7 @@ class Publisher:
 
     @property
     def topic_name(self) -> str:
-        """The topic's absolute name."""
+        """Absolute name of the topic."""
         with self._handle:
             return self._publisher.topic
 
@@ -87,20 +87,20 @@ class Publisher:
         return self._handle
 
     def destroy(self) -> None:
-        """Leave the topic; :meth:`Node.destroy_publisher` does it."""
+        """Leave the topic; see :meth:`Node.destroy_publisher`."""
         for handler in self.event_handlers:
             handler.destroy()
         self._handle.destroy_when_not_in_use()
 
     def assert_liveliness(self) -> None:
-        """Say that it is alive, as every message says too."""
+        """Assert liveliness, as every message does."""
         self._handle.check()
         for handler in self.event_handlers:
             if handler.event_type is QoSPublisherEventType.RCL_PUBLISHER_LIVELINESS_LOST:
                 handler.active()
 
     def wait_for_all_acked(self, timeout: Duration | None = None) -> bool:
-        """Wait until all subscriptions have what was published: they do when `publish` returns."""
+        """Return True: subscriptions have received everything when `publish` returns."""
         with self._handle:
             self._link.run(lambda: None)
             return True

@@ -9,12 +9,12 @@ from typing import Any, Final
 from rwt_participant import qos as program
 from rwt_rclpy.clocks.duration import Duration
 
-#: rmw's duration of "as the others have it".
+#: rmw's duration for "best available".
 BEST_AVAILABLE_NS: Final = 9223372036854775806
 
 
 class QoSPolicyKind(IntEnum):
-    """Policies, as events of incompatible ones name them."""
+    """Kinds of policies in events of incompatible ones."""
 
     INVALID = 1
     DURABILITY = 2
@@ -29,33 +29,33 @@ class QoSPolicyKind(IntEnum):
 
 
 def qos_policy_name_from_kind(policy_kind: QoSPolicyKind | int) -> str:
-    """The name of a policy."""
+    """Return the name of a policy."""
     return QoSPolicyKind(policy_kind).name
 
 
 class InvalidQoSProfileException(Exception):
-    """A profile without what it needs."""
+    """The profile lacks a required policy."""
 
     def __init__(self, *args: object) -> None:
         super().__init__("Invalid QoSProfile", *args)
 
 
 class QoSPolicyEnum(IntEnum):
-    """Base of the policies with a few choices."""
+    """Base of enumerated policies."""
 
     @classmethod
     def short_keys(cls) -> list[str]:
-        """The choices as people type them."""
+        """Return the short names of the values."""
         return [key.lower() for key in cls.__members__ if not key.startswith("RMW")]
 
     @classmethod
     def get_from_short_key(cls, name: str) -> int:
-        """The number of a choice. Raises KeyError for what is none."""
+        """Return the value of a short name. Raises KeyError for unknown ones."""
         return cls[name.upper()].value
 
     @property
     def short_key(self) -> str:
-        """The choice as people type it."""
+        """Short name of the value."""
         return self.name.lower()
 
 
@@ -89,7 +89,7 @@ class DurabilityPolicy(QoSPolicyEnum):
 
 
 class LivelinessPolicy(QoSPolicyEnum):
-    """Policy for how a publisher is known to be alive."""
+    """Policy for the liveliness of a publisher."""
 
     SYSTEM_DEFAULT = 0
     AUTOMATIC = 1
@@ -99,7 +99,7 @@ class LivelinessPolicy(QoSPolicyEnum):
 
 
 class _OldName:
-    """A name from before Foxy, which warns."""
+    """Deprecated name from before Foxy."""
 
     def __init__(self, old: str, new: str) -> None:
         self._old, self._new = old, new
@@ -129,7 +129,7 @@ QoSLivelinessPolicy = LivelinessPolicy
 DeadlineBestAvailable = Duration(nanoseconds=BEST_AVAILABLE_NS)
 LivelinessLeaseDurationeBestAvailable = Duration(nanoseconds=BEST_AVAILABLE_NS)  # rclpy's spelling
 
-#: What a profile has for what it is not given. A duration of zero is none.
+#: Default values of a profile. A duration of zero means none.
 _DEFAULTS: Final[dict[str, Any]] = {
     "depth": 10,
     "reliability": ReliabilityPolicy.RELIABLE,
@@ -154,11 +154,11 @@ POLICIES: Final = (
 
 
 class QoSProfile:
-    """The policies of one endpoint, each an attribute that checks what is assigned.
+    """Policies of one endpoint, as attributes that check assigned values.
 
     Raises:
-        InvalidQoSProfileException: neither history nor depth was given, or KEEP_LAST without a depth.
-        AssertionError: there is no such policy, or its value is of another type.
+        InvalidQoSProfileException: neither history nor depth is given, or KEEP_LAST without a depth.
+        AssertionError: a policy is unknown, or its value is of another type.
     """
 
     __slots__ = tuple(f"_{name}" for name in POLICIES)
@@ -188,11 +188,11 @@ class QoSProfile:
             setattr(self, name, kwargs.get(name, default))
 
     def get_c_qos_profile(self) -> QoSProfile:
-        """The profile itself, for code that passes it on to rmw."""
+        """Return the profile itself, for code that passes it to rmw."""
         return self
 
     def to_dict(self) -> dict[str, Any]:
-        """The policies by name."""
+        """Return the policies by name."""
         return {name: getattr(self, name) for name in POLICIES}
 
     def __eq__(self, other: object) -> bool:
@@ -287,7 +287,7 @@ qos_profile_rosout_default.lifespan = Duration(seconds=10)
 
 
 class QoSPresetProfiles(Enum):
-    """The profiles under short names."""
+    """Profiles by short name."""
 
     UNKNOWN = qos_profile_unknown
     DEFAULT = qos_profile_default
@@ -301,12 +301,12 @@ class QoSPresetProfiles(Enum):
 
     @classmethod
     def short_keys(cls) -> list[str]:
-        """The names as people type them."""
+        """Return the short names."""
         return [key.lower() for key in cls.__members__]
 
     @classmethod
     def get_from_short_key(cls, name: str) -> QoSProfile:
-        """The profile of a name. Raises KeyError for what is none."""
+        """Return the profile of a short name. Raises KeyError for unknown ones."""
         found: QoSProfile = cls[name.upper()].value
         return found
 
@@ -324,7 +324,7 @@ def qos_check_compatible(
 ) -> tuple[QoSCompatibility, str]:
     """Return the compatibility of a publisher and a subscription, with the reasons against it.
 
-    A subscription may ask for no more than the publisher offers (rmw's `rmw_qos_profile_check_compatible`).
+    A subscription may not request more than the publisher offers (`rmw_qos_profile_check_compatible`).
     """
     errors = _errors(publisher_qos, subscription_qos)
     if errors:
@@ -344,7 +344,7 @@ def qos_check_compatible(
 
 
 def _unsure(name: str, publisher: QoSProfile, subscription: QoSProfile) -> bool:
-    """True if a policy that is not known may be insufficient."""
+    """True if an unknown policy may be insufficient."""
     if name == "liveliness":
         return {publisher.liveliness, subscription.liveliness} != {LivelinessPolicy.SYSTEM_DEFAULT}
     return True
@@ -376,13 +376,13 @@ def _errors(publisher: QoSProfile, subscription: QoSProfile) -> list[str]:
 
 
 def _span(duration: Duration) -> int | None:
-    """Nanoseconds of a finite duration; None for one that asks nothing."""
+    """Return the nanoseconds of a finite duration; None for others."""
     span = duration.nanoseconds
     return None if span in (0, BEST_AVAILABLE_NS, 2**63 - 1) else span
 
 
 def graph_qos(profile: QoSProfile) -> program.QoS:
-    """The profile as the graph has it."""
+    """Return the profile as the graph's quality of service."""
     seconds = program.LONGEST_SECONDS
     return program.QoS(
         history=program.History.KEEP_ALL
@@ -403,7 +403,7 @@ def graph_qos(profile: QoSProfile) -> program.QoS:
 
 
 def profile_of(qos: program.QoS) -> QoSProfile:
-    """The graph's quality of service as a profile."""
+    """Return the graph's quality of service as a profile."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_ALL
         if qos.history is program.History.KEEP_ALL

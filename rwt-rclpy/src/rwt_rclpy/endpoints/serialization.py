@@ -10,12 +10,12 @@ from rwt_rclpy.messages.classes import Message
 
 
 def serialize_message(message: Any) -> bytes:
-    """A message in CDR, with its encapsulation header."""
+    """Return a message in CDR, with its encapsulation header."""
     return payload_of(message).cdr()
 
 
 def deserialize_message(serialized_message: bytes, message_type: Any) -> Any:
-    """A message from CDR. Raises InvalidMessage for what is none of that type."""
+    """Return a message from CDR. Raises InvalidMessage if it does not fit the type."""
     payload = Payload.from_cdr(_type(message_type), bytes(serialized_message))
     return message_of(payload, message_type)
 
@@ -25,11 +25,11 @@ def _type(cls: Any) -> Any:
 
 
 def payload_of(message: Message) -> Payload:
-    """A message as the graph has it: large arrays are copied once, and never looked through."""
+    """Return a message in the graph's form: large arrays are copied once, and not traversed."""
     cls = type(message)
     return Payload(message_type(cls), None, cls._rwt_to_graph(message))
 
 
 def message_of(payload: Payload, cls: type[Message]) -> Any:
-    """A message of the graph as an object of its class, which is the program's own."""
+    """Return a message of the graph as an object of its class, which the program may change."""
     return cls._rwt_from_graph(payload.value())

@@ -32,12 +32,12 @@ REQUEST_RECEIVED, RESPONSE_SENT = 1, 2
 
 
 class RequestHeader:
-    """One request, for :meth:`Service.send_response`.
+    """Header of a request, for :meth:`Service.send_response`.
 
     Attributes:
-        call: the request in the graph.
-        sequence_number: counts the requests of the service.
-        release: ends what the caller is charged while the request is kept, on the graph's thread.
+        call: request in the graph.
+        sequence_number: number of the request of the service.
+        release: releases the caller's charge for the request, on the graph's thread.
     """
 
     __slots__ = ("call", "release", "sequence_number")
@@ -49,13 +49,13 @@ class RequestHeader:
 
 
 class Service(Entity):
-    """Answers requests; made by :meth:`Node.create_service`.
+    """Service of a node, created by :meth:`Node.create_service`.
 
     Attributes:
-        srv_type: the class of the service.
-        srv_name: the name that was asked for.
+        srv_type: class of the service.
+        srv_name: requested name.
         callback: takes a request and a response to fill, and returns the response.
-        qos_profile: its quality of service.
+        qos_profile: quality of service.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Service(Entity):
         self.qos_profile = qos_profile
 
     def opened(self, registration: Any) -> None:
-        """Take what the graph gives for it."""
+        """Set the endpoint of the graph."""
         self._registration = registration
 
     def _close(self) -> None:
@@ -96,14 +96,14 @@ class Service(Entity):
 
     @property
     def service_name(self) -> str:
-        """The service's absolute name."""
+        """Absolute name of the service."""
         with self._handle:
             name: str = self._registration.name
             return name
 
     def on_call(self, call: ServiceCall) -> None:
-        """Keep a request for the executor, on the graph's thread."""
-        # Charged for as long as it is kept: also when nobody waits for its answer any more.
+        """Queue a request for the executor, on the graph's thread."""
+        # Charged as long as it is kept, even if its caller no longer waits.
         self._calls.append(RequestHeader(call, next(self._numbers), hold_for_asker(0)))
         self.wake()
 
@@ -123,23 +123,23 @@ class Service(Entity):
         service_event_qos_profile: QoSProfile,
         introspection_state: ServiceIntrospectionState,
     ) -> None:
-        """Publish the steps of its calls, or no longer."""
+        """Start or stop publishing service events."""
         self._steps = self._node.step_publisher(
             self, self.service_name, clock, service_event_qos_profile, introspection_state, self._steps
         )
 
     def destroy(self) -> None:
-        """Withdraw it; :meth:`Node.destroy_service` does it."""
+        """Withdraw the service; see :meth:`Node.destroy_service`."""
         self._handle.destroy_when_not_in_use()
 
-    # What an executor asks
+    # Interface of executors
 
     def has_work(self) -> bool:
         """True if a request is pending."""
         return bool(self._calls) and bool(self._handle)
 
     def take(self) -> Callable[[], object] | None:
-        """The callback with the oldest request that is still waited for."""
+        """Return the callback with the oldest request whose caller still waits."""
         while self._calls:
             header = self._calls.popleft()
             if header.call.done:
@@ -178,7 +178,7 @@ class Service(Entity):
         self._link.post(header.release)
 
     def _fail(self, error: Exception, header: RequestHeader) -> None:
-        # The caller hears of it, while the exception ends the spin, as on ROS.
+        # The caller gets the failure, and the exception ends the spin, as on ROS.
         reason = f"{type(error).__name__} in the service's callback"
         self._link.post(lambda: header.call.fail(reason))
         self._link.post(header.release)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rwt_graph.api import Sample
     from rwt_rclpy.middleware.link import Link
 
-#: What `KEEP_ALL` keeps for an executor that does not take it.
+#: Maximum number of queued messages with `KEEP_ALL`.
 KEEP_ALL_LIMIT = 100_000
 
 
@@ -38,20 +38,20 @@ class MessageInfo(TypedDict):
 
 
 class CallbackType(Enum):
-    """Arguments of a callback: the message alone, or its metadata too."""
+    """Arguments of a callback: the message, or message and metadata."""
 
     MessageOnly = 0
     WithMessageInfo = 1
 
 
 class Subscription(Entity):
-    """Receives messages of one type; made by :meth:`Node.create_subscription`.
+    """Subscription of messages of one type, created by :meth:`Node.create_subscription`.
 
     Attributes:
-        msg_type: the class of the messages.
-        topic: the name that was asked for.
-        raw: whether the callback gets CDR.
-        qos_profile: its quality of service; its depth is what waits for the executor.
+        msg_type: class of the messages.
+        topic: requested name.
+        raw: True if the callback gets CDR.
+        qos_profile: quality of service; its depth limits the queue of the executor.
     """
 
     CallbackType = CallbackType
@@ -91,7 +91,7 @@ class Subscription(Entity):
             self.set_content_filter(content_filter.filter_expression, content_filter.expression_parameters)
 
     def opened(self, subscription: Any) -> None:
-        """Take what the graph gives for it."""
+        """Set the endpoint of the graph."""
         self._subscription = subscription
 
     def _close(self) -> None:
@@ -116,7 +116,7 @@ class Subscription(Entity):
 
     @property
     def topic_name(self) -> str:
-        """The topic's absolute name."""
+        """Absolute name of the topic."""
         with self._handle:
             name: str = self._subscription.topic
             return name
@@ -128,13 +128,13 @@ class Subscription(Entity):
             return 0 if info is None else len(info.publishers)
 
     def destroy(self) -> None:
-        """Leave the topic; :meth:`Node.destroy_subscription` does it."""
+        """Leave the topic; see :meth:`Node.destroy_subscription`."""
         for handler in self.event_handlers:
             handler.destroy()
         self._handle.destroy_when_not_in_use()
 
     def on_sample(self, sample: Sample) -> None:
-        """Keep a sample for the executor, on the graph's thread."""
+        """Queue a sample for the executor, on the graph's thread."""
         samples = self._samples
         if len(samples) == samples.maxlen:
             self._lost += 1
@@ -156,10 +156,10 @@ class Subscription(Entity):
         return self._filter is not None
 
     def set_content_filter(self, filter_expression: str, expression_parameters: Sequence[str] = ()) -> None:
-        """Call back only with messages that an expression of DDS fits; an empty one ends that.
+        """Set a DDS expression that messages must match; an empty one removes the filter.
 
         Raises:
-            InvalidFilter: the expression cannot be read, or names a field that the message has not.
+            InvalidFilter: the expression is invalid, or names an unknown field.
             InvalidHandle: the subscription was destroyed.
         """
         self._handle.check()
@@ -168,7 +168,7 @@ class Subscription(Entity):
         self._filter = ContentFilter(wanted, expression_parameters, fields) if wanted else None
 
     def get_content_filter(self) -> ContentFilterOptions:
-        """The content filter that is set. Raises RCLError when there is none."""
+        """Return the content filter. Raises RCLError if none is set."""
         self._handle.check()
         if self._filter is None:
             raise RCLError(f"the subscription to {self.topic} has no content filter")
@@ -181,14 +181,14 @@ class Subscription(Entity):
             get_logger("rclpy").error(f"a message on {self.topic} is left out: {error}")
             return False
 
-    # What an executor asks
+    # Interface of executors
 
     def has_work(self) -> bool:
         """True if a message is pending."""
         return bool(self._samples)
 
     def take(self) -> Callable[[], object] | None:
-        """The callback with the oldest message that has not expired."""
+        """Return the callback with the oldest message that has not expired."""
         taken = self._take()
         if taken is None:
             return None

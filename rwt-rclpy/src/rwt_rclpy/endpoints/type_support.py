@@ -1,4 +1,4 @@
-"""`rclpy.type_support`: whether a class is a message, service or action, and of which type."""
+"""`rclpy.type_support`: types of the classes of messages, services and actions."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from rwt_rclpy.exceptions import NoTypeSupportImportedException
 
 
 def check_for_type_support(msg_or_srv_type: Any) -> None:
-    """Check that a class was made from a definition.
+    """Check that a class was generated from a definition.
 
     Raises:
-        AttributeError: it was not, as a class of ROS 1.
-        NoTypeSupportImportedException: there is no type behind it.
+        AttributeError: it was not, such as a class of ROS 1.
+        NoTypeSupportImportedException: it has no type.
     """
     try:
         support = msg_or_srv_type.__class__._TYPE_SUPPORT
@@ -44,21 +44,21 @@ def check_is_valid_srv_type(srv_type: Any) -> None:
 
 
 def message_type(msg_type: Any) -> MessageType:
-    """The type behind a class of a message."""
+    """Return the type of a message class."""
     check_is_valid_msg_type(msg_type)
     found: MessageType = msg_type.__class__._TYPE_SUPPORT
     return found
 
 
 def service_type(srv_type: Any) -> ServiceType:
-    """The type behind a class of a service."""
+    """Return the type of a service class."""
     check_is_valid_srv_type(srv_type)
     found: ServiceType = srv_type.__class__._TYPE_SUPPORT
     return found
 
 
 def action_type(cls: Any) -> ActionType:
-    """The type behind a class of an action. Raises RuntimeError for other classes."""
+    """Return the type of an action class. Raises RuntimeError for other classes."""
     check_for_type_support(cls)
     found = cls.__class__._TYPE_SUPPORT
     if not isinstance(found, ActionType):

@@ -1,4 +1,4 @@
-"""The type variables that programs import from rclpy's modules for their annotations."""
+"""Type variables that programs import from rclpy's modules for annotations."""
 
 from __future__ import annotations
 

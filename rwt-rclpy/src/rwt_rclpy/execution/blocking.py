@@ -12,10 +12,10 @@ if TYPE_CHECKING:
 
 
 class Wait:
-    """A wait of one thread; who changes what it waits for calls :meth:`wake`.
+    """Wait of one thread; a change of its condition must be followed by :meth:`wake`.
 
-    Ctrl-C raises KeyboardInterrupt in the main thread as soon as the wait holds no lock: the end of the
-    context wakes it. After that end, which SIGTERM brings too, no executor brings an answer any more.
+    Ctrl-C raises KeyboardInterrupt in the main thread as soon as the wait holds no lock, because the end of
+    the context wakes it. After that end, also by SIGTERM, no executor delivers responses.
     """
 
     def __init__(self, context: Context) -> None:
@@ -25,16 +25,16 @@ class Wait:
         context.wake_on_end(self)
 
     def wake(self) -> None:
-        """Look again."""
+        """Check the condition again."""
         with self._condition:
             self._condition.notify_all()
 
     def until(self, ready: Callable[[], bool], timeout_sec: float | None = None) -> bool:
-        """Wait; says whether it is so, which it is not when the time is over or the context has ended.
+        """Wait for the condition. Returns False after the timeout or the end of the context.
 
         Args:
-            ready: looks; it is called with the lock held, and may not wait itself.
-            timeout_sec: None or a negative number for as long as it takes.
+            ready: condition; called with the lock held, and must not wait itself.
+            timeout_sec: None or a negative number for no timeout.
         """
         forever = timeout_sec is None or timeout_sec < 0
         deadline = None if forever else self._keeper.steady_ns() + int((timeout_sec or 0) * 1e9)

@@ -1,4 +1,4 @@
-"""`rclpy.callback_groups`: which callbacks may run at the same time."""
+"""`rclpy.callback_groups`: concurrency of callbacks."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 class CallbackGroup(ABC):
-    """Entities whose callbacks an executor runs beside each other, or not."""
+    """Group of entities with a rule for concurrent callbacks."""
 
     def __init__(self) -> None:
         self.entities: set[weakref.ref[Entity]] = set()
@@ -31,30 +31,30 @@ class CallbackGroup(ABC):
 
     @abstractmethod
     def beginning_execution(self, entity: Entity) -> bool:
-        """Begin a callback; False when it may not run now."""
+        """Begin a callback. Returns False if it may not run now."""
 
     @abstractmethod
     def ending_execution(self, entity: Entity) -> None:
-        """End a callback that was begun."""
+        """End a callback."""
 
 
 class ReentrantCallbackGroup(CallbackGroup):
-    """Callbacks may run at the same time, each beside itself too."""
+    """Group whose callbacks may run concurrently, also several times."""
 
     def can_execute(self, entity: Entity) -> bool:
-        """Always."""
+        """Return True."""
         return True
 
     def beginning_execution(self, entity: Entity) -> bool:
-        """Always."""
+        """Return True."""
         return True
 
     def ending_execution(self, entity: Entity) -> None:
-        """No-op: there is nothing to note."""
+        """No-op."""
 
 
 class MutuallyExclusiveCallbackGroup(CallbackGroup):
-    """One callback at a time."""
+    """Group in which one callback runs at a time."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -68,7 +68,7 @@ class MutuallyExclusiveCallbackGroup(CallbackGroup):
         return self._active is None
 
     def beginning_execution(self, entity: Entity) -> bool:
-        """Take the turn, if none runs."""
+        """Begin a callback if none runs. Returns False otherwise."""
         with self._lock:
             if weakref.ref(entity) not in self.entities:
                 raise AssertionError("the entity is not of this callback group")
@@ -78,7 +78,7 @@ class MutuallyExclusiveCallbackGroup(CallbackGroup):
             return False
 
     def ending_execution(self, entity: Entity) -> None:
-        """Give the turn back."""
+        """End the running callback."""
         with self._lock:
             if self._active != weakref.ref(entity):
                 raise AssertionError("another callback is the one that runs")

@@ -1,4 +1,4 @@
-"""`rclpy.context`: from init to shutdown."""
+"""`rclpy.context`: contexts between init and shutdown."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ OnShutdown = Callable[[], object]
 
 
 class ContextHandle(Destroyable):
-    """The state of an initialised context.
+    """State of an initialised context.
 
     Attributes:
-        arguments: what the command line says to every node.
-        domain: the ROS domain.
-        link: the graph of that domain.
+        arguments: arguments of the command line for all nodes.
+        domain: ROS domain.
+        link: graph of that domain.
     """
 
     def __init__(self, arguments: RosArguments, domain: int) -> None:
@@ -47,12 +47,12 @@ class ContextHandle(Destroyable):
         self.valid = False
 
 
-#: Every initialised context, for signals.
+#: All initialised contexts, for signals.
 _initialised: weakref.WeakSet[Context] = weakref.WeakSet()
 
 
 class Context:
-    """Everything that one `init` begins and one `shutdown` ends."""
+    """Context of nodes, from `init` to `shutdown`."""
 
     def __init__(self) -> None:
         self._lock = threading.RLock()
@@ -62,12 +62,12 @@ class Context:
 
     @property
     def handle(self) -> ContextHandle | None:
-        """Its state; None before :meth:`init`."""
+        """State; None before :meth:`init`."""
         return self._handle
 
     @property
     def link(self) -> Link:
-        """The graph of its domain. Raises RuntimeError before :meth:`init`."""
+        """Return the graph of its domain. Raises RuntimeError before :meth:`init`."""
         if self._handle is None:
             raise RuntimeError("the context is not initialized: call rclpy.init() first")
         return self._handle.link
@@ -82,15 +82,15 @@ class Context:
         """Begin.
 
         Args:
-            args: the command line, `sys.argv` by default.
-            initialize_logging: whether ``--log-level`` of the command line is taken.
-            domain_id: the ROS domain; what ROS_DOMAIN_ID says by default.
+            args: command line, `sys.argv` by default.
+            initialize_logging: True to apply ``--log-level`` of the command line.
+            domain_id: ROS domain; by default the value of ROS_DOMAIN_ID.
 
         Raises:
             RuntimeError: it was initialised before, or the domain is negative.
-            UnicodeEncodeError: an argument is not of characters of UTF-8.
+            UnicodeEncodeError: an argument is not valid UTF-8.
             RCLError: the environment demands security enclaves, which only DDS has.
-            UnknownROSArgsError: an argument after ``--ros-args`` is not ROS's.
+            UnknownROSArgsError: an argument after ``--ros-args`` is unknown.
         """
         with self._lock:
             domain = domain_of(domain_id)
@@ -98,7 +98,7 @@ class Context:
                 raise RuntimeError("Context.init() must only be called once")
             given = sys.argv if args is None else args
             for each in given:
-                each.encode()  # A wrong locale leaves surrogates in it, which no name may have.
+                each.encode()  # With a wrong locale it contains surrogates, which are invalid in names.
             arguments = parse_arguments(given)
             arguments.refuse_unknown()
             _refuse_enclaves()
@@ -123,7 +123,7 @@ class Context:
         self._wake()
 
     def _wake(self) -> None:
-        with self._lock:  # Threads that begin to wait would change the set under way.
+        with self._lock:  # A copy, because threads that begin to wait change the set.
             wakers = tuple(self._wakers)
         for waker in wakers:
             waker.wake()
@@ -143,7 +143,7 @@ class Context:
         self._call_callbacks()
 
     def try_shutdown(self) -> None:
-        """End it, unless it has ended."""
+        """Shut down, unless that was done already."""
         with self._lock:
             if self._handle is None or not self._handle.valid:
                 return
@@ -151,16 +151,16 @@ class Context:
         self._call_callbacks()
 
     def shutdown_by_signal(self) -> None:
-        """End it from outside: what spins or waits for an answer raises ExternalShutdownException."""
+        """Shut down from outside: spinning and waiting functions raise ExternalShutdownException."""
         if self._handle is not None:
             self._handle.shutdown()
         self._wake()
 
     def on_shutdown(self, callback: OnShutdown) -> None:
-        """Call a function when the context is shut down; at once when it was. Methods are held weakly.
+        """Call a function at shutdown; at once if that was done. Methods are referenced weakly.
 
         Raises:
-            TypeError: it cannot be called.
+            TypeError: it is not callable.
         """
         if not callable(callback):
             raise TypeError(f"callback should be a callable, got {type(callback)}")
@@ -179,18 +179,18 @@ class Context:
             self._callbacks.remove(weak)
 
     def wake_on_end(self, waker: Wakeable) -> None:
-        """Wake what waits when the context ends in whatever way."""
+        """Wake waiting threads when the context ends for any reason."""
         with self._lock:
             self._wakers.add(waker)
 
     def get_domain_id(self) -> int:
-        """The ROS domain. Raises RuntimeError before :meth:`init`."""
+        """Return the ROS domain. Raises RuntimeError before :meth:`init`."""
         if self._handle is None:
             raise RuntimeError("Context must be initialized before it can have a domain id")
         return self._handle.domain
 
     def destroy(self) -> None:
-        """Let go of its state."""
+        """Release the state."""
         if self._handle is not None:
             self._handle.destroy_when_not_in_use()
 
@@ -217,14 +217,14 @@ def _refuse_enclaves() -> None:
 
 
 class Wakeable(Protocol):
-    """A waiting object that can be woken up."""
+    """Waiting object that can be woken."""
 
     def wake(self) -> None:
         """Look again."""
 
 
 def initialised_contexts() -> list[Context]:
-    """Every context that has begun and not ended."""
+    """Return all contexts that are initialised and not shut down."""
     return [context for context in tuple(_initialised) if context.ok()]
 
 
@@ -233,7 +233,7 @@ _default_lock = threading.Lock()
 
 
 def get_default_context(*, shutting_down: bool = False) -> Context:
-    """The context of `rclpy.init()`; a new one after the present one is shut down."""
+    """Return the context of `rclpy.init()`; a new one after the current one was shut down."""
     global _default
     with _default_lock:
         if _default is None:

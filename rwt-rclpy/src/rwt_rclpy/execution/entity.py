@@ -15,17 +15,17 @@ def _nothing() -> None:
 
 
 class Entity(ABC):
-    """Something that has work for an executor now and then.
+    """Entity with callbacks for an executor.
 
     Attributes:
-        callback_group: which callbacks may run beside its own.
-        wake: makes the executor look again; set by the node that it belongs to.
+        callback_group: group of its callbacks.
+        wake: wakes the executor; set by the entity's node.
     """
 
     def __init__(self, callback_group: CallbackGroup | None) -> None:
         self.callback_group: Any = callback_group
         self.wake: Callable[[], None] = _nothing
-        # rclpy's name: whether an executor has it in hand.
+        # rclpy's name: True while an executor handles it.
         self._executor_event = False
 
     @abstractmethod
@@ -34,8 +34,8 @@ class Entity(ABC):
 
     @abstractmethod
     def take(self) -> Callable[[], object] | None:
-        """The callback to run now, which may return a coroutine; None when there is none after all."""
+        """Return the callback to run now, which may return a coroutine; None if there is none."""
 
     def due_in_ns(self) -> int | None:
-        """Nanoseconds until it has work by itself; None when it waits for something else than time."""
+        """Return the nanoseconds until it is ready; None if that does not depend on time."""
         return None

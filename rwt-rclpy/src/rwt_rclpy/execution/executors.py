@@ -1,6 +1,6 @@
-"""`rclpy.executors`: what runs the callbacks of nodes.
+"""`rclpy.executors`: execution of the callbacks of nodes.
 
-An executor looks over its nodes' entities, runs what has work, and sleeps when nothing has: until an entity
+An executor runs the ready callbacks of its nodes' entities, and sleeps if there are none, until an entity
 wakes it or the next timer is due. It never polls.
 """
 
@@ -30,7 +30,7 @@ async def await_or_execute(callback: Callable[..., Any] | Coroutine[Any, Any, An
     """Return the result of a function or a coroutine function."""
     if inspect.iscoroutinefunction(callback):
         return await callback(*args)
-    assert callable(callback)  # A coroutine takes no arguments, and is not given to this function.
+    assert callable(callback)  # Coroutines have no arguments, and are not passed to this function.
     return callback(*args)
 
 
@@ -43,7 +43,7 @@ class ShutdownException(Exception):
 
 
 class ExternalShutdownException(Exception):
-    """The context was shut down during a wait, of an executor or for an answer."""
+    """The context was shut down during a wait of an executor or for a response."""
 
     def __init__(self) -> None:
         super().__init__("the context was shut down")
@@ -54,14 +54,14 @@ class ConditionReachedException(Exception):
 
 
 class TimeoutObject:
-    """A timeout that its owner may change."""
+    """Timeout that can be changed."""
 
     def __init__(self, timeout: float) -> None:
         self.timeout = timeout
 
 
 class WorkTracker:
-    """Counts the callbacks that run."""
+    """Counter of running callbacks."""
 
     def __init__(self, keeper: timekeeper.Timekeeper) -> None:
         self._keeper = keeper
@@ -69,19 +69,19 @@ class WorkTracker:
         self._count = 0
 
     def begin(self) -> None:
-        """One more."""
+        """Count a callback that begins."""
         with self._condition:
             self._count += 1
 
     def end(self) -> None:
-        """One fewer."""
+        """Count a callback that has ended."""
         with self._condition:
             self._count -= 1
             if not self._count:
                 self._condition.notify_all()
 
     def wait(self, timeout_sec: float | None) -> bool:
-        """Wait until none runs; says whether that came within the timeout."""
+        """Wait until no callback runs. Returns False after the timeout."""
         forever = timeout_sec is None or timeout_sec < 0
         deadline = None if forever else self._keeper.steady_ns() + int((timeout_sec or 0) * 1e9)
         with self._condition:
@@ -93,7 +93,7 @@ class WorkTracker:
 
 
 class Executor:
-    """Base of executors: which nodes it has, and what has work."""
+    """Base of executors: their nodes and ready callbacks."""
 
     def __init__(self, *, context: Context | None = None) -> None:
         self._context = get_default_context() if context is None else context
@@ -114,11 +114,11 @@ class Executor:
 
     @property
     def context(self) -> Context:
-        """The context that ends it."""
+        """Context whose end ends the executor."""
         return self._context
 
     def create_task(self, callback: Any, *args: Any, **kwargs: Any) -> Task:
-        """Run a function, a coroutine function or a coroutine while the executor spins."""
+        """Schedule a function, a coroutine function or a coroutine in the executor."""
         task = Task(callback, args, kwargs, executor=self)
         with self._tasks_lock:
             self._tasks.append((task, None, None))
@@ -126,18 +126,18 @@ class Executor:
         return task
 
     def create_future(self) -> Future:
-        """A future whose callbacks this executor runs."""
+        """Return a future whose callbacks this executor runs."""
         return Future(executor=self)
 
     def shutdown(self, timeout_sec: float | None = None) -> bool:
-        """Run nothing more, and wait for what runs.
+        """Start no more callbacks, and wait for running ones.
 
         Returns:
-            Whether all had ended within the timeout.
+            True if all ended within the timeout.
         """
         self._is_shutdown = True
         self.wake()
-        # A callback that shuts its own executor down would wait for itself.
+        # Otherwise, a callback that shuts down its own executor would wait for itself.
         own = getattr(self._in_callback, "now", False)
         if not own and not self._work_tracker.wait(timeout_sec):
             return False
@@ -147,7 +147,7 @@ class Executor:
         return True
 
     def add_node(self, node: Node) -> bool:
-        """Take on a node; says whether it is new here."""
+        """Add a node. Returns False if the executor has it already."""
         with self._nodes_lock:
             if node in self._nodes:
                 return False
@@ -157,7 +157,7 @@ class Executor:
         return True
 
     def remove_node(self, node: Node) -> None:
-        """Let a node go."""
+        """Remove a node."""
         with self._nodes_lock:
             if node not in self._nodes:
                 return
@@ -165,17 +165,17 @@ class Executor:
         self.wake()
 
     def get_nodes(self) -> list[Node]:
-        """Its nodes."""
+        """Return its nodes."""
         return list(self._nodes)
 
     def wake(self) -> None:
-        """Look again for what has work."""
+        """Check again for ready callbacks."""
         with self._condition:
             self._woken = True
             self._condition.notify_all()
 
     def can_execute(self, entity: Entity) -> bool:
-        """True if an entity's callback may run beside those that run already."""
+        """True if an entity's callback may run concurrently with the running ones."""
         return not entity._executor_event and entity.callback_group.can_execute(entity)
 
     # Spinning
@@ -216,7 +216,7 @@ class Executor:
             return None
         return self._keeper.steady_ns() + int(timeout_sec * 1e9)
 
-    # What has work
+    # Ready callbacks
 
     def wait_for_ready_callbacks(
         self,
@@ -224,11 +224,11 @@ class Executor:
         nodes: Iterable[Node] | None = None,
         condition: Callable[[], bool] = lambda: False,
     ) -> tuple[Task, Entity | None, Node | None]:
-        """Wait for a callback that may run; it is to be run by calling what is returned first.
+        """Wait for a callback that may run; the first returned item runs it.
 
         Raises:
-            TimeoutException: there was none in time.
-            ConditionReachedException: the condition came true first.
+            TimeoutException: none was ready in time.
+            ConditionReachedException: the condition was met first.
             ShutdownException: the executor was shut down.
             ExternalShutdownException: the context was.
         """
@@ -268,7 +268,7 @@ class Executor:
             if not self._tasks:
                 return None
             self._tasks = [entry for entry in self._tasks if not entry[0].done()]
-            # The newest first, as in rclpy, but none twice before each had its turn.
+            # Newest first, as in rclpy, but none twice before all others have run.
             for entry in reversed(self._tasks):
                 task, _, node = entry
                 if task not in self._had_turn and task.can_run() and (node is None or node in nodes):
@@ -276,7 +276,7 @@ class Executor:
                     return entry
             had_turn = bool(self._had_turn)
             self._had_turn.clear()
-        # Each had its turn: those that can go on have another one, after what else has work.
+        # All have run: tasks that can continue are next, after other ready callbacks.
         if had_turn:
             self._woken = any(entry[0].can_run() for entry in self._tasks)
         return None
@@ -293,7 +293,7 @@ class Executor:
         return None
 
     def _look_over(self, nodes: tuple[Node, ...]) -> int | None:
-        """Collect what has work; returns in how many nanoseconds something is due by itself."""
+        """Collect ready entities; return the nanoseconds until the next one is due."""
         soonest: int | None = None
         for node in nodes:
             for entity in node._rwt_entities:
@@ -304,13 +304,13 @@ class Executor:
                         continue
                     due = entity.due_in_ns()
                 except InvalidHandle:
-                    continue  # Destroyed meanwhile.
+                    continue  # The entity was destroyed meanwhile.
                 if due is not None and (soonest is None or due < soonest):
                     soonest = due
         return soonest
 
     def _work(self, entity: Entity, node: Node) -> Work | None:
-        """Take an entity's work, if it still has any and may run."""
+        """Take a callback of an entity, if it is still ready and may run."""
         group = entity.callback_group
         try:
             if not entity.has_work() or not group.beginning_execution(entity):
@@ -335,7 +335,7 @@ class Executor:
         return Work(call, self, after)
 
     def _after_work(self) -> None:
-        """A callback has ended."""
+        """Handle the end of a callback."""
 
     def _call(self, task: Task) -> None:
         self._in_callback.now = True
@@ -347,7 +347,7 @@ class Executor:
             self._in_callback.now = False
 
     def _keep(self, task: Task, entity: Entity | None, node: Node | None) -> None:
-        """Go on later with a coroutine that has not ended."""
+        """Schedule the rest of a coroutine that has not ended."""
         if entity is not None and not task.done():
             with self._tasks_lock:
                 self._tasks.append((task, entity, node))
@@ -360,7 +360,7 @@ class Executor:
 
 
 class SingleThreadedExecutor(Executor):
-    """Runs callbacks in the thread that spins."""
+    """Executor that runs callbacks in the spinning thread."""
 
     def _spin_once_impl(
         self,
@@ -391,11 +391,11 @@ class SingleThreadedExecutor(Executor):
 
 
 class MultiThreadedExecutor(Executor):
-    """Runs callbacks in a pool of threads.
+    """Executor that runs callbacks in a pool of threads.
 
     Args:
-        num_threads: how many; as many as this process has processors by default.
-        context: ends it.
+        num_threads: number of threads; by default the number of processors.
+        context: context whose end ends it.
     """
 
     def __init__(self, num_threads: int | None = None, *, context: Context | None = None) -> None:
@@ -415,7 +415,7 @@ class MultiThreadedExecutor(Executor):
         self._failed: deque[Task] = deque()
 
     def _after_work(self) -> None:
-        # What waits for its turn in the callback group may have it now.
+        # Callbacks that wait for the callback group may run now.
         self.wake()
 
     def _run(self, task: Task, entity: Entity | None, node: Node | None) -> None:
@@ -445,7 +445,7 @@ class MultiThreadedExecutor(Executor):
             ):
                 pass
             else:
-                task._waits = True  # Nobody else takes it before the pool does.
+                task._waits = True  # Reserved until the pool begins it.
                 self._submit(task, entity, node)
         if self._failed:
             self._failed.popleft().result()
@@ -471,12 +471,12 @@ class MultiThreadedExecutor(Executor):
         self._spin_once_impl(timeout_sec, lambda: future.done() or future.cancelled())
 
     def shutdown(self, timeout_sec: float | None = None, *, wait_for_threads: bool = False) -> bool:
-        """Run nothing more, and wait for what runs; with `wait_for_threads` for the threads themselves."""
+        """Shut down and wait for running callbacks; with `wait_for_threads`, for the threads themselves."""
         done = super().shutdown(timeout_sec)
         self._pool.shutdown(wait=wait_for_threads)
         return done
 
 
 class EventsExecutor(SingleThreadedExecutor):
-    """Runs callbacks in the thread that spins. Every executor here is woken by events, so that this one is
+    """Executor of callbacks in the spinning thread. All executors here are woken by events, so this is
     :class:`SingleThreadedExecutor` under its other name."""

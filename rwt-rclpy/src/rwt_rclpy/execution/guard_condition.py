@@ -1,4 +1,4 @@
-"""`rclpy.guard_condition`: a callback that any thread may have run."""
+"""`rclpy.guard_condition`: callbacks triggered by any thread."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 class GuardCondition(Entity):
-    """Runs its callback in the executor after :meth:`trigger`."""
+    """Guard condition, whose callback runs in the executor after :meth:`trigger`."""
 
     def __init__(
         self,
@@ -33,13 +33,13 @@ class GuardCondition(Entity):
         return self._handle
 
     def trigger(self) -> None:
-        """Have the callback run. Raises :exc:`InvalidHandle` after :meth:`destroy`."""
+        """Schedule the callback. Raises :exc:`InvalidHandle` after :meth:`destroy`."""
         self._handle.check()
         self._triggered = True
         self.wake()
 
     def destroy(self) -> None:
-        """Run no more."""
+        """Destroy the guard condition."""
         self._handle.destroy_when_not_in_use()
 
     def has_work(self) -> bool:
@@ -47,6 +47,6 @@ class GuardCondition(Entity):
         return self._triggered and bool(self._handle)
 
     def take(self) -> Callable[[], object] | None:
-        """The callback."""
+        """Return the callback."""
         self._triggered = False
         return self.callback

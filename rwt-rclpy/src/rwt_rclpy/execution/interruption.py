@@ -1,8 +1,8 @@
 """Deferral of Ctrl-C during work of an executor with locks and threads, which must not be interrupted.
 
-Python runs a handler of a signal between any two steps of the main thread, also between those that take a
-lock and note that it is taken, or that start a thread of a pool and note that it is there. KeyboardInterrupt
-raised there leaves a lock that nobody releases or a thread that nobody ends: the program hangs at its end.
+Python runs signal handlers between any two steps of the main thread, also between those that take a
+lock and record it, or that start a thread of a pool and record it. KeyboardInterrupt
+raised there leaves a locked lock or a running thread: the program hangs at its end.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from typing import Final
 
 
 class Uninterrupted:
-    """A part of the main thread that a handler does not interrupt; what the handler does is done at its end.
+    """Section of the main thread that signal handlers do not interrupt; their actions follow at its end.
 
-    Parts may be nested; the end of the outermost one counts. In other threads, where no handler runs, it does
-    nothing. What runs in it has to come to its end: by what else the handler does, if it waits.
+    Sections may be nested; the end of the outermost one counts. In other threads, where no handlers run, it
+    has no effect. Code in it must end: waits must be ended by other effects of the handler.
     """
 
     def __init__(self) -> None:
@@ -36,9 +36,9 @@ class Uninterrupted:
             call()
 
     def interrupt(self, call: Callable[[], object]) -> None:
-        """Call at the end of the part that runs, or now if none does.
+        """Call a function at the end of the current section, or now if there is none.
 
-        Who interrupts a second time does not want to wait any more: that is now, too.
+        A second interrupt calls it now, too.
         """
         if self._depth and self._put_off is None:
             self._put_off = call
@@ -47,5 +47,5 @@ class Uninterrupted:
         call()
 
 
-#: The parts of this process.
+#: Sections of this process.
 UNINTERRUPTED: Final = Uninterrupted()

@@ -1,8 +1,8 @@
-"""`rclpy.signals`: Ctrl-C and SIGTERM, as ROS 2 answers them.
+"""`rclpy.signals`: handling of Ctrl-C and SIGTERM as in ROS 2.
 
-Either ends every context. Ctrl-C raises KeyboardInterrupt in the main thread besides, since the handler that
-was there before is called; after SIGTERM what spins raises ExternalShutdownException. An executor that waits
-is woken by the end of its context, and raises KeyboardInterrupt when it holds nothing.
+Either ends every context. Ctrl-C also raises KeyboardInterrupt in the main thread, because the previous
+handler is called; after SIGTERM, spinning functions raise ExternalShutdownException. A waiting executor
+is woken by the end of its context, and raises KeyboardInterrupt when it holds no lock.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ class SignalHandlerOptions(IntFlag):
 
 _OPTIONS = {signal.SIGINT: SignalHandlerOptions.SIGINT, signal.SIGTERM: SignalHandlerOptions.SIGTERM}
 _before: dict[signal.Signals, Any] = {}
-#: Signals that have come; its `put` may be called in a handler, whatever the interrupted code holds.
+#: Received signals; `put` may be called in a handler, whatever locks the interrupted code holds.
 _received: SimpleQueue[int] = SimpleQueue()
 _watcher: threading.Thread | None = None
 
 
 def install_signal_handlers(options: SignalHandlerOptions = SignalHandlerOptions.ALL) -> None:
-    """Answer signals from now on; in threads other than the main one, which cannot, it does nothing."""
+    """Install the signal handlers; no-op in threads other than the main one."""
     global _watcher
     if threading.current_thread() is not threading.main_thread():
         return
@@ -50,7 +50,7 @@ def install_signal_handlers(options: SignalHandlerOptions = SignalHandlerOptions
 
 
 def uninstall_signal_handlers() -> None:
-    """Give the signals back to who had them."""
+    """Restore the previous signal handlers."""
     if threading.current_thread() is not threading.main_thread():
         return
     for number in tuple(_before):
@@ -66,7 +66,7 @@ def get_current_signal_handlers_options() -> SignalHandlerOptions:
 
 
 def _handle(number: int, frame: FrameType | None) -> None:
-    # In another thread: the main thread may hold a lock that ending a context needs, or starting a thread.
+    # In another thread: the main thread may hold a lock that ending a context needs.
     _received.put(number)
     before = _before.get(signal.Signals(number))
     if callable(before):
@@ -81,7 +81,7 @@ def _end_contexts() -> None:
 
 
 class SignalHandlerGuardCondition(GuardCondition):
-    """A guard condition by rclpy's name; executors here are woken by the context itself."""
+    """Guard condition under rclpy's name; executors here are woken by the context itself."""
 
     def __init__(self, context: Context | None = None) -> None:
         super().__init__(None, None, context)

@@ -1,6 +1,6 @@
 """`rclpy.task`: futures, and tasks that an executor runs.
 
-A coroutine that waits for a future is resumed when the future is done, not before: waiting costs nothing.
+A coroutine that waits for a future is resumed once the future is done; waiting has no cost.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Future:
     """Result that will be known later.
 
     Args:
-        executor: runs the callbacks; without one they run where the future is set.
+        executor: runs the callbacks; without one they run in the thread that sets the future.
     """
 
     def __init__(self, *, executor: Executor | None = None) -> None:
@@ -48,7 +48,7 @@ class Future:
         return self.result()
 
     def cancel(self) -> None:
-        """Give up waiting, unless it is done already."""
+        """Cancel the future, unless it is done."""
         with self._lock:
             if not self._done:
                 self._cancelled = True
@@ -63,19 +63,19 @@ class Future:
         return self._done
 
     def result(self) -> Any:
-        """The result, None while there is none; raises the exception that was set."""
+        """Return the result, None if there is none; raise the exception if one was set."""
         if self._exception is not None:
             self._exception_fetched = True
             raise self._exception
         return self._result
 
     def exception(self) -> BaseException | None:
-        """The exception that was set, or None."""
+        """Return the exception that was set, or None."""
         self._exception_fetched = True
         return self._exception
 
     def set_result(self, result: Any) -> None:
-        """Set the result, and call who waits."""
+        """Set the result, and call the callbacks."""
         with self._lock:
             self._result = result
             self._done = True
@@ -83,7 +83,7 @@ class Future:
         self._tell()
 
     def set_exception(self, exception: BaseException) -> None:
-        """Set an exception, and call who waits."""
+        """Set an exception, and call the callbacks."""
         with self._lock:
             self._exception = exception
             self._exception_fetched = False
@@ -112,7 +112,7 @@ class Future:
             self._executor = None if executor is None else weakref.ref(executor)
 
     def add_done_callback(self, callback: Callback) -> None:
-        """Call back with the future once it is done; at once, or by the executor, when it is already."""
+        """Call a function with the future once it is done; now, or by the executor, if it is done already."""
         with self._lock:
             if not self._done:
                 self._callbacks.append(callback)
@@ -124,14 +124,14 @@ class Future:
             callback(self)
 
     def remove_done_callback(self, callback: Callback) -> bool:
-        """Forget a callback; says whether there was such a one."""
+        """Remove a callback. Returns False if it was not registered."""
         with self._lock:
             count = len(self._callbacks)
             self._callbacks = [each for each in self._callbacks if each != callback]
             return len(self._callbacks) != count
 
     def resume_with(self, resume: Callable[[], None]) -> None:
-        """Call once it is done or cancelled, on the thread that sets it; at once when it is already."""
+        """Call a function once it is done or cancelled, on the thread that sets it; now if it is already."""
         with self._lock:
             if not self._done and not self._cancelled:
                 if resume not in self._resume:
@@ -141,13 +141,13 @@ class Future:
 
 
 class Task(Future):
-    """A function or a coroutine that an executor runs; the future is done when it has ended.
+    """Function or coroutine run by an executor; the future is done when it has ended.
 
     Args:
-        handler: a function, a coroutine function, or a coroutine.
-        args: of the function.
-        kwargs: of the function.
-        executor: runs the callbacks, and is woken when the task can go on.
+        handler: function, coroutine function, or coroutine.
+        args: arguments of the function.
+        kwargs: keyword arguments of the function.
+        executor: runs the callbacks, and is woken when the task can continue.
     """
 
     def __init__(
@@ -168,7 +168,7 @@ class Task(Future):
         self._task_lock = threading.Lock()
 
     def __call__(self) -> None:
-        """Run, or go on, until it ends or waits."""
+        """Run or continue until it ends or waits."""
         if self._done or self._executing or not self._task_lock.acquire(blocking=False):
             return
         try:
@@ -225,7 +225,7 @@ class Task(Future):
 
 
 class Work(Task):
-    """A callback of an entity, with what is to be done after it."""
+    """Callback of an entity, with the actions after it."""
 
     def __init__(self, call: Callable[[], object], executor: Executor, after: Callable[[], None]) -> None:
         super().__init__(call, executor=executor)

@@ -1,4 +1,4 @@
-"""`rclpy.waitable`: entities that a program makes of others."""
+"""`rclpy.waitable`: entities that programs compose."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class NumberOfEntities:
 
 
 class Waitable:
-    """Something that an executor asks whether it is ready, and then has run."""
+    """Entity of a program that an executor checks and executes."""
 
     def __init__(self, callback_group: Any) -> None:
         self.callback_group = callback_group
@@ -44,13 +44,13 @@ class Waitable:
         self._executor_event = False
 
     def __enter__(self) -> None:
-        """Use it; may raise InvalidHandle."""
+        """Begin to use it; may raise InvalidHandle."""
 
     def __exit__(self, *exc: object) -> None:
-        """Use it no more."""
+        """End its use."""
 
     def add_future(self, future: Any) -> None:
-        """Have the executor run the future's callbacks."""
+        """Let the executor run the future's callbacks."""
         self._futures.append(future)
 
     def remove_future(self, future: Any) -> None:
@@ -66,7 +66,7 @@ class Waitable:
         raise NotImplementedError("Must be implemented by subclass")
 
     async def execute(self, taken_data: Any) -> None:
-        """Run."""
+        """Execute the waitable."""
         raise NotImplementedError("Must be implemented by subclass")
 
     def get_num_entities(self) -> NumberOfEntities:
@@ -80,7 +80,7 @@ class Waitable:
 
 @dataclass
 class WaitSet:
-    """The entities that waitables wait for, each under the number that adding it gave."""
+    """Wait set: entities that waitables wait for, by the number returned on adding."""
 
     entities: dict[str, list[Entity]] = field(default_factory=dict)
 
@@ -115,7 +115,7 @@ class WaitSet:
 
 
 class WaitableEntity(Entity):
-    """A program's waitable, as the executor asks."""
+    """Adapter of a program's waitable for executors."""
 
     def __init__(self, waitable: Waitable) -> None:
         super().__init__(waitable.callback_group)

@@ -26,7 +26,7 @@ from rwt_rclpy.launch.event_handlers import EventHandler
 from rwt_rclpy.launch.service import LaunchService
 from rwt_rclpy.launch.sources import LaunchDescriptionSource
 
-#: The module by the name that launch files use.
+#: The module under the name in launch files.
 launch_description_sources = sources
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""`launch.actions`: what launch files do beside starting nodes."""
+"""`launch.actions`: actions of launch files besides starting nodes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from rwt_rclpy.launch.sources import LaunchDescriptionSource, PythonLaunchDescri
 
 
 class DeclareLaunchArgument(Action):
-    """Says that a description takes an argument, and what holds without it."""
+    """Declaration of an argument of a description, with its default."""
 
     def __init__(
         self,
@@ -50,7 +50,7 @@ class DeclareLaunchArgument(Action):
         self.choices = choices
 
     def execute(self, context: LaunchContext) -> None:
-        """Take the value given or the default. Raises LaunchError: there is none, or it is no choice."""
+        """Set the given value or the default. Raises LaunchError if there is none, or it is not a choice."""
         values = context.launch_configurations
         if self.name not in values:
             if self.default_value is None:
@@ -67,7 +67,7 @@ class DeclareLaunchArgument(Action):
 
 
 class SetLaunchConfiguration(Action):
-    """Gives a configuration a value."""
+    """Action that sets a configuration."""
 
     def __init__(self, name: SomeSubstitutionsType, value: SomeText, **action: Any) -> None:
         super().__init__(**action)
@@ -75,70 +75,70 @@ class SetLaunchConfiguration(Action):
         self.value = value
 
     def execute(self, context: LaunchContext) -> None:
-        """Do so."""
+        """Execute the action."""
         context.launch_configurations[text(context, self.name)] = text(context, self.value)
 
 
 class UnsetLaunchConfiguration(Action):
-    """Takes a configuration away."""
+    """Action that removes a configuration."""
 
     def __init__(self, name: SomeSubstitutionsType, **action: Any) -> None:
         super().__init__(**action)
         self.name = name
 
     def execute(self, context: LaunchContext) -> None:
-        """Do so, if there is one."""
+        """Remove it, if it exists."""
         context.launch_configurations.pop(text(context, self.name), None)
 
 
 class PushLaunchConfigurations(Action):
-    """Keeps the configurations as they are."""
+    """Action that saves the configurations."""
 
     def execute(self, context: LaunchContext) -> None:
-        """Do so."""
+        """Execute the action."""
         context.push_configurations()
 
 
 class PopLaunchConfigurations(Action):
-    """Takes back what was set since."""
+    """Action that restores the saved state."""
 
     def execute(self, context: LaunchContext) -> None:
-        """Do so."""
+        """Execute the action."""
         context.pop_configurations()
 
 
 class PushEnvironment(Action):
-    """Keeps the environment as it is."""
+    """Action that saves the environment."""
 
     def execute(self, context: LaunchContext) -> None:
-        """Do so."""
+        """Execute the action."""
         context.push_environment()
 
 
 class PopEnvironment(Action):
-    """Takes back what was set since."""
+    """Action that restores the saved state."""
 
     def execute(self, context: LaunchContext) -> None:
-        """Do so."""
+        """Execute the action."""
         context.pop_environment()
 
 
 class ResetLaunchConfigurations(Action):
-    """Leaves no configuration but those given."""
+    """Action that removes all configurations except the given ones."""
 
     def __init__(self, launch_configurations: Mapping[Any, SomeText] | None = None, **action: Any) -> None:
         super().__init__(**action)
         self.launch_configurations = dict(launch_configurations or {})
 
     def execute(self, context: LaunchContext) -> None:
-        """Do so; the values are those of before."""
+        """Remove the others; the given ones are evaluated before."""
         kept = {text(context, name): text(context, each) for name, each in self.launch_configurations.items()}
         context.launch_configurations.clear()
         context.launch_configurations.update(kept)
 
 
 class SetEnvironmentVariable(Action):
-    """Gives a variable of the environment a value."""
+    """Action that sets an environment variable."""
 
     def __init__(self, name: SomeSubstitutionsType, value: SomeText, **action: Any) -> None:
         super().__init__(**action)
@@ -146,24 +146,24 @@ class SetEnvironmentVariable(Action):
         self.value = value
 
     def execute(self, context: LaunchContext) -> None:
-        """Do so."""
+        """Execute the action."""
         context.environment[text(context, self.name)] = text(context, self.value)
 
 
 class UnsetEnvironmentVariable(Action):
-    """Takes a variable of the environment away."""
+    """Action that removes an environment variable."""
 
     def __init__(self, name: SomeSubstitutionsType, **action: Any) -> None:
         super().__init__(**action)
         self.name = name
 
     def execute(self, context: LaunchContext) -> None:
-        """Do so, if there is one."""
+        """Remove it, if it exists."""
         context.environment.pop(text(context, self.name), None)
 
 
 class AppendEnvironmentVariable(SetEnvironmentVariable):
-    """Adds to a variable that is a list of paths."""
+    """Action that extends a variable with a list of paths."""
 
     def __init__(
         self,
@@ -178,7 +178,7 @@ class AppendEnvironmentVariable(SetEnvironmentVariable):
         self.separator = separator
 
     def execute(self, context: LaunchContext) -> None:
-        """Do so, at the end or the beginning."""
+        """Extend the variable at the end or the beginning."""
         name, value = text(context, self.name), text(context, self.value)
         present = context.environment.get(name)
         parts = [value] if present is None else [present, value]
@@ -188,7 +188,7 @@ class AppendEnvironmentVariable(SetEnvironmentVariable):
 
 
 class GroupAction(Action):
-    """Several actions with one condition; what they set ends with them, unless `scoped` is false."""
+    """Group of actions with one condition; its settings end with it, unless `scoped` is false."""
 
     def __init__(
         self,
@@ -211,19 +211,19 @@ class GroupAction(Action):
         self.entities = [*first, *entities_of(actions), *last]
 
     def get_sub_entities(self) -> list[LaunchDescriptionEntity]:
-        """The actions."""
+        """Return the actions."""
         return self.entities
 
     def execute(self, context: LaunchContext) -> list[LaunchDescriptionEntity]:
-        """The actions."""
+        """Return the actions."""
         return self.entities
 
 
 class IncludeLaunchDescription(Action):
-    """Visits the description of another launch file.
+    """Action that visits the description of another launch file.
 
     Args:
-        launch_description_source: the source, or the path of a Python launch file.
+        launch_description_source: source, or path of a Python launch file.
         launch_arguments: pairs of a name and a value.
     """
 
@@ -243,7 +243,7 @@ class IncludeLaunchDescription(Action):
         self.launch_arguments = tuple(launch_arguments or ())
 
     def execute(self, context: LaunchContext) -> list[LaunchDescriptionEntity]:
-        """Set the arguments, and give the description."""
+        """Set the arguments, and return the description."""
         description = self.source.get_launch_description(context)
         set_arguments = [SetLaunchConfiguration(name, value) for name, value in self.launch_arguments]
         before = {
@@ -258,7 +258,7 @@ class IncludeLaunchDescription(Action):
 
 
 class RegisterEventHandler(Action):
-    """Lets something be done from now on when an event comes."""
+    """Action that registers an event handler."""
 
     def __init__(self, event_handler: EventHandler, **action: Any) -> None:
         super().__init__(**action)
@@ -274,7 +274,7 @@ class RegisterEventHandler(Action):
 
 
 class UnregisterEventHandler(RegisterEventHandler):
-    """Lets it not be done any more."""
+    """Action that unregisters an event handler."""
 
     def execute(self, context: LaunchContext) -> None:
         """Unregister it."""
@@ -282,7 +282,7 @@ class UnregisterEventHandler(RegisterEventHandler):
 
 
 class EmitEvent(Action):
-    """Lets an event be handled."""
+    """Action that emits an event."""
 
     def __init__(self, *, event: Event, **action: Any) -> None:
         super().__init__(**action)
@@ -294,14 +294,14 @@ class EmitEvent(Action):
 
 
 class Shutdown(Action):
-    """Ends the launch; also given as `on_exit` of a process."""
+    """Action that ends the launch; also for `on_exit` of a process."""
 
     def __init__(self, *, reason: SomeText = "reason not given", **action: Any) -> None:
         super().__init__(**action)
         self.reason = reason
 
     def execute(self, context: LaunchContext) -> None:
-        """End it; after a process, its name is in the reason."""
+        """End the launch; after a process, the reason contains its name."""
         event = context.get_locals_as_dict().get("event")
         reason = text(context, self.reason)
         if isinstance(event, ProcessExited):
@@ -311,7 +311,7 @@ class Shutdown(Action):
 
 
 class OpaqueFunction(Action):
-    """Calls a function with the context; it may give actions to visit."""
+    """Action that calls a function with the context; it may return actions to visit."""
 
     def __init__(
         self,
@@ -327,12 +327,12 @@ class OpaqueFunction(Action):
         self.kwargs = dict(kwargs or {})
 
     def execute(self, context: LaunchContext) -> list[LaunchDescriptionEntity]:
-        """Call it."""
+        """Call the function."""
         return entities_of(self.function(context, *self.args, **self.kwargs))
 
 
 class OpaqueCoroutine(Action):
-    """Runs a coroutine while the launch goes on; it is cancelled at the end."""
+    """Action that runs a coroutine during the launch; it is cancelled at the end."""
 
     def __init__(
         self,
@@ -351,14 +351,14 @@ class OpaqueCoroutine(Action):
         self._task: asyncio.Task[None] | None = None
 
     def execute(self, context: LaunchContext) -> None:
-        """Start it."""
+        """Start the action."""
         first = () if self.ignore_context else (context,)
         task = context.asyncio_loop.create_task(self.coroutine(*first, *self.args, **self.kwargs))
         context.register_event_handler(OnShutdown(on_shutdown=lambda event, within: _cancel(task)))
         self._task = task
 
     def get_asyncio_future(self) -> asyncio.Future[None] | None:
-        """Its end."""
+        """Return a future that is done at its end."""
         return self._task
 
 
@@ -367,24 +367,24 @@ def _cancel(task: asyncio.Task[None]) -> None:
 
 
 class LogInfo(Action):
-    """Says something."""
+    """Action that logs a text."""
 
     def __init__(self, *, msg: SomeText, **action: Any) -> None:
         super().__init__(**action)
         self.msg = msg
 
     def execute(self, context: LaunchContext) -> None:
-        """Say it."""
+        """Log the text."""
         get_logger("launch.user").info(text(context, self.msg))
 
 
 class TimerAction(Action):
-    """Visits actions after some seconds, unless it is cancelled before.
+    """Action that visits others after a delay, unless it is cancelled.
 
     Args:
-        period: seconds, of this machine's clock.
-        actions: what is visited then.
-        cancel_on_shutdown: whether the end of the launch cancels it.
+        period: delay in seconds, of this machine's clock.
+        actions: actions to visit.
+        cancel_on_shutdown: True if the end of the launch cancels it.
     """
 
     def __init__(
@@ -405,15 +405,15 @@ class TimerAction(Action):
         self._is_cancelled = False
 
     def get_sub_entities(self) -> list[LaunchDescriptionEntity]:
-        """The actions."""
+        """Return the actions."""
         return self.actions
 
     def get_asyncio_future(self) -> asyncio.Future[None] | None:
-        """Its end."""
+        """Return a future that is done at its end."""
         return self._done
 
     def cancel(self) -> None:
-        """Do nothing any more, if its time has not come yet."""
+        """Cancel the timer, if it is pending."""
         self._is_cancelled = True
         if self._timer is not None:
             self._timer.cancel()
@@ -421,7 +421,7 @@ class TimerAction(Action):
             self._done.set_result(None)
 
     def execute(self, context: LaunchContext) -> None:
-        """Start it."""
+        """Start the action."""
         if self._is_cancelled:
             return
         self._locals = dict(context.get_locals_as_dict())

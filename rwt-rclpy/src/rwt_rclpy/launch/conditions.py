@@ -1,4 +1,4 @@
-"""`launch.conditions`: whether an action is done."""
+"""`launch.conditions`: conditions of actions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ InvalidConditionExpressionError = LaunchError
 
 
 class Condition:
-    """Decides by a function of the context."""
+    """Condition by a function of the context."""
 
     def __init__(self, *, predicate: Callable[[LaunchContext], bool]) -> None:
         self._predicate = predicate
@@ -21,21 +21,21 @@ class Condition:
 
 
 class IfCondition(Condition):
-    """Holds when an expression is true."""
+    """Condition: an expression is true."""
 
     def __init__(self, predicate_expression: SomeText) -> None:
         super().__init__(predicate=lambda context: truth(context, predicate_expression))
 
 
 class UnlessCondition(Condition):
-    """Holds when an expression is false."""
+    """Condition: an expression is false."""
 
     def __init__(self, predicate_expression: SomeText) -> None:
         super().__init__(predicate=lambda context: not truth(context, predicate_expression))
 
 
 class LaunchConfigurationEquals(Condition):
-    """Holds when a configuration has a value; with None when there is no such configuration."""
+    """Condition: a configuration has a value; None: it does not exist."""
 
     def __init__(self, launch_configuration_name: str, expected_value: SomeText | None) -> None:
         def equals(context: LaunchContext) -> bool:
@@ -47,7 +47,7 @@ class LaunchConfigurationEquals(Condition):
 
 
 class LaunchConfigurationNotEquals(LaunchConfigurationEquals):
-    """Holds when a configuration has another value."""
+    """Condition: a configuration has another value."""
 
     def evaluate(self, context: LaunchContext) -> bool:
         """True if the values differ."""

@@ -1,7 +1,7 @@
 """Entities of launch descriptions, and the context in which they are visited.
 
-An entity is visited once. It gives what is to be visited next, before what stands after it, and perhaps a
-future, for which the launch waits before it takes itself for idle.
+An entity is visited once. It returns the entities to visit next, before its successors, and possibly a
+future, for which the launch waits before it is idle.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ _Value = TypeVar("_Value")
 
 
 class LaunchError(RobotError, RuntimeError):
-    """A launch description asks for what cannot be; says what, and what would do."""
+    """A launch description is invalid; the text gives reason and alternative."""
 
 
 class Substitution:
-    """A text that is known when the launch gets there."""
+    """Text that is evaluated during the launch."""
 
     def describe(self) -> str:
         """Return a description for people."""
         return type(self).__name__
 
     def perform(self, context: LaunchContext) -> str:
-        """The text. Raises SubstitutionFailure."""
+        """Return the text. Raises SubstitutionFailure."""
         raise NotImplementedError
 
 
 SomeSubstitutionsType: TypeAlias = str | os.PathLike[str] | Substitution | Iterable[Any]
-#: What may stand where launch files give a text.
+#: Accepted values for texts in launch files.
 SomeText: TypeAlias = SomeSubstitutionsType | int | float
 
 
@@ -42,7 +42,7 @@ def text(context: LaunchContext, value: SomeText) -> str:
     """Return the joined value of a string, a number, a substitution or a list of them.
 
     Raises:
-        LaunchError: it is none of these.
+        LaunchError: the value is of another type.
     """
     if isinstance(value, str):
         return value
@@ -59,7 +59,7 @@ def truth(context: LaunchContext, value: bool | SomeText) -> bool:
     """Return the value of a condition's expression: `true` or `1`, `false` or `0`, in any case.
 
     Raises:
-        LaunchError: it says neither.
+        LaunchError: the value is something else.
     """
     said = (str(value) if isinstance(value, bool) else text(context, value)).strip().lower()
     if said in ("true", "1"):
@@ -70,26 +70,26 @@ def truth(context: LaunchContext, value: bool | SomeText) -> bool:
 
 
 class Event:
-    """Something that happened, for event handlers."""
+    """Event for event handlers."""
 
     name = "launch.Event"
 
 
 class ActionEvent(Event):
-    """Something happened to an action."""
+    """Event of an action."""
 
     def __init__(self, *, action: Action) -> None:
         self.action = action
 
 
 class ExecutionComplete(ActionEvent):
-    """An action is done."""
+    """Event: an action is done."""
 
     name = "launch.events.ExecutionComplete"
 
 
 class Decides(Protocol):
-    """A condition."""
+    """Function that returns True if a condition holds."""
 
     def evaluate(self, context: LaunchContext) -> bool:
         """True if the condition holds."""
@@ -97,19 +97,19 @@ class Decides(Protocol):
 
 
 class Hears(Protocol):
-    """An event handler."""
+    """Event handler."""
 
     def matches(self, event: Event) -> bool:
         """True if the handler handles the event."""
         ...
 
     def handle(self, event: Event, context: LaunchContext) -> Iterable[LaunchDescriptionEntity] | None:
-        """Handle the event; returns the entities to visit next."""
+        """Handle the event; return the entities to visit next."""
         ...
 
 
 class Locals:
-    """Values that are available while one event is handled, by attribute."""
+    """Values available while an event is handled, by attribute."""
 
     def __init__(self, values: dict[str, Any]) -> None:
         self.__dict__.update(values)
@@ -122,10 +122,10 @@ class LaunchContext:
     """State of the visit of a description: configurations, environment, handlers and events.
 
     Attributes:
-        argv: the command line.
-        noninteractive: whether Ctrl-C reaches this process alone, and not the processes that it started.
-        launch_configurations: the values of arguments and what actions set, by name.
-        is_shutdown: whether the launch ends.
+        argv: command line.
+        noninteractive: True if Ctrl-C reaches this process alone, and not its children.
+        launch_configurations: values of arguments and of actions, by name.
+        is_shutdown: True while the launch ends.
     """
 
     def __init__(self, *, argv: Sequence[str] | None = None, noninteractive: bool = False) -> None:
@@ -135,7 +135,7 @@ class LaunchContext:
         self.is_shutdown = False
         self.handlers: deque[Hears] = deque()
         self.events: deque[Event] = deque()
-        #: What this process is asked for so far by one name, for the numbers of processes.
+        #: Number of requests by name, for the numbers of processes.
         self.process_count = 0
         self.news = asyncio.Event()
         self._locals: list[dict[str, Any]] = [{}]
@@ -145,56 +145,56 @@ class LaunchContext:
 
     @property
     def environment(self) -> MutableMapping[str, str]:
-        """The environment of what is started: that of this process."""
+        """Environment of started processes: that of this process."""
         return os.environ
 
     @property
     def asyncio_loop(self) -> asyncio.AbstractEventLoop:
-        """The loop that runs the launch. Raises LaunchError while none does."""
+        """Return the event loop of the launch. Raises LaunchError if it does not run."""
         if self._loop is None:
             raise LaunchError("the launch does not run")
         return self._loop
 
     def begin(self) -> None:
-        """Run in the present loop from now on."""
+        """Use the running event loop."""
         self._loop, self.news = asyncio.get_running_loop(), asyncio.Event()
         self.is_shutdown = False
 
     @property
     def locals(self) -> Locals:
-        """Values that are available while the present event is handled."""
+        """Values available while the current event is handled."""
         return Locals(self._locals[-1])
 
     def get_locals_as_dict(self) -> dict[str, Any]:
-        """The same by name."""
+        """Return the same values by name."""
         return self._locals[-1]
 
     def extend_locals(self, values: dict[str, Any]) -> None:
-        """Add to them."""
+        """Add values."""
         self._locals[-1].update(values)
 
     def push_locals(self) -> None:
-        """Keep what is known, to be had again by :meth:`pop_locals`."""
+        """Save the values for :meth:`pop_locals`."""
         self._locals.append(dict(self._locals[-1]))
 
     def pop_locals(self) -> None:
-        """Forget what came to be known since :meth:`push_locals`."""
+        """Restore the values saved by :meth:`push_locals`."""
         self._locals.pop()
 
     def push_configurations(self) -> None:
-        """Keep the configurations as they are, to be had again."""
+        """Save the configurations."""
         self._configurations.append(dict(self.launch_configurations))
 
     def pop_configurations(self) -> None:
-        """Take back what was set since they were kept."""
+        """Restore the saved configurations."""
         self.launch_configurations = _last(self._configurations, "launch configurations")
 
     def push_environment(self) -> None:
-        """Keep the environment as it is, to be had again."""
+        """Save the environment."""
         self._environments.append(dict(os.environ))
 
     def pop_environment(self) -> None:
-        """Take back what was set since it was kept."""
+        """Restore the saved environment."""
         kept = _last(self._environments, "environment")
         os.environ.clear()
         os.environ.update(kept)
@@ -204,14 +204,14 @@ class LaunchContext:
         return text(self, value)
 
     def register_event_handler(self, handler: Hears, append: bool = False) -> None:
-        """Hear of events from now on; before those that do already, unless `append`."""
+        """Register an event handler before the existing ones, or after them with `append`."""
         if append:
             self.handlers.append(handler)
         else:
             self.handlers.appendleft(handler)
 
     def unregister_event_handler(self, handler: Hears) -> None:
-        """Hear of no more. Raises ValueError when it was not registered."""
+        """Unregister an event handler. Raises ValueError if it was not registered."""
         self.handlers.remove(handler)
 
     def would_handle_event(self, event: Event) -> bool:
@@ -219,12 +219,12 @@ class LaunchContext:
         return any(handler.matches(event) for handler in self.handlers)
 
     def emit_event_sync(self, event: Event) -> None:
-        """Let it be handled after those that wait already."""
+        """Queue an event."""
         self.events.append(event)
         self.news.set()
 
     async def emit_event(self, event: Event) -> None:
-        """:meth:`emit_event_sync` for coroutines."""
+        """Queue an event; :meth:`emit_event_sync` for coroutines."""
         self.emit_event_sync(event)
 
 
@@ -238,21 +238,21 @@ class LaunchDescriptionEntity:
     """Base class of the entities of a launch description.
 
     Attributes:
-        declares: the name of the argument that it declares, if it does.
+        declares: name of the argument that it declares, if any.
     """
 
     declares: str | None = None
 
     def visit(self, context: LaunchContext) -> Iterable[LaunchDescriptionEntity] | None:
-        """Do what it is for; gives what is visited next."""
+        """Visit the entity; return the entities to visit next."""
         raise NotImplementedError
 
     def get_asyncio_future(self) -> asyncio.Future[None] | None:
-        """Return a future that is done with the entity, if its work takes a while."""
+        """Return a future that is done with the entity; None if it is done at once."""
         return None
 
     def get_sub_entities(self) -> Iterable[LaunchDescriptionEntity]:
-        """Return the entities inside, as far as they are known before the visit."""
+        """Return the contained entities, as far as known before the visit."""
         return ()
 
 
@@ -260,10 +260,10 @@ SomeEntitiesType: TypeAlias = LaunchDescriptionEntity | Iterable[LaunchDescripti
 
 
 def entities_of(some: object) -> list[LaunchDescriptionEntity]:
-    """Entities as a list: one, several or none.
+    """Return entities as a list: one, several or none.
 
     Raises:
-        LaunchError: there is something else among them.
+        LaunchError: an item is not an entity.
     """
     given = [] if some is None else some if isinstance(some, Iterable) else [some]
     found: list[LaunchDescriptionEntity] = []
@@ -275,17 +275,17 @@ def entities_of(some: object) -> list[LaunchDescriptionEntity]:
 
 
 class Action(LaunchDescriptionEntity):
-    """Something to do.
+    """Action.
 
     Args:
-        condition: whether it is done; always by default.
+        condition: condition of execution; always by default.
     """
 
     def __init__(self, *, condition: Decides | None = None) -> None:
         self.condition = condition
 
     def visit(self, context: LaunchContext) -> Iterable[LaunchDescriptionEntity] | None:
-        """Do it, if its condition holds, and tell who waits for its end."""
+        """Execute the action if its condition holds, and report its end."""
         if self.condition is not None and not self.condition.evaluate(context):
             return None
         after = self.execute(context)
@@ -299,7 +299,7 @@ class Action(LaunchDescriptionEntity):
         return after
 
     def execute(self, context: LaunchContext) -> Iterable[LaunchDescriptionEntity] | None:
-        """Do it; gives what is visited next."""
+        """Execute the action; return the entities to visit next."""
         return None
 
 
@@ -307,7 +307,7 @@ class LaunchDescription(LaunchDescriptionEntity):
     """Entities of a launch file, in order.
 
     Attributes:
-        entities: what it holds.
+        entities: contained entities.
     """
 
     def __init__(
@@ -324,13 +324,13 @@ class LaunchDescription(LaunchDescriptionEntity):
         return self.entities
 
     def add_action(self, action: LaunchDescriptionEntity) -> None:
-        """Add to it at the end."""
+        """Append an entity."""
         self.entities.extend(entities_of(action))
 
     add_entity = add_action
 
     def get_launch_arguments(self) -> list[Any]:
-        """Every argument that it declares, as far as that is known before it is visited."""
+        """Return the declared arguments, as far as known before the visit."""
         found: dict[str, LaunchDescriptionEntity] = {}
         waiting: list[LaunchDescriptionEntity] = [self]
         while waiting:
@@ -342,7 +342,7 @@ class LaunchDescription(LaunchDescriptionEntity):
 
 
 def normalize_to_list_of_substitutions(value: SomeSubstitutionsType) -> list[Any]:
-    """A text, a substitution or several of them as a list."""
+    """Return a text, a substitution or several of them as a list."""
     return [value] if isinstance(value, (str, os.PathLike, Substitution)) else list(value)
 
 

@@ -1,4 +1,4 @@
-"""`launch.event_handlers`: what is done when something happens."""
+"""`launch.event_handlers`: handlers of events."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from rwt_rclpy.launch.events import (
     Shutdown,
 )
 
-#: Actions, or a function of the event and the context that may give some.
+#: Actions, or a function of the event and the context that may return some.
 OnEvent = SomeEntitiesType | Callable[..., Any]
 
 
 class EventHandler:
-    """Does something when an event comes that fits.
+    """Handler of matching events.
 
     Args:
-        matcher: whether it fits.
-        entities: what is visited then.
-        handle_once: whether only the first one counts.
+        matcher: returns True for matching events.
+        entities: entities to visit.
+        handle_once: True to handle only the first event.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class EventHandler:
         return self.matcher(event)
 
     def handle(self, event: Event, context: LaunchContext) -> Iterable[LaunchDescriptionEntity] | None:
-        """Return the entities to visit; the event is in `context.locals` until all were visited."""
+        """Return the entities to visit; the event is in `context.locals` during their visit."""
         context.extend_locals({"event": event})
         if self.handle_once:
             context.unregister_event_handler(self)
@@ -62,7 +62,7 @@ BaseEventHandler = EventHandler
 
 
 class OnMatch(EventHandler):
-    """Does what it is given: visits actions, or calls a function."""
+    """Handler that visits actions, or calls a function."""
 
     def __init__(
         self, matcher: Callable[[Event], bool], on_event: OnEvent | None, handle_once: bool = False
@@ -79,7 +79,7 @@ class OnMatch(EventHandler):
 
 
 class _OnAction(OnMatch):
-    """Waits for an event of one action, of those that a function picks, or of any."""
+    """Handler of the events of one action, of those that a function selects, or of all."""
 
     event_class: ClassVar[type[ActionEvent]]
 
@@ -100,7 +100,7 @@ class _OnAction(OnMatch):
 
 
 class OnProcessStart(_OnAction):
-    """When a process runs."""
+    """Handler of the start of a process."""
 
     event_class = ProcessStarted
 
@@ -111,7 +111,7 @@ class OnProcessStart(_OnAction):
 
 
 class OnProcessExit(_OnAction):
-    """When a process has ended."""
+    """Handler of the end of a process."""
 
     event_class = ProcessExited
 
@@ -122,7 +122,7 @@ class OnProcessExit(_OnAction):
 
 
 class OnExecutionComplete(_OnAction):
-    """When an action is done."""
+    """Handler of the end of an action."""
 
     event_class = ExecutionComplete
 
@@ -133,7 +133,7 @@ class OnExecutionComplete(_OnAction):
 
 
 class OnProcessIO(_OnAction):
-    """When a process says something; each function gets the event."""
+    """Handler of the output of a process; each function gets the event."""
 
     event_class = ProcessIO
 
@@ -154,7 +154,7 @@ class OnProcessIO(_OnAction):
 
 
 class OnShutdown(OnMatch):
-    """When the launch ends."""
+    """Handler of the end of the launch."""
 
     def __init__(self, *, on_shutdown: OnEvent, handle_once: bool = False) -> None:
         super().__init__(lambda event: isinstance(event, Shutdown), on_shutdown, handle_once)

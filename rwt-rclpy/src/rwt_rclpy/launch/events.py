@@ -1,4 +1,4 @@
-"""`launch.events`: what can happen while a launch runs."""
+"""`launch.events`: events of a launch."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ ProcessMatcher = Callable[[Action], bool]
 
 
 class Shutdown(Event):
-    """The launch ends.
+    """Event: the launch ends.
 
     Attributes:
-        reason: why.
-        due_to_sigint: whether Ctrl-C ends it, which a terminal sends to all of its processes.
+        reason: reason.
+        due_to_sigint: True after Ctrl-C, which a terminal sends to all of its processes.
     """
 
     name = "launch.events.Shutdown"
@@ -28,7 +28,7 @@ class Shutdown(Event):
 
 
 class TimerEvent(Event):
-    """A timer's time has come."""
+    """Event: a timer is due."""
 
     name = "launch.events.TimerEvent"
 
@@ -37,7 +37,7 @@ class TimerEvent(Event):
 
 
 class IncludeLaunchDescription(Event):
-    """A description is to be visited."""
+    """Event: request to visit a description."""
 
     name = "launch.events.IncludeLaunchDescription"
 
@@ -46,11 +46,11 @@ class IncludeLaunchDescription(Event):
 
 
 class ProcessEvent(ActionEvent):
-    """Something happened to a process.
+    """Event of a process.
 
     Attributes:
-        process_name, pid: which.
-        cmd, cwd, env: how it was started.
+        process_name, pid: process.
+        cmd, cwd, env: command, folder and environment of the process.
     """
 
     def __init__(
@@ -65,16 +65,16 @@ class ProcessEvent(ActionEvent):
 
 
 class ProcessStarted(ProcessEvent):
-    """A process has started."""
+    """Event: a process has started."""
 
     name = "launch.events.process.ProcessStarted"
 
 
 class ProcessExited(ProcessEvent):
-    """A process has ended.
+    """Event: a process has ended.
 
     Attributes:
-        returncode: its exit code; a signal's number, negative, when a signal ended it.
+        returncode: exit code; the negative number of a signal that ended it.
     """
 
     name = "launch.events.process.ProcessExited"
@@ -85,11 +85,11 @@ class ProcessExited(ProcessEvent):
 
 
 class ProcessIO(ProcessEvent):
-    """A process has printed something.
+    """Event: a process has written output.
 
     Attributes:
-        text: what, with its line's end.
-        from_stdout, from_stderr: where.
+        text: text with its line end.
+        from_stdout, from_stderr: stream.
     """
 
     name = "launch.events.process.ProcessIO"
@@ -103,19 +103,19 @@ class ProcessIO(ProcessEvent):
 
 
 class ProcessStdout(ProcessIO):
-    """A process has printed something on its standard output."""
+    """Event: a process has written to its standard output."""
 
     from_stdout = True
 
 
 class ProcessStderr(ProcessIO):
-    """A process has printed something on its standard error."""
+    """Event: a process has written to its standard error."""
 
     from_stderr = True
 
 
 class ShutdownProcess(Event):
-    """Some processes are to end."""
+    """Event: request to end some processes."""
 
     name = "launch.events.process.ShutdownProcess"
 
@@ -124,7 +124,7 @@ class ShutdownProcess(Event):
 
 
 class SignalProcess(Event):
-    """Some processes are to get a signal."""
+    """Event: request to send a signal to some processes."""
 
     name = "launch.events.process.SignalProcess"
 
@@ -137,20 +137,20 @@ class SignalProcess(Event):
 
 
 def matches_action(target_action: Action) -> ProcessMatcher:
-    """Picks the process of an action."""
+    """Return a matcher of the process of an action."""
     return lambda action: action is target_action
 
 
 def matches_executable(executable: str) -> ProcessMatcher:
-    """Picks processes by the name of their program."""
+    """Return a matcher of processes by the name of their program."""
     return lambda action: getattr(action, "executable", None) == executable
 
 
 def matches_name(name: str) -> ProcessMatcher:
-    """Picks processes by their name, without its number."""
+    """Return a matcher of processes by name, without number."""
     return lambda action: getattr(action, "name", "").rpartition("-")[0] == name
 
 
 def matches_pid(pid: int) -> ProcessMatcher:
-    """Picks a process by its number."""
+    """Return a matcher of a process by its number."""
     return lambda action: getattr(action, "pid", None) == pid

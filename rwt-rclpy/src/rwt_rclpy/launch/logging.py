@@ -1,4 +1,4 @@
-"""`launch.logging`: what a launch says, and what its processes say, line by line on standard output."""
+"""`launch.logging`: output of a launch and its processes, line by line on standard output."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ class _ToStandardOutput(logging.Handler):
 
 
 def show(line: str) -> None:
-    """Print a line at once, whatever standard output is now."""
+    """Print a line to the current standard output, and flush."""
     sys.stdout.write(f"{line}\n")
     sys.stdout.flush()
 
 
 def get_logger(name: str | None = None) -> logging.Logger:
-    """The logger of a part of a launch; `launch` itself by default."""
+    """Return the logger of a part of a launch; by default `launch`."""
     root = logging.getLogger(_ROOT)
     if not any(isinstance(each, _ToStandardOutput) for each in root.handlers):
         root.addHandler(_ToStandardOutput())

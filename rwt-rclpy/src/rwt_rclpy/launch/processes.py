@@ -1,7 +1,7 @@
-"""The processes of a launch: how they are started, what they say, and how they are ended.
+"""Processes of a launch: start, output and end.
 
 At the end of the launch a process gets SIGINT; after `sigterm_timeout` seconds SIGTERM, and after
-`sigkill_timeout` more SIGKILL. Ctrl-C at a terminal reaches it by itself, and is not sent a second time.
+`sigkill_timeout` more SIGKILL. Ctrl-C at a terminal reaches it directly, and is not sent again.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ from rwt_rclpy.launch.events import (
 from rwt_rclpy.launch.logging import get_logger, show
 from rwt_rclpy.launch.substitutions import LaunchConfiguration
 
-#: Seconds that a process which has ended is read on, when what it started holds its output open.
+#: Time for which the output of an ended process is read, if its children keep it open, in seconds.
 _READ_ON: Final = 1.0
-#: Bytes of a line of output; a longer one is taken in pieces.
+#: Maximum size of a line of output; longer ones are split.
 _LONGEST_LINE: Final = 1 << 20
 
 _SIGTERM_TIMEOUT: Final = LaunchConfiguration("sigterm_timeout", default=5)
@@ -47,29 +47,29 @@ _SIGKILL_TIMEOUT: Final = LaunchConfiguration("sigkill_timeout", default=5)
 
 
 class ExecuteProcess(Action):
-    """Starts a process.
+    """Action that starts a process.
 
     Args:
-        cmd: the program and its arguments, each a text, a substitution or a list of them, joined.
-        name: what it is called; the program by default. A number is added.
-        cwd: the folder it runs in.
-        env: its whole environment; that of the launch by default.
-        additional_env: what is added to it.
-        prefix: a command before it.
-        shell: whether a shell runs it.
-        output: where its lines go, as ROS has it; all of them are shown here.
-        output_format: how they are shown.
-        cached_output: whether :meth:`get_stdout` and :meth:`get_stderr` have them.
-        emulate_tty: accepted; a process of Python is told not to keep its lines back.
-        log_cmd: whether the command is shown before it is run.
-        on_exit: what is done when it has ended: actions, or a function.
-        respawn, respawn_delay, respawn_max_retries: whether it is started again when it has ended, after how
-            many seconds, and how often; without end by default.
-        sigterm_timeout, sigkill_timeout: seconds until it is ended by more force.
+        cmd: program and arguments, each a text, a substitution or a list of them, which is joined.
+        name: name of the process, by default the program; a number is appended.
+        cwd: working directory.
+        env: whole environment; by default that of the launch.
+        additional_env: variables that are added.
+        prefix: command in front of it.
+        shell: True to run it in a shell.
+        output: destination of its output as in ROS; here all output is shown.
+        output_format: format of lines.
+        cached_output: True to keep the output for :meth:`get_stdout` and :meth:`get_stderr`.
+        emulate_tty: accepted; Python processes run unbuffered in any case.
+        log_cmd: True to log the command.
+        on_exit: actions or function to execute at its end.
+        respawn, respawn_delay, respawn_max_retries: restart after its end, delay in
+            seconds, and maximum number of restarts; unlimited by default.
+        sigterm_timeout, sigkill_timeout: seconds until the next stronger signal.
 
     Attributes:
-        process: it, while it runs or has ended; None before.
-        name: what it is called, with its number.
+        process: process; None before the start.
+        name: name with number.
     """
 
     def __init__(
@@ -114,31 +114,31 @@ class ExecuteProcess(Action):
 
     @property
     def cmd(self) -> list[SomeText]:
-        """The program and its arguments, as given."""
+        """Program and arguments, as given."""
         return self._cmd
 
     @property
     def pid(self) -> int | None:
-        """Its number; None before it was started."""
+        """Process id; None before the start."""
         return None if self.process is None else self.process.pid
 
     @property
     def return_code(self) -> int | None:
-        """Its exit code; None while it runs."""
+        """Exit code; None while it runs."""
         return None if self.process is None else self.process.returncode
 
     @property
     def executable(self) -> str:
-        """The name of its program."""
+        """Name of the program."""
         return os.path.basename(self._described["cmd"][0]) if self._described else ""
 
     @property
     def process_details(self) -> dict[str, Any] | None:
-        """Details of the running process; None before it was started."""
+        """Details of the process; None before the start."""
         return self._described or None
 
     def get_asyncio_future(self) -> asyncio.Future[None] | None:
-        """Its end, and that of those that are started in its place."""
+        """Return a future that is done at the end of the process and its restarts."""
         return self._task
 
     def get_stdout(self) -> str:
@@ -159,7 +159,7 @@ class ExecuteProcess(Action):
         return [] if callable(self._on_exit) else OnProcessExit(on_exit=self._on_exit).entities
 
     def execute(self, context: LaunchContext) -> list[LaunchDescriptionEntity] | None:
-        """Start it. Raises LaunchError when it was started before."""
+        """Start the process. Raises LaunchError if it was started before."""
         if self._task is not None:
             raise LaunchError(f"process {self.name} is in the launch description twice")
         if context.is_shutdown:
@@ -178,11 +178,11 @@ class ExecuteProcess(Action):
     def _on_request(
         self, kind: type[ShutdownProcess | SignalProcess], call: Callable[[Any, LaunchContext], None]
     ) -> OnMatch:
-        """Hears of events that pick processes, as far as they pick this one."""
+        """Handler of events that select this process."""
         return OnMatch(lambda event: isinstance(event, kind) and event.process_matcher(self), call)
 
     def _describe(self, context: LaunchContext) -> None:
-        """Find out what is run, by which name, where and in which environment."""
+        """Evaluate command, name, working directory and environment."""
         command = [text(context, each) for each in self._cmd]
         if not command or not command[0]:
             raise LaunchError("a process has no command")
@@ -231,7 +231,7 @@ class ExecuteProcess(Action):
             return
 
     async def _once(self, context: LaunchContext) -> int:
-        """Start it, and read it until it has ended; gives its exit code."""
+        """Start the process, and read its output until its end; return the exit code."""
         command, log = self._described["cmd"], get_logger(self.name)
         if self._log_cmd:
             log.info(f"process details: cmd='{' '.join(command)}', cwd='{self._described['cwd']}'")
@@ -290,7 +290,7 @@ class ExecuteProcess(Action):
         self._end(context, sends_sigint=not event.due_to_sigint or context.noninteractive)
 
     def _end(self, context: LaunchContext, *, sends_sigint: bool) -> None:
-        """Begin to end it, once; one that is being started is ended when it runs."""
+        """Begin to end the process, once; a starting one is ended once it runs."""
         if self._is_to_end.is_set():
             return
         self._is_to_end.set()

@@ -1,4 +1,4 @@
-"""`launch_ros.actions`: nodes, and what holds for all nodes of a group."""
+"""`launch_ros.actions`: nodes, and settings for all nodes of a group."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from rwt_rclpy.launch.ros_parameters import arguments_of
 from rwt_rclpy.names.validation import validate_namespace, validate_node_name
 from rwt_rclpy.running import find_executable, is_python, root
 
-#: The names under which what holds for later nodes is kept among the configurations, as ROS has them.
+#: Names of configurations with settings for later nodes, as in ROS.
 _NAMESPACE, _PARAMETERS, _REMAPPINGS = "ros_namespace", "global_params", "ros_remaps"
 
 
 def _joined(base: str | None, namespace: str | None) -> str | None:
-    """A namespace below another, absolute; None when there is none."""
+    """Return a namespace below another, absolute; None if there is none."""
     if base is None and namespace is None:
         return None
     absolute = namespace or ""
@@ -38,18 +38,18 @@ def _joined(base: str | None, namespace: str | None) -> str | None:
 
 
 class Node(ExecuteProcess):
-    """Starts a node of a package's source, or of a file.
+    """Action that starts a node of a package's source, or of a file.
 
     Args:
-        executable: its name in the package, or without one a file.
-        package: the package, which is looked for below the root.
-        name, namespace: what the node is called, and where; what its program says by default.
-        parameters: dictionaries, files, or both; of several values the last holds.
-        remappings: pairs of a name and what takes its place.
+        executable: name in the package, or file without a package.
+        package: package below the root.
+        name, namespace: name and namespace of the node; by default those of its program.
+        parameters: dictionaries, files, or both; the last value counts.
+        remappings: pairs of a name and its replacement.
         arguments: further arguments.
-        ros_arguments: further arguments of ROS.
-        exec_name: what the process is called; the executable by default.
-        process: the rest, as :class:`ExecuteProcess` takes it.
+        ros_arguments: further ROS arguments.
+        exec_name: name of the process; by default the executable.
+        process: further arguments of :class:`ExecuteProcess`.
     """
 
     def __init__(
@@ -74,11 +74,11 @@ class Node(ExecuteProcess):
         self._parameters = list(parameters or ())
         self._remappings = list(remappings or ())
         self._ros_arguments, self._arguments = list(ros_arguments or ()), list(arguments or ())
-        #: The node's whole name, or what of it is known; after it was started.
+        #: Absolute name of the node, or its known part; available after the start.
         self.node_name = ""
 
     def execute(self, context: LaunchContext) -> list[LaunchDescriptionEntity] | None:
-        """Start it. Raises LaunchError, CannotRun: there is no such executable, or a wrong name."""
+        """Start the node. Raises LaunchError or CannotRun for a missing executable or an invalid name."""
         self._cmd = [*self._program(context), *self._arguments, "--ros-args", *self._ros_arguments]
         self._cmd.extend(self._own(context))
         return super().execute(context)
@@ -96,7 +96,7 @@ class Node(ExecuteProcess):
             yield executable
 
     def _own(self, context: LaunchContext) -> Iterator[str]:
-        """The arguments of ROS that it is given here and by its groups."""
+        """Return the node's ROS arguments, its own and those of its groups."""
         held = context.launch_configurations
         given = None if self._namespace is None else text(context, self._namespace)
         namespace = _joined(held.get(_NAMESPACE), given)
@@ -114,7 +114,7 @@ class Node(ExecuteProcess):
 
 
 class LifecycleNode(Node):
-    """A node with a lifecycle; its transitions are asked for by its services."""
+    """Action that starts a node with a lifecycle, whose transitions are requested by its services."""
 
     def __init__(self, *, name: SomeSubstitutionsType, namespace: SomeSubstitutionsType, **node: Any) -> None:
         if node.pop("autostart", False):
@@ -123,14 +123,14 @@ class LifecycleNode(Node):
 
 
 class PushRosNamespace(Action):
-    """Puts the nodes of the rest of a group into a namespace, below the one that holds already."""
+    """Action that puts later nodes of a group into a namespace, below the current one."""
 
     def __init__(self, namespace: SomeSubstitutionsType, **action: Any) -> None:
         super().__init__(**action)
         self.namespace = namespace
 
     def execute(self, context: LaunchContext) -> None:
-        """Do so. Raises InvalidNamespaceException."""
+        """Set the namespace. Raises InvalidNamespaceException."""
         held = context.launch_configurations
         held[_NAMESPACE] = _joined(held.get(_NAMESPACE), text(context, self.namespace))
 
@@ -139,14 +139,14 @@ PushROSNamespace = PushRosNamespace
 
 
 class _ForLaterNodes(Action):
-    """Adds to what the nodes of the rest of a group are given."""
+    """Action that adds arguments for later nodes of a group."""
 
     kept_as = _PARAMETERS
 
     def execute(self, context: LaunchContext) -> None:
         """Add it."""
         held = context.launch_configurations
-        # A new list: the one before belongs to those outside of the group.
+        # A new list: the previous one belongs to the outer group.
         held[self.kept_as] = [*held.get(self.kept_as, ()), *self._given(context)]
 
     def _given(self, context: LaunchContext) -> Iterable[Any]:
@@ -154,7 +154,7 @@ class _ForLaterNodes(Action):
 
 
 class SetParameter(_ForLaterNodes):
-    """Gives the nodes of the rest of a group a parameter."""
+    """Action that sets a parameter of later nodes of a group."""
 
     def __init__(self, name: SomeSubstitutionsType, value: Any, **action: Any) -> None:
         super().__init__(**action)
@@ -166,14 +166,14 @@ class SetParameter(_ForLaterNodes):
 
 
 class SetUseSimTime(SetParameter):
-    """Lets the nodes of the rest of a group take their time from `/clock`, or not."""
+    """Action that sets `use_sim_time` of later nodes of a group."""
 
     def __init__(self, value: bool | SomeText = True, **action: Any) -> None:
         super().__init__("use_sim_time", value, **action)
 
 
 class SetParametersFromFile(_ForLaterNodes):
-    """Gives the nodes of the rest of a group the parameters of a file."""
+    """Action that sets parameters of later nodes of a group from a file."""
 
     def __init__(self, filename: SomeSubstitutionsType, **action: Any) -> None:
         super().__init__(**action)
@@ -184,7 +184,7 @@ class SetParametersFromFile(_ForLaterNodes):
 
 
 class SetRemap(_ForLaterNodes):
-    """Gives the nodes of the rest of a group a remapping."""
+    """Action that adds a remapping for later nodes of a group."""
 
     kept_as = _REMAPPINGS
 

@@ -1,4 +1,4 @@
-"""`launch_ros.parameter_descriptions`: the parameters of nodes, from launch files to command lines."""
+"""`launch_ros.parameter_descriptions`: parameters of nodes in launch files."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from rwt_rclpy.names import bounded_yaml
 
 
 class ParameterValue:
-    """A value of a type that is said, rather than of what its text looks like."""
+    """Value with an explicit type, instead of that inferred from its text."""
 
     def __init__(self, value: Any, *, value_type: Any = None) -> None:
         self.value = value
         self.value_type = value_type
 
     def evaluate(self, context: LaunchContext) -> object:
-        """The value. Raises LaunchError when its text is none of that type."""
+        """Return the value. Raises LaunchError if its text does not fit the type."""
         if self.value_type is str:
             return text(context, self.value)
         found = _value(context, self.value)
@@ -40,7 +40,7 @@ class ParameterValue:
 
 
 class Parameter:
-    """One parameter of a node."""
+    """Parameter of a node."""
 
     def __init__(
         self,
@@ -55,14 +55,14 @@ class Parameter:
 
 
 class ParameterFile:
-    """A file of parameters; with `allow_substs`, ``$(var NAME)`` and ``$(env NAME)`` in it are replaced."""
+    """File of parameters; with `allow_substs`, ``$(var NAME)`` and ``$(env NAME)`` are replaced."""
 
     def __init__(self, param_file: SomeSubstitutionsType, *, allow_substs: bool | SomeText = False) -> None:
         self.param_file = param_file
         self.allow_substs = allow_substs
 
     def evaluate(self, context: LaunchContext) -> Path:
-        """The path of the file. Raises LaunchError when there is none, or it needs what is not here."""
+        """Return the path of the file. Raises LaunchError if it is missing or not supported."""
         path = Path(text(context, self.param_file))
         if not path.is_file():
             raise LaunchError(f"{path}: no such file of parameters")
@@ -75,7 +75,7 @@ class ParameterFile:
 
 
 def _value(context: LaunchContext, value: Any) -> object:
-    """A parameter's value: what substitutions come to is read as YAML, as ROS does."""
+    """Return the value of a parameter; evaluated substitutions are parsed as YAML, as in ROS."""
     if isinstance(value, ParameterValue):
         return value.evaluate(context)
     if isinstance(value, (str, bool, int, float, bytes)):
@@ -87,7 +87,7 @@ def _value(context: LaunchContext, value: Any) -> object:
         if any(isinstance(each, Substitution) for each in given) and all(
             isinstance(each, (str, Substitution)) for each in given
         ):
-            return _read(text(context, given))  # As ROS has it: the parts of one text.
+            return _read(text(context, given))  # As in ROS: parts of one text.
         return [_value(context, each) for each in given]
     raise LaunchError(f"{value!r} is no value of a parameter")
 
@@ -104,7 +104,7 @@ def _read(said: str) -> object:
 def _flattened(
     context: LaunchContext, given: Mapping[Any, Any], before: str = ""
 ) -> Iterator[tuple[str, str]]:
-    """The parameters of a dictionary, which may be nested, each with its value as YAML of one line."""
+    """Return the parameters of a nested dictionary, each with its value as YAML in one line."""
     for key, value in given.items():
         name = f"{before}{text(context, key)}"
         if isinstance(value, Mapping):
@@ -115,10 +115,10 @@ def _flattened(
 
 
 def arguments_of(context: LaunchContext, parameters: Iterable[Any]) -> Iterator[str]:
-    """The command line of a node's parameters: dictionaries, files and single ones, in order.
+    """Return the command line for a node's parameters: dictionaries, files and single ones, in order.
 
     Raises:
-        LaunchError: one of them is none of these, or has no such value.
+        LaunchError: one of them is of another type, or invalid.
     """
     for given in parameters:
         if isinstance(given, Parameter):

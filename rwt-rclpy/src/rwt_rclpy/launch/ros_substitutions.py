@@ -1,4 +1,4 @@
-"""`launch_ros.substitutions`: where packages and their files are."""
+"""`launch_ros.substitutions`: folders and files of packages."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from rwt_rclpy.running import CannotRun, find_executable, root
 
 
 class FindPackagePrefix(Substitution):
-    """The folder of a package: where it is installed, or its source."""
+    """Folder of a package: its installation prefix, or its source."""
 
     def __init__(self, package: SomeSubstitutionsType) -> None:
         self.package = package
 
     def perform(self, context: LaunchContext) -> str:
-        """The path. Raises SubstitutionFailure when there is no such package."""
+        """Return the path. Raises SubstitutionFailure if there is no such package."""
         try:
             return self._find(text(context, self.package))
         except PackageNotFoundError as error:
@@ -36,21 +36,21 @@ FindPackage = FindPackagePrefix
 
 
 class FindPackageShare(FindPackagePrefix):
-    """The folder of a package's files: `share/NAME` of an installed one, the source folder of another."""
+    """Folder of a package's files: `share/NAME` of an installed one, the source folder of another."""
 
     def _find(self, package: str) -> str:
         return get_package_share_directory(package)
 
 
 class ExecutableInPackage(Substitution):
-    """The file of an executable of a package."""
+    """File of an executable of a package."""
 
     def __init__(self, executable: SomeSubstitutionsType, package: SomeSubstitutionsType) -> None:
         self.executable = executable
         self.package = package
 
     def perform(self, context: LaunchContext) -> str:
-        """The path. Raises SubstitutionFailure when there is none, or it is no file of its own."""
+        """Return the path. Raises SubstitutionFailure if there is none, or it is not a separate file."""
         package, executable = text(context, self.package), text(context, self.executable)
         try:
             found = find_executable(package, executable, root())

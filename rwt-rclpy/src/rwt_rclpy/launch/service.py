@@ -1,4 +1,4 @@
-"""`launch.LaunchService`: visits launch descriptions, and handles what happens, one event after another."""
+"""`launch.LaunchService`: visits launch descriptions, and handles events one at a time."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from rwt_rclpy.launch.logging import get_logger
 
 
 class LaunchService:
-    """Runs launch descriptions until what they started has ended.
+    """Runner of launch descriptions, until all started processes have ended.
 
-    Ctrl-C ends the launch; a terminal sends it to what was started too, and with `noninteractive` it is
-    passed on. SIGTERM ends it as well, and is passed on as SIGINT. A second Ctrl-C changes nothing: what does
-    not end is ended by more force.
+    Ctrl-C ends the launch; a terminal also sends it to the started processes, and with `noninteractive` it is
+    forwarded. SIGTERM ends it, too, and is forwarded as SIGINT. A second Ctrl-C has no effect: processes
+    that do not end get stronger signals.
 
     Args:
-        argv: the command line, for `context.argv`.
-        noninteractive: whether there is no terminal.
+        argv: command line, for `context.argv`.
+        noninteractive: True without a terminal.
     """
 
     def __init__(
@@ -45,36 +45,36 @@ class LaunchService:
         self._return_code = 0
 
     def include_launch_description(self, launch_description: LaunchDescription) -> None:
-        """Visit a description, now or when it runs; from any thread."""
+        """Visit a description, now or once it runs; from any thread."""
         self.emit_event(IncludeLaunchDescription(launch_description))
 
     def emit_event(self, event: Event) -> None:
-        """Let an event be handled; from any thread."""
+        """Emit an event; from any thread."""
         if self._loop is None:
             self.context.emit_event_sync(event)
         else:
             self._loop.call_soon_threadsafe(self.context.emit_event_sync, event)
 
     def shutdown(self, force_sync: bool = False) -> None:
-        """End the launch; from any thread. Does nothing when it does not run."""
+        """End the launch; from any thread. No-op if it does not run."""
         if self._loop is not None:
             self.emit_event(Shutdown(reason="LaunchService.shutdown() called"))
 
     def run(self, *, shutdown_when_idle: bool = True) -> int:
-        """Run it in the main thread.
+        """Run the launch in the main thread.
 
         Returns:
-            0, or 1 when something went wrong in the launch itself.
+            0, or 1 if the launch itself failed.
 
         Raises:
-            LaunchError: it is called in another thread, where no signal comes.
+            LaunchError: it is called in another thread, which receives no signals.
         """
         if threading.current_thread() is not threading.main_thread():
             raise LaunchError("LaunchService.run() is for the main thread; use run_async() in others")
         return asyncio.run(self.run_async(shutdown_when_idle=shutdown_when_idle))
 
     async def run_async(self, *, shutdown_when_idle: bool = True) -> int:
-        """Run it in the present loop; see :meth:`run`. Signals are answered in the main thread only."""
+        """Run in the current event loop; see :meth:`run`. Signals are handled in the main thread only."""
         self._loop, self._return_code = asyncio.get_running_loop(), 0
         self.context.begin()
         try:
@@ -84,7 +84,7 @@ class LaunchService:
                         self.context.emit_event_sync(Shutdown(reason="idle"))
                     if self.context.events:
                         self._guarded(self.context.events.popleft())
-                        await asyncio.sleep(0)  # What was started gets its turn.
+                        await asyncio.sleep(0)  # Let started tasks run.
                         continue
                     self.context.news.clear()
                     await self.context.news.wait()
@@ -99,7 +99,7 @@ class LaunchService:
         try:
             self._handle(event)
         except Exception as error:
-            # Launch files are programs: whatever they raise ends the launch, and what runs is ended in order.
+            # Launch files are programs: any exception ends the launch and its processes.
             self._fail(error)
 
     def _fail(self, error: BaseException) -> None:
@@ -125,7 +125,7 @@ class LaunchService:
                 self.context.pop_locals()
 
     def _visit(self, entities: Iterable[LaunchDescriptionEntity]) -> None:
-        """Visit entities, and after each what it gives, before the next one."""
+        """Visit entities, and after each the entities that it returns, before the next one."""
         waiting: list[LaunchDescriptionEntity] = list(entities)
         while waiting:
             entity = waiting.pop(0)
@@ -173,7 +173,7 @@ def run_description(
     argv: Sequence[str] = (),
     noninteractive: bool = False,
 ) -> int:
-    """Run one description with values for its arguments; gives the exit code."""
+    """Run a description with values for its arguments; return the exit code."""
     service = LaunchService(argv=argv, noninteractive=noninteractive)
     service.context.launch_configurations.update(arguments)
     service.include_launch_description(description)

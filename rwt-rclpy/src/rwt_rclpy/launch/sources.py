@@ -1,4 +1,4 @@
-"""`launch.launch_description_sources`: where launch descriptions come from."""
+"""`launch.launch_description_sources`: sources of launch descriptions."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from rwt_rclpy.launch.entities import (
     text,
 )
 
-#: The function of a launch file that gives its description.
+#: Function of a launch file that returns its description.
 _FUNCTION = "generate_launch_description"
 
 
 def find_launch_file(first: str, second: str | None = None) -> Path:
-    """A launch file by its path, or by the name of a package and its own, anywhere in the package.
+    """Return a launch file by its path, or by package and file name, anywhere in the package.
 
     Raises:
         LaunchError: there is no such package or file, or several of that name.
@@ -41,10 +41,10 @@ def find_launch_file(first: str, second: str | None = None) -> Path:
 
 
 def description_of_file(path: Path) -> LaunchDescription:
-    """The description of a launch file in Python.
+    """Return the description of a launch file in Python.
 
     Raises:
-        LaunchError: it is none, with the reason.
+        LaunchError: the file is not valid; the text gives the reason.
     """
     if not path.is_file():
         raise LaunchError(f"{path}: no such launch file")
@@ -62,10 +62,10 @@ def description_of_file(path: Path) -> LaunchDescription:
 
 
 class LaunchDescriptionSource:
-    """A description that is at hand.
+    """Source with a given description.
 
     Attributes:
-        location: the path of its file.
+        location: path of its file.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class LaunchDescriptionSource:
         self.location = str(location) if isinstance(location, (str, Path)) else ""
 
     def get_launch_description(self, context: LaunchContext) -> LaunchDescription:
-        """The description; it is read once. Raises LaunchError."""
+        """Return the description, which is read once. Raises LaunchError."""
         self.location = text(context, self._location)
         if self._description is None:
             self._description = description_of_file(Path(self.location))
@@ -84,11 +84,11 @@ class LaunchDescriptionSource:
 
 
 class PythonLaunchDescriptionSource(LaunchDescriptionSource):
-    """A launch file in Python."""
+    """Source: a launch file in Python."""
 
     def __init__(self, launch_file_path: SomeSubstitutionsType) -> None:
         super().__init__(None, launch_file_path)
 
 
 class AnyLaunchDescriptionSource(PythonLaunchDescriptionSource):
-    """A launch file; those in XML and YAML are refused."""
+    """Source: a launch file in Python; XML and YAML are not supported."""

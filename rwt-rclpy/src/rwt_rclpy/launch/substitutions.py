@@ -1,4 +1,4 @@
-"""`launch.substitutions`: texts that are known when the launch gets there."""
+"""`launch.substitutions`: texts that are evaluated during the launch."""
 
 from __future__ import annotations
 
@@ -25,33 +25,33 @@ from rwt_rclpy.launch.logging import get_logger
 
 
 class SubstitutionFailure(LaunchError):
-    """A substitution has no text."""
+    """A substitution cannot be evaluated."""
 
 
 class TextSubstitution(Substitution):
-    """A text as it is."""
+    """Constant text."""
 
     def __init__(self, *, text: str) -> None:
         self.text = text
 
     def perform(self, context: LaunchContext) -> str:
-        """The text."""
+        """Return the text."""
         return self.text
 
 
 class LaunchConfiguration(Substitution):
-    """The value of an argument, or what an action set."""
+    """Value of an argument, or of a configuration set by an action."""
 
     def __init__(self, variable_name: SomeSubstitutionsType, *, default: SomeText | None = None) -> None:
         self.variable_name = variable_name
         self.default = default
 
     def describe(self) -> str:
-        """The name."""
+        """Return the name."""
         return f"LaunchConfiguration({self.variable_name!r})"
 
     def perform(self, context: LaunchContext) -> str:
-        """The value. Raises SubstitutionFailure when there is none, and no default."""
+        """Return the value. Raises SubstitutionFailure if there is none, and no default."""
         name = text(context, self.variable_name)
         if name in context.launch_configurations:
             return str(context.launch_configurations[name])
@@ -62,14 +62,14 @@ class LaunchConfiguration(Substitution):
 
 
 class EnvironmentVariable(Substitution):
-    """The value of a variable of the environment."""
+    """Value of an environment variable."""
 
     def __init__(self, name: SomeSubstitutionsType, *, default_value: SomeText | None = None) -> None:
         self.name = name
         self.default_value = default_value
 
     def perform(self, context: LaunchContext) -> str:
-        """The value. Raises SubstitutionFailure when there is none, and no default."""
+        """Return the value. Raises SubstitutionFailure if there is none, and no default."""
         name = text(context, self.name)
         value = context.environment.get(name)
         if value is not None:
@@ -80,13 +80,13 @@ class EnvironmentVariable(Substitution):
 
 
 class PathJoinSubstitution(Substitution):
-    """Parts of a path joined, each a text, a substitution or a list of them."""
+    """Joined parts of a path, each a text, a substitution or a list of them."""
 
     def __init__(self, substitutions: Any) -> None:
         self.substitutions = list(substitutions)
 
     def perform(self, context: LaunchContext) -> str:
-        """The path."""
+        """Return the path."""
         return str(Path(*(text(context, each) for each in self.substitutions)))
 
     def __truediv__(self, other: SomeSubstitutionsType) -> PathJoinSubstitution:
@@ -94,7 +94,7 @@ class PathJoinSubstitution(Substitution):
 
 
 class PythonExpression(Substitution):
-    """Value of a Python expression; `math` is available, and modules that are named."""
+    """Value of a Python expression; `math` and named modules are available."""
 
     def __init__(
         self, expression: SomeSubstitutionsType, python_modules: SomeSubstitutionsType = ("math",)
@@ -103,7 +103,7 @@ class PythonExpression(Substitution):
         self.python_modules = normalize_to_list_of_substitutions(python_modules)
 
     def perform(self, context: LaunchContext) -> str:
-        """The value as a text. Raises SubstitutionFailure when the expression fails."""
+        """Return the value as text. Raises SubstitutionFailure if the expression fails."""
         expression = text(context, self.expression)
         names: dict[str, Any] = {}
         try:
@@ -127,7 +127,7 @@ class Command(Substitution):
         self.on_stderr = on_stderr
 
     def perform(self, context: LaunchContext) -> str:
-        """Run it. Raises SubstitutionFailure when it fails or, with `on_stderr` "fail", complains."""
+        """Run the command. Raises SubstitutionFailure on failure, or output with `on_stderr` "fail"."""
         command = text(context, self.command)
         on_stderr = text(context, self.on_stderr)
         if on_stderr not in ("fail", "ignore", "warn", "capture"):
@@ -149,13 +149,13 @@ class Command(Substitution):
 
 
 class FindExecutable(Substitution):
-    """The path of a program on the PATH."""
+    """Path of a program on the PATH."""
 
     def __init__(self, *, name: SomeSubstitutionsType) -> None:
         self.name = name
 
     def perform(self, context: LaunchContext) -> str:
-        """The path. Raises SubstitutionFailure when there is no such program."""
+        """Return the path. Raises SubstitutionFailure if there is no such program."""
         name = text(context, self.name)
         found = shutil.which(name, path=context.environment.get("PATH"))
         if found is None:
@@ -164,13 +164,13 @@ class FindExecutable(Substitution):
 
 
 class FileContent(Substitution):
-    """The text of a file."""
+    """Content of a file."""
 
     def __init__(self, path: SomeSubstitutionsType) -> None:
         self.path = path
 
     def perform(self, context: LaunchContext) -> str:
-        """The text. Raises SubstitutionFailure when the file cannot be read."""
+        """Return the content. Raises SubstitutionFailure if the file cannot be read."""
         path = Path(text(context, self.path))
         try:
             return path.read_text("utf-8")
@@ -179,33 +179,33 @@ class FileContent(Substitution):
 
 
 class AnonName(Substitution):
-    """A name with something added that makes it the only one; the same for the same name in one launch."""
+    """Unique name from a given one; the same for equal names in one launch."""
 
     def __init__(self, name: SomeSubstitutionsType) -> None:
         self.name = name
 
     def perform(self, context: LaunchContext) -> str:
-        """The name."""
+        """Return the name."""
         name = text(context, self.name)
         return str(context.launch_configurations.setdefault(f"anon{name}", f"{name}_{uuid.uuid4().hex}"))
 
 
 class LocalSubstitution(Substitution):
-    """Something of `context.locals`, by an expression of Python."""
+    """Value of `context.locals`, by a Python expression."""
 
     def __init__(self, expression: str, description: str | None = None) -> None:
         self.expression = expression
 
     def perform(self, context: LaunchContext) -> str:
-        """Its value as a text."""
+        """Return the value as text."""
         return str(eval(f"context.locals.{self.expression}", {}, {"context": context}))
 
 
 class ThisLaunchFile(Substitution):
-    """The path of the launch file that is visited."""
+    """Path of the current launch file."""
 
     def perform(self, context: LaunchContext) -> str:
-        """The path. Raises SubstitutionFailure outside of a file."""
+        """Return the path. Raises SubstitutionFailure outside of a file."""
         path = context.get_locals_as_dict().get("current_launch_file_path")
         if path is None:
             raise SubstitutionFailure("ThisLaunchFile is used outside of a launch file")
@@ -213,22 +213,22 @@ class ThisLaunchFile(Substitution):
 
 
 class ThisLaunchFileDir(ThisLaunchFile):
-    """The folder of the launch file that is visited."""
+    """Folder of the current launch file."""
 
     def perform(self, context: LaunchContext) -> str:
-        """The path. Raises SubstitutionFailure outside of a file."""
+        """Return the path. Raises SubstitutionFailure outside of a file."""
         return os.path.dirname(super().perform(context))
 
 
 class _OfTwo(Substitution):
-    """Says `true` or `false` of two texts."""
+    """Base of comparisons of two texts."""
 
     def __init__(self, left: SomeText, right: SomeText) -> None:
         self.left = left
         self.right = right
 
     def perform(self, context: LaunchContext) -> str:
-        """`true` or `false`."""
+        """Return `true` or `false`."""
         return str(self._holds(context)).lower()
 
     def _holds(self, context: LaunchContext) -> bool:
@@ -280,7 +280,7 @@ class NotSubstitution(Substitution):
         self.value = value
 
     def perform(self, context: LaunchContext) -> str:
-        """`true` or `false`."""
+        """Return `true` or `false`."""
         return str(not truth(context, self.value)).lower()
 
 
@@ -291,7 +291,7 @@ class AnySubstitution(Substitution):
         self.args = args
 
     def perform(self, context: LaunchContext) -> str:
-        """`true` or `false`."""
+        """Return `true` or `false`."""
         return str(self._holds([truth(context, each) for each in self.args])).lower()
 
     def _holds(self, all_of_them: list[bool]) -> bool:
@@ -306,12 +306,12 @@ class AllSubstitution(AnySubstitution):
 
 
 class IfElseSubstitution(Substitution):
-    """One text or another."""
+    """One of two texts, by a condition."""
 
     def __init__(self, condition: SomeText, if_value: SomeText = "", else_value: SomeText = "") -> None:
         self.condition = condition
         self.values: dict[bool, SomeText] = {True: if_value, False: else_value}
 
     def perform(self, context: LaunchContext) -> str:
-        """The text that the condition chooses."""
+        """Return the text that the condition selects."""
         return text(context, self.values[truth(context, self.condition)])

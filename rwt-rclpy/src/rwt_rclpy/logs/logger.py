@@ -18,14 +18,14 @@ _OPTIONS: Final = ("once", "skip_first", "throttle_duration_sec", "throttle_time
 
 @dataclass(slots=True)
 class _Call:
-    """State of one place in the code that logs."""
+    """Filter state of one call site."""
 
     severity: LoggingSeverity
     name: str
     options: dict[str, Any]
     clock: Clock | None = None
     seen: int = 0
-    #: As in rcutils: a clock that begins at zero has logged at zero.
+    #: As in rcutils: a clock that starts at zero counts as logged at zero.
     last_ns: int = 0
 
     def passes(self) -> bool:
@@ -40,7 +40,7 @@ class _Call:
         return True
 
     def _is_due(self) -> bool:
-        assert self.clock is not None  # A throttled call has one.
+        assert self.clock is not None  # Throttled calls have a clock.
         now = self.clock.now().nanoseconds
         span = self.options["throttle_duration_sec"] * 1e9
         if self.last_ns <= now < self.last_ns + span:
@@ -50,10 +50,10 @@ class _Call:
 
 
 class RcutilsLogger:
-    """Logs under one name.
+    """Logger of one name.
 
     Attributes:
-        name: parts separated by dots; empty for the root.
+        name: dotted name; empty for the root.
     """
 
     def __init__(self, name: str = "") -> None:
@@ -61,13 +61,13 @@ class RcutilsLogger:
         self.contexts: dict[tuple[str, int, int], _Call] = {}
 
     def get_child(self, name: str) -> RcutilsLogger:
-        """The logger of a name below this one. Raises ValueError for an empty one."""
+        """Return the logger of a name below this one. Raises ValueError for an empty one."""
         if not name:
             raise ValueError("Child logger name must not be empty.")
         return RcutilsLogger(f"{self.name}{output.SEPARATOR}{name}" if self.name else name)
 
     def set_level(self, level: int) -> bool:
-        """Log what is at least as severe."""
+        """Set the level."""
         return output.set_level(self.name, LoggingSeverity(level))
 
     def get_effective_level(self) -> LoggingSeverity:
@@ -82,17 +82,17 @@ class RcutilsLogger:
         """Log a line.
 
         Args:
-            message: the text.
-            severity: how severe it is.
+            message: text.
+            severity: level.
             **kwargs: filters: `once`, `skip_first`, `throttle_duration_sec` with
                 `throttle_time_source_type`, and `name` of another logger.
 
         Returns:
-            Whether it was logged.
+            True if it was logged.
 
         Raises:
-            TypeError: there is no such filter, or one lacks a parameter.
-            ValueError: this place has logged with other filters before.
+            TypeError: a filter is unknown, or lacks a parameter.
+            ValueError: this call site used other filters before.
         """
         if not self.is_enabled_for(severity):
             return False
@@ -114,27 +114,27 @@ class RcutilsLogger:
         return True
 
     def debug(self, message: str, **kwargs: Any) -> bool:
-        """Log for who looks for a fault."""
+        """Log a line for debugging."""
         return self.log(message, LoggingSeverity.DEBUG, **kwargs)
 
     def info(self, message: str, **kwargs: Any) -> bool:
-        """Log what goes on."""
+        """Log information."""
         return self.log(message, LoggingSeverity.INFO, **kwargs)
 
     def warning(self, message: str, **kwargs: Any) -> bool:
-        """Log what may be wrong."""
+        """Log a warning."""
         return self.log(message, LoggingSeverity.WARN, **kwargs)
 
     def warn(self, message: str, **kwargs: Any) -> bool:
-        """Log what may be wrong, under the older name."""
+        """Log a warning (older name)."""
         return self.log(message, LoggingSeverity.WARN, **kwargs)
 
     def error(self, message: str, **kwargs: Any) -> bool:
-        """Log what is wrong."""
+        """Log an error."""
         return self.log(message, LoggingSeverity.ERROR, **kwargs)
 
     def fatal(self, message: str, **kwargs: Any) -> bool:
-        """Log what ends the program."""
+        """Log a fatal error."""
         return self.log(message, LoggingSeverity.FATAL, **kwargs)
 
 
@@ -173,11 +173,11 @@ def _check_unchanged(call: _Call, severity: LoggingSeverity, name: str, options:
 
 
 def _caller() -> FrameType:
-    """The first frame outside of this module."""
+    """Return the first stack frame outside of this module."""
     frame: FrameType | None = sys._getframe(2)
     while frame is not None and frame.f_code.co_filename == __file__ and frame.f_back is not None:
         frame = frame.f_back
-    assert frame is not None  # The outermost frame has been reached at last.
+    assert frame is not None  # The outermost frame.
     return frame
 
 
@@ -185,22 +185,22 @@ _root_logger = RcutilsLogger()
 
 
 def get_logger(name: str) -> RcutilsLogger:
-    """The logger of a name. Raises ValueError for an empty one."""
+    """Return the logger of a name. Raises ValueError for an empty one."""
     if not name:
         raise ValueError("Logger name must not be empty.")
     return _root_logger.get_child(name)
 
 
 def initialize() -> None:
-    """Begin to log; nothing is needed for it."""
+    """No-op: logging needs no initialisation."""
 
 
 def shutdown() -> None:
-    """Log no more; nothing is held for it."""
+    """No-op: logging holds no resources."""
 
 
 def clear_config() -> None:
-    """Forget every level that was set."""
+    """Reset all levels."""
     output.clear_levels()
 
 

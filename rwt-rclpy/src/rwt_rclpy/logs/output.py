@@ -1,4 +1,4 @@
-"""Levels of loggers, and what becomes of a line: the console as rcutils prints it, and `/rosout`."""
+"""Levels of loggers, and output of lines: the console in rcutils' format, and `/rosout`."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ class LoggingSeverity(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class LogLine:
-    """One line.
+    """Log line.
 
     Attributes:
         stamp_ns: system time.
-        name: of the logger.
-        message: the text.
-        function: where it was logged.
-        file: likewise.
-        line: likewise.
+        name: name of the logger.
+        message: text.
+        function: function of the call site.
+        file: file of the call site.
+        line: line of the call site.
     """
 
     severity: LoggingSeverity
@@ -59,7 +59,7 @@ _lock = threading.RLock()
 _levels: dict[str, int] = {}
 _FORMAT: Final = "[{severity}] [{time}] [{name}]: {message}"
 _COLOURS: Final = {10: "\x1b[32m", 30: "\x1b[33m", 40: "\x1b[31m", 50: "\x1b[31m"}
-#: Loggers of nodes, and what takes their lines to `/rosout`.
+#: Functions that publish lines on `/rosout`, by logger of a node.
 _rosout: dict[str, list[OnLine]] = {}
 
 
@@ -72,7 +72,7 @@ _enabled = _Enabled()
 
 
 def configure(arguments: RosArguments) -> None:
-    """Take the levels and switches of a command line."""
+    """Apply the levels and switches of a command line."""
     for name, level in arguments.log_levels.items():
         set_level(name, level)
     _enabled.stdout = arguments.stdout
@@ -80,7 +80,7 @@ def configure(arguments: RosArguments) -> None:
 
 
 def set_level(name: str, level: int, detailed_error: bool = False) -> bool:
-    """Set the level of a logger, and so of those below it that have none of their own."""
+    """Set the level of a logger, and of those below it without their own."""
     level = LoggingSeverity(level)
     with _lock:
         if level is LoggingSeverity.UNSET and name:
@@ -91,12 +91,12 @@ def set_level(name: str, level: int, detailed_error: bool = False) -> bool:
 
 
 def get_level(name: str) -> LoggingSeverity:
-    """The level that a logger has of its own, or UNSET."""
+    """Return the level of the logger itself, or UNSET."""
     return LoggingSeverity(_levels.get(name, 0 if name else LoggingSeverity.INFO))
 
 
 def effective_level(name: str) -> LoggingSeverity:
-    """The level of a logger: its own, or that of the nearest one above."""
+    """Return the effective level of a logger: its own, or that of the nearest one above."""
     while name:
         level = _levels.get(name)
         if level is not None:
@@ -106,13 +106,13 @@ def effective_level(name: str) -> LoggingSeverity:
 
 
 def clear_levels() -> None:
-    """Forget every level that was set."""
+    """Reset all levels."""
     with _lock:
         _levels.clear()
 
 
 def level_from_string(text: str) -> LoggingSeverity:
-    """The level of that name, in either case. Raises RuntimeError for what is none."""
+    """Return the level of a name, in either case. Raises RuntimeError for unknown ones."""
     try:
         return LoggingSeverity[text.upper()]
     except KeyError:
@@ -129,7 +129,7 @@ def logging_directory() -> Path:
 
 
 def add_rosout(name: str, on_line: OnLine) -> None:
-    """Give the lines of a logger, and of those below it, to `on_line` too."""
+    """Pass the lines of a logger, and of those below it, to `on_line`, too."""
     with _lock:
         _rosout.setdefault(name, []).append(on_line)
 
@@ -159,14 +159,14 @@ def _to_rosout(entry: LogLine) -> None:
     while name:
         taken = _rosout.get(name)
         if taken:
-            # Nodes of one name share a logger: the last one publishes.
+            # Nodes of one name share a logger; the newest publishes.
             taken[-1](entry)
             return
         name = name.rpartition(SEPARATOR)[0]
 
 
 def formatted(entry: LogLine, stream: TextIO) -> str:
-    """The line as RCUTILS_CONSOLE_OUTPUT_FORMAT says, in colour on a terminal."""
+    """Format a line by RCUTILS_CONSOLE_OUTPUT_FORMAT, in colour on a terminal."""
     text = os.environ.get("RCUTILS_CONSOLE_OUTPUT_FORMAT") or _FORMAT
     values = {
         "severity": entry.severity.name,

@@ -1,1 +1,1 @@
-"""Classes of messages, services and actions, as rosidl generates them, from definitions."""
+"""Classes of messages, services and actions like rosidl's, generated from definitions."""

@@ -1,7 +1,7 @@
 """Classes of messages, services and actions with the semantics of rosidl's generated ones.
 
-A class is made once for each type of a registry, with the classes that it holds. The link back is where
-rosidl keeps a type's C handle: `_TYPE_SUPPORT` of the metaclass is the type in the registry.
+A class is created once for each type of a registry, with its nested classes. The reference to the type is
+where rosidl stores the C handle: `_TYPE_SUPPORT` of the metaclass.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _WORD_ENDS = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 
 
 def module_of(name: str) -> str:
-    """The module in which rosidl puts an interface: `AddTwoInts` is in `_add_two_ints`."""
+    """Return rosidl's module of an interface: `_add_two_ints` for `AddTwoInts`."""
     return "_" + _WORD_ENDS.sub("_", name).lower()
 
 
@@ -35,21 +35,21 @@ FIELDS_ARE_CHECKED = os.environ.get("ROS_PYTHON_CHECK_FIELDS", "1") != "0"
 
 
 class InterfaceMeta(type):
-    """The metaclass of every interface.
+    """Metaclass of all interfaces.
 
     Attributes:
-        _TYPE_SUPPORT: the type in the registry.
+        _TYPE_SUPPORT: type in the registry.
     """
 
     _TYPE_SUPPORT: ClassVar[MessageType | ServiceType | ActionType | None] = None
 
     @classmethod
     def __import_type_support__(mcs) -> None:
-        """No-op: the class is made from its definition."""
+        """No-op: the class is created from its definition."""
 
 
 class Message(metaclass=InterfaceMeta):
-    """Base of every message class."""
+    """Base of all message classes."""
 
     __slots__ = ("_check_fields",)
 
@@ -82,7 +82,7 @@ class Message(metaclass=InterfaceMeta):
 
     @classmethod
     def get_fields_and_field_types(cls) -> dict[str, str]:
-        """The fields by name, each with its type as IDL writes it."""
+        """Return the fields by name, with their types in IDL notation."""
         return dict(cls._fields_and_field_types)
 
     def __eq__(self, other: object) -> bool:
@@ -112,7 +112,7 @@ class Message(metaclass=InterfaceMeta):
 
 
 class MessageClasses:
-    """The classes of one registry, each made when it is first asked for. Safe from several threads."""
+    """Classes of one registry, created on first use. Thread-safe."""
 
     def __init__(self, registry: Registry) -> None:
         self.registry = registry
@@ -122,11 +122,11 @@ class MessageClasses:
 
     @property
     def in_use(self) -> bool:
-        """True if any class was made."""
+        """True if a class was created."""
         return bool(self._messages)
 
     def of(self, message: MessageType) -> type[Message]:
-        """The class of a message type of the registry."""
+        """Return the class of a message type of the registry."""
         found = self._messages.get(message.name)
         if found is not None:
             return found
@@ -137,19 +137,19 @@ class MessageClasses:
             return found
 
     def message(self, name: str) -> type[Message]:
-        """The class of a message, or of a part of a service or action. Raises :exc:`UnknownType`."""
+        """Return the class of a message, or of a part of a service or action. Raises :exc:`UnknownType`."""
         return self.of(self.registry.message(name))
 
     def service(self, name: str) -> type:
-        """The class of a service, with `Request`, `Response` and `Event`. Raises :exc:`UnknownType`."""
+        """Return the class of a service with `Request`, `Response`, `Event`. Raises :exc:`UnknownType`."""
         return self._interface("srv", name, lambda: self._make_service(self.registry.service(name)))
 
     def action(self, name: str) -> type:
-        """The class of an action, with `Goal`, `Result`, `Feedback` and `Impl`. Raises :exc:`UnknownType`."""
+        """Return the class of an action with `Goal`, `Result` and `Feedback`. Raises :exc:`UnknownType`."""
         return self._interface("action", name, lambda: self._make_action(self.registry.action(name)))
 
     def by_type_name(self, name: str) -> type:
-        """The class of ``pkg/msg/Name``, ``pkg/srv/Name`` or ``pkg/action/Name``.
+        """Return the class of ``pkg/msg/Name``, ``pkg/srv/Name`` or ``pkg/action/Name``.
 
         Raises:
             UnknownType: the registry has no such interface.
@@ -223,7 +223,7 @@ class MessageClasses:
             "Request": self.of(service.request),
             "Response": self.of(service.response),
         }
-        with suppress(UnknownType):  # Without service_msgs there is no introspection.
+        with suppress(UnknownType):  # Introspection needs service_msgs.
             parts["Event"] = self.message(f"{service.name}_Event")
         return _holder(package, kind, short, service, parts)
 
@@ -302,7 +302,7 @@ def octets_of(message: Message, name: str) -> np.ndarray:
 
 
 def _writer(message: MessageType, fields: tuple[MessageField, ...]) -> Convert:
-    """A function from a message to its Struct in the graph, written out as one call for speed."""
+    """Return a function from a message to its Struct in the graph, generated as one call for speed."""
     converts: dict[str, Any] = {f"c{i}": field.to_graph for i, field in enumerate(fields)}
     values = ", ".join(
         f"m._{field.name}" if field.to_graph is None else f"c{i}(m._{field.name})"
@@ -313,13 +313,13 @@ def _writer(message: MessageType, fields: tuple[MessageField, ...]) -> Convert:
 
 
 def _verify(fields: tuple[MessageField, ...], message: Message) -> None:
-    """Check what setters did not; raises AssertionError as they do."""
+    """Check fields that setters did not check; raises AssertionError like them."""
     for field in fields:
         field.check(getattr(message, field.name))
 
 
 def _reader(message: MessageType, fields: tuple[MessageField, ...], cls: type[Message]) -> Convert:
-    """A function from a Struct of the graph to a message; what the graph has is checked already."""
+    """Return a function from a Struct of the graph, which is checked already, to a message."""
     lines = ["def convert(s):", "    m = new(cls)", f"    m._check_fields = {FIELDS_ARE_CHECKED}"]
     names: dict[str, Any] = {"new": object.__new__, "cls": cls}
     for i, field in enumerate(fields):
@@ -331,7 +331,7 @@ def _reader(message: MessageType, fields: tuple[MessageField, ...], cls: type[Me
 
 
 def _compiled(source: str, names: dict[str, Any]) -> Convert:
-    # The names in the text are fields of a definition, which the parser has found to be words.
+    # The names in the code are fields of a definition, validated by the parser.
     exec(source, names)
     convert: Convert = names["convert"]
     return convert

@@ -36,12 +36,12 @@ from rwt_rclpy.messages.slot_types import (
 )
 
 Check: TypeAlias = Callable[[Any], Any]
-"""Takes what is assigned; returns what is stored, or raises AssertionError as rosidl's setters do."""
+"""Returns the stored form of an assigned value, or raises AssertionError like rosidl's setters."""
 Convert: TypeAlias = Callable[[Any], Any]
 
 #: IDL's names of the primitives of `.msg` files; a `char` of ROS 2 is a uint8.
 _IDL = {"bool": "boolean", "byte": "octet", "char": "uint8", "float32": "float", "float64": "double"}
-#: Numbers that sequences hold in an `array.array`, and arrays in numpy's: typecode and dtype.
+#: typecode of sequences in `array.array`, and dtype of numpy arrays, by number type.
 NUMBER_CODES = {
     "float": "f",
     "double": "d",
@@ -54,25 +54,25 @@ NUMBER_CODES = {
     "int64": "q",
     "uint64": "Q",
 }
-#: Shorter sequences of numbers are lists in the graph: making a numpy array costs more than it saves.
+#: Length below which sequences of numbers are lists in the graph: a numpy array would cost more.
 _SHORT = 32
 
 
 @dataclass(frozen=True, slots=True)
 class MessageField:
-    """One field of a message class.
+    """Field of a message class.
 
     Attributes:
-        name: as the definition spells it.
-        type: its entry in `SLOT_TYPES`.
-        type_text: its entry in `get_fields_and_field_types()`.
-        default: makes the value of a field that is not given.
-        check: takes an assigned value.
-        store: takes an assigned value when checks are off.
-        to_graph: from the message's form to the graph's; None where both are the same.
-        from_graph: from the graph's form to the message's; None where both are the same.
-        has_default: whether the definition gives the default.
-        thaw: from what is kept to what a program gets, when it first asks; None where both are the same.
+        name: name in the definition.
+        type: entry in `SLOT_TYPES`.
+        type_text: entry in `get_fields_and_field_types()`.
+        default: creates the default value.
+        check: checks and converts an assigned value.
+        store: converts an assigned value if checks are off.
+        to_graph: converts the message's form to the graph's; None if both are equal.
+        from_graph: converts the graph's form to the message's; None if both are equal.
+        has_default: True if the definition has a default.
+        thaw: converts the stored form to the program's on first access; None if both are equal.
     """
 
     name: str
@@ -89,7 +89,7 @@ class MessageField:
 
 @dataclass(frozen=True, slots=True)
 class Nested:
-    """The class of a nested message, with its conversions."""
+    """Class of a nested message, with its conversions."""
 
     cls: type
     name: str
@@ -194,7 +194,7 @@ def _element_conversions(
     if isinstance(element, BasicType):
         if element.typename == "octet":
             return _octet_to_graph, _octet_from_graph
-        # What is published is rounded as it is on a wire.
+        # Published values are rounded as on a wire.
         return (_float32, None) if element.typename == "float" else (None, None)
     return _text, None
 
@@ -212,7 +212,7 @@ def _float32(value: float) -> float:
 
 
 def _text(value: Any) -> str:
-    """A string that can be sent. Raises UnicodeEncodeError, or TypeError for what is no text."""
+    """Return a string that can be sent. Raises UnicodeEncodeError, or TypeError for other types."""
     if not isinstance(value, (str, UserString)):
         raise TypeError(f"expected str, got {type(value).__name__}")
     text = str(value)
@@ -398,9 +398,9 @@ def _check_fixed(name: str, dtype: np.dtype[Any], length: int, check_one: Check,
     return np.array([check_one(item) for item in value], dtype)
 
 
-# Octets, the pixels of an image among them, are kept as the bytes that they come as, which nobody can write
-# into, and so are shared by the program that publishes them, the graph and every subscription. A program that
-# asks for them gets rosidl's `array.array`, which is made then.
+# Octets, such as the pixels of an image, are stored as the received bytes, which are immutable
+# and therefore shared by the publishing program, the graph and all subscriptions. A program that
+# reads the field gets rosidl's `array.array`, which is created then.
 
 
 def _store_octets(value: Any) -> bytes | array[Any]:
@@ -432,7 +432,7 @@ def _thawed(value: bytes | array[Any]) -> array[Any]:
 
 
 def _bytes_of(value: Any) -> bytes:
-    """The octets as they are now: the program may go on writing into its array."""
+    """Return a copy of the octets: the program may still change its array."""
     return bytes(value.tobytes())
 
 

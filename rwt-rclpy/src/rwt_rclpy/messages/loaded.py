@@ -1,4 +1,4 @@
-"""The interfaces that this process knows: one registry, and the classes of it."""
+"""Interfaces of this process: one registry, and its classes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _classes: MessageClasses | None = None
 
 
 def classes() -> MessageClasses:
-    """The classes of the process, of the standard interfaces of jazzy unless :func:`load` gave others."""
+    """Return the classes of the process, by default of jazzy's standard interfaces (see :func:`load`)."""
     global _classes
     if _classes is None:
         with _lock:
@@ -25,7 +25,7 @@ def classes() -> MessageClasses:
 
 
 def message_class(name: str) -> Any:
-    """The class of a message of the process, whose fields only its definition knows.
+    """Return the class of a message of the process, typed as Any because its fields are dynamic.
 
     Raises:
         UnknownType: the registry has no such message.
@@ -34,15 +34,15 @@ def message_class(name: str) -> Any:
 
 
 def load(folders: Iterable[str | PathLike[str]] = (), registry: Registry | None = None) -> Registry:
-    """Make a registry, or more folders, what the process knows.
+    """Set the registry of the process, or add folders to it.
 
     Args:
         folders: packages of ``.msg``, ``.srv`` and ``.action`` files to add.
-        registry: takes the place of the present one; give it before the first message class is used.
+        registry: replaces the current one; only before the first message class is used.
 
     Raises:
-        DefinitionError: a folder cannot be read, and where and why.
-        RuntimeError: classes of another registry exist already, and would not be equal to new ones.
+        DefinitionError: a folder cannot be read; the text gives location and reason.
+        RuntimeError: classes of another registry exist already, which would differ from new ones.
     """
     global _classes
     if registry is not None and (_classes is None or registry is not _classes.registry):

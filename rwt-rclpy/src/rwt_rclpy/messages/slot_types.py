@@ -1,6 +1,6 @@
-"""`rosidl_parser.definition`: the types of fields as `SLOT_TYPES` of a message class lists them.
+"""`rosidl_parser.definition`: types of fields in `SLOT_TYPES` of message classes.
 
-Only the vocabulary of types is here; IDL files are not parsed, since definitions come from the registry.
+Only the types are here; IDL files are not parsed, because definitions come from the registry.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ BASIC_TYPES = (*INTEGER_TYPES, *FLOATING_POINT_TYPES, *CHARACTER_TYPES, BOOLEAN_
 
 
 class AbstractType:
-    """Any type."""
+    """Base of all types."""
 
     __slots__ = ()
 
 
 class AbstractNestableType(AbstractType):
-    """A type that arrays and sequences may hold."""
+    """Base of types that arrays and sequences can contain."""
 
     __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
 class BasicType(AbstractNestableType):
-    """A number, a boolean or an octet; one of :data:`BASIC_TYPES`."""
+    """Number, boolean or octet; one of :data:`BASIC_TYPES`."""
 
     typename: str
 
@@ -43,7 +43,7 @@ class BasicType(AbstractNestableType):
 
 @dataclass(frozen=True, slots=True, init=False)
 class NamespacedType(AbstractNestableType):
-    """A message: `namespaces` is its package and folder."""
+    """Message type; `namespaces` is its package and folder."""
 
     namespaces: tuple[str, ...]
     name: str
@@ -53,12 +53,12 @@ class NamespacedType(AbstractNestableType):
         object.__setattr__(self, "name", name)
 
     def namespaced_name(self) -> tuple[str, ...]:
-        """Package, folder and name."""
+        """Return package, folder and name."""
         return (*self.namespaces, self.name)
 
 
 class AbstractGenericString(AbstractNestableType):
-    """A string of either width."""
+    """Base of string types."""
 
     __slots__ = ()
 
@@ -68,13 +68,13 @@ class AbstractGenericString(AbstractNestableType):
 
 
 class AbstractString(AbstractGenericString):
-    """A string of octets."""
+    """Base of strings of octets."""
 
     __slots__ = ()
 
 
 class AbstractWString(AbstractGenericString):
-    """A string of 16-bit units."""
+    """Base of strings of 16-bit units."""
 
     __slots__ = ()
 
@@ -112,10 +112,10 @@ class BoundedWString(AbstractWString):
 
 
 class AbstractNestedType(AbstractType):
-    """An array or a sequence.
+    """Base of arrays and sequences.
 
     Attributes:
-        value_type: what it holds.
+        value_type: type of its elements.
     """
 
     __slots__ = ()
@@ -124,7 +124,7 @@ class AbstractNestedType(AbstractType):
 
 
 class AbstractSequence(AbstractNestedType):
-    """A sequence, of which each message has its own length."""
+    """Base of sequences, of variable length."""
 
     __slots__ = ()
 

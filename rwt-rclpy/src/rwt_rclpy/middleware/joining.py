@@ -1,4 +1,4 @@
-"""Choice of the graph that nodes join: one of this process, a server's, or one over Zenoh."""
+"""Selection of the graph that nodes join: one of this process, of a server, or over Zenoh."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rwt_rclpy.middleware.link import DOMAINS, Link, domain_of
 if TYPE_CHECKING:
     from rwt_graph.api import Graph
 
-#: The environment's variable that names the graph, where a program does not.
+#: Environment variable with the default graph.
 VARIABLE: Final = "RWT_RCLPY_GRAPH"
 
 _EXPECTED: Final = (
@@ -26,20 +26,20 @@ _EXPECTED: Final = (
 
 
 class CannotJoin(RobotError):
-    """The graph does not exist or cannot be reached; says what was asked for and why."""
+    """The graph does not exist or cannot be reached; the text names it and the reason."""
 
 
 @contextmanager
 def joined(where: str | None = None) -> Iterator[None]:
-    """Let nodes that are made in a block join a graph, which runs in a thread until the block ends.
+    """Let nodes created in a block join a graph, which runs in a thread until the block ends.
 
     Args:
-        where: ``memory``, the graph of this process; the URL of a server, of whose graph they are part over
-            rosbridge; or ``zenoh``, perhaps with an endpoint to connect to, for their ROS domain there.
-            None takes what the variable RWT_RCLPY_GRAPH says, or else ``memory``.
+        where: ``memory``, the graph of this process; the URL of a server, whose graph they join over
+            rosbridge; or ``zenoh``, optionally with an endpoint to connect to, for their ROS domain there.
+            None for the value of RWT_RCLPY_GRAPH, by default ``memory``.
 
     Raises:
-        CannotJoin: it is none of these, or cannot be reached.
+        CannotJoin: the graph is invalid, or cannot be reached.
     """
     place = os.environ.get(VARIABLE, "") if where is None else where
     if place in ("", "memory"):

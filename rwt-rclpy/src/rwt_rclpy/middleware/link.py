@@ -21,27 +21,27 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-#: The domain of programs that name none, unless ROS_DOMAIN_ID does.
+#: Default domain, without ROS_DOMAIN_ID.
 DEFAULT_DOMAIN = 2**32 - 1
 
 
 class Publishes(Protocol):
-    """A publisher of the graph's contract."""
+    """Publisher of the graph's contract."""
 
     def publish(self, payload: Payload) -> None:
-        """Hand one message to every subscriber."""
+        """Send one message to all subscribers."""
         ...
 
 
 class Link:
-    """A graph, from any thread.
+    """Graph with access from any thread.
 
-    A graph that runs on an event loop is touched on that loop's thread; one that does not run is touched
-    where the caller is, one thread at a time.
+    A graph that runs on an event loop is used on that loop's thread; one that does not run is used
+    in the caller's thread, one thread at a time.
 
     Attributes:
-        graph: the graph.
-        timekeeper: what its nodes measure time by.
+        graph: graph.
+        timekeeper: source of time of its nodes.
     """
 
     def __init__(self, graph: Graph, timekeeper: Timekeeper | None = None) -> None:
@@ -50,7 +50,7 @@ class Link:
         self._lock = self.timekeeper.lock
 
     def run(self, function: Callable[[], T]) -> T:
-        """Return the result of a function that touches the graph; its exception is raised here."""
+        """Run a function that uses the graph; return its result or raise its exception."""
         graph = self.graph
         if not graph.running:
             with self._lock:
@@ -69,7 +69,7 @@ class Link:
         return outcome.result()
 
     def post(self, function: Callable[[], object]) -> None:
-        """Run a function that touches the graph, in order with others of this thread, without waiting."""
+        """Run a function that uses the graph, in order with others of this thread, without waiting."""
         graph = self.graph
         if not graph.running:
             with self._lock:
@@ -80,7 +80,7 @@ class Link:
             graph.run_on_graph(partial(_discard, function))
 
     def publish(self, publisher: Publishes, payload: Payload) -> None:
-        """Publish, from whichever thread this is."""
+        """Publish from any thread."""
         graph = self.graph
         if not graph.running:
             with self._lock:
@@ -96,7 +96,7 @@ def _discard(function: Callable[[], object]) -> None:
 
 
 class Domains:
-    """The graphs of the process: one for each ROS domain, unless one was given for all of them."""
+    """Graphs of the process: one for each ROS domain, unless one is set for all of them."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -104,7 +104,7 @@ class Domains:
         self._given: Link | None = None
 
     def link(self, domain: int) -> Link:
-        """The graph of a domain, made when it is first asked for."""
+        """Return the graph of a domain, created on first use."""
         if self._given is not None:
             return self._given
         with self._lock:
@@ -115,28 +115,28 @@ class Domains:
 
     @property
     def given(self) -> Link | None:
-        """The graph that was given for all domains."""
+        """Graph that was set for all domains."""
         return self._given
 
     def use(self, link: Link | None) -> None:
-        """Give one graph for all domains; None goes back to a graph of this process for each."""
+        """Set one graph for all domains; None: a graph of this process for each."""
         self._given = link
 
     def reset(self) -> None:
-        """Forget the graphs of this process; nodes that exist keep theirs."""
+        """Drop the graphs of this process; existing nodes keep theirs."""
         with self._lock:
             self._links.clear()
 
 
-#: The graphs of this process.
+#: Graphs of this process.
 DOMAINS = Domains()
 
 
 def domain_of(domain: int | None) -> int:
-    """The number of a domain; None is what the environment's ROS_DOMAIN_ID says, or 0.
+    """Return the number of a domain; None for the value of ROS_DOMAIN_ID, by default 0.
 
     Raises:
-        RuntimeError: it is negative, or no number.
+        RuntimeError: it is negative, or not a number.
     """
     if domain is None or domain == DEFAULT_DOMAIN:
         text = os.environ.get("ROS_DOMAIN_ID", "") or "0"
@@ -149,14 +149,14 @@ def domain_of(domain: int | None) -> int:
 
 
 class VirtualDomain:
-    """A graph of its own in virtual time, while ``with`` lasts.
+    """Context manager of a separate graph in virtual time.
 
     Args:
-        start_ns: the ROS time at which it begins, nanoseconds since the epoch.
+        start_ns: ROS time at the start, nanoseconds since the epoch.
 
     Attributes:
-        graph: the graph.
-        time: what moves the time.
+        graph: graph.
+        time: virtual time.
     """
 
     def __init__(self, start_ns: int = 1_700_000_000_000_000_000) -> None:
@@ -178,11 +178,11 @@ class VirtualDomain:
 
     @property
     def now(self) -> float:
-        """Seconds gone by since it began."""
+        """Return the seconds since the start."""
         return self.time.clock.monotonic()
 
     def advance(self, seconds: float) -> None:
-        """Move time on by hand. Raises ValueError for a negative span."""
+        """Advance time. Raises ValueError for a negative duration."""
         self.time.advance(seconds)
 
 

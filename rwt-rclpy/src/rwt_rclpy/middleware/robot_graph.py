@@ -1,4 +1,4 @@
-"""The graph of a server in another process, over rosbridge: what nodes here do is done there.
+"""Graph of a server in another process, over rosbridge.
 
 Messages of topics go to the server and come back from it, also those between nodes of this process, so that
 each is delivered once. Services and actions of this process are served here at once and offered there; others
@@ -68,17 +68,17 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-#: Seconds between two looks at what the server lists, while somebody asks.
+#: Polling interval of the server's listings while they are in use, in seconds.
 LOOK_SECONDS: Final = 0.1
-#: Seconds after which nobody is taken to ask any more.
+#: Time after which unused listings are not polled any more, in seconds.
 ASKED_SECONDS: Final = 2.0
-#: How the names of topics end whose messages must not come after what a service of the same action answers.
+#: Suffixes of topics whose messages must not arrive after a response of the same action.
 _TOLD_HERE: Final = "/_action/feedback"
 _FOR_CLIENTS: Final = "/_server"
 
 
 class RobotTopic:
-    """One topic of the server, for all that subscribe to it here."""
+    """Topic of the server, for all subscriptions of this process."""
 
     def __init__(self, graph: RobotGraph, name: str, type: MessageType) -> None:
         self.name = name
@@ -92,12 +92,12 @@ class RobotTopic:
 
     def _receive(self, message: RawMessage) -> None:
         if self.name in self._graph.told_here:
-            return  # Delivered when it was published; this is the echo.
+            return  # Delivered when it was published; this is its echo.
         now = self._graph.clock.time_ns() if message.stamp_ns is None else message.stamp_ns
         self.deliver(Sample(self.name, Payload.from_cdr(self.type, message.data), now, ""))
 
     def deliver(self, sample: Sample) -> None:
-        """Hand a message to all that subscribe here."""
+        """Deliver a message to all subscriptions of this process."""
         self.last = sample.detach()
         for subscription in self.subscriptions:
             try:
@@ -106,12 +106,12 @@ class RobotTopic:
                 logger.exception("a subscriber of %s failed", self.name)
 
     def close(self) -> None:
-        """Subscribe no more."""
+        """Unsubscribe."""
         self._raw.close()
 
 
 class RobotSubscription(Subscription):
-    """A subscription of this process to a topic of the server."""
+    """Subscription of this process to a topic of the server."""
 
     def __init__(
         self,
@@ -128,11 +128,11 @@ class RobotSubscription(Subscription):
 
     @property
     def type(self) -> MessageType | None:
-        """The topic's type."""
+        """Type of the topic."""
         return self._topic.type
 
     def history(self) -> tuple[Sample, ...]:
-        """The last message that has come."""
+        """Return the last received message."""
         return () if self._topic.last is None else (self._topic.last,)
 
     def close(self) -> None:
@@ -146,7 +146,7 @@ class RobotSubscription(Subscription):
 
 
 class RobotPublisher(Publisher):
-    """A publisher of this process on a topic of the server."""
+    """Publisher of this process on a topic of the server."""
 
     def __init__(
         self, graph: RobotGraph, topic: str, type: MessageType, qos: QoS, owner: RobotParticipant
@@ -163,7 +163,7 @@ class RobotPublisher(Publisher):
             graph.told_here[topic] += 1
 
     def publish(self, payload: Payload) -> None:
-        """Send one message; one that cannot be sent is logged."""
+        """Send one message; failures are logged."""
         topic = self._graph.topics_here.get(self.topic) if self._tells_here else None
         if topic is not None:
             topic.deliver(Sample(self.topic, payload, self._graph.clock.time_ns(), self._owner.name))
@@ -188,7 +188,7 @@ class RobotPublisher(Publisher):
 
 
 class RobotRegistration(Registration):
-    """A service or an action of this process, which is offered on the server too."""
+    """Service or action of this process, also offered on the server."""
 
     def __init__(self, local: Registration, withdraw: Callable[[], None], owner: RobotParticipant) -> None:
         self.name = local.name
@@ -197,17 +197,17 @@ class RobotRegistration(Registration):
         self._owner = owner
 
     def close(self) -> None:
-        """Withdraw it here and on the server."""
+        """Withdraw the offer here and on the server."""
         if self._owner.opened.pop(self, None) is not None:
             self._local.close()
             self._withdraw()
 
 
 class RobotParticipant(Participant):
-    """A node of this process, whose topics are the server's.
+    """Node of this process, whose topics are the server's.
 
     Attributes:
-        opened: its open publishers, subscriptions and registrations, each with the function that closes it.
+        opened: open publishers, subscriptions and registrations, each with the function that closes it.
     """
 
     def __init__(self, graph: RobotGraph, name: str) -> None:
@@ -222,7 +222,7 @@ class RobotParticipant(Participant):
             raise NotRunning(f"node {self.name} was closed")
 
     def advertise(self, topic: str, type: MessageType, qos: QoS = DEFAULT_QOS) -> Publisher:
-        """Become a publisher of `topic`; the server refuses another type, and its log says so."""
+        """Become a publisher of `topic`; the server rejects another type, and logs this."""
         self._check_open()
         publisher = RobotPublisher(self._graph, validate(topic), type, qos, self)
         self.opened[publisher] = publisher.close
@@ -255,7 +255,7 @@ class RobotParticipant(Participant):
     def advertise_service(
         self, service: str, type: ServiceType, on_call: Callable[[ServiceCall], None]
     ) -> Registration:
-        """Offer a service here and on the server, unless it is part of an action, which is offered whole."""
+        """Offer a service here and on the server, unless it is part of an action."""
         local = self._local.advertise_service(service, type, on_call)
         if "/_action/" in local.name:
             return local
@@ -276,7 +276,7 @@ class RobotParticipant(Participant):
     def call_service(
         self, service: str, request: Payload, on_reply: OnReply, timeout: float | None = None
     ) -> PendingCall:
-        """Call a service; one of this process comes before the server's."""
+        """Call a service; those of this process take precedence."""
         self._check_open()
         graph = self._graph
         if graph.local.service(service) is not None:
@@ -288,7 +288,7 @@ class RobotParticipant(Participant):
     def send_goal(
         self, action: str, goal: Payload, events: GoalEvents, goal_id: str | None = None
     ) -> ClientGoal:
-        """Send a goal; an action of this process comes before the server's."""
+        """Send a goal; actions of this process take precedence."""
         self._check_open()
         graph = self._graph
         if graph.local.action(action) is not None:
@@ -298,7 +298,7 @@ class RobotParticipant(Participant):
         return sent
 
     def cancel_goal(self, action: str, goal_id: str) -> None:
-        """Ask to cancel a goal of an action of this process; over rosbridge only its sender can cancel it."""
+        """Request cancellation of a goal of an action of this process; over rosbridge only its sender can."""
         self._local.cancel_goal(action, goal_id)
         if self._graph.local.action(action) is None:
             logger.warning(
@@ -324,22 +324,22 @@ class RobotParticipant(Participant):
 
 
 class Offer(Protocol):
-    """A service or an action that is offered on the server."""
+    """Service or action offered on the server."""
 
     def close(self) -> None:
-        """Withdraw it."""
+        """Withdraw the offer."""
         ...
 
 
 class Offers:
-    """Services and actions of this process that the server knows: of each name, the newest is offered."""
+    """Services and actions of this process on the server: the newest of each name is offered."""
 
     def __init__(self) -> None:
         self._made: dict[str, list[Callable[[], Offer]]] = {}
         self._offered: dict[str, Offer] = {}
 
     def add(self, name: str, offer: Callable[[], Offer]) -> Callable[[], None]:
-        """Offer something; returns the function that withdraws it. Then an older one is offered again."""
+        """Offer a service or action; return a function that withdraws it and offers an older one again."""
         self._made.setdefault(name, []).append(offer)
         self._renew(name)
 
@@ -363,7 +363,7 @@ class Offers:
 
 
 class RobotGraph(Graph):
-    """A graph whose topics, services and actions are those of a server in another process.
+    """Graph whose topics, services and actions are those of a server in another process.
 
     It must be entered before nodes join it. Services and actions of this process are also in a graph in
     memory, which answers calls between nodes of the process and those that come from the server.
@@ -371,10 +371,10 @@ class RobotGraph(Graph):
     Args:
         url: URL of the server for :func:`rwt_client.connect`: ``ws://``, ``unix:///path`` and others.
         registry: interfaces; the standard ones of jazzy by default.
-        timeout: seconds to connect in.
+        timeout: timeout of connecting in seconds.
 
     Attributes:
-        robot: the connection.
+        robot: connection.
         local: graph in memory with the services and actions of this process.
         offers: services and actions of this process that the server knows.
         topics_here: topics that are subscribed to in this process.
@@ -394,7 +394,7 @@ class RobotGraph(Graph):
         self._timeout = timeout
         self._connection = AsyncExitStack()
         self._participants: dict[RobotParticipant, None] = {}
-        # Calls and sends goals here for clients of the server; it is not listed.
+        # Participant that calls and sends goals for clients of the server; not listed.
         self._for_clients = self.local.participant(_FOR_CLIENTS)
         self._listing = Listing(self)
 
@@ -402,8 +402,8 @@ class RobotGraph(Graph):
         """Connect, and run on the current event loop.
 
         Raises:
-            BadAddress: the URL is not one to connect to.
-            CannotConnect: there is no connection; says why.
+            BadAddress: the URL is invalid for connecting.
+            CannotConnect: the connection failed; the text gives the reason.
         """
         await self.local.__aenter__()
         try:
@@ -426,22 +426,22 @@ class RobotGraph(Graph):
             await self.local.__aexit__(*exc)
 
     def participant(self, name: str) -> RobotParticipant:
-        """Join as a node of that absolute name."""
+        """Join as a node with an absolute name."""
         participant = RobotParticipant(self, validate(name))
         self._participants[participant] = None
         return participant
 
     def left(self, participant: RobotParticipant) -> None:
-        """Forget a participant that closed."""
+        """Remove a closed participant."""
         self._participants.pop(participant, None)
 
     @property
     def running(self) -> bool:
-        """True while the graph is on an event loop."""
+        """True while the graph runs on an event loop."""
         return self.local.running
 
     def on_graph_thread(self) -> bool:
-        """True if the graph may be touched from here."""
+        """True if the graph may be used from this thread."""
         return self.local.on_graph_thread()
 
     def run_on_graph(self, call: Callable[[], None]) -> None:
@@ -563,42 +563,42 @@ class RobotGraph(Graph):
             goal.events.on_result(status, outcome)
 
     def read(self, ours: MessageType, theirs: MessageType, message: Any) -> Payload:
-        """Return a message of the connection's class of a type as a payload of this graph's class of it."""
+        """Convert a message of the connection's class to a payload of this graph's class of the type."""
         return Payload.from_cdr(ours, theirs.serialise(message))
 
     # Listings
 
     @property
     def version(self) -> int:
-        """Grows with every change of what is listed."""
+        """Number that grows with every change of the listings."""
         return self.local.version + self._listing.version
 
     def topics(self) -> tuple[TopicInfo, ...]:
-        """Every topic of the server, sorted by name."""
+        """Return all topics of the server, sorted by name."""
         return self._listing.topics()
 
     def topic(self, name: str) -> TopicInfo | None:
-        """One topic of the server, or None; who takes part in it is known a moment after it is asked."""
+        """Return a topic of the server, or None; its endpoints are queried in the background."""
         return self._listing.topic(name)
 
     def services(self) -> tuple[ServiceInfo, ...]:
-        """Every service of this process and of the server, sorted by name."""
+        """Return all services of this process and the server, sorted by name."""
         return _merged(self._listing.services(), self.local.services())
 
     def service(self, name: str) -> ServiceInfo | None:
-        """One service of this process or of the server, or None."""
+        """Return a service of this process or the server, or None."""
         return self.local.service(name) or self._listing.service(name)
 
     def actions(self) -> tuple[ActionInfo, ...]:
-        """Every action of this process and of the server, sorted by name."""
+        """Return all actions of this process and the server, sorted by name."""
         return _merged(self._listing.actions(), self.local.actions())
 
     def action(self, name: str) -> ActionInfo | None:
-        """One action of this process or of the server, or None."""
+        """Return an action of this process or the server, or None."""
         return self.local.action(name) or self._listing.action(name)
 
     def nodes(self) -> tuple[NodeInfo, ...]:
-        """Every node of the server and of this process, sorted by name."""
+        """Return all nodes of the server and this process, sorted by name."""
         own = tuple(each for each in self.local.nodes() if each.name != _FOR_CLIENTS)
         return _merged(self._listing.nodes(), own)
 
@@ -607,7 +607,7 @@ Info = TypeVar("Info", bound=ServiceInfo | ActionInfo | NodeInfo)
 
 
 def _merged(theirs: Iterable[Info], own: Iterable[Info]) -> tuple[Info, ...]:
-    """Return the items of both by name; an item of this process wins."""
+    """Return the items of both by name; items of this process take precedence."""
     found = {each.name: each for each in (*theirs, *own)}
     return tuple(sorted(found.values(), key=lambda each: each.name))
 
@@ -627,12 +627,12 @@ class Listing:
         self._nodes: tuple[str, ...] = ()
 
     def asked(self) -> None:
-        """Somebody wants to know: look now and for a while."""
+        """Poll now, and for a time."""
         self._asked_at = time.monotonic()
         self._awake.set()
 
     async def follow(self) -> None:
-        """Look again and again, while somebody asks."""
+        """Poll while the listings are in use."""
         while True:
             if time.monotonic() - self._asked_at > ASKED_SECONDS:
                 self._awake = anyio.Event()
@@ -661,15 +661,15 @@ class Listing:
         try:
             return await self._graph.robot.api.action_type(name)
         except CallFailed:
-            return ""  # A rosapi that does not know of actions' types.
+            return ""  # This rosapi does not report types of actions.
 
     def topics(self) -> tuple[TopicInfo, ...]:
-        """Every topic."""
+        """Return all topics."""
         self.asked()
         return tuple(self._info(name) for name in sorted(self._topics))
 
     def topic(self, name: str) -> TopicInfo | None:
-        """One topic, or None."""
+        """Return a topic, or None."""
         self.asked()
         self._ends.setdefault(name, ((), ()))
         return self._info(name) if name in self._topics else None
@@ -685,27 +685,27 @@ class Listing:
         )
 
     def service(self, name: str) -> ServiceInfo | None:
-        """One service of the server, or None."""
+        """Return a service of the server, or None."""
         self.asked()
         type = _known(self._graph.registry.service, self._services.get(name, ""))
         return None if type is None else ServiceInfo(name, type, "")
 
     def services(self) -> list[ServiceInfo]:
-        """Every service of the server whose type is known here."""
+        """Return the services of the server with known types."""
         return [info for name in self._services if (info := self.service(name)) is not None]
 
     def action(self, name: str) -> ActionInfo | None:
-        """One action of the server, or None."""
+        """Return an action of the server, or None."""
         self.asked()
         type = _known(self._graph.registry.action, self._actions.get(name, ""))
         return None if type is None else ActionInfo(name, type, "")
 
     def actions(self) -> list[ActionInfo]:
-        """Every action of the server whose type is known here."""
+        """Return the actions of the server with known types."""
         return [info for name in self._actions if (info := self.action(name)) is not None]
 
     def nodes(self) -> list[NodeInfo]:
-        """The nodes of the server; their topics and services are not asked for."""
+        """Return the nodes of the server, without their topics and services."""
         self.asked()
         return [NodeInfo(name, (), (), (), ()) for name in self._nodes]
 
@@ -718,7 +718,7 @@ def _known(find: Callable[[str], Any], name: str) -> Any:
 
 
 class RobotCall(PendingCall):
-    """A call of this process to a service of the server."""
+    """Call of this process to a service of the server."""
 
     __slots__ = ("_on_reply", "service")
 
@@ -727,18 +727,18 @@ class RobotCall(PendingCall):
         self._on_reply: OnReply | None = on_reply
 
     def end(self, answer: Payload | CallFailed) -> None:
-        """Hand the answer to the caller, unless the call was cancelled."""
+        """Pass the response to the caller, unless the call was cancelled."""
         on_reply, self._on_reply = self._on_reply, None
         if on_reply is not None:
             on_reply(answer)
 
     def cancel(self) -> None:
-        """Forget the call: no reply callback comes after this."""
+        """Cancel the call: no reply callback is called after this."""
         self._on_reply = None
 
 
 class RobotClientGoal(ClientGoal):
-    """A goal of this process for an action of the server."""
+    """Goal of this process for an action of the server."""
 
     def __init__(self, action: str, goal_id: str, events: GoalEvents) -> None:
         self.id = goal_id
@@ -749,26 +749,26 @@ class RobotClientGoal(ClientGoal):
 
     @property
     def status(self) -> GoalStatus:
-        """The last state that the server reported."""
+        """Last state that the server reported."""
         return GoalStatus.UNKNOWN if self.sent is None else self.sent.status
 
     @property
     def reason(self) -> str:
-        """Reason why the server ended the goal as it did."""
+        """Reason that the server gave for the end of the goal."""
         return "" if self.sent is None else self.sent.reason
 
     def take(self, sent: Goal) -> None:
-        """Note the goal that was sent, and cancel it if that was asked for earlier."""
+        """Store the sent goal, and cancel it if this was requested earlier."""
         self.sent = sent
         if self._cancelled:
             sent.cancel()
 
     def cancel(self) -> None:
-        """Ask the server to cancel."""
+        """Request cancellation."""
         self._cancelled = True
         if self.sent is not None and not self.sent.done:
             self.sent.cancel()
 
     def abandon(self) -> None:
-        """Drop the goal's callbacks; it goes on."""
+        """Drop the goal's callbacks; the goal continues."""
         self.events = None

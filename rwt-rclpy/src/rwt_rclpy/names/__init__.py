@@ -1,1 +1,1 @@
-"""Names of ROS 2: validation, expansion, remapping, and the arguments of the command line."""
+"""Names of ROS 2: validation, expansion, remapping, and command-line arguments."""

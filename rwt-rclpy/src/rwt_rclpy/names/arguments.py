@@ -1,4 +1,4 @@
-"""The command line of a ROS 2 node: everything between ``--ros-args`` and ``--``.
+"""Command line of a ROS 2 node: everything between ``--ros-args`` and ``--``.
 
 The options are those of ROS 2's design article "ROS Command Line Arguments".
 """
@@ -31,19 +31,19 @@ _WITH_VALUE: Final = frozenset(
     {"-r", "--remap", "-p", "--param", "--params-file", "--log-level", "--log-config-file", "-e", "--enclave",
      "--log-file-name"}
 )  # fmt: skip
-#: In YAML 1.2, as in ROS 2's parser, `1e3` is a number.
+#: `1e3` is a number in YAML 1.2 and in ROS 2's parser.
 _FLOAT = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?\Z")
 
 
 @dataclass(frozen=True, slots=True)
 class Remap:
-    """One rule ``[node:]from:=to``.
+    """Rule ``[node:]from:=to``.
 
     Attributes:
-        node: the node that it is for; empty for every one.
-        kind: what it remaps: ``topic``, ``service``, both (``name``), ``node`` or ``ns``.
-        old: the name; empty for rules of ``node`` and ``ns``.
-        new: what takes its place.
+        node: node that it applies to; empty for all.
+        kind: kind of name: ``topic``, ``service``, both (``name``), ``node`` or ``ns``.
+        old: name; empty for rules of ``node`` and ``ns``.
+        new: replacement.
     """
 
     node: str
@@ -54,15 +54,15 @@ class Remap:
 
 @dataclass(slots=True)
 class RosArguments:
-    """Arguments of a command line.
+    """Parsed command line.
 
     Attributes:
-        remaps: rules, the first that fits counts.
+        remaps: rules; the first match counts.
         parameters: values by node pattern and name, later ones win.
         log_levels: level by logger; the empty name is the default.
-        rosout: whether logs go to ``/rosout``.
-        stdout: whether logs are printed.
-        unknown: arguments that ROS does not have.
+        rosout: True to publish logs on ``/rosout``.
+        stdout: True to print logs.
+        unknown: unknown ROS arguments.
         others: arguments outside of ``--ros-args``.
     """
 
@@ -75,7 +75,7 @@ class RosArguments:
     others: list[str] = field(default_factory=list)
 
     def refuse_unknown(self) -> None:
-        """Raise :exc:`UnknownROSArgsError` if there is any argument that ROS does not have."""
+        """Raise :exc:`UnknownROSArgsError` if there is an unknown ROS argument."""
         if self.unknown:
             raise UnknownROSArgsError(self.unknown)
 
@@ -101,7 +101,7 @@ class RosArguments:
         return None
 
     def parameters_of(self, full_node_name: str) -> dict[str, Any]:
-        """The values that a node's parameters get."""
+        """Return the values of a node's parameters."""
         name = full_node_name.rpartition("/")[2]
         return {
             parameter: value
@@ -124,14 +124,14 @@ def _names_node(pattern: str, full: str, short: str) -> bool:
 
 
 def parse_arguments(arguments: Sequence[str], *, ros_first: bool = False) -> RosArguments:
-    """Read a command line.
+    """Parse a command line.
 
     Args:
-        arguments: with or without the program's name.
-        ros_first: whether they begin within ``--ros-args``, as a node's `cli_args` do.
+        arguments: command line, with or without the program's name.
+        ros_first: True if they begin inside ``--ros-args``, like a node's `cli_args`.
 
     Raises:
-        RCLInvalidROSArgsError: the value of an argument cannot be read.
+        RCLInvalidROSArgsError: the value of an argument is invalid.
     """
     found = RosArguments()
     within = ros_first
@@ -187,7 +187,7 @@ def _take(found: RosArguments, argument: str, rest: list[str]) -> None:
 
 
 def parse_remap(text: str) -> Remap:
-    """Read a rule ``[node:]from:=to``. Raises RCLInvalidROSArgsError."""
+    """Parse a rule ``[node:]from:=to``. Raises RCLInvalidROSArgsError."""
     left, separator, new = text.partition(":=")
     if not separator or not left or not new:
         raise RCLInvalidROSArgsError(
@@ -225,7 +225,7 @@ def _parse_parameter(text: str) -> tuple[str, str, Any]:
 
 
 def parse_value(text: str) -> Any:
-    """A parameter's value as YAML writes it. Raises RCLInvalidROSArgsError for what is none."""
+    """Parse a parameter's value in YAML. Raises RCLInvalidROSArgsError."""
     if _FLOAT.match(text) and not re.match(r"[-+]?\d+\Z", text):
         return float(text)
     try:
@@ -236,10 +236,10 @@ def parse_value(text: str) -> Any:
 
 
 def read_parameter_file(path: Path) -> list[tuple[str, str, Any]]:
-    """The parameters that a YAML file gives: node pattern, name and value of each.
+    """Return the parameters of a YAML file: node pattern, name and value of each.
 
     Raises:
-        RCLInvalidROSArgsError: the file is not there, or is not of the form ``NODE: {ros__parameters: …}``.
+        RCLInvalidROSArgsError: the file is missing, or not of the form ``NODE: {ros__parameters: …}``.
     """
     try:
         node = bounded_yaml.compose(path.read_text("utf-8"))
@@ -256,7 +256,7 @@ def read_parameter_file(path: Path) -> list[tuple[str, str, Any]]:
 
 
 def _merged(node: yaml.Node) -> Any:
-    """Return the content of a YAML node; names that are written twice are merged, as in ROS's own parser."""
+    """Return the content of a YAML node; repeated names are merged, as in ROS's own parser."""
     if not isinstance(node, yaml.MappingNode):
         return bounded_yaml.value_of(node)
     found: dict[Any, Any] = {}

@@ -1,4 +1,4 @@
-"""Values in YAML as ROS reads them, from whoever wrote them: bounded in length and depth, without aliases."""
+"""Parser of untrusted YAML values by ROS's rules: bounded in length and depth, without aliases."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ import yaml
 from yaml.constructor import SafeConstructor
 
 LONGEST: Final = 1_000_000
-"""Characters of a text."""
+"""Maximum length of a text in characters."""
 
 DEEPEST: Final = 64
-"""Collections within each other."""
+"""Maximum nesting of collections."""
 
 
 def load(text: str) -> Any:
     """Return the value of a YAML document.
 
     Raises:
-        yaml.YAMLError: it is no YAML, or more than is read here; with its place.
+        yaml.YAMLError: it is invalid, or exceeds a limit; with its position.
     """
     node = compose(text)
     return None if node is None else value_of(node)
 
 
 def compose(text: str) -> yaml.Node | None:
-    """The nodes of a text; None where it is empty. Raises as :func:`load` does."""
+    """Return the nodes of a text; None if it is empty. Raises like :func:`load`."""
     if len(text) > LONGEST:
         raise yaml.YAMLError(f"{len(text)} characters, and {LONGEST} are the most")
     depth = 0
-    for event in yaml.parse(text, Loader=yaml.SafeLoader):  # without recursion, unlike the nodes
-        if isinstance(event, yaml.AliasEvent):  # as rcl's parser, which refuses them too
+    for event in yaml.parse(text, Loader=yaml.SafeLoader):  # Events are read without recursion, unlike nodes.
+        if isinstance(event, yaml.AliasEvent):  # rcl's parser rejects them, too.
             raise _refusal("aliases are not read", event.start_mark)
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         if depth > DEEPEST:
@@ -43,7 +43,7 @@ def value_of(node: yaml.Node) -> Any:
     """Return the value of a node.
 
     Raises:
-        yaml.YAMLError: nothing that there is, such as a day of no month; with its place.
+        yaml.YAMLError: the value is invalid, such as the 31st of June; with its position.
     """
     try:
         return SafeConstructor().construct_object(node, deep=True)
@@ -54,7 +54,7 @@ def value_of(node: yaml.Node) -> Any:
 
 
 def key_of(node: yaml.Node) -> Hashable:
-    """Return the value of a node that is a key. Raises as :func:`value_of` does."""
+    """Return the value of a key node. Raises like :func:`value_of`."""
     key = value_of(node)
     if not isinstance(key, Hashable):
         raise _refusal("a list or a table is no name", node.start_mark)
@@ -62,5 +62,5 @@ def key_of(node: yaml.Node) -> Hashable:
 
 
 def _refusal(why: str, mark: Any) -> yaml.YAMLError:
-    """An error at a place, which the C and the Python form of PyYAML mark by classes of their own."""
+    """Return an error with its position, which PyYAML's C and Python parsers mark by different classes."""
     return yaml.YAMLError(why if mark is None else f"line {mark.line + 1}, column {mark.column + 1}: {why}")

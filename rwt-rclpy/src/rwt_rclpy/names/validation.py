@@ -112,7 +112,7 @@ def wrong_in_topic_name(name: str) -> _Wrong:
 
 
 def validate_node_name(node_name: str) -> bool:
-    """True for a name that a node may have; raises InvalidNodeNameException for others."""
+    """Return True for a valid node name; raises InvalidNodeNameException for others."""
     wrong = wrong_in_node_name(node_name)
     if wrong is not None:
         raise InvalidNodeNameException(node_name, *wrong)
@@ -120,7 +120,7 @@ def validate_node_name(node_name: str) -> bool:
 
 
 def validate_namespace(namespace: str) -> bool:
-    """True for a namespace; raises InvalidNamespaceException for others."""
+    """Return True for a valid namespace; raises InvalidNamespaceException for others."""
     wrong = wrong_in_namespace(namespace)
     if wrong is not None:
         raise InvalidNamespaceException(namespace, *wrong)
@@ -128,11 +128,11 @@ def validate_namespace(namespace: str) -> bool:
 
 
 def validate_topic_name(name: str, *, is_service: bool = False) -> bool:
-    """True for a name of a topic or service, which may be relative; raises for others.
+    """Return True for a valid name of a topic or service, which may be relative; raises for others.
 
     Raises:
-        InvalidTopicNameException: it may not be a topic's.
-        InvalidServiceNameException: it may not be a service's.
+        InvalidTopicNameException: it is invalid for a topic.
+        InvalidServiceNameException: it is invalid for a service.
     """
     wrong = wrong_in_topic_name(name)
     if wrong is not None:
@@ -141,7 +141,7 @@ def validate_topic_name(name: str, *, is_service: bool = False) -> bool:
 
 
 def validate_full_topic_name(name: str, *, is_service: bool = False) -> bool:
-    """True for an absolute name of a topic or service; raises as :func:`validate_topic_name`."""
+    """Return True for an absolute name of a topic or service; raises like :func:`validate_topic_name`."""
     wrong = wrong_in_full_name(name)
     if wrong is not None:
         raise (InvalidServiceNameException if is_service else InvalidTopicNameException)(name, *wrong)
@@ -149,17 +149,17 @@ def validate_full_topic_name(name: str, *, is_service: bool = False) -> bool:
 
 
 def validate_parameter_name(name: str) -> bool:
-    """True for a name of a parameter; raises InvalidParameterException for an empty one."""
+    """Return True for a name of a parameter; raises InvalidParameterException for an empty one."""
     if not name:
         raise InvalidParameterException(name)
     return True
 
 
 def expand_topic_name(topic_name: str, node_name: str, node_namespace: str) -> str:
-    """A name with its tilde, substitutions and namespace filled in; it is not remapped.
+    """Return a name with tilde, substitutions and namespace expanded, without remapping.
 
     Raises:
-        ValueError: the node's name, its namespace or the topic's name is not allowed.
+        ValueError: the node's name, its namespace or the topic's name is invalid.
     """
     for what, wrong in (
         ("topic name", wrong_in_topic_name(topic_name)),
@@ -187,5 +187,5 @@ def expand_topic_name(topic_name: str, node_name: str, node_namespace: str) -> s
 
 
 def topic_or_service_is_hidden(name: str) -> bool:
-    """True if listings leave the name out: a part of it begins with an underscore."""
+    """True if a name is hidden from listings: a part of it begins with an underscore."""
     return any(part.startswith(HIDDEN_TOPIC_PREFIX) for part in name.split("/") if part)

@@ -1,1 +1,1 @@
-"""Nodes: what a program joins the graph as."""
+"""Nodes of programs in the graph."""

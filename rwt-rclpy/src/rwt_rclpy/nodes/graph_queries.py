@@ -18,14 +18,14 @@ NamesAndTypes = list[tuple[str, list[str]]]
 
 
 class GraphQueries:
-    """Answers questions about a graph, from any thread."""
+    """Queries of a graph, from any thread."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
         self._graph = link.graph
 
     def topics(self) -> NamesAndTypes:
-        """Every topic with its types."""
+        """Return all topics with their types."""
         return [(topic.name, self._types(topic)) for topic in self._link.run(self._graph.topics)]
 
     def _types(self, topic: TopicInfo) -> list[str]:
@@ -36,17 +36,17 @@ class GraphQueries:
         return list(named)
 
     def services(self) -> NamesAndTypes:
-        """Every service with its type."""
+        """Return all services with their types."""
         name = self._graph.registry.type_name
         return [(each.name, [name(each.type)]) for each in self._link.run(self._graph.services)]
 
     def actions(self) -> list[tuple[str, str, str]]:
-        """Every action with its type and its node."""
+        """Return all actions with types and nodes."""
         name = self._graph.registry.type_name
         return [(each.name, name(each.type), each.node) for each in self._link.run(self._graph.actions)]
 
     def nodes(self) -> list[str]:
-        """The absolute names of all nodes."""
+        """Return the absolute names of all nodes."""
         return [node.name for node in self._link.run(self._graph.nodes)]
 
     def _node(self, name: str, namespace: str) -> NodeInfo:
@@ -74,7 +74,7 @@ class GraphQueries:
         return [(each, known.get(each, [])) for each in self._node(name, namespace).services]
 
     def actions_of(self, name: str, namespace: str) -> NamesAndTypes:
-        """The actions that a node offers. Raises NodeNameNonExistentError."""
+        """Return the actions that a node offers. Raises NodeNameNonExistentError."""
         wanted = self._node(name, namespace).actions
         return [(action, [kind]) for action, kind, _ in self.actions() if action in wanted]
 
@@ -90,7 +90,7 @@ class GraphQueries:
         return int(self._link.run(lambda: self._graph.service(service)) is not None)
 
     def endpoints(self, topic: str, *, publishers: bool) -> list[TopicEndpointInfo]:
-        """The publishers or subscriptions of a topic."""
+        """Return the publishers or subscriptions of a topic."""
         info = self._link.run(lambda: self._graph.topic(topic))
         if info is None:
             return []

@@ -1,4 +1,4 @@
-"""`rclpy.lifecycle`: nodes that are configured, activated, deactivated and cleaned up from outside.
+"""`rclpy.lifecycle`: managed nodes.
 
 The states and transitions are those of ROS 2's design article "Managed nodes".
 """
@@ -18,7 +18,7 @@ from rwt_rclpy.nodes.node import Node
 
 
 class TransitionCallbackReturn(IntEnum):
-    """Result of a transition callback: the numbers of `lifecycle_msgs/Transition`."""
+    """Result of a transition callback, with the numbers of `lifecycle_msgs/Transition`."""
 
     SUCCESS = 97
     FAILURE = 98
@@ -26,11 +26,11 @@ class TransitionCallbackReturn(IntEnum):
 
 
 class LifecycleState(NamedTuple):
-    """A state.
+    """State of a lifecycle.
 
     Attributes:
-        label: its name.
-        state_id: its number in `lifecycle_msgs/State`.
+        label: name.
+        state_id: number in `lifecycle_msgs/State`.
     """
 
     label: str
@@ -48,7 +48,7 @@ _STATES: Final = {
 
 @dataclass(frozen=True, slots=True)
 class _Transition:
-    """A transition that may be asked for."""
+    """Transition that can be requested."""
 
     id: int
     label: str
@@ -68,7 +68,7 @@ _TRANSITIONS: Final = (
     _Transition(6, "shutdown", 2, 12, "on_shutdown", 4, 4),
     _Transition(7, "shutdown", 3, 12, "on_shutdown", 4, 4),
 )
-#: Those that come by themselves, as `get_transition_graph` lists them: id, label, start, goal.
+#: Automatic transitions, as listed by `get_transition_graph`: id, label, start, goal.
 _INNER: Final = (
     (10, "transition_success", 10, 2), (11, "transition_failure", 10, 1), (12, "transition_error", 10, 15),
     (20, "transition_success", 11, 1), (21, "transition_failure", 11, 2), (22, "transition_error", 11, 15),
@@ -82,46 +82,46 @@ Callback = Callable[[LifecycleState], TransitionCallbackReturn]
 
 
 class ManagedEntity:
-    """Entity that follows the states of its node; the methods here allow every transition."""
+    """Entity that follows the states of its node; by default it allows every transition."""
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Get ready."""
+        """Called on configuring."""
         return TransitionCallbackReturn.SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Undo `on_configure`."""
+        """Called on cleaning up."""
         return TransitionCallbackReturn.SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """End."""
+        """Called on shutting down."""
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin to act."""
+        """Called on activating."""
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Cease to act."""
+        """Called on deactivating."""
         return TransitionCallbackReturn.SUCCESS
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Recover, or not."""
+        """Called after an error; returns whether the node recovers."""
         return TransitionCallbackReturn.SUCCESS
 
 
 class SimpleManagedEntity(ManagedEntity):
-    """Knows whether its node is active."""
+    """Entity that tracks whether its node is active."""
 
     def __init__(self) -> None:
         self._enabled = False
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Note it."""
+        """Track the state."""
         self._enabled = True
         return TransitionCallbackReturn.SUCCESS
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Note it."""
+        """Track the state."""
         self._enabled = False
         return TransitionCallbackReturn.SUCCESS
 
@@ -132,7 +132,7 @@ class SimpleManagedEntity(ManagedEntity):
 
     @staticmethod
     def when_enabled(wrapped: Any = None, *, when_not_enabled: Callable[..., Any] | None = None) -> Any:
-        """A method that does nothing, or something else, while its node is not active."""
+        """Decorator of methods that are replaced while the node is inactive."""
 
         def decorate(method: Callable[..., Any]) -> Callable[..., Any]:
             def call(self: SimpleManagedEntity, *args: Any, **kwargs: Any) -> Any:
@@ -146,7 +146,7 @@ class SimpleManagedEntity(ManagedEntity):
 
 
 class LifecyclePublisher(SimpleManagedEntity, Publisher):
-    """A publisher that publishes only while its node is active."""
+    """Publisher that publishes only while its node is active."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         SimpleManagedEntity.__init__(self)
@@ -159,7 +159,7 @@ class LifecyclePublisher(SimpleManagedEntity, Publisher):
 
 
 class LifecycleNodeMixin(ManagedEntity):
-    """The states of a node, its services for them, and the entities that follow it."""
+    """State machine of a node, its services, and the entities that follow it."""
 
     _node: Node
 
@@ -194,23 +194,23 @@ class LifecycleNodeMixin(ManagedEntity):
     # Transitions
 
     def trigger_configure(self) -> TransitionCallbackReturn:
-        """Configure. Raises RCLError when the state does not allow it."""
+        """Configure the node. Raises RCLError if the state does not allow this."""
         return self._trigger("configure")
 
     def trigger_cleanup(self) -> TransitionCallbackReturn:
-        """Clean up. Raises RCLError when the state does not allow it."""
+        """Clean up the node. Raises RCLError if the state does not allow this."""
         return self._trigger("cleanup")
 
     def trigger_activate(self) -> TransitionCallbackReturn:
-        """Activate. Raises RCLError when the state does not allow it."""
+        """Activate the node. Raises RCLError if the state does not allow this."""
         return self._trigger("activate")
 
     def trigger_deactivate(self) -> TransitionCallbackReturn:
-        """Deactivate. Raises RCLError when the state does not allow it."""
+        """Deactivate the node. Raises RCLError if the state does not allow this."""
         return self._trigger("deactivate")
 
     def trigger_shutdown(self) -> TransitionCallbackReturn:
-        """Shut down. Raises RCLError when the state does not allow it."""
+        """Shut down the node. Raises RCLError if the state does not allow this."""
         return self._trigger("shutdown")
 
     def _find(self, wanted: str | int) -> _Transition:
@@ -268,27 +268,27 @@ class LifecycleNodeMixin(ManagedEntity):
         return TransitionCallbackReturn.SUCCESS
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Get ready, with the entities."""
+        """Configure the entities."""
         return self._of_entities("on_configure", state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Undo `on_configure`, with the entities."""
+        """Clean up the entities."""
         return self._of_entities("on_cleanup", state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """End, with the entities."""
+        """Shut down the entities."""
         return self._of_entities("on_shutdown", state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin to act, with the entities."""
+        """Activate the entities."""
         return self._of_entities("on_activate", state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Cease to act, with the entities."""
+        """Deactivate the entities."""
         return self._of_entities("on_deactivate", state)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Not recover."""
+        """Do not recover, by default."""
         return TransitionCallbackReturn.ERROR
 
     def _register(self, name: str, callback: Callback) -> bool:
@@ -297,33 +297,33 @@ class LifecycleNodeMixin(ManagedEntity):
         return not known
 
     def register_on_configure(self, callback: Callback) -> bool:
-        """Call something else instead of `on_configure`; says whether it is the first."""
+        """Replace `on_configure`. Returns False if it was replaced before."""
         return self._register("on_configure", callback)
 
     def register_on_cleanup(self, callback: Callback) -> bool:
-        """Call something else instead of `on_cleanup`."""
+        """Replace `on_cleanup`."""
         return self._register("on_cleanup", callback)
 
     def register_on_shutdown(self, callback: Callback) -> bool:
-        """Call something else instead of `on_shutdown`."""
+        """Replace `on_shutdown`."""
         return self._register("on_shutdown", callback)
 
     def register_on_activate(self, callback: Callback) -> bool:
-        """Call something else instead of `on_activate`."""
+        """Replace `on_activate`."""
         return self._register("on_activate", callback)
 
     def register_on_deactivate(self, callback: Callback) -> bool:
-        """Call something else instead of `on_deactivate`."""
+        """Replace `on_deactivate`."""
         return self._register("on_deactivate", callback)
 
     def register_on_error(self, callback: Callback) -> bool:
-        """Call something else instead of `on_error`."""
+        """Replace `on_error`."""
         return self._register("on_error", callback)
 
     # Entities
 
     def add_managed_entity(self, entity: ManagedEntity) -> None:
-        """Have an entity follow the states."""
+        """Add an entity that follows the states."""
         self._managed_entities.append(entity)
 
     def create_lifecycle_publisher(
@@ -338,7 +338,7 @@ class LifecycleNodeMixin(ManagedEntity):
         return publisher
 
     def destroy_lifecycle_publisher(self, publisher: LifecyclePublisher) -> bool:
-        """Destroy such a publisher; says whether it was one of this node."""
+        """Destroy a lifecycle publisher. Returns False if it is not of this node."""
         if publisher in self._managed_entities:
             self._managed_entities.remove(publisher)
         return Node.destroy_publisher(self._self, publisher)
@@ -391,12 +391,12 @@ def _description(number: int, label: str, start: int, goal: int) -> Any:
 
 
 class LifecycleNode(LifecycleNodeMixin, Node):
-    """A node with states; override `on_configure` and the others.
+    """Managed node; override `on_configure` and the other callbacks.
 
     Args:
-        node_name: its name.
-        enable_communication_interface: whether others may change its state.
-        **kwargs: as for :class:`~rwt_rclpy.nodes.node.Node`.
+        node_name: name of the node.
+        enable_communication_interface: True if other nodes may change its state.
+        **kwargs: see :class:`~rwt_rclpy.nodes.node.Node`.
     """
 
     def __init__(self, node_name: str, *, enable_communication_interface: bool = True, **kwargs: Any) -> None:
@@ -404,5 +404,5 @@ class LifecycleNode(LifecycleNodeMixin, Node):
         LifecycleNodeMixin.__init__(self, enable_communication_interface=enable_communication_interface)
 
 
-#: Its name in rclpy.lifecycle.
+#: Name of the class in rclpy.lifecycle.
 NodeMixin = LifecycleNodeMixin

@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     from rwt_rclpy.nodes.topic_endpoint_info import TopicEndpointInfo
 
 
-#: Names of nodes that begin so are not listed unless asked for.
+#: Prefix of hidden node names.
 HIDDEN_NODE_PREFIX = "_"
 
 
@@ -80,17 +80,17 @@ class NodeHandle(Destroyable):
         self._namespace = namespace
 
     def get_node_name(self) -> str:
-        """The node's name."""
+        """Name of the node."""
         self.check()
         return self._name
 
     def get_namespace(self) -> str:
-        """Its namespace."""
+        """Namespace of the node."""
         self.check()
         return self._namespace
 
     def get_fully_qualified_name(self) -> str:
-        """Both."""
+        """Absolute name of the node."""
         self.check()
         return f"{self._namespace.rstrip('/')}/{self._name}"
 
@@ -100,20 +100,20 @@ class NodeHandle(Destroyable):
 
 
 class Node(NodeParameters):
-    """Joins the graph under a name, and makes publishers, subscriptions, services, clients and timers.
+    """Node of the graph, which creates publishers, subscriptions, services, clients and timers.
 
     Args:
-        node_name: its name; ``__node:=`` of the command line wins.
-        context: begins and ends it; that of `rclpy.init()` by default.
-        cli_args: arguments for this node alone, as after ``--ros-args``.
-        namespace: where it is; ``__ns:=`` of the command line wins.
-        use_global_arguments: whether the command line of the program counts.
-        enable_rosout: whether its log goes to `/rosout`.
-        start_parameter_services: whether others may read and set its parameters.
-        parameter_overrides: values for parameters that it will declare.
-        allow_undeclared_parameters: whether parameters may be set that were not declared.
-        automatically_declare_parameters_from_overrides: whether to declare what has an override.
-        enable_logger_service: whether others may set the levels of its loggers.
+        node_name: name; ``__node:=`` of the command line takes precedence.
+        context: context of the node; by default that of `rclpy.init()`.
+        cli_args: arguments for this node only, as after ``--ros-args``.
+        namespace: namespace; ``__ns:=`` of the command line takes precedence.
+        use_global_arguments: True to apply the command line of the program.
+        enable_rosout: True to publish its log on `/rosout`.
+        start_parameter_services: True if other nodes may read and set its parameters.
+        parameter_overrides: values of parameters to be declared.
+        allow_undeclared_parameters: True if undeclared parameters may be set.
+        automatically_declare_parameters_from_overrides: True to declare parameters with an override.
+        enable_logger_service: True if other nodes may set the levels of its loggers.
 
     Raises:
         NotInitializedException: the context is not initialised.
@@ -196,7 +196,7 @@ class Node(NodeParameters):
         handle = self._context.handle
         if use_global and handle is not None:
             everyone = handle.arguments
-            # Its own rules come first, and its own values last: either way they win.
+            # Its own rules come first, and its own values last: both take precedence.
             own.remaps.extend(everyone.remaps)
             own.parameters[:0] = everyone.parameters
             own.rosout = own.rosout and everyone.rosout
@@ -220,18 +220,18 @@ class Node(NodeParameters):
         overrides.update({each.name: each for each in given or ()})
         return overrides
 
-    # What it is
+    # Properties
 
     def get_name(self) -> str:
-        """Its name."""
+        """Return its name."""
         return self._handle.get_node_name()
 
     def get_namespace(self) -> str:
-        """Its namespace."""
+        """Namespace of the node."""
         return self._handle.get_namespace()
 
     def get_fully_qualified_name(self) -> str:
-        """Namespace and name."""
+        """Return namespace and name."""
         return self._handle.get_fully_qualified_name()
 
     def get_name_for_services(self) -> str:
@@ -239,11 +239,11 @@ class Node(NodeParameters):
         return self._rwt_full_name
 
     def get_clock(self) -> ROSClock:
-        """The clock that follows `use_sim_time`."""
+        """Return the clock that follows `use_sim_time`."""
         return self._clock
 
     def get_logger(self) -> RcutilsLogger:
-        """Its logger."""
+        """Return its logger."""
         return self._logger
 
     @property
@@ -262,7 +262,7 @@ class Node(NodeParameters):
 
     @property
     def default_callback_group(self) -> CallbackGroup:
-        """The group of what is made without one: one callback at a time."""
+        """Default callback group: one callback at a time."""
         return self._default_callback_group
 
     @property
@@ -290,43 +290,43 @@ class Node(NodeParameters):
 
     @property
     def publishers(self) -> Iterator[Publisher]:
-        """Its publishers."""
+        """Publishers of the node."""
         yield from self._publishers
 
     @property
     def subscriptions(self) -> Iterator[Subscription]:
-        """Its subscriptions."""
+        """Subscriptions of the node."""
         yield from self._subscriptions
 
     @property
     def clients(self) -> Iterator[Client]:
-        """Its clients."""
+        """Clients of the node."""
         yield from self._clients
 
     @property
     def services(self) -> Iterator[Service]:
-        """Its services."""
+        """Services of the node."""
         yield from self._services
 
     @property
     def timers(self) -> Iterator[Timer]:
-        """Its timers."""
+        """Timers of the node."""
         yield from self._timers
 
     @property
     def guards(self) -> Iterator[GuardCondition]:
-        """Its guard conditions."""
+        """Guard conditions of the node."""
         yield from self._guards
 
     @property
     def waitables(self) -> Iterator[Any]:
-        """Its waitables."""
+        """Waitables of the node."""
         yield from tuple(self._waitables)
 
-    # What it makes
+    # Creation of entities
 
     def _rwt_gather(self) -> None:
-        """Note what an executor has to look at, timers first as in rcl."""
+        """Update the list of entities for executors, timers first as in rcl."""
         self._rwt_entities = (
             *self._timers,
             *self._subscriptions,
@@ -369,14 +369,14 @@ class Node(NodeParameters):
         return expanded if new is None else new
 
     def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
-        """The absolute name of a topic, remapped unless `only_expand`."""
+        """Return the absolute name of a topic, remapped unless `only_expand`."""
         with self._handle:
             if only_expand:
                 return expand_topic_name(topic, self.get_name(), self.get_namespace())
             return self._rwt_resolved(topic, "topic")
 
     def resolve_service_name(self, service: str, *, only_expand: bool = False) -> str:
-        """The absolute name of a service, remapped unless `only_expand`."""
+        """Return the absolute name of a service, remapped unless `only_expand`."""
         with self._handle:
             if only_expand:
                 return expand_topic_name(service, self.get_name(), self.get_namespace())
@@ -393,7 +393,7 @@ class Node(NodeParameters):
         qos_overriding_options: QoSOverridingOptions | None = None,
         publisher_class: type[Publisher] = Publisher,
     ) -> Any:
-        """Publish on a topic.
+        """Create a publisher.
 
         Raises:
             TypeConflict: the topic has another type.
@@ -418,7 +418,7 @@ class Node(NodeParameters):
         return publisher
 
     def _rwt_watched(self, topic: str, profile: QoSProfile, *, publishers: bool) -> Watched:
-        """An endpoint that is about to be made, for the handlers of its events."""
+        """Return the description of a new endpoint for the handlers of its events."""
         queries = self._rwt_queries
         return Watched(
             profile, lambda: queries.count(topic, publishers=publishers), self._rwt_link.timekeeper
@@ -444,15 +444,15 @@ class Node(NodeParameters):
         raw: bool = False,
         content_filter_options: ContentFilterOptions | None = None,
     ) -> Subscription:
-        """Call back with the messages of a topic.
+        """Create a subscription.
 
         Args:
-            callback: takes the message, and its info when it has a second parameter.
-            raw: give it CDR.
-            content_filter_options: which messages it wants.
+            callback: takes the message, and its metadata if it has a second parameter.
+            raw: True to pass messages in CDR.
+            content_filter_options: filter of messages.
 
         Raises:
-            InvalidFilter: the content filter cannot be read, or names a field that the message has not.
+            InvalidFilter: the content filter is invalid, or names an unknown field.
             TypeConflict: the topic has another type.
             InvalidTopicNameException: ROS does not allow the name.
             RuntimeError: the callback takes neither one argument nor two.
@@ -499,7 +499,7 @@ class Node(NodeParameters):
         qos_profile: QoSProfile = qos_profile_services_default,
         callback_group: CallbackGroup | None = None,
     ) -> Client:
-        """Call a service."""
+        """Create a client."""
         check_is_valid_srv_type(srv_type)
         with self._handle:
             name = self._rwt_resolved(srv_name, "service")
@@ -527,7 +527,7 @@ class Node(NodeParameters):
         qos_profile: QoSProfile = qos_profile_services_default,
         callback_group: CallbackGroup | None = None,
     ) -> Service:
-        """Offer a service."""
+        """Create a service."""
         interface = service_type(srv_type)
         with self._handle:
             name = self._rwt_resolved(srv_name, "service")
@@ -550,12 +550,12 @@ class Node(NodeParameters):
         clock: Clock | None = None,
         autostart: bool = True,
     ) -> Timer:
-        """Call back again and again.
+        """Create a timer.
 
         Args:
-            timer_period_sec: seconds between two calls.
-            clock: which clock they are of; the node's by default.
-            autostart: whether it runs from the start.
+            timer_period_sec: period in seconds.
+            clock: clock of the period; by default the node's.
+            autostart: True to start at once.
         """
         with self._handle:
             timer = Timer(
@@ -574,7 +574,7 @@ class Node(NodeParameters):
     def create_guard_condition(
         self, callback: Callable[[], object], callback_group: CallbackGroup | None = None
     ) -> GuardCondition:
-        """Have a callback run when any thread triggers it."""
+        """Create a guard condition."""
         with self._handle:
             guard = GuardCondition(callback, callback_group, self._context)
         self._rwt_adopt(guard, callback_group)
@@ -583,14 +583,14 @@ class Node(NodeParameters):
         return guard
 
     def create_rate(self, frequency: float, clock: Clock | None = None) -> Rate:
-        """Sleep at a frequency, in hertz. Raises ValueError for one that is not positive."""
+        """Create a rate with a frequency in Hz. Raises ValueError if it is not positive."""
         if frequency <= 0:
             raise ValueError("frequency must be > 0")
         timer = self.create_timer(1.0 / frequency, None, self._rate_group, clock)
         return Rate(timer, context=self._context)
 
     def add_waitable(self, waitable: Any) -> None:
-        """Have a waitable of the program looked at."""
+        """Add a waitable of the program."""
         if isinstance(waitable, Waitable):
             entity: Entity = WaitableEntity(waitable)
             self._rwt_adopt(entity, waitable.callback_group)
@@ -623,7 +623,7 @@ class Node(NodeParameters):
         publisher = self.create_publisher(event.srv_type.Event, f"{service_name}/_service_event", qos_profile)
         return StepPublisher(publisher, clock, ServiceIntrospectionState(state))
 
-    # What it destroys
+    # Destruction of entities
 
     def _rwt_destroy(self, entity: Any, known: list[Any]) -> bool:
         if entity not in known:
@@ -636,31 +636,31 @@ class Node(NodeParameters):
         return True
 
     def destroy_publisher(self, publisher: Publisher) -> bool:
-        """Destroy a publisher of this node; says whether it was one."""
+        """Destroy a publisher. Returns False if it is not of this node."""
         return self._rwt_destroy(publisher, self._publishers)
 
     def destroy_subscription(self, subscription: Subscription) -> bool:
-        """Destroy a subscription of this node; says whether it was one."""
+        """Destroy a subscription. Returns False if it is not of this node."""
         return self._rwt_destroy(subscription, self._subscriptions)
 
     def destroy_client(self, client: Client) -> bool:
-        """Destroy a client of this node; says whether it was one."""
+        """Destroy a client. Returns False if it is not of this node."""
         return self._rwt_destroy(client, self._clients)
 
     def destroy_service(self, service: Service) -> bool:
-        """Destroy a service of this node; says whether it was one."""
+        """Destroy a service. Returns False if it is not of this node."""
         return self._rwt_destroy(service, self._services)
 
     def destroy_timer(self, timer: Timer) -> bool:
-        """Destroy a timer of this node; says whether it was one."""
+        """Destroy a timer. Returns False if it is not of this node."""
         return self._rwt_destroy(timer, self._timers)
 
     def destroy_guard_condition(self, guard: GuardCondition) -> bool:
-        """Destroy a guard condition of this node; says whether it was one."""
+        """Destroy a guard condition. Returns False if it is not of this node."""
         return self._rwt_destroy(guard, self._guards)
 
     def destroy_rate(self, rate: Rate) -> bool:
-        """Destroy a rate of this node; says whether it was one."""
+        """Destroy a rate. Returns False if it is not of this node."""
         if rate._timer not in self._timers:
             return False
         self.destroy_timer(rate._timer)
@@ -668,7 +668,7 @@ class Node(NodeParameters):
         return True
 
     def destroy_node(self) -> None:
-        """Leave the graph with everything that this node made."""
+        """Destroy the node with all of its entities."""
         executor = self.executor
         if executor is not None:
             executor.remove_node(self)
@@ -698,11 +698,11 @@ class Node(NodeParameters):
     def __exit__(self, *exc: object) -> None:
         self.destroy_node()
 
-    # What it says of itself
+    # Own services
 
     def _open_rosout(self, qos: QoSProfile | int) -> None:
         self._rwt_rosout = self.create_publisher(message_class("rcl_interfaces/Log"), "/rosout", qos)
-        self._publishers.remove(self._rwt_rosout)  # It is the node's, not the program's.
+        self._publishers.remove(self._rwt_rosout)  # Belongs to the node, not to the program.
         node = weakref.ref(self)
 
         def publish(line: output.LogLine) -> None:
@@ -747,7 +747,7 @@ class Node(NodeParameters):
             event.stamp = clock.now().to_msg()
         self._parameter_event_publisher.publish(event)
 
-    # What it asks
+    # Graph queries
 
     def get_topic_names_and_types(self, no_demangle: bool = False) -> NamesAndTypes:
         """Every topic with its types."""
@@ -755,7 +755,7 @@ class Node(NodeParameters):
             return self._rwt_queries.topics()
 
     def get_service_names_and_types(self) -> NamesAndTypes:
-        """Every service with its types."""
+        """Return all services with their types."""
         with self._handle:
             return self._rwt_queries.services()
 
@@ -792,7 +792,7 @@ class Node(NodeParameters):
             return sorted((each.srv_name, [name(service_type(each.srv_type))]) for each in self._clients)
 
     def get_node_names(self) -> list[str]:
-        """The names of all nodes."""
+        """Return the names of all nodes."""
         return [name for name, _ in self.get_node_names_and_namespaces()]
 
     def get_fully_qualified_node_names(self) -> list[str]:
@@ -801,12 +801,12 @@ class Node(NodeParameters):
             return self._rwt_queries.nodes()
 
     def get_node_names_and_namespaces(self) -> list[tuple[str, str]]:
-        """The names and namespaces of all nodes."""
+        """Return the names and namespaces of all nodes."""
         split = (full.rpartition("/") for full in self.get_fully_qualified_node_names())
         return [(name, namespace or "/") for namespace, _, name in split]
 
     def get_node_names_and_namespaces_with_enclaves(self) -> list[tuple[str, str, str]]:
-        """The names, namespaces and enclaves of all nodes; there is one enclave, `/`."""
+        """Return the names, namespaces and enclaves of all nodes; the only enclave is `/`."""
         return [(name, namespace, "/") for name, namespace in self.get_node_names_and_namespaces()]
 
     def count_publishers(self, topic_name: str) -> int:
@@ -835,17 +835,17 @@ class Node(NodeParameters):
     def get_publishers_info_by_topic(
         self, topic_name: str, no_mangle: bool = False
     ) -> list[TopicEndpointInfo]:
-        """The publishers of a topic."""
+        """Return the publishers of a topic."""
         return self._rwt_queries.endpoints(self.resolve_topic_name(topic_name), publishers=True)
 
     def get_subscriptions_info_by_topic(
         self, topic_name: str, no_mangle: bool = False
     ) -> list[TopicEndpointInfo]:
-        """The subscriptions of a topic."""
+        """Return the subscriptions of a topic."""
         return self._rwt_queries.endpoints(self.resolve_topic_name(topic_name), publishers=False)
 
     def wait_for_node(self, fully_qualified_node_name: str, timeout: float) -> bool:
-        """Wait until a node is there, at most for some seconds; says whether it is."""
+        """Wait until a node exists. Returns False after the timeout."""
         return wait_until(
             self._context,
             self._rwt_link,

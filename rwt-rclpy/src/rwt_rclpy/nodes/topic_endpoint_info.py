@@ -1,4 +1,4 @@
-"""`rclpy.topic_endpoint_info` and `rclpy.type_hash`: what is known about one endpoint of a topic."""
+"""`rclpy.topic_endpoint_info` and `rclpy.type_hash`: description of an endpoint of a topic."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class TopicEndpointTypeEnum(IntEnum):
 
 
 class TypeHash:
-    """A digest of a type's fields; `version` 1 is RIHS01."""
+    """Hash of a type; `version` 1 is RIHS01."""
 
     __slots__ = ("value", "version")
 
@@ -44,14 +44,14 @@ class TypeHash:
 
     @classmethod
     def from_text(cls, text: str) -> TypeHash:
-        """The digest that ``RIHS01_…`` writes."""
+        """Return the hash of a text ``RIHS01_…``."""
         version, _, digits = text.partition("_")
         return cls(int(version.removeprefix("RIHS")), bytes.fromhex(digits))
 
 
 @dataclass
 class TopicEndpointInfo:
-    """One publisher or subscription."""
+    """Publisher or subscription."""
 
     node_name: str = ""
     node_namespace: str = ""

@@ -1,4 +1,4 @@
-"""`rclpy.type_description_service`: `~/get_type_description`, which tells others what a type is made of."""
+"""`rclpy.type_description_service`: `~/get_type_description`, which describes types."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ START_TYPE_DESCRIPTION_SERVICE_PARAM = "start_type_description_service"
 
 
 class TypeDescriptionService:
-    """The service of a node, unless its parameter `start_type_description_service` is false."""
+    """Type description service of a node, unless `start_type_description_service` is false."""
 
     def __init__(self, node: Node) -> None:
         name = START_TYPE_DESCRIPTION_SERVICE_PARAM
@@ -71,7 +71,7 @@ def _nested(message: MessageType) -> list[MessageType]:
 
 
 def _individual(message: MessageType) -> Any:
-    """One message as `type_description_interfaces/IndividualTypeDescription`."""
+    """Return one message as `type_description_interfaces/IndividualTypeDescription`."""
     field_class = message_class("type_description_interfaces/Field")
     type_class = message_class("type_description_interfaces/FieldType")
     fields = []

@@ -19,13 +19,13 @@ def wait_for_message(
     qos_profile: QoSProfile | int = 1,
     time_to_wait: float | int = -1,
 ) -> tuple[bool, Any]:
-    """The next message of a topic, without spinning the node.
+    """Wait for the next message of a topic, without spinning the node.
 
     Args:
-        time_to_wait: seconds; negative for as long as it takes.
+        time_to_wait: timeout in seconds; negative for none.
 
     Returns:
-        Whether one came, and the message or None; none comes once the context has ended.
+        True and the message, or False and None after the timeout or the end of the context.
     """
     wait = Wait(node.context)
     subscription = node.create_subscription(msg_type, topic, lambda message: None, qos_profile)

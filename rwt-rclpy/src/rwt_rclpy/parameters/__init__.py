@@ -1,1 +1,1 @@
-"""The parameters of nodes: their values, what may be set, the services that serve them, and their clients."""
+"""Parameters of nodes: values, checks, services and clients."""

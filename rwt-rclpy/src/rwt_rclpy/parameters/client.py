@@ -1,4 +1,4 @@
-"""`rclpy.parameter_client`: the parameters of another node."""
+"""`rclpy.parameter_client`: parameters of another node."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ OnDone = Callable[[Future], object]
 
 @dataclasses.dataclass(frozen=True)
 class _Names:
-    """A service of parameters, and its type."""
+    """Client of one parameter service."""
 
     name: str
     type: str
@@ -37,11 +37,11 @@ _SERVICES = (
 
 
 class AsyncParameterClient:
-    """Asks another node's services of parameters.
+    """Client of another node's parameter services.
 
     Args:
-        node: the node that asks.
-        remote_node_name: the node that is asked.
+        node: node that calls.
+        remote_node_name: node whose parameters are accessed.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class AsyncParameterClient:
         return all(client.service_is_ready() for client in self._clients.values())
 
     def wait_for_services(self, timeout_sec: float | None = None) -> bool:
-        """Wait until it does; says whether that was in time."""
+        """Wait until the node offers all parameter services. Returns False after the timeout."""
         end = None if timeout_sec is None else time.monotonic() + timeout_sec
         for client in self._clients.values():
             left = None if end is None else max(0.0, end - time.monotonic())
@@ -86,51 +86,51 @@ class AsyncParameterClient:
     def list_parameters(
         self, prefixes: Sequence[str] | None = None, depth: int | None = None, callback: OnDone | None = None
     ) -> Future:
-        """The names below some prefixes."""
+        """List the names below some prefixes."""
         return self._call("list_parameters", callback, prefixes=list(prefixes or ()), depth=depth or 0)
 
     def get_parameters(self, names: Sequence[str], callback: OnDone | None = None) -> Future:
-        """The values of some."""
+        """Get values."""
         return self._call("get_parameters", callback, names=list(names))
 
     def set_parameters(self, parameters: Sequence[Any], callback: OnDone | None = None) -> Future:
-        """Set some, one after the other."""
+        """Set values, one after the other."""
         return self._call("set_parameters", callback, parameters=_messages(parameters))
 
     def describe_parameters(self, names: Sequence[str], callback: OnDone | None = None) -> Future:
-        """The descriptors of some."""
+        """Get descriptors."""
         return self._call("describe_parameters", callback, names=list(names))
 
     def get_parameter_types(self, names: Sequence[str], callback: OnDone | None = None) -> Future:
-        """The types of some."""
+        """Get types."""
         return self._call("get_parameter_types", callback, names=list(names))
 
     def set_parameters_atomically(self, parameters: Sequence[Any], callback: OnDone | None = None) -> Future:
-        """Set all of them or none."""
+        """Set values atomically."""
         return self._call("set_parameters_atomically", callback, parameters=_messages(parameters))
 
     def delete_parameters(self, names: Sequence[str], callback: OnDone | None = None) -> Future:
-        """Undeclare some."""
+        """Undeclare parameters."""
         return self.set_parameters([Parameter(name, Parameter.Type.NOT_SET) for name in names], callback)
 
     def load_parameter_file(
         self, parameter_file: str, use_wildcard: bool = False, callback: OnDone | None = None
     ) -> Future:
-        """Set what a file gives for the node. Raises RuntimeError for a file without it."""
+        """Set the values of a file for the node. Raises RuntimeError if the file has none."""
         found = parameter_dict_from_yaml_file(parameter_file, use_wildcard)
         return self.set_parameters(list(found.values()), callback)
 
     def load_parameter_file_atomically(
         self, parameter_file: str, use_wildcard: bool = False, callback: OnDone | None = None
     ) -> Future:
-        """Set all that a file gives for the node, or nothing."""
+        """Set the values of a file for the node atomically."""
         found = parameter_dict_from_yaml_file(parameter_file, use_wildcard)
         return self.set_parameters_atomically(list(found.values()), callback)
 
     def on_parameter_event(
         self, callback: OnDone, qos_profile: QoSProfile = qos_profile_parameter_events
     ) -> Any:
-        """Call back with every `rcl_interfaces/ParameterEvent`, of whichever node."""
+        """Call a function with each `rcl_interfaces/ParameterEvent` of any node."""
         event = message_class("rcl_interfaces/ParameterEvent")
         return self.node.create_subscription(event, "/parameter_events", callback, qos_profile)
 

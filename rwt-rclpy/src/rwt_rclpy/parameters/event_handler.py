@@ -1,4 +1,4 @@
-"""`rclpy.parameter_event_handler`: calls back when parameters of any node change."""
+"""`rclpy.parameter_event_handler`: callbacks for changes of parameters of any node."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ OnParameter = Callable[[Any], object]
 
 
 class ParameterCallbackHandle:
-    """A callback for one parameter of one node."""
+    """Callback for one parameter of one node."""
 
     def __init__(self, parameter_name: str, node_name: str, callback: OnParameter) -> None:
         self.parameter_name = parameter_name
@@ -24,28 +24,28 @@ class ParameterCallbackHandle:
 
 
 class ParameterEventCallbackHandle:
-    """A callback for every event."""
+    """Callback for all events."""
 
     def __init__(self, callback: OnParameter) -> None:
         self.callback = callback
 
 
 class ParameterEventHandler:
-    """Hears of parameters' changes by `/parameter_events`.
+    """Handler of changes of parameters, from `/parameter_events`.
 
     Args:
-        node: subscribes.
+        node: node that subscribes.
     """
 
     class Callbacks:
-        """The callbacks, the last added first."""
+        """Callbacks, the last added first."""
 
         def __init__(self) -> None:
             self.parameter_callbacks: dict[tuple[str, str], list[ParameterCallbackHandle]] = {}
             self.event_callbacks: list[ParameterEventCallbackHandle] = []
 
         def event_callback(self, event: Any) -> None:
-            """Give an event to whom it concerns."""
+            """Pass an event to matching callbacks."""
             for (name, node), handles in tuple(self.parameter_callbacks.items()):
                 if node != event.node:
                     continue
@@ -59,13 +59,13 @@ class ParameterEventHandler:
         def add_parameter_callback(
             self, parameter_name: str, node_name: str, callback: OnParameter
         ) -> ParameterCallbackHandle:
-            """Call back when that parameter changes."""
+            """Add a callback for a parameter."""
             handle = ParameterCallbackHandle(parameter_name, node_name, callback)
             self.parameter_callbacks.setdefault((parameter_name, node_name), []).insert(0, handle)
             return handle
 
         def remove_parameter_callback(self, handle: ParameterCallbackHandle) -> None:
-            """Undo adding it. Raises RuntimeError if it was not added."""
+            """Remove a callback. Raises RuntimeError if it was not added."""
             key = (handle.parameter_name, handle.node_name)
             handles = self.parameter_callbacks.get(key, [])
             if handle not in handles:
@@ -75,13 +75,13 @@ class ParameterEventHandler:
                 del self.parameter_callbacks[key]
 
         def add_parameter_event_callback(self, callback: OnParameter) -> ParameterEventCallbackHandle:
-            """Call back with every event."""
+            """Add a callback for all events."""
             handle = ParameterEventCallbackHandle(callback)
             self.event_callbacks.insert(0, handle)
             return handle
 
         def remove_parameter_event_callback(self, handle: ParameterEventCallbackHandle) -> None:
-            """Undo adding it. Raises RuntimeError if it was not added."""
+            """Remove a callback. Raises RuntimeError if it was not added."""
             if handle not in self.event_callbacks:
                 raise RuntimeError("Callback doesn't exist")
             self.event_callbacks.remove(handle)
@@ -98,25 +98,25 @@ class ParameterEventHandler:
         )
 
     def destroy(self) -> None:
-        """Hear no more."""
+        """Destroy the handler."""
         self.node.destroy_subscription(self.parameter_event_subscription)
 
     def add_parameter_callback(
         self, parameter_name: str, node_name: str, callback: OnParameter
     ) -> ParameterCallbackHandle:
-        """Call back with `rcl_interfaces/Parameter` when that parameter of that node changes."""
+        """Add a callback for `rcl_interfaces/Parameter` of a parameter of a node."""
         return self._callbacks.add_parameter_callback(parameter_name, self._resolve_path(node_name), callback)
 
     def remove_parameter_callback(self, handle: ParameterCallbackHandle) -> None:
-        """Undo adding it. Raises RuntimeError if it was not added."""
+        """Remove a callback. Raises RuntimeError if it was not added."""
         self._callbacks.remove_parameter_callback(handle)
 
     def add_parameter_event_callback(self, callback: OnParameter) -> ParameterEventCallbackHandle:
-        """Call back with every `rcl_interfaces/ParameterEvent`."""
+        """Add a callback for all `rcl_interfaces/ParameterEvent`."""
         return self._callbacks.add_parameter_event_callback(callback)
 
     def remove_parameter_event_callback(self, handle: ParameterEventCallbackHandle) -> None:
-        """Undo adding it. Raises RuntimeError if it was not added."""
+        """Remove a callback. Raises RuntimeError if it was not added."""
         self._callbacks.remove_parameter_event_callback(handle)
 
     def _resolve_path(self, node_path: str | None = None) -> str:
@@ -128,7 +128,7 @@ class ParameterEventHandler:
 
     @staticmethod
     def get_parameter_from_event(event: Any, parameter_name: str, node_name: str) -> Any:
-        """A parameter of an event, as `rcl_interfaces/Parameter`; None when the event is of another."""
+        """Return a parameter of an event as `rcl_interfaces/Parameter`; None if it is not in it."""
         if event.node != node_name:
             return None
         for parameter in (*event.new_parameters, *event.changed_parameters):
@@ -138,5 +138,5 @@ class ParameterEventHandler:
 
     @staticmethod
     def get_parameters_from_event(event: Any) -> Any:
-        """The parameters of an event, one after the other."""
+        """Return the parameters of an event in order."""
         yield from (*event.new_parameters, *event.changed_parameters)

@@ -1,4 +1,4 @@
-"""The parameters of one node, and the methods of `rclpy.node.Node` that are about them."""
+"""Parameters of one node, with the methods of `rclpy.node.Node` about them."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ def _result(reason: str = "") -> Any:
 
 
 class NodeParameters:
-    """The parameters of a node."""
+    """Parameters of a node."""
 
-    #: How far apart two doubles may be that count as equal.
+    #: Tolerance of the comparison of doubles.
     PARAM_REL_TOL = 1e-6
 
     def __init__(
@@ -59,12 +59,12 @@ class NodeParameters:
     def declare_parameter(
         self, name: str, value: Any = None, descriptor: Any = None, ignore_override: bool = False
     ) -> Parameter:
-        """Declare a parameter; its value is that of the command line, or else the one that is given.
+        """Declare a parameter, with the value of the command line or else the given one.
 
         Raises:
-            ParameterAlreadyDeclaredException: it was.
+            ParameterAlreadyDeclaredException: it was declared before.
             InvalidParameterException: its name is empty.
-            InvalidParameterValueException: a range or a callback refuses the value.
+            InvalidParameterValueException: a range or a callback rejects the value.
             InvalidParameterTypeException: the value of the command line is of another type.
         """
         if value is None and descriptor is None:
@@ -78,7 +78,7 @@ class NodeParameters:
         """Declare several parameters: name, value or type, and descriptor of each.
 
         Raises:
-            TypeError: one is not given so.
+            TypeError: an item has another form.
             ValueError: one has neither a type nor a value.
         """
         declared: list[Parameter] = []
@@ -139,7 +139,7 @@ class NodeParameters:
         if not ignore_override and name in self._parameter_overrides:
             value = self._parameter_overrides[name].value
             if value == [] and descriptor.type >= ParameterKind.BYTE_ARRAY.value:
-                # An empty list of a file may be of any type.
+                # An empty list in a file may have any type.
                 return Parameter(name, ParameterKind(descriptor.type), value), descriptor
         return Parameter(name, value=value), descriptor
 
@@ -151,7 +151,7 @@ class NodeParameters:
         descriptor.type = kind.value
 
     def undeclare_parameter(self, name: str) -> None:
-        """Forget a parameter.
+        """Undeclare a parameter.
 
         Raises:
             ParameterNotDeclaredException: it was not declared.
@@ -170,12 +170,12 @@ class NodeParameters:
     # Getting
 
     def get_parameter_types(self, names: Sequence[str]) -> list[Any]:
-        """The types of several parameters."""
+        """Return the types of several parameters."""
         self._check_names(names)
         return [self.get_parameter_type(name) for name in names]
 
     def get_parameter_type(self, name: str) -> Any:
-        """The number of a parameter's type. Raises ParameterNotDeclaredException."""
+        """Return the number of a parameter's type. Raises ParameterNotDeclaredException."""
         if name in self._parameters:
             return self._parameters[name].type_.value
         if self._allow_undeclared_parameters:
@@ -183,7 +183,7 @@ class NodeParameters:
         raise ParameterNotDeclaredException(name)
 
     def get_parameters(self, names: Sequence[str]) -> list[Parameter]:
-        """Several parameters."""
+        """Return several parameters."""
         self._check_names(names)
         return [self.get_parameter(name) for name in names]
 
@@ -193,7 +193,7 @@ class NodeParameters:
             raise TypeError("All names must be instances of type str")
 
     def get_parameter(self, name: str) -> Parameter:
-        """A parameter.
+        """Return a parameter.
 
         Raises:
             ParameterNotDeclaredException: it was not declared.
@@ -209,21 +209,21 @@ class NodeParameters:
         raise ParameterNotDeclaredException(name)
 
     def get_parameter_or(self, name: str, alternative_value: Parameter | None = None) -> Parameter:
-        """A parameter, or something else while it has no value."""
+        """Return a parameter, or an alternative if it has no value."""
         found = self._parameters.get(name)
         if found is None or found.type_ is ParameterKind.NOT_SET:
             return alternative_value or Parameter(name, ParameterKind.NOT_SET)
         return found
 
     def get_parameters_by_prefix(self, prefix: str) -> dict[str, Parameter]:
-        """The parameters below a prefix, by what follows it."""
+        """Return the parameters below a prefix, by the rest of their names."""
         start = f"{prefix}{PARAMETER_SEPARATOR_STRING}" if prefix else ""
         return {
             name[len(start) :]: value for name, value in self._parameters.items() if name.startswith(start)
         }
 
     def list_parameters(self, prefixes: Sequence[str], depth: int) -> Any:
-        """Names and prefixes as `rcl_interfaces/ListParametersResult`.
+        """Return names and prefixes as `rcl_interfaces/ListParametersResult`.
 
         Raises:
             TypeError: a prefix is not a str, or the depth not an int.
@@ -258,7 +258,7 @@ class NodeParameters:
     # Setting
 
     def set_parameters(self, parameter_list: list[Parameter]) -> list[Any]:
-        """Set parameters one after the other; a result for each.
+        """Set parameters one after the other; return a result for each.
 
         Raises:
             ParameterNotDeclaredException: one was not declared; those before it are set.
@@ -325,7 +325,7 @@ class NodeParameters:
         return _result()
 
     def _wrong(self, parameter: Parameter, descriptor: Any, *, read_only: bool = True) -> str:
-        """Why a parameter may not have that value; empty when it may."""
+        """Return the reason for rejecting a value; empty if it is valid."""
         kind = parameter.type_
         if read_only and descriptor.read_only:
             return f"Trying to set a read-only parameter: {parameter.name}."
@@ -361,7 +361,7 @@ class NodeParameters:
     # Descriptors
 
     def describe_parameter(self, name: str) -> Any:
-        """A parameter's descriptor. Raises ParameterNotDeclaredException."""
+        """Return a parameter's descriptor. Raises ParameterNotDeclaredException."""
         found = self._descriptors.get(name)
         if found is not None:
             return found
@@ -370,14 +370,14 @@ class NodeParameters:
         raise ParameterNotDeclaredException(name)
 
     def describe_parameters(self, names: Sequence[str]) -> list[Any]:
-        """The descriptors of several parameters."""
+        """Return the descriptors of several parameters."""
         return [self.describe_parameter(name) for name in names]
 
     def set_descriptor(self, name: str, descriptor: Any, alternative_value: Any = None) -> Any:
-        """Give a parameter another descriptor, and another value when the present one does not fit it.
+        """Set a parameter's descriptor, and another value if the current one does not fit it.
 
         Returns:
-            The value then, as `rcl_interfaces/ParameterValue`.
+            Resulting value, as `rcl_interfaces/ParameterValue`.
 
         Raises:
             ParameterNotDeclaredException: it was not declared.
@@ -409,25 +409,25 @@ class NodeParameters:
     # Callbacks, the last added first
 
     def add_pre_set_parameters_callback(self, callback: PreSet) -> None:
-        """Let a callback change what is to be set, before it is looked at."""
+        """Add a callback that may change values before they are checked."""
         self._pre_set_parameters_callbacks.insert(0, callback)
 
     def add_on_set_parameters_callback(self, callback: OnSet) -> None:
-        """Let a callback refuse what is to be set."""
+        """Add a callback that may reject values."""
         self._on_set_parameters_callbacks.insert(0, callback)
 
     def add_post_set_parameters_callback(self, callback: PostSet) -> None:
-        """Call back with what was set."""
+        """Add a callback for set values."""
         self._post_set_parameters_callbacks.insert(0, callback)
 
     def remove_pre_set_parameters_callback(self, callback: PreSet) -> None:
-        """Undo adding it. Raises ValueError if it was not added."""
+        """Remove a callback. Raises ValueError if it was not added."""
         self._pre_set_parameters_callbacks.remove(callback)
 
     def remove_on_set_parameters_callback(self, callback: OnSet) -> None:
-        """Undo adding it. Raises ValueError if it was not added."""
+        """Remove a callback. Raises ValueError if it was not added."""
         self._on_set_parameters_callbacks.remove(callback)
 
     def remove_post_set_parameters_callback(self, callback: PostSet) -> None:
-        """Undo adding it. Raises ValueError if it was not added."""
+        """Remove a callback. Raises ValueError if it was not added."""
         self._post_set_parameters_callbacks.remove(callback)

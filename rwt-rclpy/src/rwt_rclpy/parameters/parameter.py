@@ -39,7 +39,7 @@ class ParameterKind(Enum):
 
     @classmethod
     def from_parameter_value(cls, parameter_value: Any) -> ParameterKind:
-        """The type of a value; that of an empty list is BYTE_ARRAY. Raises TypeError for what is none."""
+        """Return the type of a value; BYTE_ARRAY for an empty list. Raises TypeError for other values."""
         if parameter_value is None:
             return cls.NOT_SET
         for kind, scalar in _SCALARS:
@@ -55,7 +55,7 @@ class ParameterKind(Enum):
         )
 
     def check(self, parameter_value: Any) -> bool:
-        """True if a value is of this type."""
+        """Return True if a value is of this type."""
         if self is ParameterKind.NOT_SET:
             return parameter_value is None
         for kind, scalar in _SCALARS:
@@ -70,7 +70,7 @@ class ParameterKind(Enum):
         return all(isinstance(value, element) for value in parameter_value)
 
 
-#: bool comes before int, which it is one of.
+#: bool precedes int, because it is a subclass of it.
 _SCALARS: Final = (
     (ParameterKind.BOOL, bool),
     (ParameterKind.INTEGER, int),
@@ -87,10 +87,10 @@ _ELEMENTS: Final = (
 
 
 class Parameter:
-    """One parameter.
+    """Parameter.
 
     Raises:
-        TypeError: the value, or what is given as type, is none.
+        TypeError: the value or the type is invalid.
         ValueError: the value is not of the type.
     """
 
@@ -112,28 +112,28 @@ class Parameter:
 
     @classmethod
     def from_parameter_msg(cls, param_msg: Any) -> Parameter:
-        """The parameter of a `rcl_interfaces/Parameter`."""
+        """Return the parameter of a `rcl_interfaces/Parameter`."""
         kind = ParameterKind(param_msg.value.type)
         field = _FIELDS[kind.value]
         return cls(param_msg.name, kind, None if field is None else getattr(param_msg.value, field))
 
     @property
     def name(self) -> str:
-        """Its name."""
+        """Name."""
         return self._name
 
     @property
     def type_(self) -> ParameterKind:
-        """Its type."""
+        """Type."""
         return self._type_
 
     @property
     def value(self) -> Any:
-        """Its value."""
+        """Value."""
         return self._value
 
     def get_parameter_value(self) -> Any:
-        """Its value as `rcl_interfaces/ParameterValue`."""
+        """Return the value as `rcl_interfaces/ParameterValue`."""
         field = _FIELDS[self._type_.value]
         given = {} if field is None else {field: self._value}
         if isinstance(self._value, tuple):
@@ -141,7 +141,7 @@ class Parameter:
         return message_class("rcl_interfaces/ParameterValue")(type=self._type_.value, **given)
 
     def to_parameter_msg(self) -> Any:
-        """The same as `rcl_interfaces/Parameter`."""
+        """Return the parameter as `rcl_interfaces/Parameter`."""
         return message_class("rcl_interfaces/Parameter")(name=self._name, value=self.get_parameter_value())
 
 
@@ -163,7 +163,7 @@ def get_parameter_value(string_value: str) -> Any:
 
 
 def parameter_value_to_python(parameter_value: Any) -> Any:
-    """The value in a `rcl_interfaces/ParameterValue`. Raises RuntimeError for an unknown type."""
+    """Return the value of a `rcl_interfaces/ParameterValue`. Raises RuntimeError for an unknown type."""
     if not 0 <= parameter_value.type < len(_FIELDS):
         raise RuntimeError(f"unexpected parameter type {parameter_value.type}")
     field = _FIELDS[parameter_value.type]
@@ -179,16 +179,16 @@ def parameter_dict_from_yaml_file(
     target_nodes: list[str] | None = None,
     namespace: str = "",
 ) -> dict[str, Any]:
-    """The parameters in a file, as `rcl_interfaces/Parameter` by name.
+    """Return the parameters of a file, as `rcl_interfaces/Parameter` by name.
 
     Args:
-        parameter_file: the file.
-        use_wildcard: whether to take what stands under `/**`.
-        target_nodes: the nodes whose parameters to take; all by default.
-        namespace: put before every name.
+        parameter_file: file.
+        use_wildcard: True to include parameters under `/**`.
+        target_nodes: nodes whose parameters to include; all by default.
+        namespace: prefix of all names.
 
     Raises:
-        RuntimeError: a node is not in the file, or the file is not of the form.
+        RuntimeError: a node is not in the file, or the file is invalid.
     """
     try:
         tree = bounded_yaml.load(Path(parameter_file).read_text("utf-8")) or {}

@@ -1,4 +1,4 @@
-"""The services of a node: those of parameters, of loggers and of type descriptions."""
+"""Services of a node for parameters, loggers and type descriptions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Handler = Callable[[Any, Any], Any]
 
 
 class ParameterService:
-    """`rclpy.parameter_service`: the six services of a node's parameters."""
+    """`rclpy.parameter_service`: the six parameter services of a node."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
