@@ -200,11 +200,13 @@ page-soak: $(STAMP)-dev $(BROWSER)/node_modules/.installed $(PAGE)
 	$(BIN)/python -m bench.page.soak $(ARGS)
 
 # Fuzzing guided by coverage, two minutes, two thousand extreme requests and damaged recordings, and as many runs of the gate beside
-# its model; `make fuzz ARGS='--seconds 600 session bridge'` for more of some, `make fuzz GATE_MODEL_EXAMPLES=100000` for an hour of the gate.
+# its model; a minute of inputs to a crowded gate. `make fuzz ARGS='--seconds 600 session bridge'` for more of some,
+# `make fuzz GATE_MODEL_EXAMPLES=100000` for an hour of the gate.
 GATE_MODEL_EXAMPLES ?= 2000
 fuzz: $(STAMP)-dev
 	$(BIN)/python -m pip install --quiet --group fuzz
 	$(BIN)/python -m tests.fuzz $(ARGS)
+	$(BIN)/python -m tests.fuzz gate-costs --seconds 60
 	SWEEP_EXAMPLES=2000 $(BIN)/pytest -q -o timeout=600 tests/faults/test_extreme_requests.py tests/faults/test_extreme_recordings.py
 	GATE_MODEL_EXAMPLES=$(GATE_MODEL_EXAMPLES) $(BIN)/pytest -q -o timeout=0 tests/rwt/access/test_gate_interleavings.py
 

@@ -1,5 +1,6 @@
 """Fuzz, guided by coverage: `python -m tests.fuzz [--seconds N] [TARGET …]`; needs the group `fuzz`.
-`python -m tests.fuzz costs` looks for messages that cost much for their size, and needs nothing.
+`python -m tests.fuzz costs` looks for messages that cost much for their size, and `gate-costs` for inputs
+that cost other clients of a gate much; both need nothing.
 
 Each target runs in a process of its own for its share of the time, starts from its kept inputs and is stopped
 by the first exception, by more than 10 s for one input, or by more memory than its bound. What it finds worth
@@ -17,6 +18,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.fuzz import gate_costs
 from tests.fuzz.costs import MOST_MEMORY, worst
 from tests.fuzz.keeping import keep, write
 from tests.fuzz.seeds import seeds
@@ -81,6 +83,8 @@ def main() -> int:
         return 0
     if arguments.targets == ["costs"]:
         return _costs(arguments.random, arguments.seconds)
+    if arguments.targets == ["gate-costs"]:
+        return _gate_costs(arguments.random, arguments.seconds)
     chosen = arguments.targets or list(TARGETS)
     unknown = set(chosen) - TARGETS.keys()
     if unknown:
@@ -97,6 +101,17 @@ def _costs(seed: int, seconds: int) -> int:
             where = f"{each.case.place}: {each.case.value!r}"
             _say(f"{encoding:8} {each.nanoseconds:14,.0f} {each.memory:17,.0f}  {where}")
     return int(any(largest.memory > MOST_MEMORY for _, largest in found.values()))
+
+
+def _gate_costs(seed: int, seconds: int) -> int:
+    """Look for the inputs that cost other clients of a gate the most; 1 if one, or a stop, takes too long."""
+    found, stop = gate_costs.worst(seed, seconds)
+    for new, given in sorted(found.values(), key=lambda each: -each[0]):
+        _say(f"{new * 1000:8.1f} ms  {given}")
+    _say(f"{stop * 1000:8.1f} ms  the slowest stop")
+    return int(
+        max(new for new, _ in found.values()) > gate_costs.MOST_SECONDS or stop > gate_costs.STOP_SECONDS
+    )
 
 
 def _run_all(chosen: list[str], share: int, *, keeping: bool) -> int:

@@ -36,6 +36,12 @@ Disclosures = Mapping[str, Disclosure]
 OutcomeFilter = Callable[["Payload | CallFailed"], "Payload | CallFailed"]
 """Filter of the outcome of a call."""
 
+#: Maximum number of characters of a parameter's name, of all names of a table, and of a table as JSON text:
+#: names within names grow with the square of their depth.
+_MAX_NAME: Final = 1000
+_MAX_CHARACTERS: Final = 100_000
+_MAX_TABLE: Final = 320_000
+
 #: Packages whose services reveal the graph: without a declaration their services are not called.
 _ABOUT_THE_GRAPH: Final = ("rosapi/", "rosapi_msgs/", "rcl_interfaces/")
 
@@ -144,24 +150,30 @@ def affected_parameters(tree: ParameterTree, name: str, text: str, most: int) ->
         most: maximum number of parameters.
 
     Returns:
-        None if there are more.
+        None if there are more, or if their names are too long.
     """
     if ":" in name:
         return [name]
+    if len(name) > _MAX_NAME:
+        return None
     parts = [part for part in name.split("/") if part]
     names = ["/" + "/".join(parts[:count]) for count in range(len(parts), 0, -1)] or ["/"]
     values: list[tuple[str, object]] = []
     with suppress(NotFound):
         tree.read(name, lambda value: values.append((names[0].rstrip("/"), value)))
-    with suppress(ValueError, RecursionError):
-        values.append((names[0].rstrip("/"), json.loads(text or "null")))
+    if text.lstrip().startswith("{"):  # Only a table has parameters below it.
+        if len(text) > _MAX_TABLE:
+            return None
+        with suppress(ValueError, RecursionError):
+            values.append((names[0].rstrip("/"), json.loads(text)))
+    characters = 0
     while values:
         above, value = values.pop()
-        if isinstance(value, Mapping):
-            below = [(f"{above}/{key}", each) for key, each in value.items()]
-            names += [key for key, _ in below]
-            values += below
-            if len(names) > most:
+        for key, each in value.items() if isinstance(value, Mapping) else ():
+            names.append(f"{above}/{key}")
+            values.append((names[-1], each))
+            characters += len(names[-1])
+            if len(names) > most or characters > _MAX_CHARACTERS:
                 return None
     return names
 

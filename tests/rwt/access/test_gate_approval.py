@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping
 from functools import partial
@@ -9,8 +10,13 @@ from typing import Any
 
 import pytest
 
-from rwt.access.gate.approvals import MAX_OF_CREDENTIAL
-from rwt.access.gate.record import CALLER
+from rwt.access.errors import GateRefused
+from rwt.access.gate.approvals import MAX_OF_CREDENTIAL, MAX_PENDING, Approval
+from rwt.access.gate.fields import describe_fields
+from rwt.access.gate.record import CALLER, Actor
+from rwt.access.settings.gate import FieldLimit
+from rwt.nodes.rosapi import Rosapi
+from rwt_interfaces.payload import Payload
 from tests.rwt.access.gated_robot import GatedRobot, call, drive
 from tests.rwt.gateways.rosbridge.recording_client import Client
 
@@ -61,7 +67,7 @@ class AskedRobot(QuietRobot):
     def waiting(self) -> list[Any]:
         """What `/gate/approvals` lists."""
         heard: list[Any] = []
-        self.clock.advance(0.001)
+        self.clock.advance(0.1)
         self.node.subscribe("/gate/approvals", heard.append, type="rwt_gate_msgs/Approvals").close()
         return list(heard[-1].approvals)
 
@@ -315,6 +321,101 @@ def test_requests_of_one_credential_do_not_take_the_slots_of_others() -> None:
     for agent in agents:
         agent.leave()
     assert len(robot.gate.approvals.pending) == 1
+
+
+class ManyRequests:
+    """Pending requests of clients at different addresses, without a server.
+
+    Attributes:
+        approvals: requests of the gate.
+    """
+
+    def __init__(self) -> None:
+        robot = AskedRobot()
+        self.approvals = robot.gate.approvals
+        (self._rule,) = robot.gate.rules.all
+        self._payload = Payload.from_value(robot.graph.registry.service("std_srvs/SetBool").request, {})
+        self._role = robot.access.admission.roles["agent"]
+        self._gate = robot.gate
+        self._actors: dict[str, Actor] = {}
+
+    def ask(self, address: str, name: str = "/blink") -> Approval:
+        """Request approval for a client of an address."""
+        if address not in self._actors:
+            self._actors[address] = self._gate.join("", self._role, address)
+        actor = self._actors[address]
+        subject = self.approvals.subject(actor, "call", name, self._rule, self._payload)
+        return self.approvals.ask(subject, self._rule, self._payload)
+
+
+def test_a_request_finds_room_where_others_have_many() -> None:
+    requests = ManyRequests()
+    many = [requests.ask(f"10.0.{number // 20}.1") for number in range(MAX_PENDING)]
+    few = [requests.ask("10.1.0.1") for _ in range(MAX_OF_CREDENTIAL - 1)]
+    assert all(each.is_pending for each in few)
+    assert len(requests.approvals.pending) == MAX_PENDING
+    assert sum(each.is_pending for each in many) == MAX_PENDING - len(few)
+    with pytest.raises(GateRefused, match="1000 requests wait"):
+        requests.ask("10.1.0.1")
+
+
+def test_the_topic_lists_a_bounded_number_of_requests_of_each_credential_some() -> None:
+    requests = ManyRequests()
+    for number in range(400):
+        requests.ask(f"10.0.{number // 20}.1")
+    last = requests.ask("10.9.9.9")
+    listed = requests.approvals.listed(100)
+    assert len(listed) == 100
+    assert last in listed
+    assert [int(each.id) for each in listed] == sorted(int(each.id) for each in listed)
+
+
+def test_the_topic_of_requests_is_bounded_in_size_and_rate() -> None:
+    robot = GatedRobot({"asked": {"parameters": ["*"], "approval": APPROVAL}}, "noetic")
+    Rosapi(robot.graph)
+    heard: list[Any] = []
+    robot.node.subscribe("/gate/approvals", heard.append, type="rwt_gate_msgs/Approvals")
+    robot.clock.advance(1.0)
+    heard.clear()
+    client = robot.client()
+    for number in range(100):
+        table = json.dumps({f"{key}{'k' * 80}": key for key in range(900)})
+        client.say("call_service", service="/rosapi/set_param", args={"name": f"/{number}", "value": table})
+        robot.clock.advance(0.01)
+    assert 1 <= len(heard) <= 11
+    (request, *_) = heard[-1].approvals
+    assert len(request.name) < 600
+    assert len(request.content) < 3000
+
+
+def test_a_stop_denies_many_requests_in_turns() -> None:
+    rules = {
+        "asked": {"services": ["/blink"], "approval": APPROVAL, "emergency": True},
+        "drive": {"topics": ["/cmd_vel"], "emergency": True, "stop": {}},
+    }
+    robot = QuietRobot(rules)
+    rule = robot.gate.rules.all[0]
+    payload = Payload.from_value(robot.graph.registry.service("std_srvs/SetBool").request, {})
+    for number in range(MAX_PENDING):
+        role = robot.access.admission.roles["agent"]
+        actor = robot.gate.join("", role, f"10.0.{number % 200}.1")
+        approvals = robot.gate.approvals
+        approvals.ask(approvals.subject(actor, "call", "/blink", rule, payload), rule, payload)
+    robot.gate.stop(None)
+    assert len(robot.gate.approvals.pending) > MAX_PENDING - 300
+    robot.clock.advance(0.001)
+    assert robot.gate.approvals.pending == ()
+
+
+def test_very_long_lists_are_not_described_value_by_value() -> None:
+    limit = FieldLimit.model_validate({"max": 1})
+    type = GatedRobot({}).graph.registry.message("std_msgs/Float64MultiArray")
+    for length, text in (
+        (3, "data[] = 0.0 to 2.0 (3 values)"),
+        (20_000, "data[] has more than 10000 values"),
+    ):
+        payload = Payload.from_value(type, {"data": [0.0] * (length - 1) + [2.0]})
+        assert describe_fields(payload, {"data[]": limit}) == text
 
 
 def test_a_yes_that_comes_while_the_robot_is_stopped_starts_nothing() -> None:

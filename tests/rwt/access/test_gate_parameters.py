@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import anyio
 import pytest
 
+from rwt.access.disclosure import affected_parameters
+from rwt.access.gate import gate
 from rwt.gateways.http.gateway import HttpGateway
 from rwt.gateways.http.settings import HttpSettings
 from rwt.gateways.visitors import peer_of
@@ -109,3 +112,30 @@ def test_a_branch_with_very_many_parameters_is_not_set_at_once() -> None:
     robot = TreeRobot()
     robot.graph.parameters.set("/many", {str(number): 1 for number in range(2000)})
     assert "more than 1000 parameters below it" in _change(robot.client("admin"), "/many", "{}")
+
+
+def test_a_name_of_very_many_parts_is_not_split_into_all_names_above_it() -> None:
+    robot = TreeRobot()
+    assert "a name that is too long" in _change(robot.client("admin"), "/a" * 5000, "1")
+    assert affected_parameters(robot.graph.parameters, "/a" * 5000, "1", 10_000) is None
+    deep: object = 1
+    for _ in range(300):
+        deep = {"k" * 500: deep}
+    assert affected_parameters(robot.graph.parameters, "/x", json.dumps(deep), 1000) is None
+    assert affected_parameters(robot.graph.parameters, "/x", json.dumps({"k": "y" * 400_000}), 1000) is None
+    assert affected_parameters(robot.graph.parameters, "/x", json.dumps("y" * 400_000), 1000) == ["/x"]
+
+
+def test_the_numbers_of_a_table_are_checked_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    texts: list[str] = []
+
+    def note(text: str) -> bool:
+        texts.append(text)
+        return True
+
+    monkeypatch.setattr(gate, "has_finite_numbers", note)
+    table = json.dumps({str(number): "y" * 100 for number in range(500)})
+    robot = GatedRobot({"tuned": {"parameters": ["*"]}}, "noetic")
+    Rosapi(robot.graph)
+    _change(robot.client("admin"), "/robot", table)
+    assert texts == [table]

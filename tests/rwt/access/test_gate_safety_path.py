@@ -13,7 +13,9 @@ import anyio
 import pytest
 
 from rwt.access.errors import QuotaExceeded
+from rwt.access.gate.rules import Rules
 from rwt.access.gate.stop_path import MAX_DRIVEN
+from rwt.access.settings.gate import GateSettings
 from rwt.composition.pages import guarded
 from rwt.gateways.foxglove.gateway import FoxgloveGateway
 from rwt.gateways.http.gateway import HttpGateway
@@ -135,6 +137,12 @@ def test_a_client_that_leaves_costs_as_much_as_it_has() -> None:
         actor = robot.gate.join("", robot.access.admission.roles["operator"], "")
         counts.append(_calls(partial(robot.gate.leave, actor)))
     assert counts[0] == counts[1]
+
+
+def test_long_names_of_clients_are_not_kept() -> None:
+    rules = Rules(GateSettings.model_validate({"rules": {"drive": EVERY_DRIVE}}).rules)
+    assert rules.of("publish", "/x/" + "n" * 10_000) == rules.all
+    assert not rules._found
 
 
 def test_one_timer_repeats_all_stop_messages() -> None:
@@ -285,6 +293,10 @@ def test_a_rule_states_the_type_of_its_topics() -> None:
     attacker.say("advertise", topic="/late", type="std_msgs/String")
     assert "/late is of type geometry_msgs/msg/Twist (gate.rules.drive.type)" in str(attacker.heard())
     assert drive(driver, 0.5, "/late") == ""
+    robot = GatedRobot({"drive": {**EVERY_DRIVE, "topics": ["/late/*"], "type": "geometry_msgs/msg/Twist"}})
+    assert drive(robot.client(), 0.5, "/late/one") == "", (
+        "the rule states the type of names under a glob, too"
+    )
     with pytest.raises(ValueError, match=r"`gate.rules.drive.type`: .*no_msgs/None"):
         GatedRobot({"drive": {**EVERY_DRIVE, "type": "no_msgs/None"}})
 

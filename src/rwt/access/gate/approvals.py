@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import msgspec
@@ -14,14 +15,14 @@ from rwt_graph.api import PendingCall
 from rwt_interfaces.payload import Payload
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection
+    from collections.abc import Callable, Collection, Iterator
 
     from rwt.access.gate.record import Actor, Recorder
     from rwt.access.gate.rules import GatedAct, Rule
     from rwt_graph.clock import Clock
     from rwt_participant.timers import Timer
 
-#: Maximum number of pending requests of all clients.
+#: Maximum number of pending requests of all clients. Above it, the credential with the most loses its newest.
 MAX_PENDING: Final = 1000
 
 #: Maximum number of pending requests of one credential for one rule: a person reads them.
@@ -170,6 +171,7 @@ class Approvals:
         # Until when on the steady clock, and whether it is for a single act.
         self._granted: dict[Subject, tuple[float, bool]] = {}
         self._counts: Counter[tuple[str, str]] = Counter()
+        self._asked: dict[tuple[object, ...], Approval] = {}  # Pending, by the subject without its digest.
         self.describe: Callable[[GatedAct, str, Payload], str] = lambda act, name, payload: ""
 
     @property
@@ -215,7 +217,16 @@ class Approvals:
 
     def find(self, subject: Subject) -> Approval | None:
         """Return the pending request of the same client for any message on the same name, if any."""
-        return next((each for each in self._pending.values() if each.subject[:-1] == subject[:-1]), None)
+        return self._asked.get(subject[:-1])
+
+    def listed(self, most: int) -> list[Approval]:
+        """Return pending requests, oldest first; of many, the oldest ones of each credential."""
+        ranks: Counter[str] = Counter()
+        ranked = []
+        for number, each in enumerate(self._pending.values()):
+            ranks[each.slot[0]] += 1
+            ranked.append((ranks[each.slot[0]], number, each))
+        return [each for *_, each in sorted(sorted(ranked)[:most], key=itemgetter(1))]
 
     def ask(self, subject: Subject, rule: Rule, payload: Payload) -> Approval:
         """Request approval.
@@ -230,7 +241,7 @@ class Approvals:
                 f"{MAX_OF_CREDENTIAL} requests of this client wait for an answer", f"{rule.key}.approval"
             )
         if len(self._pending) >= MAX_PENDING:
-            raise GateRefused(f"{MAX_PENDING} requests wait for an answer", f"{rule.key}.approval")
+            self._make_room(client.owner, rule)
         assert rule.settings.approval is not None  # Only rules with it require approval.
         self._count += 1
         content = _shown(subject.digest, self.describe(act, name, payload), payload)
@@ -241,13 +252,26 @@ class Approvals:
         approval.timer = self._clock.call_later(
             seconds, lambda: self._deny(approval, None, f"nobody answered within {seconds:g} s")
         )
-        self._pending[approval.id] = approval
+        self._pending[approval.id] = self._asked[subject[:-1]] = approval
         self._counts[slot] += 1
         approval.slot = slot
         self._recorder.note("asked", act, name, client, f"as {approval.id}: {approval.content}", rule.key)
         self._on_change()
         client.tell_approval(approval.progress)
         return approval
+
+    def _make_room(self, owner: str, rule: Rule) -> None:
+        """Deny the newest request of the credential with the most.
+
+        Raises:
+            GateRefused: `owner` would have as many.
+        """
+        counts = Counter(each.slot[0] for each in self._pending.values())
+        name, count = counts.most_common(1)[0]
+        if counts[owner] + 1 >= count:
+            raise GateRefused(f"{MAX_PENDING} requests wait for an answer", f"{rule.key}.approval")
+        newest = next(each for each in reversed(self._pending.values()) if each.slot[0] == name)
+        self._deny(newest, None, f"{MAX_PENDING} requests wait for an answer, most of them of its credential")
 
     def answer(self, id: str, *, approve: bool, by: Actor | None, seconds: float = 0.0) -> str:
         """Approve or deny a request.
@@ -323,6 +347,8 @@ class Approvals:
 
     def _end(self, approval: Approval) -> None:
         del self._pending[approval.id]
+        if self._asked.get(approval.subject[:-1]) is approval:
+            del self._asked[approval.subject[:-1]]
         self._counts[approval.slot] -= 1
         if not self._counts[approval.slot]:
             del self._counts[approval.slot]
@@ -336,11 +362,13 @@ class Approvals:
             self._deny(approval, None, "the client has left")
         self._granted = {key: held for key, held in self._granted.items() if key.client is not client}
 
-    def drop(self, rules: Collection[str], why: str) -> None:
-        """Deny the requests and drop the approvals of rules, by the keys of these."""
-        for approval in [each for each in self._pending.values() if each.rule.key in rules]:
-            self._deny(approval, None, why)
+    def drop(self, rules: Collection[str], why: str) -> Iterator[None]:
+        """Drop the approvals of rules, by the keys of these, and deny their requests, a step each."""
         self._granted = {key: held for key, held in self._granted.items() if key.rule not in rules}
+        for approval in [each for each in self._pending.values() if each.rule.key in rules]:
+            if approval.is_pending:
+                self._deny(approval, None, why)
+            yield
 
     def _forget_expired(self) -> None:
         now = self._clock.monotonic()

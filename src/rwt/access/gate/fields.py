@@ -30,11 +30,18 @@ _STANDSTILL_SECONDS: Final = 0.5
 #: A JSON text that is passed on as received has no NaN and no infinity, but it may have `null`, which is NaN.
 _find_null: Final = re.compile(rb"null").search
 
+#: String in a JSON text.
+_STRING: Final = re.compile(r'"[^"\\]*(?:\\.[^"\\]*)*"')
+
 BYTES_OF_ITEM: Final = 32
 """Bytes of a message that is decoded to be checked, for each item that its lists may have."""
 
 #: Maximum number of clamped numbers that a description of the changes names.
 _MAX_CHANGES: Final = 8
+
+
+#: Maximum number of values of a field from which a description states the range.
+_MAX_DESCRIBED: Final = 10_000
 
 
 class Change(NamedTuple):
@@ -85,6 +92,10 @@ class Clamped:
     def after(self) -> Mapping[str, float]:
         """Return the numbers after the last change, by path."""
         return {change.where: change.after for change in self._named}
+
+
+class _TooManyValues(Exception):
+    """A list has too many values to be described."""
 
 
 class NoSuchField(Exception):
@@ -253,20 +264,14 @@ def has_finite_numbers(text: str) -> bool:
     A text that is not JSON has none: what reads it rejects it.
     """
     try:
-        values = [json.loads(text)]
+        value = json.loads(text)
     except (ValueError, RecursionError):
         return True
-    while values:
-        match values.pop():
-            case None:
-                return False
-            case float(number) if not math.isfinite(number):
-                return False
-            case list(items):
-                values += items
-            case dict(members):
-                values += members.values()
-    return True
+    try:
+        json.dumps(value, allow_nan=False)  # In C: a walk in Python takes 50 ms for the largest texts.
+    except (ValueError, RecursionError):
+        return False
+    return "null" not in _STRING.sub("", text)
 
 
 def describe_fields(payload: Payload, limits: Mapping[str, FieldLimit]) -> str:
@@ -278,14 +283,18 @@ def describe_fields(payload: Payload, limits: Mapping[str, FieldLimit]) -> str:
         def note(
             value: Any, where: str, now: float, changes: list[Change], values: list[Any] = values
         ) -> object:
+            if len(values) >= _MAX_DESCRIBED:
+                raise _TooManyValues
             values.append(value)
             return value
 
         try:
-            parts = _resolve(payload.type, path, limit, "")
+            _at(_resolve(payload.type, path, limit, ""), note)(payload.value(), "", 0.0, [])
         except NoSuchField:
             continue  # Of another rule, for another kind of act.
-        _at(parts, note)(payload.value(), "", 0.0, [])
+        except _TooManyValues:
+            found.append(f"{path} has more than {_MAX_DESCRIBED} values")
+            continue
         if len(values) == 1:
             found.append(f"{path} = {str(values[0])[:100]}")
         elif values:

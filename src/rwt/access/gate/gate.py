@@ -48,6 +48,9 @@ _MAX_FAULTS: Final = 5
 #: Maximum number of parameters that are checked for one write.
 _MAX_PARAMETERS: Final = 1000
 
+#: Maximum number of characters of a client's name for a parameter in an error text.
+_MAX_NAME: Final = 80
+
 #: Maximum number of publishers of `cancel` topics.
 _MAX_CANCELS: Final = 64
 
@@ -170,7 +173,8 @@ class Gate(GateState):
             rule.key for rule in old[0].all if settings.rules.get(rule.key.split(".", 2)[2]) == rule.settings
         }
         changed = sorted({rule.key for rule in (*old[0].all, *self.rules.all)} - unchanged)
-        self.approvals.drop(changed, "the settings have changed")
+        for _ in self.approvals.drop(changed, "the settings have changed"):
+            pass
         text = f"rules replaced; changed are {', '.join(changed) or 'none'}"
         self.recorder.note("reload", "reload", "", None, text, before=before.mode, after=settings.mode)
         self.leases_changed()
@@ -297,6 +301,8 @@ class Gate(GateState):
             if rule.type is not None and rule.type.name != type.name:
                 expected = self._graph.registry.type_name(rule.type)
                 raise GateRefused(f"{name} is of type {expected}", f"{rule.key}.type")
+        if any(rule.type is not None for rule in rules):
+            return
         info, known = self._graph.topic(name), self._topics.get(name)
         if (info is not None and info.type is not None) or (known is not None and known.type is type):
             return
@@ -368,6 +374,7 @@ class Gate(GateState):
             GateRefused: a rule rejects it; the text names the rule.
         """
         asked: dict[tuple[GatedAct, Rule], list[str]] = {}
+        finite: set[Rule] = set()  # Rules that have checked all numbers: one call may set many parameters.
         for number, (act, name) in enumerate(acts):
             for rule in self.rules.of(act, name):
                 if not rule.holds_for(actor.role):
@@ -377,7 +384,8 @@ class Gate(GateState):
                     self.note_goal(name)
                 if number == 0:
                     payload = self._checked(actor, act, name, rule, type, payload)
-                elif act == "set_param":
+                elif act == "set_param" and rule not in finite:
+                    finite.add(rule)
                     self.require_finite(rule, payload, text)
                 if rule.settings.approval is not None:
                     asked.setdefault((act, rule), []).append(name)
@@ -425,7 +433,8 @@ class Gate(GateState):
             names = affected_parameters(self._graph.parameters, name, text, _MAX_PARAMETERS)
             if names is None:
                 raise GateRefused(
-                    f"{name} has more than {_MAX_PARAMETERS} parameters below it: set each by itself"
+                    f"{name[:_MAX_NAME]} has more than {_MAX_PARAMETERS} parameters below it,"
+                    " or a name that is too long: set each by itself"
                 )
             found.update(dict.fromkeys(names))
         return list(found)
@@ -618,7 +627,7 @@ class Gate(GateState):
     def _rest(self, press: int) -> Iterator[None]:
         """Stop, a step each, what no client drove before a press; end the leases, and cancel all goals."""
         emergencies = {rule.key for rule in self.rules.all if rule.settings.emergency}
-        self.approvals.drop(emergencies, f"the emergency stop is on: stopped by {self.last_by}")
+        yield from self.approvals.drop(emergencies, f"the emergency stop is on: stopped by {self.last_by}")
         for topic in tuple(self._topics.values()):
             self._stop_topic(topic, press)
             yield

@@ -37,8 +37,14 @@ REQUEST_SECONDS: Final = 30.0
 MAX_REQUESTS: Final = 64
 """Maximum number of pending requests for leases, of which each credential or address has one for a topic."""
 
+MAX_APPROVALS: Final = 100
+"""Maximum number of requests in a message of :data:`APPROVALS`: of many, the oldest of each credential."""
+
 PUBLISH_SECONDS: Final = 0.1
-"""Minimum interval between two messages of :data:`LEASES`, in seconds."""
+"""Minimum interval between two messages of :data:`LEASES`, or of :data:`APPROVALS`, in seconds."""
+
+#: Maximum number of characters of a name in a request for approval: a call may set many parameters.
+_MAX_NAME: Final = 500
 
 SERVICES: Final = {
     "/gate/take_lease": "rwt_gate_msgs/Lease",
@@ -93,7 +99,7 @@ class GateNode:
         participant.subscribe(STOP, self._on_stop, graph.registry.message("std_msgs/Empty"))
         gate.on_leases = lambda: self._publish_soon(LEASES, PUBLISH_SECONDS)
         gate.on_stop = lambda: self._publish_soon(STOPPED)
-        gate.on_approvals = lambda: self._publish_soon(APPROVALS)
+        gate.on_approvals = lambda: self._publish_soon(APPROVALS, PUBLISH_SECONDS)
         for name in sorted(TOPICS):
             self._publish(name)
 
@@ -144,14 +150,14 @@ class GateNode:
 
     def _approvals(self) -> dict[str, object]:
         waiting = []
-        for each in self._gate.approvals.pending:
+        for each in self._gate.approvals.listed(MAX_APPROVALS):
             settings = each.rule.settings.approval
             assert settings is not None  # Only rules with it require approval.
             waiting.append(
                 {
                     "id": each.id,
                     "act": each.act,
-                    "name": each.name,
+                    "name": each.name if len(each.name) <= _MAX_NAME else f"{each.name[:_MAX_NAME]}…",
                     "rule": each.rule.key,
                     "client": each.client.name,
                     "role": each.client.role,

@@ -27,6 +27,9 @@ RULE_KEYS: Final[Mapping[GatedAct, str]] = {
 #: Maximum number of cached look-ups: names come from clients. At the limit the cache is cleared.
 _MAX_NAMES: Final = 4096
 
+#: Maximum number of characters of a cached name: clients may send names of megabytes.
+_MAX_NAME: Final = 256
+
 
 def is_gated(act: str) -> TypeGuard[GatedAct]:
     """Return True if rules can be about an act."""
@@ -84,7 +87,9 @@ class Rules:
         """Return the rules about a name, for any role."""
         found = self._found.get((act, name))
         if found is None:
-            if len(self._found) >= _MAX_NAMES:
-                self._found.clear()
-            found = self._found[act, name] = tuple(rule for rule in self.all if rule.names(act, name))
+            found = tuple(rule for rule in self.all if rule.names(act, name))
+            if len(name) <= _MAX_NAME:
+                if len(self._found) >= _MAX_NAMES:
+                    self._found.clear()
+                self._found[act, name] = found
         return found
