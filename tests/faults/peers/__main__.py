@@ -17,32 +17,30 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import asdict
 from io import StringIO
 
-from tests.faults.peers import datagram_attacks, sctp_attacks, turn_attacks  # noqa: F401 - they register their attacks
-from tests.faults.peers.attacks import ATTACKS, Damage
+from tests.faults.peers import (  # noqa: F401 - they register their attacks
+    datagram_attacks,
+    hub_attacks,
+    sctp_attacks,
+    turn_attacks,
+)
+from tests.faults.peers.attacks import ATTACKS, MIB, Damage, memory
 from tests.rwt.media.webrtc.peers import answering, other_side
 
-MIB = 1 << 20
 ADDRESS_SPACE = 3072 * MIB
 CPU_SECONDS = 60
-
-
-def memory() -> float:
-    """Resident memory in MiB."""
-    with open("/proc/self/statm") as file:
-        return int(file.read().split()[1]) * resource.getpagesize() / MIB
 
 
 @asynccontextmanager
 async def watched(damage: Damage) -> AsyncIterator[None]:
     """Record the longest turn of the event loop in CPU time, and the growth of the process."""
-    began = memory()
+    damage.begin()
 
     async def watch() -> None:
         while True:
             before = time.thread_time()
             await asyncio.sleep(0.001)  # Several turns at most, so that the figure is an upper bound.
             damage.held_ms = max(damage.held_ms, (time.thread_time() - before) * 1000)
-            damage.grown_mib = max(damage.grown_mib, memory() - began)
+            damage.grown_mib = max(damage.grown_mib, memory() - damage.began_mib)
 
     task = asyncio.create_task(watch())
     try:
@@ -52,7 +50,7 @@ async def watched(damage: Damage) -> AsyncIterator[None]:
         task.cancel()
         with suppress(asyncio.CancelledError):
             await task
-        damage.grown_mib = max(damage.grown_mib, memory() - began)
+        damage.grown_mib = max(damage.grown_mib, memory() - damage.began_mib)
 
 
 async def run(name: str) -> Damage:
