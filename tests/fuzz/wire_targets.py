@@ -219,12 +219,13 @@ def _message_wire(events: WireEvents) -> Wire:
 
 def fragments(data: bytes) -> None:
     """Fragments of SCTP in any order, with what their sender gives up: all that is held is given back."""
-    held = 0
+    held = incomplete = 0
 
-    def hold(change: int) -> None:
-        nonlocal held
+    def hold(change: int, count: int) -> None:
+        nonlocal held, incomplete
         held += change
-        assert 0 <= held <= 300 * len(data) + 300
+        incomplete += count
+        assert 0 <= held <= 300 * len(data) + 300 and 0 <= incomplete <= len(data)
 
     stream = Reassembly(0, 100, hold)
     seen = set()
@@ -238,4 +239,4 @@ def fragments(data: bytes) -> None:
         for _, _, message in stream.pop_messages():
             assert len(message) <= 1024
     stream.clear()
-    assert held == 0
+    assert held == incomplete == 0

@@ -80,6 +80,8 @@ WINDOW_BYTES: Final = 1024 * 1024
 """Receiver window (RFC 9260) of a peer, in bytes; a single message may be larger."""
 MISORDERED: Final = 2048
 """Fragments after a gap that are noted; a further one counts as lost, and is sent again."""
+INCOMPLETE: Final = 2 * MISORDERED
+"""Messages of which fragments, or those before them, are missing; a FORWARD TSN chunk may end all of them."""
 TSN_RANGE: Final = 65535
 """Maximum distance of a fragment from the last one without a gap: a gap block reports no more."""
 GAP_BLOCKS: Final = 256
@@ -181,7 +183,7 @@ class Association(RTCSctpTransport):
         return association
 
     def _begin(self, limits: Limits, buffers: ReceiveBufferPool, fail: Callable[[str], None]) -> None:
-        self.held_bytes = 0
+        self.held_bytes = self._incomplete = 0
         self.unread_bytes = 0
         self._limits = limits
         self._buffers = buffers
@@ -486,9 +488,12 @@ class Association(RTCSctpTransport):
             stream = self._inbound_streams[stream_id] = cast("InboundStream", made)
         return stream
 
-    def _hold(self, change: int) -> None:
-        """Count the bytes of incomplete messages."""
+    def _hold(self, change: int, count: int) -> None:
+        """Count incomplete messages, and their bytes."""
         self.held_bytes += change
+        self._incomplete += count
+        if self._incomplete > INCOMPLETE:
+            raise BrokenAssociation(f"{INCOMPLETE} messages whose end does not come")
         most = 2 * self._limits.message_bytes + WINDOW_BYTES
         if self.held_bytes > most:
             raise BrokenAssociation(f"{most} bytes of messages whose end does not come")

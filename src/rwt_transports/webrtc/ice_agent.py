@@ -208,8 +208,11 @@ class GuardedProtocol(StunProtocol):
             head = check_stun(data)
             if head.kind is StunClass.REQUEST:
                 if head.username.startswith(f"{agent.local_username}:".encode()):
-                    self._receive_request(stun.parse_message(data), source)
-            elif (transaction := self.transactions.get(head.transaction)) is not None:
+                    self._receive_request(stun.parse_message(data), source, len(data))
+                return
+            transaction: Any = self.transactions.get(head.transaction)
+            # A response from another address does not prove that this one receives anything.
+            if transaction is not None and source == transaction._Transaction__addr:
                 message = stun.parse_message(data)
                 if message.check_message_integrity((agent.remote_password or "").encode()):
                     self.guard.answered(source)
@@ -217,22 +220,25 @@ class GuardedProtocol(StunProtocol):
         except (BadStun, ValueError) as bad:
             logger.debug("discarded %s", bad)
 
-    def _receive_request(self, message: stun.Message, source: tuple[str, int]) -> None:
+    def _receive_request(self, message: stun.Message, source: tuple[str, int], size: int) -> None:
         """Hand over a request with valid credentials; one without is not answered, since its sender is
         unknown.
         """
         agent = self.receiver
-        if message.check_message_integrity(agent.local_password.encode()) and self.guard.admit_request(
-            source
-        ):
+        is_valid = message.check_message_integrity(agent.local_password.encode())
+        if is_valid and self.guard.admit_request(source, size):
             agent.request_received(message, source, self)
 
     def send_stun(self, message: stun.Message, addr: tuple[str, int]) -> None:
-        """Send a message, except for a check beyond the limits, which counts as lost."""
-        # Only checks have credentials of the other side; questions to a STUN server do not.
-        is_check = message.message_class == stun.Class.REQUEST and "USERNAME" in message.attributes
-        if not is_check or self.guard.admit_check(addr):
-            super().send_stun(message, addr)
+        """Send a message, except for one beyond the limits, which counts as lost."""
+        data = bytes(message)
+        if message.message_class != stun.Class.REQUEST:
+            is_admitted = self.guard.admit_response(addr, len(data))
+        else:
+            # Only checks have credentials of the other side; questions to a STUN server do not.
+            is_admitted = "USERNAME" not in message.attributes or self.guard.admit_check(addr, len(data))
+        if is_admitted:
+            self.transport.sendto(data, addr)
 
 
 TURN_REQUESTS_PER_SECOND: Final = 20

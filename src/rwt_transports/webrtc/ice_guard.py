@@ -1,8 +1,8 @@
 """Limits of an ICE agent: which datagrams it reads, and to which addresses it sends checks.
 
 An offer names the addresses to which this side sends, and anybody can send to the ports of this side. So
-checks to addresses that have not answered are limited (RFC 8445 sections 6.1.2.5 and 14), and datagrams count
-only from addresses that know the credentials.
+checks to addresses that have not answered are limited (RFC 8445 sections 6.1.2.5 and 14), in number and to
+three times the bytes that caused them, and datagrams count only from addresses that know the credentials.
 """
 
 from __future__ import annotations
@@ -31,8 +31,10 @@ MEDIA_SOURCES: Final = 32
 """Synchronization sources of a peer, each of which has statistics in libsrtp and aiortc."""
 RETRANSMISSIONS_PER_SECOND: Final = 512
 """Media packets that a peer may have sent again."""
-CREDIT: Final = 8
-"""Requests of an address, each of which may be answered by a check."""
+SENT_PER_RECEIVED: Final = 3
+"""Bytes sent to addresses that have not answered, per byte that caused it: RFC 9000 section 8.1."""
+CREDIT_BYTES: Final = 2048
+"""Maximum that requests of such an address allow to send to it."""
 DATAGRAM_BYTES: Final = 2048
 """Maximum size of a datagram; those of WebRTC fit an Ethernet frame."""
 EARLY_DATAGRAMS: Final = 64
@@ -136,6 +138,7 @@ class IceGuard:
         self.reach = reach
         self._take_check = take_check
         self._checks_left = CHECKS
+        self._bytes_left = 0
         self._requests = TokenBucket(REQUESTS_PER_SECOND, 2 * REQUESTS_PER_SECOND)
         self._credits: Counter[Address] = Counter()
         self._sources: set[Address] = set()
@@ -146,11 +149,15 @@ class IceGuard:
         """Return True if an address has proved that it knows the credentials."""
         return address in self._sources
 
-    def admit_request(self, address: Address) -> bool:
+    def described(self, size: int) -> None:
+        """Count the bytes of a description or of candidates."""
+        self._bytes_left += SENT_PER_RECEIVED * size
+
+    def admit_request(self, address: Address, size: int) -> bool:
         """Count a request with valid credentials. Returns False if it is not to be answered."""
         if not self._requests.take() or not self._add(address):
             return False
-        self._credits[address] = min(self._credits[address] + 1, CREDIT)
+        self._credits[address] = min(self._credits[address] + SENT_PER_RECEIVED * size, CREDIT_BYTES)
         return True
 
     def answered(self, address: Address) -> None:
@@ -158,19 +165,28 @@ class IceGuard:
         if self._add(address):
             self._answered.add(address)
 
-    def admit_check(self, address: Address) -> bool:
+    def admit_response(self, address: Address, size: int) -> bool:
+        """Count a response to be sent. Returns False if it is not to be sent."""
+        if address in self._answered:
+            return True
+        if self._credits[address] < size:
+            return False
+        self._credits[address] -= size
+        return True
+
+    def admit_check(self, address: Address, size: int) -> bool:
         """Count a check to be sent. Returns False if it is not to be sent."""
         if address in self._answered:
             return True
         host, port = address
         if not is_unicast(host, port) or reach_of(host) < self.reach:
             return False
-        if self._credits[address] > 0:
-            self._credits[address] -= 1
+        if self.admit_response(address, size):
             return True
-        if self._checks_left <= 0 or not self._take_check():
+        if self._checks_left <= 0 or self._bytes_left < size or not self._take_check():
             return False
         self._checks_left -= 1
+        self._bytes_left -= size
         return True
 
     def admit_media(self, data: bytes) -> bool:

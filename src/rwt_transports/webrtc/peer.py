@@ -144,6 +144,7 @@ class Peer:
         """
         self.ufrag, self.largest = description.ufrag, description.largest
         self._candidates = description.candidates
+        self._guard.described(len(description.text))
         try:
             await self.connection.setRemoteDescription(RTCSessionDescription(description.text, kind))
         except Exception as error:
@@ -179,8 +180,12 @@ class Peer:
         text = without_addresses(self.connection.localDescription.sdp, self._guard.reach)
         return with_largest_message(text, self._terms.limits.message_bytes)
 
-    async def add_candidates(self, candidates: tuple[RTCIceCandidate, ...]) -> None:
+    async def add_candidates(self, candidates: tuple[RTCIceCandidate, ...], size: int) -> None:
         """Add candidates of the other side.
+
+        Args:
+            candidates: the candidates.
+            size: bytes of the request with them.
 
         Raises:
             BadDescription: there are too many.
@@ -189,6 +194,7 @@ class Peer:
         if self._candidates > self._terms.candidates:
             most = self._terms.candidates
             raise BadDescription(f"{self._candidates} candidates; the limit is {most} (webrtc.candidates)")
+        self._guard.described(size)
         for candidate in candidates:
             await self.connection.addIceCandidate(candidate)
 

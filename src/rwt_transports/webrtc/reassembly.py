@@ -81,13 +81,13 @@ class Reassembly:
     Args:
         stream_id: its number.
         max_size: bytes of the largest message that is kept.
-        hold: called with the change of what is kept of incomplete messages, in bytes.
+        hold: called with the change of what is kept of incomplete messages, in bytes and in number.
 
     Attributes:
         sequence_number: of the ordered message that is next.
     """
 
-    def __init__(self, stream_id: int, max_size: int, hold: Callable[[int], None]) -> None:
+    def __init__(self, stream_id: int, max_size: int, hold: Callable[[int, int], None]) -> None:
         self._stream_id = stream_id
         self._max_size = max_size
         self._hold = hold
@@ -99,20 +99,20 @@ class Reassembly:
 
     def add_chunk(self, chunk: DataChunk) -> None:
         """Take a fragment that has not come before."""
-        run = self._appended(chunk) or self._put(_Run(chunk), 0)
+        run = self._appended(chunk) or self._put(_Run(chunk), 0, 1)
         follower = None if run.has_last else self._starts.get((run.end + 1) % _TSN)
         if follower is not None and not follower.has_first:
             run = self._joined(run, follower)
         if run.size > self._max_size:
             before = run.charge
             run.truncate()
-            self._hold(run.charge - before)
+            self._hold(run.charge - before, 0)
         if run.has_first and run.has_last:
             self._complete(run)
 
-    def _put(self, run: _Run, charged: int) -> _Run:
+    def _put(self, run: _Run, charged: int, count: int) -> _Run:
         self._starts[run.start] = self._ends[run.end] = run
-        self._hold(run.charge - charged)
+        self._hold(run.charge - charged, count)
         return run
 
     def _appended(self, chunk: DataChunk) -> _Run | None:
@@ -131,7 +131,7 @@ class Reassembly:
             run.pieces.append(chunk.user_data)
             more = len(chunk.user_data) + CHUNK_BYTES
             run.charge += more
-            self._hold(more)
+            self._hold(more, 0)
         return run
 
     def _joined(self, run: _Run, follower: _Run) -> _Run:
@@ -146,7 +146,7 @@ class Reassembly:
             run.charge = charged
         else:
             run.truncate()
-        return self._put(run, charged)
+        return self._put(run, charged, -1)
 
     def _forget(self, run: _Run) -> None:
         del self._starts[run.start], self._ends[run.end]
@@ -156,12 +156,12 @@ class Reassembly:
         if run.unordered:
             self._ready.append(run)
         elif is_later(self.sequence_number, run.sequence, _SEQUENCE):
-            self._hold(-run.charge)  # It was given up by its sender.
+            self._release(run)  # It was given up by its sender.
         else:
             replaced = self._ordered.get(run.sequence)
             self._ordered[run.sequence] = run
             if replaced is not None:
-                self._hold(-replaced.charge)
+                self._release(replaced)
 
     def pop_messages(self) -> Iterator[tuple[int, int, bytes]]:
         """Return the complete messages in order: stream, protocol and data; a :class:`Truncated` if too
@@ -175,8 +175,11 @@ class Reassembly:
             yield self._released(following)
 
     def _released(self, run: _Run) -> tuple[int, int, bytes]:
-        self._hold(-run.charge)
+        self._release(run)
         return self._stream_id, run.protocol, run.message()
+
+    def _release(self, run: _Run) -> None:
+        self._hold(-run.charge, -1)
 
     def prune_chunks(self, tsn: int) -> int:
         """Drop fragments up to `tsn` of incomplete messages, which the sender abandoned (RFC 3758 section
@@ -187,16 +190,16 @@ class Reassembly:
         for run in tuple(self._starts.values()):
             if not is_later(run.start, tsn) and not (run.has_first and not is_later(tsn, run.end)):
                 self._forget(run)
-                self._hold(-run.charge)
+                self._release(run)
         for sequence in tuple(self._ordered):
             if is_later(self.sequence_number, sequence, _SEQUENCE):
-                self._hold(-self._ordered.pop(sequence).charge)
+                self._release(self._ordered.pop(sequence))
         return 0
 
     def clear(self) -> None:
         """Drop everything."""
         for run in (*self._starts.values(), *self._ordered.values(), *self._ready):
-            self._hold(-run.charge)
+            self._release(run)
         self._starts.clear()
         self._ends.clear()
         self._ordered.clear()

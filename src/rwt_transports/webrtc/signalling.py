@@ -298,7 +298,7 @@ async def _add_candidates(peers: Peers, request: HttpRequest) -> HttpResponse:
         # RFC 9725 section 4.3.2: what cannot be restarted answers 422.
         text = "an ICE restart is not possible here: DELETE this, and POST an offer\n"
         return HttpResponse(text.encode(), 422)
-    await peer.add_candidates(fragment.candidates)
+    await peer.add_candidates(fragment.candidates, len(request.body))
     return HttpResponse(status=204)
 
 

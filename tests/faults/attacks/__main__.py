@@ -7,7 +7,15 @@ import os
 import sys
 from contextlib import ExitStack
 
-from tests.faults.attacks.attacked import Damage, attacked_server, suffer
+from tests.faults.attacks.attacked import (
+    OF_ROS_1,
+    PEERS,
+    WEBRTC,
+    Damage,
+    attacked_server,
+    suffer,
+    suffer_at_once,
+)
 from tests.faults.attacks.attacker import ATTACKS
 
 
@@ -34,11 +42,23 @@ def main() -> None:
         "--trace", type=float, metavar="MS", help="print where the event loop is once it is held for so long"
     )
     parser.add_argument(
+        "--at-once", action="store_true", help="all at the same time, with those of WebRTC peers"
+    )
+    parser.add_argument(
         "--rows", action="store_true", help="print rows of the table in docs/explanation/robustness.md"
     )
     options = parser.parse_args()
     if options.trace:
         os.environ["HOLDS_TO_TRACE"] = str(options.trace / 1000)
+    if options.at_once:
+        names = options.names or [each for each in ATTACKS if each not in OF_ROS_1]
+        with attacked_server(options.distro, options.role, WEBRTC) as attacked:
+            damage, failed = suffer_at_once(names, PEERS, attacked)
+            count = len(names) + len(PEERS)
+            sys.stdout.write(f"{count} attacks at once, {failed} of them not to their ends: {damage}\n")
+            if options.trace:
+                sys.stdout.write(attacked.log.read_text())
+        return
     with ExitStack() as stack:
         server = None
         for name in options.names or ATTACKS:

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +30,17 @@ ADDRESS_SPACE: Final = 4096 * MIB
 LINGER: Final = 1
 """Seconds after which the server forgets publishers that have left: less than by default, which is waited
 for."""
+
+
+WEBRTC: Final = "webrtc.enabled=true"
+PEERS: Final = (
+    "heartbeat_without_length", "parameters_without_length", "gap_blocks", "misordered_fragments",
+    "messages_without_end", "random_chunks", "datagrams_before_ice", "malformed_stun", "reflection",
+    "requests_from_elsewhere", "bad_offers",
+)  # fmt: skip
+"""Attacks of WebRTC peers that work from another process."""
+OF_ROS_1: Final = frozenset({"parameters", "tables_as_parameters"})
+"""Attacks on the tree of parameters, in which clients set what they like."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +64,7 @@ class Attacked:
     log: Path
     ordinary: subprocess.Popen[str]
     attacker: subprocess.Popen[str]
+    port: int
     undisturbed: float = 0.0
 
     def waits(self) -> Waits:
@@ -107,12 +119,18 @@ def _piped(process: subprocess.Popen[str]) -> Iterator[subprocess.Popen[str]]:
 
 
 @contextmanager
-def attacked_server(distro: str, role: str) -> Iterator[Attacked]:
-    """A server of which everybody has that role, with an ordinary client."""
+def attacked_server(distro: str, role: str, *settings: str) -> Iterator[Attacked]:
+    """A server of which everybody has that role, with an ordinary client.
+
+    Args:
+        distro: ROS distribution.
+        role: role of everybody.
+        settings: further ones, each `NAME=VALUE`.
+    """
     with (
         tempfile.TemporaryDirectory() as folder,
         tempfile.NamedTemporaryFile(suffix=".log") as log,
-        _piped(_served(distro, role, _certificate(Path(folder)), log)) as process,
+        _piped(_served(distro, role, _certificate(Path(folder)), log, settings)) as process,
     ):
         ports = [_port_of(process) for _ in SCHEMES]
         resource.prlimit(process.pid, resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
@@ -120,7 +138,7 @@ def attacked_server(distro: str, role: str) -> Iterator[Attacked]:
             _piped(_begun("ordinary_client", ports[0], str(process.pid))) as ordinary,
             _piped(_begun("attacker", distro, *ports)) as attacker,
         ):
-            attacked = Attacked(process, Path(log.name), ordinary, attacker)
+            attacked = Attacked(process, Path(log.name), ordinary, attacker, int(ports[0]))
             attacked.waits()  # answered once it is connected
             time.sleep(0.5)
             attacked.undisturbed = attacked.waits().seconds
@@ -143,7 +161,9 @@ def _certificate(folder: Path) -> Path:
     return path
 
 
-def _served(distro: str, role: str, certificate: Path, log: IO[bytes]) -> subprocess.Popen[str]:
+def _served(
+    distro: str, role: str, certificate: Path, log: IO[bytes], more: Sequence[str]
+) -> subprocess.Popen[str]:
     settings = (
         f"auth.default_role={role}",
         'proxies=["127.0.0.1"]',  # so that attackers may come from elsewhere
@@ -152,6 +172,7 @@ def _served(distro: str, role: str, certificate: Path, log: IO[bytes]) -> subpro
         'gateways=["foxglove", "http", "mcp"]',
         f"tls.certfile={certificate}",
         f"tls.keyfile={certificate}",
+        *more,
     )
     return _begun(
         "watched_server",
@@ -218,12 +239,51 @@ class Damage:
 
 def suffer(attack: str, server: Attacked) -> Damage:
     """Attack a server, and kill the attacker."""
+    with measured(server) as found:
+        outcome = _asked(server.attacker, attack)
+        assert outcome == "done\n", (attack, outcome)
+    return found[0]
+
+
+def suffer_at_once(attacks: Sequence[str], peers: Sequence[str], server: Attacked) -> tuple[Damage, int]:
+    """Attack a server by all attacks at the same time, and kill the attackers.
+
+    Args:
+        attacks: names of attacks.
+        peers: names of attacks of WebRTC peers.
+        server: the server, which takes peers.
+
+    Returns:
+        The damage, and the number of attacks that could not be carried out to their ends.
+    """
+    url = f"http://127.0.0.1:{server.port}"
+    with measured(server) as found:
+        others = [
+            subprocess.Popen(
+                [sys.executable, "-m", "tests.faults.peers", name, "--server", url],
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                cwd=ROOT,
+            )
+            for name in peers
+        ]
+        assert server.attacker.stdout is not None
+        outcomes = [_asked(server.attacker, " ".join(attacks))]
+        outcomes += [server.attacker.stdout.readline() for _ in attacks[1:]]
+        failed = sum(outcome != "done\n" for outcome in outcomes)
+        failed += sum(process.wait() != 0 for process in others)
+    return found[0], failed
+
+
+@contextmanager
+def measured(server: Attacked) -> Iterator[list[Damage]]:
+    """Measure what is done to a server within the block; the list has the damage afterwards."""
+    found: list[Damage] = []
     before, files, logged = server.look(), server.files(), server.log.stat().st_size
     memory = server.memory()
     server.forget_peak()
     server.waits()
-    outcome = _asked(server.attacker, attack)
-    assert outcome == "done\n", (attack, outcome)
+    yield found
     waits = server.waits()
     grown = server.memory("VmHWM") - memory
     assert _asked(server.attacker) == "gone\n"
@@ -233,4 +293,4 @@ def suffer(attack: str, server: Attacked) -> Damage:
         time.sleep(0.02)
     after = server.look()
     written = server.log.stat().st_size - logged
-    return Damage(waits, server.undisturbed, grown, written, files, before, after)
+    found.append(Damage(waits, server.undisturbed, grown, written, files, before, after))

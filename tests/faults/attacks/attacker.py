@@ -2,7 +2,8 @@
 TCP`, with a port for each scheme.
 
 For each line that it reads, the name of an attack, it lets a new process do that for a while, prints a line,
-and lets the process stay connected until the next line, which is empty: then it is killed.
+and lets the process stay connected until the next line, which is empty: then it is killed. Several names in a
+line are attacks at the same time, each with a line of its own at its end.
 """
 
 from __future__ import annotations
@@ -1075,16 +1076,17 @@ ATTACKS: Final[dict[str, Callable[[Attacker], None]]] = {
 def main() -> None:
     """Attack by what is read; with the input's end the attacker is gone."""
     _PORTS.update(zip(SCHEMES, map(int, sys.argv[2:]), strict=True))
-    attacking = 0
+    attacking: list[int] = []
     for line in sys.stdin:
-        name = line.strip()
-        if name:
-            attacking = os.fork()
-            if not attacking:
+        for name in line.split():
+            attacking.append(os.fork())
+            if not attacking[-1]:
                 _attack(name)
-        else:
-            os.kill(attacking, signal.SIGKILL)
-            os.waitpid(attacking, 0)
+        if not line.strip():
+            for process in attacking:
+                os.kill(process, signal.SIGKILL)
+                os.waitpid(process, 0)
+            attacking.clear()
             _say("gone")
 
 

@@ -20,7 +20,7 @@ from typing import Final
 import pytest
 
 from tests.faults.attacks import by_http
-from tests.faults.attacks.attacked import Attacked, Damage, attacked_server, suffer
+from tests.faults.attacks.attacked import OF_ROS_1, Attacked, Damage, attacked_server, suffer
 from tests.faults.attacks.attacker import ATTACKS
 
 pytestmark = [
@@ -72,9 +72,6 @@ OF_VIEWERS: Final = frozenset(
 
 SETTING: Final = frozenset({"parameters", "large_description", "lists_as_parameters", "tables_as_parameters"})
 """Attacks that set parameters, which stay: each has a server of its own."""
-
-OF_ROS_1: Final = frozenset({"parameters", "tables_as_parameters"})
-"""Attacks on the tree of parameters, in which clients set what they like."""
 
 TWICE: Final = frozenset(
     {"rosapi_flood", "many_in_a_frame", "spellings", "defaults", "incomplete_poses",

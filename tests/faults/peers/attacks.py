@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -21,6 +22,14 @@ from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 from tests.rwt.media.webrtc.peers import OtherSide, Side, other_side
 from tests.waiting import until
 
+MIB = 1 << 20
+
+
+def memory() -> float:
+    """Resident memory in MiB."""
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * resource.getpagesize() / MIB
+
 
 @dataclass
 class Damage:
@@ -33,6 +42,7 @@ class Damage:
         log: end of the log.
         sent: datagrams that the attacked side sent to addresses that never answered.
         status: status of the response to an offer.
+        began_mib: memory at the beginning of the measurement.
     """
 
     held_ms: float = 0.0
@@ -41,6 +51,12 @@ class Damage:
     log: str = ""
     sent: int = 0
     status: int = 0
+    began_mib: float = 0.0
+
+    def begin(self) -> None:
+        """Measure from now on."""
+        self.held_ms = self.grown_mib = 0.0
+        self.began_mib = memory()
 
 
 Attack = Callable[[Side, Damage], Awaitable[None]]

@@ -10,6 +10,8 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from struct import pack
 
+from aioice import stun
+
 from rwt_transports.webrtc.ice_guard import CHECKS, CHECKS_PER_SECOND
 from tests.faults.peers.attacks import Damage, attack, attacker, attacking_server
 from tests.rwt.media.webrtc.peers import Side, other_side, text_of
@@ -95,6 +97,10 @@ async def malformed_stun(side: Side, damage: Damage) -> None:
     stranger.close()
 
 
+SENT_PER_RECEIVED = 3
+"""Maximum amplification before an address has answered."""
+
+
 @asynccontextmanager
 async def strangers(count: int) -> AsyncIterator[tuple[list[socket.socket], bytes]]:
     """Sockets that never answer, and the candidates that name them."""
@@ -112,17 +118,16 @@ async def strangers(count: int) -> AsyncIterator[tuple[list[socket.socket], byte
             each.close()
 
 
-def datagrams(sockets: list[socket.socket]) -> int:
-    """Return the number of datagrams that have come."""
-    count = 0
+def datagrams(sockets: list[socket.socket]) -> list[int]:
+    """Return the sizes of the datagrams that have come."""
+    sizes: list[int] = []
     for each in sockets:
         while True:
             try:
-                each.recv(2000)
+                sizes.append(len(each.recv(2000)))
             except BlockingIOError:
                 break
-            count += 1
-    return count
+    return sizes
 
 
 def only(candidates: bytes) -> Callable[[bytes], bytes]:
@@ -143,14 +148,60 @@ async def reflection(side: Side, damage: Damage) -> None:
         status, _ = await offered(side, only(candidates))
         assert status == 201
         await asyncio.sleep(4)
-        first = datagrams(sockets)
+        first = len(datagrams(sockets))
         for _ in range(6):
             status, _ = await offered(side, only(candidates))
         await asyncio.sleep(4)
         passed = time.monotonic() - began
         damage.sent = max(0, first - CHECKS)
-        damage.sent += max(0, int(first + datagrams(sockets) - CHECKS - CHECKS_PER_SECOND * passed))
+        damage.sent += max(0, int(first + len(datagrams(sockets)) - CHECKS - CHECKS_PER_SECOND * passed))
         assert first > 30, "an ordinary peer needs so many"
+
+
+@attack
+async def reflection_of_bytes(side: Side, damage: Damage) -> None:
+    """An offer whose checks are as large as possible; `sent` is what exceeds three times its bytes."""
+    async with strangers(60) as (sockets, candidates):
+        sizes: list[int] = []
+
+        def change(offer: bytes) -> bytes:
+            changed = re.sub(rb"a=ice-ufrag:\w+", b"a=ice-ufrag:" + b"u" * 256, only(candidates)(offer))
+            sizes.append(len(changed))
+            return changed
+
+        status, _ = await offered(side, change)
+        assert status == 201
+        await asyncio.sleep(6)
+        received = sum(datagrams(sockets))
+        damage.sent = max(0, received - SENT_PER_RECEIVED * sizes[0])
+        assert received > sizes[0]
+
+
+@attack
+async def requests_from_elsewhere(side: Side, damage: Damage) -> None:
+    """Requests with credentials from an address that never answers; `sent` is what exceeds three times their
+    bytes.
+    """
+    async with strangers(1) as ((stranger,), _), other_side() as other:
+        other.connection.createDataChannel("never")
+        offer = await other.offer()
+        answer = await side.ask("POST", "/webrtc", only(b"")(offer))
+        theirs = text_of(answer)
+        names = [re.search(r"a=ice-ufrag:(\S+)", each) for each in (theirs, offer.decode())]
+        password = re.search(r"a=ice-pwd:(\S+)", theirs)
+        assert names[0] is not None and names[1] is not None and password is not None
+        sent = 0
+        for number in range(100):
+            request = stun.Message(stun.Method.BINDING, stun.Class.REQUEST)
+            request.attributes = {"USERNAME": f"{names[0][1]}:{names[1][1]}", "PRIORITY": number}
+            request.attributes["ICE-CONTROLLING"] = 1
+            request.add_message_integrity(password[1].encode())
+            sent += stranger.sendto(bytes(request), ("127.0.0.1", ports_of(theirs)[0]))
+            await asyncio.sleep(0.01)
+        await asyncio.sleep(3)
+        received = datagrams([stranger])
+        damage.sent = max(0, sum(received) - SENT_PER_RECEIVED * sent, len(received) - 3 * 100)
+        assert received
 
 
 @attack

@@ -22,8 +22,7 @@ from rwt_transports.webrtc.peer import RELEASE_SECONDS, Peer, PeerTerms
 from rwt_transports.webrtc.sdp import read_description
 from rwt_transports.webrtc.signalling import PeerBounds
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
-from tests.faults.peers.__main__ import memory
-from tests.faults.peers.attacks import refuse
+from tests.faults.peers.attacks import memory, refuse
 from tests.rwt.media.webrtc.peers import Side, answering, text_of
 from tests.waiting import until
 

@@ -11,7 +11,12 @@ import sys
 
 import pytest
 
-from tests.faults.peers import datagram_attacks, sctp_attacks  # noqa: F401 - they register their attacks
+from tests.faults.peers import (  # noqa: F401 - they register their attacks
+    datagram_attacks,
+    hub_attacks,
+    sctp_attacks,
+    turn_attacks,
+)
 from tests.faults.peers.attacks import ATTACKS, Damage
 from tests.processes import ROOT
 

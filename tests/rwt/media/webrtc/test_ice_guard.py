@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import Callable
 from functools import partial
 from struct import pack
+from unittest.mock import Mock
 
 import pytest
-from aioice import stun
+from aioice import Connection, stun
 
 from rwt_transports.webrtc import ice_guard
+from rwt_transports.webrtc.ice_agent import GuardedProtocol
 from rwt_transports.webrtc.ice_guard import (
     CHECKS,
-    CREDIT,
+    CREDIT_BYTES,
     REQUESTS_PER_SECOND,
+    SENT_PER_RECEIVED,
     SOURCES,
     CheckRates,
     IceGuard,
@@ -30,6 +35,8 @@ from rwt_transports.webrtc.stun_messages import (
 )
 
 A, B = ("192.0.2.1", 4000), ("192.0.2.2", 4000)
+SIZE = 100
+"""Bytes of a request."""
 
 
 @pytest.fixture
@@ -40,8 +47,10 @@ def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return clock
 
 
-def _guard(reach: Reach = Reach.PRIVATE) -> IceGuard:
-    return IceGuard(reach, lambda: True)
+def _guard(reach: Reach = Reach.PRIVATE, take: Callable[[], bool] = lambda: True) -> IceGuard:
+    guard = IceGuard(reach, take)
+    guard.described(CHECKS * SIZE)
+    return guard
 
 
 @pytest.mark.parametrize(
@@ -72,25 +81,35 @@ def test_addresses_of_one_host() -> None:
 
 def test_checks_to_addresses_that_never_answer_are_limited(now: list[float]) -> None:
     guard = _guard()
-    assert sum(guard.admit_check(A if number % 2 else B) for number in range(2 * CHECKS)) == CHECKS
+    assert sum(guard.admit_check(A if number % 2 else B, SIZE) for number in range(2 * CHECKS)) == CHECKS
     guard.answered(A)
-    assert guard.admit_check(A) and not guard.admit_check(B)
+    assert guard.admit_check(A, SIZE) and not guard.admit_check(B, SIZE)
 
 
-def test_a_request_with_credentials_allows_one_check_in_return(now: list[float]) -> None:
-    guard = _guard()
-    for _ in range(CHECKS):
-        guard.admit_check(B)
-    for _ in range(2 * CREDIT):
-        assert guard.admit_request(A)
-    assert sum(guard.admit_check(A) for _ in range(CHECKS)) == CREDIT
+def test_requests_with_credentials_allow_three_times_their_bytes_in_return(now: list[float]) -> None:
+    guard = IceGuard(Reach.LOOPBACK, lambda: True)
+    assert not guard.admit_check(A, SIZE) and not guard.admit_response(A, SIZE)
+    assert guard.admit_request(A, SIZE)
+    sent = [guard.admit_response(A, SIZE), *(guard.admit_check(A, SIZE) for _ in range(3))]
+    assert sent == [True] * SENT_PER_RECEIVED + [False]
+    for _ in range(2 * CREDIT_BYTES // SIZE):
+        guard.admit_request(A, SIZE)
+    assert sum(guard.admit_check(A, SIZE) for _ in range(CHECKS)) == CREDIT_BYTES // SIZE
+
+
+def test_checks_have_at_most_three_times_the_bytes_of_the_description(now: list[float]) -> None:
+    guard = IceGuard(Reach.LOOPBACK, lambda: True)
+    guard.described(1000)
+    assert sum(guard.admit_check(A, 340) for _ in range(CHECKS)) == 3000 // 340
+    guard.described(340)
+    assert sum(guard.admit_check(B, 340) for _ in range(CHECKS)) in (3, 4)
 
 
 def test_requests_are_limited(now: list[float]) -> None:
     guard = _guard()
-    assert sum(guard.admit_request(A) for _ in range(1000)) == 2 * REQUESTS_PER_SECOND
+    assert sum(guard.admit_request(A, SIZE) for _ in range(1000)) == 2 * REQUESTS_PER_SECOND
     now[0] = 1.0
-    assert sum(guard.admit_request(A) for _ in range(1000)) == REQUESTS_PER_SECOND
+    assert sum(guard.admit_request(A, SIZE) for _ in range(1000)) == REQUESTS_PER_SECOND
 
 
 def test_sources_are_limited() -> None:
@@ -111,22 +130,41 @@ def test_sources_are_limited() -> None:
 def test_checks_stay_within_reach(reach: Reach, admitted: list[bool]) -> None:
     guard = _guard(reach)
     addresses = ("127.0.0.1", "10.0.0.1", "8.8.8.8")
-    assert [guard.admit_check((each, 9)) for each in addresses] == admitted
+    assert [guard.admit_check((each, 9), SIZE) for each in addresses] == admitted
 
 
 @pytest.mark.parametrize("host", ["255.255.255.255", "224.0.0.1", "0.0.0.0", "::", "ff02::1"])
 def test_no_check_goes_to_more_than_one_host(host: str) -> None:
-    assert not _guard(Reach.LOOPBACK).admit_check((host, 9))
+    assert not _guard(Reach.LOOPBACK).admit_check((host, 9), SIZE)
+
+
+@pytest.mark.anyio
+async def test_a_response_from_another_address_proves_nothing() -> None:
+    agent = Connection(ice_controlling=True)
+    agent.remote_password = "p" * 22
+    protocol = GuardedProtocol(agent)
+    protocol.guard, protocol.transport = _guard(), Mock()
+    asked = asyncio.create_task(protocol.request(_request(), A, agent.remote_password.encode()))
+    await asyncio.sleep(0)
+    response = stun.Message(stun.Method.BINDING, stun.Class.RESPONSE, next(iter(protocol.transactions)))
+    response.attributes["XOR-MAPPED-ADDRESS"] = B
+    response.add_message_integrity(agent.remote_password.encode())
+    protocol.datagram_received(bytes(response), B)
+    await asyncio.sleep(0)
+    assert not protocol.guard.is_source(B) and not asked.done()
+    protocol.datagram_received(bytes(response), A)
+    await asked
+    assert protocol.guard.is_source(A)
 
 
 def test_peers_of_a_network_share_a_rate(now: list[float]) -> None:
     rates = CheckRates()
-    one, two = (IceGuard(Reach.PRIVATE, partial(rates.take, "192.0.2.7")) for _ in range(2))
-    other = IceGuard(Reach.PRIVATE, partial(rates.take, "192.0.2.8"))
-    assert sum(each.admit_check(A) for _ in range(CHECKS) for each in (one, two)) == CHECKS
-    assert other.admit_check(A)
+    one, two = (_guard(take=partial(rates.take, "192.0.2.7")) for _ in range(2))
+    other = _guard(take=partial(rates.take, "192.0.2.8"))
+    assert sum(each.admit_check(A, SIZE) for _ in range(CHECKS) for each in (one, two)) == CHECKS
+    assert other.admit_check(A, SIZE)
     now[0] = 1.0
-    assert sum(each.admit_check(A) for _ in range(CHECKS) for each in (one, two)) == 20
+    assert sum(each.admit_check(A, SIZE) for _ in range(CHECKS) for each in (one, two)) == 20
 
 
 def test_networks_are_forgotten(now: list[float]) -> None:

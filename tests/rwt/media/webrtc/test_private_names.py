@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 import pytest
-from aioice import Connection
+from aioice import Connection, stun
 from aioice.ice import StunProtocol
 from aiortc import (
     RTCCertificate,
@@ -169,6 +169,7 @@ async def test_values_of_ice() -> None:
     ]  # fmt: skip
     for name in ("datagram_received", "send_stun"):
         assert name in vars(StunProtocol)
+    assert "self.__addr = addr" in inspect.getsource(stun.Transaction)
     assert {"receiver", "transactions"} <= vars(StunProtocol(connection)).keys()
     # What subclasses add to objects must not be something that is there.
     for added, there in ((GuardedAgent, connection), (GuardedProtocol, StunProtocol(connection))):

@@ -17,11 +17,12 @@ class Held:
     """How much a stream says that it holds."""
 
     def __init__(self) -> None:
-        self.bytes = 0
+        self.bytes = self.count = 0
 
-    def __call__(self, change: int) -> None:
+    def __call__(self, change: int, count: int) -> None:
         self.bytes += change
-        assert self.bytes >= 0
+        self.count += count
+        assert self.bytes >= 0 and (self.bytes > 0) == (self.count > 0)
 
 
 def _chunks(messages: list[tuple[list[bytes], bool]], tsn: int, sequence: int) -> list[Chunk]:
