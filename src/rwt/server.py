@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from rwt.blocking import Loop
     from rwt.composition.graphs import MakeGraph
     from rwt.gateways.base import Gateway, MakeGateway
+    from rwt.nodes.recording import RecordingOptions
     from rwt.settings.models import Settings
     from rwt.workers.worker import InWorker, WorkerContext
     from rwt_graph.clock import Clock
@@ -136,6 +137,7 @@ class Server:
             and lifespan. Access rules do not apply to them; the limits of the port do.
         script: ``.toml`` or ``.py`` file of a scripted robot.
         record: MCAP file to which all topics are recorded.
+        record_options: format of the file, and when a new one begins.
         introspection: True to publish calls and goals on topics, as in ROS 2, and record them with `record`.
         middleware: layer between the transports and the bridge, for example to inject faults.
         name: name of the node that a ``with`` block gets.
@@ -167,6 +169,7 @@ class Server:
         mounts: Mapping[str, App] = MappingProxyType({}),
         script: Path | None = None,
         record: Path | None = None,
+        record_options: RecordingOptions | None = None,
         introspection: bool = False,
         middleware: Middleware | None = None,
         name: str = "robot",
@@ -203,6 +206,7 @@ class Server:
                 raise SettingsError(f"mounts: {path!r} is no path for an app: expected one such as '/shop'")
         self._script = script
         self._record = record
+        self._record_options = record_options
         self._introspection = introspection
         self._middleware = middleware
         self._name = name
@@ -434,7 +438,9 @@ class Server:
             http = (*http, authority_page(settings.tls))
             stack.callback(CertificateRenewal(graph.clock, tls, settings.tls).close)
         if self._record is not None or self._introspection:
-            start_recording(graph, self._record, nodes, introspection=self._introspection)
+            start_recording(
+                graph, self._record, self._record_options, nodes, introspection=self._introspection
+            )
         middleware = [] if self._middleware is None else [self._middleware]
         if self._script is not None:
             middleware.insert(0, start_script(graph, self._script, settings, nodes))

@@ -21,7 +21,7 @@ from websockets.sync.client import connect
 
 from rwt.access.settings import SettingsError
 from rwt.settings.sources import read_settings
-from tests.processes import LONGEST, ROOT, free_port, running
+from tests.processes import LONGEST, ROOT, free_port, running, start
 
 FILES = ROOT / "docs" / "how-to" / "deploy"
 TOKEN = "a-token-of-thirty-two-characters"
@@ -98,6 +98,19 @@ def test_the_unit_is_one(tmp_path: Path) -> None:
     unit.write_text(text.replace("/opt/robot/bin/rwt", sys.executable))
     done = subprocess.run([program, "verify", str(unit)], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_what_a_restart_cannot_mend_ends_the_service(
+    service: configparser.SectionProxy, settings: tuple[Path, int], tmp_path: Path
+) -> None:
+    recording = tmp_path / "run.mcap"
+    recording.write_bytes(b"of yesterday")
+    command = [*arguments(service["ExecStart"], settings[0]), "--record"]
+    environment = {**os.environ, "RWT_AUTH__TOKENS__OPERATOR__TOKEN": TOKEN}
+    with start(*command, str(recording), environment=environment, stderr=subprocess.PIPE) as process:
+        errors = process.communicate(timeout=LONGEST)[1]
+    assert "run.mcap is there already" in errors
+    assert service["RestartPreventExitStatus"] == str(process.returncode) == "2"
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -11,7 +11,7 @@ import anyio
 import anyio.to_thread
 import pytest
 
-from rwt import MemoryGraph, Node, Server, ServerError, Settings, SettingsError, SimulatedClock, connect
+from rwt import MemoryGraph, Node, Server, Settings, SettingsError, SimulatedClock, connect
 from rwt.nodes.recording import open_recording
 from rwt.nodes.recording.recorder import LOOK_SECONDS
 from rwt.testing import ObservedGraph
@@ -249,5 +249,5 @@ async def test_everything_is_recorded_and_a_file_that_is_there_is_not_overwritte
         clock.advance(LOOK_SECONDS)
     with open_recording([path]) as recording:
         assert "/x" in {topic.name for topic in recording.topics}
-    with pytest.raises(ServerError, match=r"record: .*run.mcap is there already"):
+    with pytest.raises(SettingsError, match=r"record: .*run.mcap is there already"):
         await Server(URL, record=path).__aenter__()

@@ -117,6 +117,15 @@ class GraphView(GraphListings):
         absolute = canonical(name)
         return self._graph.action(absolute) if self.role.sees_action(absolute) else None
 
+    def hidden(self) -> dict[str, int]:
+        """Return how many topics, services and actions are hidden."""
+        graph = self._graph
+        return {
+            "topics": len(graph.topics()) - len(self.topics()),
+            "services": len(graph.services()) - len(self.services()),
+            "actions": len(graph.actions()) - len(self.actions()),
+        }
+
     def nodes(self) -> tuple[NodeInfo, ...]:
         """Return the nodes with visible topics, services or actions, sorted by name."""
         return tuple(node for node in self._graph.nodes() if self._shows(node))

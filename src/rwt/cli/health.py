@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING
@@ -43,8 +42,13 @@ async def health_of(url: str, patience: float, tls: ssl.SSLContext | None) -> He
     scheme, _, rest = url.partition("://")
     if scheme.lower() not in ("ws", "wss"):
         return None
-    host, secure = re.split("[/?]", rest)[0], scheme.lower() == "wss"
-    status, body = await anyio.to_thread.run_sync(partial(_get_health, host, secure, patience, tls))
+    host, _, path = rest.partition("?")[0].partition("/")
+    status, body = 404, b""
+    # A server behind a proxy or hub is below a path; one that listens itself accepts clients at any path.
+    for folder in dict.fromkeys((f"/{path}".rstrip("/"), "")):
+        if status == 404:
+            get = partial(_get_health, host, f"{folder}/healthz", scheme.lower() == "wss", patience, tls)
+            status, body = await anyio.to_thread.run_sync(get)
     if status == 0:
         return None
     try:
@@ -60,8 +64,10 @@ async def health_of(url: str, patience: float, tls: ssl.SSLContext | None) -> He
         return Health(status == 200)
 
 
-def _get_health(host: str, secure: bool, patience: float, tls: ssl.SSLContext | None) -> tuple[int, bytes]:
-    """Return status and body of ``/healthz``; status 0 without an HTTP response."""
+def _get_health(
+    host: str, path: str, secure: bool, patience: float, tls: ssl.SSLContext | None
+) -> tuple[int, bytes]:
+    """Return status and body of a path; status 0 without an HTTP response."""
     import http.client
 
     try:
@@ -73,7 +79,7 @@ def _get_health(host: str, secure: bool, patience: float, tls: ssl.SSLContext | 
             connection = http.client.HTTPConnection(address if has_port else f"{address}:9090")
         connection.timeout = patience
         try:
-            connection.request("GET", "/healthz")
+            connection.request("GET", path)
             answer = connection.getresponse()
             return answer.status, answer.read(65536)
         finally:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from rwt.nodes.mesh_files import MeshFiles
-    from rwt.nodes.recording import Recorder, RecorderNode
+    from rwt.nodes.recording import Recorder, RecorderNode, RecordingOptions
     from rwt.nodes.video import WebVideoServer
     from rwt.settings.models import Settings
     from rwt_graph.api import Graph
@@ -148,16 +148,23 @@ def start_gateway_node(graph: Graph, urls: Sequence[str], settings: Settings) ->
     return node
 
 
-def start_recording(graph: Graph, file: Path | None, stack: ExitStack, *, introspection: bool) -> None:
+def start_recording(
+    graph: Graph,
+    file: Path | None,
+    options: RecordingOptions | None,
+    stack: ExitStack,
+    *,
+    introspection: bool,
+) -> None:
     """Start recording to an MCAP file, introspection or both, until `stack` is closed.
 
     Raises:
-        SettingsError: introspection on ROS 1.
+        SettingsError: introspection on ROS 1, or the file is there already.
         ServerError: the file cannot be written, now or when `stack` is closed.
     """
     from rwt.nodes.introspection import Introspection
-    from rwt.nodes.recording import RecordingError, record_graph
-    from rwt.nodes.recording.recording import EVERYTHING, TopicSelection
+    from rwt.nodes.recording import EVERYTHING, RecordingError, RecordingExists, TopicSelection, record_graph
+    from rwt.nodes.recording.writer import DEFAULT_OPTIONS
 
     if introspection and not graph.distro.introspects_calls:
         raise SettingsError("introspection: is of ROS 2: ROS 1 has no topics for calls; leave it out")
@@ -165,7 +172,10 @@ def start_recording(graph: Graph, file: Path | None, stack: ExitStack, *, intros
         stack.enter_context(closing(Introspection(graph)))
         return
     try:
-        recorder = record_graph(graph, file, EVERYTHING if introspection else TopicSelection())
+        selection = EVERYTHING if introspection else TopicSelection()
+        recorder = record_graph(graph, file, selection, options or DEFAULT_OPTIONS)
+    except RecordingExists as error:
+        raise SettingsError(f"record: {error}") from error
     except RecordingError as error:
         raise ServerError(f"record: {error}") from error
     stack.callback(_finish, recorder)

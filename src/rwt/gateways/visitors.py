@@ -32,9 +32,14 @@ def peer_of(request: HttpRequest) -> PeerInfo:
 
 
 def url_of(request: HttpRequest, scheme: str) -> str:
-    """Return the URL under which a client reaches the server, with `http` or `ws` as scheme, or encrypted."""
+    """Return the URL under which a client reaches the server, with `http` or `ws` as scheme, or encrypted.
+
+    Below a path of a proxy it ends with a slash: proxies answer the path without one with a redirect, which
+    WebSocket clients do not follow.
+    """
     secure = "s" if request.headers.get("x-forwarded-proto") in ("https", "wss") else ""
-    return f"{scheme}{secure}://{request.headers.get('host', 'localhost:9090')}{request.prefix}"
+    path = f"{request.prefix}/" if request.prefix else ""
+    return f"{scheme}{secure}://{request.headers.get('host', 'localhost:9090')}{path}"
 
 
 def then(

@@ -46,7 +46,9 @@ class WebRtcSettings(Table):
         ),
     ] = "auto"
     peers: Annotated[Count, Field(description="open peer connections")] = 32
-    handshakes: Annotated[Count, Field(description="peer connections that are still connecting")] = 8
+    handshakes: Annotated[
+        Count, Field(description="peer connections that are still connecting; offers wait up to 5 s for one")
+    ] = 8
     channels: Annotated[Count, Field(description="data channels per peer; each is a client")] = 16
     candidates: Annotated[Count, Field(description="candidate addresses per peer")] = 64
     connect_seconds: Annotated[

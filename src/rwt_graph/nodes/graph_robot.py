@@ -317,7 +317,7 @@ class GraphVerbs(RobotApi):
         check_arguments("call(service, request, type)", type)
         name = self.resolve(service)
         if type is not None:
-            stated, info = self.registry.service(type), self.graph.service(name)
+            stated, info = self.registry.service(type), self._listings.service(name)
             if info is not None:
                 check_interface(name, stated, info.type)
         answer = await self._answer(name, request, self._patience(timeout))

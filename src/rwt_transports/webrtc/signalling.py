@@ -51,10 +51,14 @@ class PeerBounds:
     Attributes:
         peers: that are open at a time.
         handshakes: of them, those that have not found their path yet.
+        queue_seconds: seconds for which an offer waits until fewer peers are connecting.
+        queue_bytes: bytes of the offers that wait.
     """
 
     peers: int = 32
     handshakes: int = 8
+    queue_seconds: float = 5.0
+    queue_bytes: int = 1024 * 1024
 
 
 class Peers:
@@ -80,6 +84,8 @@ class Peers:
         self._ended: dict[str, int] = {"connected": 0, "unconnected": 0}
         self._refused = 0
         self._closing = False
+        self._queued_bytes = 0
+        self._changed = anyio.Event()
 
     def __len__(self) -> int:
         return len(self._peers)
@@ -93,13 +99,15 @@ class Peers:
         accept: Accept,
         address: str,
         answer: Callable[[Peer], Awaitable[str]],
+        size: int = 0,
     ) -> tuple[str, str, tuple[IceServer, ...]]:
-        """Open a peer.
+        """Open a peer, once fewer than the maximum are connecting.
 
         Args:
             accept: makes the endpoint of each of its data channels.
             address: address of the client.
             answer: brings the peer so far that it has an answer, which it returns.
+            size: bytes of the offer, which are kept while it waits.
 
         Returns:
             Its identifier, the answer, and the servers that help to find a path.
@@ -109,7 +117,7 @@ class Peers:
             BadDescription: what the client has sent cannot be used.
         """
         network = "" if is_local(address) else network_of(address)
-        self._check(network)
+        await self._wait_for_room(network, size)
         self._reserved += 1
         if network:
             self._of_network[network] += 1
@@ -146,8 +154,8 @@ class Peers:
             if not self._of_network[network]:
                 del self._of_network[network]
 
-    def _check(self, network: str) -> None:
-        """Check that there is room for a peer, and reserve some for other networks."""
+    def _shortage(self, network: str) -> tuple[str, str]:
+        """Return why there is no room for a peer, and the setting; empty texts if there is."""
         bounds = self._bounds
         connecting = [peer.network for peer in self._peers.values() if not peer.connected]
         if network:
@@ -155,21 +163,48 @@ class Peers:
                 (self._of_network[network], bounds.peers, "peers"),
                 (connecting.count(network), bounds.handshakes, "handshakes"),
             ):
-                if count >= max(1, 3 * most // 4):
-                    text = f"{network} has {count} of the {most} that there may be, and nobody gets all"
-                    raise self._no_room(f"{text} (webrtc.{setting})")
+                if count >= max(1, 3 * most // 4):  # The rest is for other networks.
+                    return (
+                        f"{network} has {count} of the {most} that there may be, and nobody gets all",
+                        setting,
+                    )
         if len(self._peers) + self._reserved >= bounds.peers or self._closing:
-            raise self._no_room(f"{bounds.peers} peers are open (webrtc.peers)")
+            return f"{bounds.peers} peers are open", "peers"
         if len(connecting) + self._reserved >= bounds.handshakes:
-            raise self._no_room(f"{bounds.handshakes} peers are connecting (webrtc.handshakes)", 2)
+            return f"{bounds.handshakes} peers are connecting", "handshakes"
+        return "", ""
 
-    def _no_room(self, text: str, seconds: int = 5) -> Refused:
-        self._refused += 1
-        return Refused(503, text, {"Retry-After": str(seconds)})
+    async def _wait_for_room(self, network: str, size: int) -> None:
+        """Wait until fewer peers are connecting, for some seconds.
+
+        Raises:
+            Refused: there is no room, or too many bytes wait already.
+        """
+        bounds = self._bounds
+        text, setting = self._shortage(network)
+        if setting == "handshakes" and self._queued_bytes + size <= bounds.queue_bytes:
+            self._queued_bytes += size
+            try:
+                with anyio.move_on_after(bounds.queue_seconds):
+                    while setting == "handshakes":
+                        await self._changed.wait()
+                        text, setting = self._shortage(network)
+            finally:
+                self._queued_bytes -= size
+        if text:
+            self._refused += 1
+            seconds = "2" if setting == "handshakes" else "5"
+            raise Refused(503, f"{text} (webrtc.{setting})", {"Retry-After": seconds})
 
     def _closed(self, identifier: str, peer: Peer) -> None:
         self._peers.pop(identifier, None)
         self._ended["connected" if peer.connected else "unconnected"] += 1
+        self._notify()
+
+    def _notify(self) -> None:
+        """Let the offers that wait look again."""
+        changed, self._changed = self._changed, anyio.Event()
+        changed.set()
 
     async def watch(self) -> None:
         """Check the time-outs of every connection, until cancelled."""
@@ -180,6 +215,7 @@ class Peers:
     def _tick(self) -> None:
         for peer in tuple(self._peers.values()):
             peer.tick()
+        self._notify()
 
     async def close(self) -> None:
         """Close every peer."""
@@ -233,7 +269,9 @@ def data_routes(peers: Peers, accept: Accept) -> tuple[Route[Reader], ...]:
             return await peer.describe()
 
         return opened(
-            "/webrtc", request, *await peers.open(_on_behalf(request, accept), request.address, answer)
+            "/webrtc",
+            request,
+            *await peers.open(_on_behalf(request, accept), request.address, answer, len(request.body)),
         )
 
     def posted(request: HttpRequest, reader: Reader) -> Awaitable[HttpResponse]:

@@ -13,12 +13,14 @@ from contextlib import ExitStack, contextmanager
 from http.client import HTTPSConnection
 from pathlib import Path
 
+import anyio
 import httpx
 import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import ClientConnection, connect
 
 from rwt import Server
+from rwt.cli.health import health_of
 from rwt_transports.http.routes import Proxies
 from tests.processes import free_port
 from tests.rwt.access.test_reload import certify
@@ -75,8 +77,11 @@ http {{
   uwsgi_temp_path {folder}/uwsgi; scgi_temp_path {folder}/scgi;
   server {{
     listen 127.0.0.1:{port} ssl; ssl_certificate {folder}/cert.pem; ssl_certificate_key {folder}/key.pem;
-    location /robot/ {{
-      proxy_pass {url}/;
+    location ~ ^/robot(/|$) {{
+      set $page $http_upgrade$uri;
+      if ($page = /robot) {{ return 301 /robot/; }}
+      rewrite ^/robot/?(.*)$ /$1 break;
+      proxy_pass {url};
       proxy_http_version 1.1; proxy_buffering off;
       proxy_set_header Upgrade $http_upgrade; proxy_set_header Connection "upgrade";
       proxy_set_header Host $http_host;
@@ -148,7 +153,10 @@ def test_nginx_in_front_below_a_path_with_tls(tmp_path: Path, caplog: pytest.Log
         port, process = stack.enter_context(nginx(tmp_path, server.urls[0]))
         status, kind, page = get(port, trust, "/robot/index")
         assert (status, kind) == (200, "text/html; charset=utf-8")
-        assert f"wss://127.0.0.1:{port}/robot".encode() in page
+        assert f"wss://127.0.0.1:{port}/robot/".encode() in page
+        assert get(port, trust, "/robot")[0] == 301
+        with connect(f"wss://127.0.0.1:{port}/robot", ssl=trust) as direct:
+            assert answers(direct)
         assert b'href="/' not in page
         link = "stream_viewer?topic=/camera/image_raw"
         assert f'href="{link}"'.encode() in page
@@ -215,7 +223,14 @@ _CADDY_BELOW = """
   storage file_system {folder}/caddy
 }}
 http://127.0.0.1:{port} {{
-  handle_path /robot/* {{
+  @folder {{
+    path /robot
+    not header Upgrade websocket
+  }}
+  redir @folder /robot/
+  @robot path /robot /robot/*
+  handle @robot {{
+    uri strip_prefix /robot
     reverse_proxy {address} {{
       header_up X-Forwarded-Prefix /robot
     }}
@@ -286,14 +301,18 @@ def test_resources_events_and_websockets_through_a_proxy(
             _command(kind, tmp_path), stderr=subprocess.PIPE, env={"HOME": str(tmp_path)}
         ) as proxy:
             try:
-                _use(f"127.0.0.1:{port}", prefix)
+                _use(f"127.0.0.1:{port}", prefix, follows_bare_path="traefik" not in kind)
             finally:
                 proxy.terminate()
                 proxy.communicate(timeout=20)
 
 
-def _use(address: str, prefix: str) -> None:
-    """Use a robot behind a proxy, as soon as it listens."""
+def _use(address: str, prefix: str, *, follows_bare_path: bool) -> None:
+    """Use a robot behind a proxy, as soon as it listens.
+
+    Args:
+        follows_bare_path: True if the proxy passes on WebSockets at the prefix without a slash.
+    """
     until = time.monotonic() + 20
     with httpx.Client(base_url=f"http://{address}", timeout=20, trust_env=False) as client:
         while True:
@@ -308,10 +327,17 @@ def _use(address: str, prefix: str) -> None:
         topics = answer.json()["topics"]
         assert topics == f"{prefix}/api/topics"
         assert client.get(f"{topics}/label").json() == {"data": "it is here"}
+        if prefix and follows_bare_path:
+            answer = client.get(prefix)
+            assert (answer.is_redirect, answer.headers["location"]) == (True, f"{prefix}/")
+        health = anyio.run(health_of, f"ws://{address}{prefix}", 20.0, None)
+        assert health is not None and health.version
         assert client.get(f"{prefix}/api/openapi.json").json()["servers"] == [{"url": prefix or "/"}]
         accept = {"Accept": "text/event-stream"}
         with client.stream("GET", f"{topics}/label", headers=accept) as answer:
             lines = answer.iter_lines()
             assert next(lines).startswith("id: ") and next(lines) == 'data: {"data":"it is here"}'
-    with connect(f"ws://{address}{prefix}/") as robot:
-        assert answers(robot)
+    # A redirect, as for `/robot`, is an error for a WebSocket client.
+    for slash in ("/", "") if follows_bare_path else ("/",):
+        with connect(f"ws://{address}{prefix}{slash}") as robot:
+            assert answers(robot)

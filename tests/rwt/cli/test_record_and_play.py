@@ -266,7 +266,9 @@ def test_wrong_calls_are_said_in_a_line(tmp_path: Path, capsys: pytest.CaptureFi
         ((*here, "--rate", "0"), 2, "expected a rate from 0.001 to 1000"),
         (("bag", "play", str(good), "tcp://256.0.0.1:1"), 1, "rwt: "),
         (("bag", "info", str(path)), 1, "is not a recording"),
-        (("serve", "ws://127.0.0.1:0", "--record", str(path)), 1, "run.mcap is there already"),
+        (("serve", "ws://127.0.0.1:0", "--record", str(path)), 2, "run.mcap is there already"),
+        (("serve", "ws://127.0.0.1:0", "--record-split", "1m"), 2, "require --record"),
+        (("serve", "--record", "a.mcap", "--record-keep", "3"), 2, "requires --record-split"),
         (("serve", "ws://127.0.0.1:0", "--introspection", "--distro", "noetic"), 2, "is of ROS 2"),
     ):
         try:

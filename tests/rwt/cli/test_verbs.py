@@ -202,6 +202,11 @@ def test_echo_that_hears_nothing_in_time(rwt: Rwt) -> None:
     assert (ended.code, ended.err) == (4, f"rwt: no message came on /nothing within {waited}\n")
 
 
+def test_echo_of_which_nothing_passes_the_filter(rwt: Rwt) -> None:
+    ended, waited = impatient(rwt, "topic", "echo", "/odom", "--once", "--filter", "False")
+    assert (ended.code, ended.err) == (4, f"rwt: no message matched --filter on /odom within {waited}\n")
+
+
 def test_pub_as_the_ros2_documentation_writes_it(rwt: Rwt) -> None:
     ended = rwt("topic", "pub", "--once", "/cmd_vel", _TWIST, "{linear: {x: 0.0}, angular: {z: 0.5}}")
     assert ended.code == 0

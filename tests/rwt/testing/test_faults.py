@@ -219,6 +219,11 @@ def test_a_reader_that_is_slow_no_more_gets_all_that_waits(setup: Setup, clock: 
     ("wrong", "text"),
     [
         (lambda faults: faults.drop(to="clients"), 'to` "client", "server" or "both", not \'clients\''),
+        (
+            lambda faults: faults.drop(op="publsh"),
+            "'publsh' matches no op of a message; did you mean publish",
+        ),
+        (lambda faults: faults.delay(1, op="topic_*"), r"; known are action_feedback, .*, unsubscribe"),
         (lambda faults: faults.drop(every=0), "`every` must be at least 1"),
         (lambda faults: faults.delay(-1), "must not be negative"),
         (lambda faults: faults.duplicate(copies=1), "at least 2 copies"),

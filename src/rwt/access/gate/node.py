@@ -284,7 +284,7 @@ def _press(gate: Gate, actor: Actor | None, request: Any) -> dict[str, object]:
     if undelivered:
         text = f"clients' commands are rejected until the release, but these were not stopped: {undelivered}"
         return {"success": False, "message": text}
-    return {"success": True, "message": "stopped; nothing moves the robot until it is released"}
+    return {"success": True, "message": "stopped; commands of clients are rejected until it is released"}
 
 
 def _client(actor: Actor | None) -> Actor:

@@ -169,7 +169,7 @@ class HttpGateway(Gateway):
         return tagged(request, known[1], JSON if media == JSON else OPENAPI_JSON)
 
     def _section(self, request: HttpRequest, reader: GraphView) -> str:
-        url = html.escape(url_of(request, "http"))
+        url = html.escape(url_of(request, "http").rstrip("/"))
         return (
             "<h2>HTTP</h2><pre>"
             f"curl {url}/api/topics                              # what is here\n"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, Protocol
 
@@ -70,6 +70,8 @@ class Agent:
             returns True if it was given.
         confirm: asks the person at the agent's program to confirm an act; raises
             :exc:`~rwt.gateways.mcp.errors.ToolError` if that is refused.
+        role: name of its role; empty for a robot of another program.
+        hidden: returns how many topics, services and actions the role does not see.
         notices: what the gate did to the agent's commands, such as clamping.
     """
 
@@ -87,6 +89,8 @@ class Agent:
     pass_gate: Callable[[float], Awaitable[bool]] = _no_approval
     confirm: Callable[[Act, str, str], Awaitable[None]] = _no_confirmation
     recordings: Recordings | None = None
+    role: str = ""
+    hidden: Callable[[], Mapping[str, int]] = dict
     notices: list[str] = field(default_factory=list)
     report_progress: ReportProgress = _no_progress
 

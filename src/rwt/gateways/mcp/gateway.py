@@ -348,6 +348,8 @@ class McpGateway(Gateway):
                     lease_seconds=robot.lease_seconds,
                     pass_gate=robot.pass_gate,
                     recordings=self._recordings,
+                    role=caller.role.name,
+                    hidden=client.hidden,
                     notices=notices,
                 )
             finally:

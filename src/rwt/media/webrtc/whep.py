@@ -98,7 +98,9 @@ class Sources:
                 track.follow(peer.connection.getTransceivers()[0], peer)
             return await peer.describe()
 
-        return opened(PATH, request, *await self.peers.open(refuse_channels, request.address, answer))
+        return opened(
+            PATH, request, *await self.peers.open(refuse_channels, request.address, answer, len(request.body))
+        )
 
     async def _find_video(
         self, given: dict[str, str], description: Description, reader: Reader

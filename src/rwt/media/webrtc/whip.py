@@ -139,7 +139,9 @@ class IncomingMedia:
             return await peer.describe()
 
         try:
-            return opened(PATH, request, *await peers.open(refuse_channels, request.address, answer))
+            return opened(
+                PATH, request, *await peers.open(refuse_channels, request.address, answer, len(request.body))
+            )
         except BaseException:
             sender.close()
             raise

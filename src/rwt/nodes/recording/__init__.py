@@ -7,6 +7,7 @@ from rwt.nodes.recording.channels import ENCODINGS, ChannelForm, Encoding, chann
 from rwt.nodes.recording.errors import (
     ExtraMissing,
     RecordingError,
+    RecordingExists,
     RecordingNotWritten,
     RecordingUnreadable,
 )
@@ -54,5 +55,6 @@ __all__ = [
     "RecordingError",
     "RecordingUnreadable",
     "RecordingNotWritten",
+    "RecordingExists",
     "ExtraMissing",
 ]

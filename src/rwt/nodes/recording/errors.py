@@ -5,6 +5,8 @@
   * :exc:`ExtraMissing`: the libraries of the extra ``mcap`` are not installed.
   * :exc:`RecordingUnreadable`: not a recording, or not one that can be played.
   * :exc:`RecordingNotWritten`: the disk is full or the file cannot be written; what was written is readable.
+
+    * :exc:`RecordingExists`: the file is there already.
 """
 
 from __future__ import annotations
@@ -26,6 +28,10 @@ class RecordingUnreadable(RecordingError):
 
 class RecordingNotWritten(RecordingError):
     """The file cannot be written; what was written before stays readable."""
+
+
+class RecordingExists(RecordingNotWritten):
+    """The file is there already."""
 
 
 def require(library: str) -> None:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Final, Literal, cast
 
-from rwt.nodes.recording.errors import RecordingNotWritten, require
+from rwt.nodes.recording.errors import RecordingExists, RecordingNotWritten, require
 
 if TYPE_CHECKING:
     from mcap.writer import Writer
@@ -47,10 +47,15 @@ _CHUNK_BYTES: Final = 1024 * 1024
 
 @dataclass(frozen=True, slots=True)
 class Split:
-    """When a new file is begun: at a size in bytes, or after some seconds of recorded time; 0 is never."""
+    """When a new file is begun: at a size in bytes, or after some seconds of recorded time; 0 is never.
+
+    Attributes:
+        keep: number of files of the recording that are kept; older ones are removed. 0 keeps all.
+    """
 
     size: int = 0
     seconds: float = 0.0
+    keep: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +65,8 @@ class RecordingOptions:
     Attributes:
         encoding: ``ros`` (CDR, or the ROS 1 serialisation on ROS 1) or ``json``.
         split: condition for a new file.
+        dated: True if the name contains codes of :func:`time.strftime`. If the file is there already, its
+            name gets a number.
         largest_bytes: maximum content, including definitions and before compression; 0 for no maximum.
     """
 
@@ -67,6 +74,7 @@ class RecordingOptions:
     compression: Compression = "zstd"
     split: Split | None = None
     overwrite: bool = False
+    dated: bool = False
     largest_bytes: int = 0
 
 
@@ -105,7 +113,8 @@ class RecordingWriter:
         failure: error that ended writing; None without one.
 
     Raises:
-        RecordingNotWritten: the file is there already, or cannot be made.
+        RecordingExists: the file is there already.
+        RecordingNotWritten: it cannot be made.
         ExtraMissing: the extra ``mcap`` is not installed.
     """
 
@@ -245,17 +254,21 @@ class _Files:
         self.written = 0
         self.bytes_on_disk = 0
         self._path = path
+        self._number = 0
         self._profile = profile
         self._note = note
         self._options = options
         self._begin()
 
     def _begin(self) -> None:
-        path = self._path
-        if self._options.split is not None:
-            path = path.with_name(f"{path.stem}_{len(self.paths):04}{path.suffix}")
-        self._disk = _Disk(path, self._options.overwrite)
-        self.paths.append(path)
+        self._disk = self._open()
+        split = self._options.split
+        if split is not None and 0 < split.keep < len(self.paths):
+            oldest = self.paths.pop(0)
+            try:
+                oldest.unlink(missing_ok=True)
+            except OSError as error:
+                logger.warning("%s cannot be removed: %s", oldest, error.strerror)
         self._ids: dict[RecordedChannel, int] = {}
         self._schemas: dict[tuple[str, str], int] = {}
         self._started_at: int | None = None
@@ -265,6 +278,24 @@ class _Files:
         self._writer.start(profile=self._profile, library="robot-web-tools")
         self._writer.add_metadata(METADATA, dict(self._note))
         self._disk.keep()
+
+    def _open(self) -> _Disk:
+        options, path = self._options, self._path
+        if options.dated:
+            path = path.with_name(time.strftime(path.name))
+        while True:
+            numbered = path
+            if options.split is not None or self._number:
+                numbered = path.with_name(f"{path.stem}_{self._number:04}{path.suffix}")
+            self._number += 1
+            try:
+                disk = _Disk(numbered, options.overwrite)
+            except RecordingExists:
+                if not options.dated:
+                    raise
+            else:
+                self.paths.append(numbered)
+                return disk
 
     def add(self, item: _Item) -> None:
         channel, log_time, publish_time, data, sequence = item
@@ -330,9 +361,7 @@ class _Disk:
         try:
             self._file = os.open(path, flags | (os.O_TRUNC if overwrite else os.O_EXCL), 0o666)
         except FileExistsError:
-            raise RecordingNotWritten(
-                f"{path} is there already: name another file, or overwrite it"
-            ) from None
+            raise RecordingExists(f"{path} is there already: name another file, or overwrite it") from None
         except OSError as error:
             raise RecordingNotWritten(f"{path}: cannot be written: {error.strerror}") from None
         self.size = 0

@@ -7,9 +7,11 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Literal, Self, TypeAlias, TypedDict, Unpack
+from typing import Final, Literal, Self, TypeAlias, TypedDict, Unpack
 
 from rwt.testing.errors import ScriptError
+from rwt_participant.spelling import did_you_mean
+from rwt_protocol.ops import OPS
 
 #: Receiver of a message.
 To: TypeAlias = Literal["client", "server", "both"]
@@ -54,6 +56,9 @@ class FaultAction:
 
 PASS = FaultAction()
 
+#: Fragments and PNG images count as the op that they contain.
+_KNOWN_OPS: Final = OPS.keys() - {"fragment", "png"}
+
 
 class Fault:
     """Active fault, until :meth:`remove` or the end of the block ``with faults.drop(...):``.
@@ -80,6 +85,9 @@ class Fault:
             raise ScriptError(f'a fault is `to` "client", "server" or "both", not {to!r}')
         if every < 1 or (count is not None and count < 0):
             raise ScriptError("a fault's `every` must be at least 1, and its `count` at least 0")
+        if not fnmatch.filter(_KNOWN_OPS, op):
+            meant = did_you_mean(op, _KNOWN_OPS) or f"; known are {', '.join(sorted(_KNOWN_OPS))}"
+            raise ScriptError(f"a fault's `op` {op!r} matches no op of a message{meant}")
         self.what = what
         self.amount = amount
         self.hits = 0

@@ -6,6 +6,7 @@ import asyncio
 import http.client
 import json
 import logging
+import re
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -92,7 +93,10 @@ async def test_each_agent_has_the_role_of_its_token_and_no_more(era: Era) -> Non
             )
             assert "needs a role with `call`" in await refused(agent, "call_service", service="/add")
         async with agent_at(url_of(server), era, GUEST) as agent:
-            assert "/battery" not in await done(agent, "list_robot")
+            listed = await done(agent, "list_robot")
+            assert "/battery" not in listed
+            hidden = r"^services \(0\):\n\d+ more require `call` \(roles\.guest\.call\)$"
+            assert re.search(hidden, listed, re.MULTILINE)
             await done(agent, "read_topic", topic="/status")
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import logging
+from contextlib import AsyncExitStack
 
+import anyio
 import pytest
 from aiortc.rtcsctptransport import parse_packet
 
@@ -305,7 +307,10 @@ async def test_offers_of_something_else_are_refused() -> None:
 
 
 async def test_there_are_no_more_peers_and_handshakes_than_there_may_be() -> None:
-    async with answering(bounds=PeerBounds(peers=2, handshakes=1)) as side, other_side() as other:
+    async with (
+        answering(bounds=PeerBounds(peers=2, handshakes=1, queue_seconds=0)) as side,
+        other_side() as other,
+    ):
         channel = other.connection.createDataChannel("x")
         offer = await other.offer()
         assert (await side.ask("POST", "/webrtc", offer)).status == 201
@@ -315,8 +320,32 @@ async def test_there_are_no_more_peers_and_handshakes_than_there_may_be() -> Non
         assert channel.readyState == "connecting"
 
 
+async def test_ten_clients_that_connect_at_once() -> None:
+    async with AsyncExitStack() as stack:
+        side = await stack.enter_async_context(answering(bounds=PeerBounds(handshakes=2)))
+        others = [await stack.enter_async_context(other_side()) for _ in range(10)]
+        channels = [other.connection.createDataChannel("x") for other in others]
+        async with anyio.create_task_group() as tasks:
+            for other, channel in zip(others, channels, strict=True):
+                tasks.start_soon(other.connect, side, channel)
+        assert [channel.readyState for channel in channels] == ["open"] * 10
+
+
+async def test_offers_that_wait_are_limited_by_their_bytes() -> None:
+    bounds = PeerBounds(handshakes=1, queue_bytes=100)
+    async with answering(bounds=bounds) as side, anyio.create_task_group() as tasks:
+        await side.peers.open(side.accept, "127.0.0.1", _describe_nothing)
+        for _ in range(2):
+            tasks.start_soon(side.peers.open, side.accept, "127.0.0.1", _describe_nothing, 50)
+        await anyio.wait_all_tasks_blocked()
+        with pytest.raises(Refused, match="1 peers are connecting"):
+            await side.peers.open(side.accept, "127.0.0.1", _describe_nothing, 1)
+        tasks.cancel_scope.cancel()
+    assert side.peers._queued_bytes == 0
+
+
 async def test_one_network_does_not_get_every_place() -> None:
-    async with answering(bounds=PeerBounds(peers=8, handshakes=4)) as side:
+    async with answering(bounds=PeerBounds(peers=8, handshakes=4, queue_seconds=0)) as side:
 
         async def open_peer(address: str) -> None:
             await side.peers.open(side.accept, address, _describe_nothing)

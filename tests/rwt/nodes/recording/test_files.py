@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import time
 from pathlib import Path
 
 import pytest
@@ -138,6 +139,30 @@ def test_a_recording_splits_by_size_and_by_time(tmp_path: Path) -> None:
         assert writer.paths[0] == tmp_path / f"{split.size}_0000.mcap"
         with open_recording(writer.paths) as recording:
             assert [each.log_time for each in recording.messages()] == [0, 900_000_000, 10**9, 2_500_000_000]
+
+
+def test_names_with_the_time_never_collide(tmp_path: Path) -> None:
+    pattern = tmp_path / "run_%Y.mcap"
+    first, second = (RecordingWriter(pattern, JAZZY, RecordingOptions(dated=True)) for _ in range(2))
+    with first, second:
+        year = time.strftime("%Y")
+        assert first.paths == (tmp_path / f"run_{year}.mcap",)
+        assert second.paths == (tmp_path / f"run_{year}_0001.mcap",)
+    with RecordingWriter(pattern, JAZZY, RecordingOptions(dated=True, split=Split(size=1))) as third:
+        assert third.paths == (tmp_path / f"run_{year}_0000.mcap",)
+    with RecordingWriter(pattern, JAZZY) as plain:
+        assert plain.paths == (pattern,)
+
+
+def test_the_oldest_files_are_removed(tmp_path: Path) -> None:
+    options = RecordingOptions(split=Split(seconds=1.0, keep=2))
+    form = channel_form("/text", Registry(JAZZY).message("std_msgs/String"), "ros")
+    with RecordingWriter(tmp_path / "run.mcap", JAZZY, options) as writer:
+        channel = writer.add_channel(form)
+        for second in range(5):
+            writer.write(channel, second * 10**9, 0, b"\0\1\0\0\1\0\0\0\0")
+    assert sorted(tmp_path.iterdir()) == [tmp_path / "run_0003.mcap", tmp_path / "run_0004.mcap"]
+    assert writer.paths == tuple(sorted(tmp_path.iterdir()))
 
 
 def test_a_later_file_that_is_there_ends_the_recording_with_a_word(tmp_path: Path) -> None:

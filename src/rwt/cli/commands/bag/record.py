@@ -9,7 +9,6 @@ import sys
 import time
 from collections.abc import Iterable
 from contextlib import suppress
-from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -91,7 +90,11 @@ def add_record_verb(verbs: Commands) -> None:
     )
     add_tls_options(parser)
     parser.add_argument(
-        "--output", "-o", type=Path, metavar="FILE", help="output file (default rwt_DATE-TIME.mcap)"
+        "--output",
+        "-o",
+        type=Path,
+        metavar="FILE",
+        help="output file; %%Y, %%m … in its name are the time (default rwt_DATE-TIME.mcap)",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace an existing file")
     add_globs(parser, "--exclude", "do not record topics that match these patterns")
@@ -150,7 +153,7 @@ def _run(arguments: argparse.Namespace) -> int:
         logging.getLogger("rwt.cli").setLevel(logging.DEBUG)
     _refuse_files(arguments.topics)
     if arguments.output is None:
-        arguments.output = Path(datetime.now().strftime("rwt_%Y_%m_%d-%H_%M_%S.mcap"))
+        arguments.output = Path("rwt_%Y_%m_%d-%H_%M_%S.mcap")
     writer = logging.getLogger("rwt.nodes.recording.writer")
     level = writer.level
     # The command prints an error that ends it, so it is not logged as well.
@@ -189,7 +192,11 @@ async def _record_robot(robot: Robot, arguments: argparse.Namespace, over: anyio
     if robot.types.distro is None:
         raise CommandError(f"rosapi does not answer at {url}: start it on the robot to list its topics")
     options = RecordingOptions(
-        arguments.encoding, arguments.compression, arguments.split, arguments.overwrite
+        arguments.encoding,
+        arguments.compression,
+        arguments.split,
+        arguments.overwrite,
+        dated="%" in arguments.output.name,
     )
     writer = RecordingWriter(arguments.output, robot.types.registry.distro, options)
     topics = TopicSelection(

@@ -16,11 +16,13 @@ from rwt.access.settings import SettingsError
 from rwt.cli.commands.config import add_settings_options, settings_of
 from rwt.cli.console.logs import add_log_options, log_to_stderr, name_worker
 from rwt.cli.console.output import reported
-from rwt.cli.errors import CommandError
+from rwt.cli.errors import CALLED_WRONGLY, CommandError
+from rwt.cli.verbs import count
 from rwt_interfaces.distro import DISTROS
 from rwt_transports.schemes import url_forms
 
 if TYPE_CHECKING:
+    from rwt.nodes.recording import RecordingOptions, Split
     from rwt.server import Server
     from rwt.settings.sources import LoadedSettings
 
@@ -78,7 +80,28 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
         help="also accept clients over WebRTC, with offers to /webrtc (requires the extra webrtc)",
     )
     _add_robot_options(parser)
-    parser.add_argument("--record", type=Path, metavar="FILE", help="write all topics to an MCAP file")
+    parser.add_argument(
+        "--record",
+        type=Path,
+        metavar="FILE",
+        help="write all topics to an MCAP file; %%Y, %%m … in its name are the time, as in"
+        " run_%%Y-%%m-%%d_%%H%%M%%S.mcap",
+    )
+    parser.add_argument(
+        "--record-overwrite", action="store_true", help="replace an existing file; by default an error"
+    )
+    parser.add_argument(
+        "--record-split",
+        type=_split,
+        metavar="AMOUNT",
+        help="begin a new file at this size (1GB) or duration (10m)",
+    )
+    parser.add_argument(
+        "--record-keep",
+        type=count,
+        metavar="N",
+        help="with --record-split, keep only the newest N files of this run",
+    )
     parser.add_argument(
         "--introspection",
         action="store_true",
@@ -100,6 +123,34 @@ def add_serve_command(commands: argparse._SubParsersAction[argparse.ArgumentPars
     add_settings_options(parser)
     add_log_options(parser)
     parser.set_defaults(run=_run)
+
+
+def _split(text: str) -> Split:
+    from rwt.cli.commands.bag.record import parse_split  # `--help` does not need it
+
+    return parse_split(text)
+
+
+def _record_options(arguments: argparse.Namespace) -> RecordingOptions | None:
+    """Return the options of a recording; None without one.
+
+    Raises:
+        CommandError: an option needs another.
+    """
+    split, keep = arguments.record_split, arguments.record_keep
+    if arguments.record is None:
+        if split or keep or arguments.record_overwrite:
+            raise CommandError("the options --record-… require --record", CALLED_WRONGLY)
+        return None
+    if keep and split is None:
+        raise CommandError("--record-keep requires --record-split", CALLED_WRONGLY)
+    from rwt.nodes.recording import RecordingOptions
+
+    return RecordingOptions(
+        split=split and replace(split, keep=keep or 0),
+        overwrite=arguments.record_overwrite,
+        dated="%" in arguments.record.name,
+    )
 
 
 def _add_robot_options(parser: argparse.ArgumentParser) -> None:
@@ -170,6 +221,7 @@ def _run(arguments: argparse.Namespace) -> int:
             reload=read_again,
             script=arguments.script,
             record=arguments.record,
+            record_options=_record_options(arguments),
             introspection=arguments.introspection,
         )
         return server.run(on_up=_on_up, in_worker=_in_worker)

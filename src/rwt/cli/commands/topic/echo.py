@@ -103,7 +103,15 @@ async def echo_messages(
     output: Output,
     passes: Callable[[Any], bool] = lambda _: True,
 ) -> None:
-    """Print the messages of a topic that match the filter, up to the given number."""
+    """Print the messages of a topic that match the filter, up to the given number.
+
+    Raises:
+        TimedOut: `arguments.timeout` passed without a message to print.
+    """
+    import anyio
+
+    from rwt_participant.errors import TimedOut
+
     options: SubscribeKeywords = {"qos": qos_from(arguments)}
     if arguments.max_rate:
         options["throttle"] = 1 / arguments.max_rate
@@ -112,10 +120,15 @@ async def echo_messages(
     printed = 0
     async with robot.topic(name, kind, **options) as messages:
         while printed != arguments.times:
-            message = await messages.get(arguments.timeout)
-            if passes(message):
-                show(message)
-                printed += 1
+            is_other = False
+            with anyio.move_on_after(arguments.timeout) as patience:
+                while not passes(message := await messages.get()):
+                    is_other = True
+            if patience.cancelled_caught:
+                which = " matched --filter" if is_other else " came"
+                raise TimedOut(f"no message{which} on {name} within {arguments.timeout:g} s")
+            show(message)
+            printed += 1
 
 
 def _passes(code: CodeType | None) -> Callable[[Any], bool]:

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 Kind = Literal["topics", "services", "actions", "parameters"]
 
+#: Right that shows the names of a kind.
+_REQUIRED: Final = {"topics": "subscribe", "services": "call", "actions": "goals"}
+
 #: Lines per kind; a narrower filter shows the others.
 _MAX_LINES: Final = 120
 
@@ -67,8 +70,16 @@ async def _list_robot(agent: Agent, asked: ListRobotArguments) -> Answer:
             continue
         find = {"topics": robot.topics, "services": robot.services, "actions": robot.actions}[kind]
         rows = [each for each in await find() if _fits(each.name, asked)]
-        parts.append(_lines(kind, map(_row, rows)))
+        parts.append(_lines(kind, map(_row, rows)) + _hidden(agent, kind))
     return (bounded("\n\n".join(parts), agent.settings.result_bytes),)
+
+
+def _hidden(agent: Agent, kind: str) -> str:
+    """Return a line about names that the role does not see: without it, they would not seem to exist."""
+    count = agent.hidden().get(kind, 0)
+    return (
+        f"\n{count} more require `{_REQUIRED[kind]}` (roles.{agent.role}.{_REQUIRED[kind]})" if count else ""
+    )
 
 
 def _fits(name: str, asked: ListRobotArguments) -> bool:
