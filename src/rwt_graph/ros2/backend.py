@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
+#: Seconds for which feedback of an action is received after a goal has ended.
+_FEEDBACK_LINGERS_SECONDS = 10.0
+
 
 class Ros2Graph(MemoryGraph):
     """Graph with nodes in this process and in ROS 2 programs.
@@ -73,7 +76,11 @@ class Ros2Graph(MemoryGraph):
         self.topic_table.remote = self._ros_topics
         self.service_table.remote = self._ros_services
         self.action_table.remote = Ros2Actions(
-            self.topic_table, self.service_table, self._ros_services, self.registry
+            self.topic_table,
+            self.service_table,
+            self._ros_services,
+            self.registry,
+            linger=_FEEDBACK_LINGERS_SECONDS,
         )
 
     def participant(self, name: str) -> MemoryParticipant:
