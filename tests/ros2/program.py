@@ -14,7 +14,10 @@ NODE: Final = "/robot/program"
 
 
 class Program:
-    """A process with `rclpy`, whose node is :data:`NODE`. Statements see `node`, `rclpy` and `qos`."""
+    """A process with `rclpy`, whose node is :data:`NODE`.
+
+    Statements see `node`, `executor`, `rclpy` and `qos`.
+    """
 
     def __init__(self, domain: int) -> None:
         self.process = subprocess.Popen(
@@ -42,8 +45,10 @@ class Program:
 
     def kill(self) -> None:
         """End the process without a farewell."""
+        assert self.process.stdin is not None
         self.process.kill()
         self.process.wait()
+        self.process.stdin.close()
 
     def __enter__(self) -> Self:
         return self
@@ -92,7 +97,7 @@ def main() -> None:
 
     spinning = threading.Thread(target=spin)
     spinning.start()
-    scope: dict[str, Any] = {"node": node, "rclpy": rclpy, "qos": qos, "plain": plain}
+    scope: dict[str, Any] = {"node": node, "executor": executor, "rclpy": rclpy, "qos": qos, "plain": plain}
     for line in sys.stdin:
         scope["result"] = None
         try:

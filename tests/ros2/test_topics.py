@@ -11,6 +11,7 @@ from rwt_graph.errors import TypeConflict
 from rwt_interfaces.payload import Payload
 from rwt_participant.qos import DEFAULT_QOS, LATCHED, SENSOR_DATA, Durability, QoS, Reliability
 from tests.ros2.program import NODE
+from tests.ros2.values import comparable
 from tests.waiting import until
 
 if TYPE_CHECKING:
@@ -50,19 +51,6 @@ def _data(sample: Sample) -> str:
 
 def text(graph: Ros2Graph, data: str) -> Payload:
     return Payload.from_value(graph.registry.message("std_msgs/String"), {"data": data})
-
-
-def comparable(value: Any) -> Any:
-    """Return a message as `tests.ros2.program.plain` does."""
-    if hasattr(value, "__struct_fields__"):
-        return {name: comparable(getattr(value, name)) for name in value.__struct_fields__}
-    if isinstance(value, (bytes, bytearray, memoryview)):
-        return list(value)
-    if isinstance(value, str):
-        return value
-    if hasattr(value, "__len__"):
-        return [comparable(each) for each in value]
-    return value if isinstance(value, bool) else int(value) if float(value).is_integer() else float(value)
 
 
 @pytest.mark.parametrize("name", TYPES)

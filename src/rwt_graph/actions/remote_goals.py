@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from rwt_graph.memory.tables import NodeResources
     from rwt_graph.memory.topics import Topics
     from rwt_interfaces.registry import Registry
+    from rwt_participant.timers import Timer
 
 logger = logging.getLogger(__name__)
 
@@ -30,15 +31,29 @@ _STATES = {status.value: status for status in GoalStatus}
 
 
 class Ros2Actions:
-    """Actions of other processes: a node that offers `<action>/_action/send_goal` offers the action."""
+    """Actions of other processes: a node that offers `<action>/_action/send_goal` offers the action.
+
+    Args:
+        remote: services of other processes.
+        linger: seconds of subscribing to feedback after a goal has ended, for those that follow. With
+            a middleware that connects subscriptions slowly, they would miss their first feedback.
+    """
 
     def __init__(
-        self, topics: Topics, services: Services, remote: RemoteServices, registry: Registry
+        self,
+        topics: Topics,
+        services: Services,
+        remote: RemoteServices,
+        registry: Registry,
+        *,
+        linger: float = 0,
     ) -> None:
         self.topics = topics
         self.services = services
         self.registry = registry
         self._remote = remote
+        self._linger = linger
+        self._readers: dict[tuple[NodeResources, str], FeedbackReader] = {}
 
     def info(self, name: str) -> ActionInfo | None:
         service = self._remote.info(f"{name}{SEND_GOAL}")
@@ -76,6 +91,21 @@ class Ros2Actions:
     def cancel_every(self, action: str, client: NodeResources) -> None:
         self.ask_to_cancel(action, _EVERY_GOAL, client, lambda _: None)
 
+    def want_feedback(self, goal: RemoteGoal) -> None:
+        """Subscribe to the feedback of a goal."""
+        key = (goal.client, goal.action)
+        reader = self._readers.get(key)
+        if reader is None:
+            reader = self._readers[key] = FeedbackReader(self.topics, goal, self._linger)
+            reader.on_close = lambda: self._readers.pop(key)
+        reader.add(goal)
+
+    def drop_feedback(self, goal: RemoteGoal) -> None:
+        """Unsubscribe from the feedback of a goal; no-op without a subscription."""
+        reader = self._readers.get((goal.client, goal.action))
+        if reader is not None:
+            reader.remove(goal)
+
     def ask_to_cancel(
         self,
         action: str,
@@ -90,6 +120,55 @@ class Ros2Actions:
         self.services.call(name, Payload.from_value(request, info), on_reply, None, client)
 
 
+class FeedbackReader:
+    """Subscription of one node to the feedback of an action, for all its goals."""
+
+    def __init__(self, topics: Topics, goal: RemoteGoal, linger: float) -> None:
+        self.on_close: Callable[[], object] = lambda: None
+        self._clock = topics.clock
+        self._linger = linger
+        self._goals: dict[str, RemoteGoal] = {}
+        self._timer: Timer | None = None
+        self._client = goal.client
+        type = topics.registry.message(f"{goal.type.name}_FeedbackMessage")
+        name = ActionNames(goal.action).feedback
+        self._subscription = topics.subscribe(name, self._on_sample, type, DEFAULT_QOS, goal.client)
+        goal.client.add(self, self.close)
+
+    def add(self, goal: RemoteGoal) -> None:
+        """Receive the feedback of a goal."""
+        self._goals[goal.id] = goal
+        self._cancel_timer()
+
+    def remove(self, goal: RemoteGoal) -> None:
+        """Ignore the feedback of a goal; close after the last one."""
+        self._goals.pop(goal.id, None)
+        if self._goals or self._timer is not None:
+            return
+        if self._linger:
+            self._timer = self._clock.call_later(self._linger, self.close)
+        else:
+            self.close()
+
+    def close(self) -> None:
+        """Unsubscribe."""
+        self._cancel_timer()
+        self._client.drop(self)
+        self.on_close()
+        self._subscription.close()
+
+    def _cancel_timer(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+
+    def _on_sample(self, sample: Sample) -> None:
+        message: Any = sample.payload.value()
+        goal = self._goals.get(bytes(message.goal_id.uuid).hex())
+        if goal is not None:
+            goal.on_feedback(message)
+
+
 class RemoteGoal(ClientGoal):
     """Goal as its client sees it; only servers of this project send reasons."""
 
@@ -101,44 +180,36 @@ class RemoteGoal(ClientGoal):
     ) -> None:
         self.id = goal_id
         self.action = info.name
-        self._type = info.type
+        self.type = info.type
         self._names = ActionNames(info.name)
         self._actions = actions
         self._events: GoalEvents | None = events
-        self._client = client
-        self._feedback: Subscription | None = None
+        self.client = client
         self._reasons: Subscription | None = None
         self._pending: PendingCall | None = None
 
     def send(self, payload: Payload) -> None:
         """Subscribe to the goal's feedback and reason, then send it."""
-        self._client.add(self, self.client_closed)
+        self.client.add(self, self.client_closed)
         self.want_feedback(True)
-        self._reasons = self._listen(self._names.reasons, "std_msgs/String", self._on_reason)
-        request = self._actions.registry.service(f"{self._type.name}_SendGoal").request
+        topics, registry = self._actions.topics, self._actions.registry
+        reasons = topics.info(self._names.reasons)
+        if reasons is not None and reasons.publishers:
+            text = registry.message("std_msgs/String")
+            self._reasons = topics.subscribe(reasons.name, self._on_reason, text, DEFAULT_QOS, self.client)
+        request = registry.service(f"{self.type.name}_SendGoal").request
         goal = struct_payload(request, goal_id=uuid_struct(request, self.id), goal=payload.value())
         self._call(self._names.send_goal, goal, self._on_answer)
 
     def want_feedback(self, wanted: bool) -> None:
         """Subscribe to the feedback or unsubscribe: a server without subscribers sends none."""
-        feedback = self._feedback
-        if not wanted and feedback is not None:
-            self._feedback = None
-            feedback.close()
-        elif (
-            wanted and feedback is None and self._events is not None and self._events.on_feedback is not None
-        ):
-            type = f"{self._type.name}_FeedbackMessage"
-            self._feedback = self._listen(self._names.feedback, type, self._on_feedback)
-
-    def _listen(self, topic: str, type: str, on_sample: Callable[[Sample], None]) -> Subscription:
-        actions = self._actions
-        return actions.topics.subscribe(
-            topic, on_sample, actions.registry.message(type), DEFAULT_QOS, self._client
-        )
+        if not wanted:
+            self._actions.drop_feedback(self)
+        elif self._events is not None and self._events.on_feedback is not None:
+            self._actions.want_feedback(self)
 
     def _call(self, service: str, request: Payload, on_reply: Callable[[Payload | CallFailed], None]) -> None:
-        self._pending = self._actions.services.call(service, request, on_reply, None, self._client)
+        self._pending = self._actions.services.call(service, request, on_reply, None, self.client)
 
     # Answers of the server
 
@@ -159,7 +230,7 @@ class RemoteGoal(ClientGoal):
             self._ask_result()
 
     def _ask_result(self) -> None:
-        request = self._actions.registry.service(f"{self._type.name}_GetResult").request
+        request = self._actions.registry.service(f"{self.type.name}_GetResult").request
         self._call(
             self._names.get_result,
             struct_payload(request, goal_id=uuid_struct(request, self.id)),
@@ -175,7 +246,7 @@ class RemoteGoal(ClientGoal):
         if not status.is_terminal:
             self._failed(ProviderGone(f"Action {self.action} no longer knows goal {self.id}"))
             return
-        self._end(status, Payload.from_value(self._type.result, response.result))
+        self._end(status, Payload.from_value(self.type.result, response.result))
 
     def _failed(self, failure: CallFailed) -> None:
         if isinstance(failure, ProviderGone):
@@ -183,13 +254,10 @@ class RemoteGoal(ClientGoal):
         else:
             self._end(self.status, failure)
 
-    def _on_feedback(self, sample: Sample) -> None:
-        message: Any = sample.payload.value()
-        events = self._events
-        if bytes(message.goal_id.uuid).hex() != self.id or events is None:
-            return
-        if (on_feedback := events.on_feedback) is not None:
-            feedback = Payload.from_value(self._type.feedback, message.feedback)
+    def on_feedback(self, message: Any) -> None:
+        """Receive a feedback message of this goal."""
+        if self._events is not None and (on_feedback := self._events.on_feedback) is not None:
+            feedback = Payload.from_value(self.type.feedback, message.feedback)
             self._run_callback(lambda: on_feedback(feedback))
 
     def _on_reason(self, sample: Sample) -> None:
@@ -211,7 +279,7 @@ class RemoteGoal(ClientGoal):
 
     def cancel(self) -> None:
         if self._events is not None and not self.status.is_terminal:
-            self._actions.ask_to_cancel(self.action, self.id, self._client, self._on_cancel_answer)
+            self._actions.ask_to_cancel(self.action, self.id, self.client, self._on_cancel_answer)
 
     def _on_cancel_answer(self, answer: Payload | CallFailed) -> None:
         if isinstance(answer, CallFailed) or self.status.is_terminal:
@@ -229,11 +297,11 @@ class RemoteGoal(ClientGoal):
 
     def client_closed(self) -> None:
         """Drop the callbacks of a client whose node leaves; the goal continues (ACT-19)."""
-        self._end(self.status, CallFailed(f"node {self._client.name} was closed"))
+        self._end(self.status, CallFailed(f"node {self.client.name} was closed"))
 
     def _let_go(self) -> None:
         self._events = None
-        self._client.drop(self)
+        self.client.drop(self)
         self.want_feedback(False)
         if self._reasons is not None:
             self._reasons.close()

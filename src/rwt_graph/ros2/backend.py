@@ -5,19 +5,28 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING, Self
 
+from rwt_graph.actions.remote_goals import Ros2Actions
+from rwt_graph.actions.server import Ros2ActionServer
 from rwt_graph.errors import Ros2Error
 from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
 from rwt_graph.ros2.ament import add_installed
 from rwt_graph.ros2.connection import Connection
 from rwt_graph.ros2.discovery import Discovery
+from rwt_graph.ros2.services import Ros2Services
 from rwt_graph.ros2.topics import Ros2Topics
 from rwt_interfaces.registry import Registry
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rwt_graph.clock import Clock
+    from rwt_graph.memory.actions import MemoryActionServer
 
 
 logger = logging.getLogger(__name__)
+
+#: Seconds for which feedback of an action is received after a goal has ended.
+_FEEDBACK_LINGERS_SECONDS = 10.0
 
 
 class Ros2Graph(MemoryGraph):
@@ -27,7 +36,8 @@ class Ros2Graph(MemoryGraph):
     entered. `ROS_DOMAIN_ID`, `ROS_AUTOMATIC_DISCOVERY_RANGE`, `RMW_IMPLEMENTATION` and the other variables of
     ROS 2 apply. The graph's own `/rosout` and `/clock` and the global tree of parameters stay in the process.
 
-    Topics are exchanged with ROS 2. Services and actions are not yet: they exist within the process.
+    Topics, services and actions are exchanged with ROS 2. Its services have no errors: a caller in another
+    process receives no answer from a service of this one that fails.
 
     Args:
         registry: interfaces of a ROS 2 distribution; by default the standard ones, and those that are
@@ -61,8 +71,17 @@ class Ros2Graph(MemoryGraph):
         self._use_callbacks = use_callbacks
         self._connection: Connection | None = None
         self._ros_topics = Ros2Topics(self.topic_table, self.clock)
-        self._discovery = Discovery(self, self._ros_topics)
+        self._ros_services = Ros2Services(self.service_table, self.registry, self.clock)
+        self._discovery = Discovery(self, self._ros_topics, self._ros_services)
         self.topic_table.remote = self._ros_topics
+        self.service_table.remote = self._ros_services
+        self.action_table.remote = Ros2Actions(
+            self.topic_table,
+            self.service_table,
+            self._ros_services,
+            self.registry,
+            linger=_FEEDBACK_LINGERS_SECONDS,
+        )
 
     def participant(self, name: str) -> MemoryParticipant:
         participant = super().participant(name)
@@ -74,6 +93,11 @@ class Ros2Graph(MemoryGraph):
         super().left(participant)
         if self._connection is not None:
             self._connection.forget_node(participant.owner)
+
+    def offer_action_services(
+        self, participant: MemoryParticipant, server: MemoryActionServer
+    ) -> Callable[[], None]:
+        return Ros2ActionServer(participant, server, self.action_table, self.clock).close
 
     async def __aenter__(self) -> Self:
         """Run on the current event loop, and join ROS 2.
@@ -99,6 +123,7 @@ class Ros2Graph(MemoryGraph):
             connection.node_of(participant.owner)
         self._discovery.open(connection)
         self._ros_topics.open(connection)
+        self._ros_services.open(connection)
         connection.wakeups.start()
         logger.info("joined ROS 2 in domain %d", connection.domain)
 
@@ -109,6 +134,7 @@ class Ros2Graph(MemoryGraph):
             connection, self._connection = self._connection, None
             self._discovery.close()
             self._ros_topics.close()
+            self._ros_services.close()
             try:
                 if connection is not None:
                     connection.close()

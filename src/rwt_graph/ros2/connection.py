@@ -15,37 +15,30 @@ from rclpy.qos import QoSProfile
 from rwt_graph.errors import Ros2Error
 from rwt_graph.names import namespace_of
 from rwt_graph.ros2 import qos as profiles
-from rwt_graph.ros2.ament import library
-from rwt_graph.ros2.take import GID_BYTES, Gid, raw_take
-from rwt_graph.ros2.type_supports import message_class
+from rwt_graph.ros2.raw_services import RawClient, RawService
+from rwt_graph.ros2.rcl import GID_BYTES, Gid, check, rcl, rmw
+from rwt_graph.ros2.take import raw_take
+from rwt_graph.ros2.type_supports import message_class, service_class
 from rwt_graph.ros2.wakeups import Wakeups
+from rwt_participant.qos import QoS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rwt_graph.memory.graph import MemoryGraph
     from rwt_graph.memory.tables import NodeResources
-    from rwt_interfaces.structs import MessageType
-    from rwt_participant.qos import QoS
+    from rwt_interfaces.structs import MessageType, ServiceType
+
+#: Profile of services and clients; the depth is only this side's.
+_CALLS = QoS(depth=1000)
 
 
-class _PublisherIds:
-    """Functions of rcl and the middleware that return the GID of a publisher; `rclpy` has none."""
-
-    def __init__(self) -> None:
-        self._rcl = ctypes.CDLL(library("librcl.so"))
-        self._rmw = ctypes.CDLL(library(f"lib{_rclpy.rclpy_get_rmw_implementation_identifier()}.so"))
-        self._rcl.rcl_publisher_get_rmw_handle.restype = ctypes.c_void_p
-        self._rcl.rcl_publisher_get_rmw_handle.argtypes = (ctypes.c_void_p,)
-        self._rmw.rmw_get_gid_for_publisher.argtypes = (ctypes.c_void_p, ctypes.c_void_p)
-
-    def gid_of(self, publisher: Any) -> bytes:
-        """Return the GID of a publisher."""
-        gid = Gid()
-        handle = self._rcl.rcl_publisher_get_rmw_handle(publisher.pointer)
-        if self._rmw.rmw_get_gid_for_publisher(handle, ctypes.byref(gid)) != 0:
-            raise Ros2Error(f"the middleware gives no id for the publisher of {publisher.get_topic_name()}")
-        return bytes(gid.data)[:GID_BYTES]
+def _gid_of(publisher: Any) -> bytes:
+    gid = Gid()
+    handle = rcl().rcl_publisher_get_rmw_handle(publisher.pointer)
+    result = rmw().rmw_get_gid_for_publisher(handle, ctypes.byref(gid))
+    check(result, f"the publisher of {publisher.get_topic_name()} has no id")
+    return bytes(gid.data)[:GID_BYTES]
 
 
 class Connection:
@@ -57,6 +50,7 @@ class Connection:
         take: takes the next sample of a subscription, on the graph's thread.
         own_gids: publishers of this process, each with the time of its closing or infinity.
         own_subscriptions: subscriptions of this process by node and topic, likewise.
+        own_services: services of this process by node and name, likewise.
     """
 
     def __init__(
@@ -77,7 +71,7 @@ class Connection:
         self.run_on_graph = graph.run_on_graph
         self.own_gids: dict[bytes, float] = {}
         self.own_subscriptions: dict[object, tuple[tuple[str, str], float]] = {}
-        self._ids = _PublisherIds()
+        self.own_services: dict[tuple[str, str], float] = {}
         self.take = raw_take()
         self.wakeups = Wakeups(graph, self._context, self.node, on_graph_change, use_callbacks=use_callbacks)
 
@@ -122,7 +116,7 @@ class Connection:
         """
         node = self.node_of(owner)
         publisher = _rclpy.Publisher(node, message_class(type), topic, profiles.to_ros(qos))
-        return publisher, self._ids.gid_of(publisher)
+        return publisher, _gid_of(publisher)
 
     def subscription(self, owner: NodeResources, topic: str, type: MessageType, qos: QoS) -> Any:
         """Make a raw subscription.
@@ -132,12 +126,33 @@ class Connection:
         """
         return _rclpy.Subscription(self.node_of(owner), message_class(type), topic, profiles.to_ros(qos))
 
+    def service(self, owner: NodeResources, name: str, type: ServiceType) -> RawService:
+        """Make a raw service.
+
+        Raises:
+            Ros2Error: its type is not installed with ROS 2.
+        """
+        full = type.request.registry.type_name(type)
+        endpoint = _rclpy.Service(self.node_of(owner), service_class(full), name, profiles.to_ros(_CALLS))
+        return RawService(endpoint, full)
+
+    def client(self, owner: NodeResources, name: str, type: ServiceType) -> RawClient:
+        """Make a raw client of a service.
+
+        Raises:
+            Ros2Error: its type is not installed with ROS 2.
+        """
+        full = type.request.registry.type_name(type)
+        endpoint = _rclpy.Client(self.node_of(owner), service_class(full), name, profiles.to_ros(_CALLS))
+        return RawClient(endpoint, full)
+
     def forget_closed(self, before: float) -> None:
         """Forget endpoints that were closed before a time: the graph read since then does not list them."""
         self.own_gids = {gid: closed for gid, closed in self.own_gids.items() if closed >= before}
         self.own_subscriptions = {
             key: entry for key, entry in self.own_subscriptions.items() if entry[1] >= before
         }
+        self.own_services = {key: closed for key, closed in self.own_services.items() if closed >= before}
 
     def close(self) -> None:
         """Leave ROS 2; all endpoints have been closed."""

@@ -12,13 +12,15 @@ from typing import TYPE_CHECKING, Any, Final
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
 from rwt_graph.memory.topics import RemoteEndpoint
+from rwt_graph.names import namespace_of
 from rwt_graph.ros2 import qos as profiles
 from rwt_graph.ros2.connection import Connection, now
-from rwt_graph.ros2.take import GID_BYTES
+from rwt_graph.ros2.rcl import GID_BYTES
 from rwt_interfaces.errors import InterfaceError
 
 if TYPE_CHECKING:
     from rwt_graph.memory.graph import MemoryGraph
+    from rwt_graph.ros2.services import Ros2Services
     from rwt_graph.ros2.topics import Ros2Topics
     from rwt_interfaces.structs import MessageType
     from rwt_participant.qos import QoS
@@ -54,18 +56,21 @@ class Snapshot:
     Attributes:
         time: when the reading began.
         nodes: number of nodes by name, without hidden ones.
+        services: node, name and type of each service.
     """
 
     time: float
     nodes: Counter[str]
     endpoints: dict[bytes, FoundEndpoint]
+    services: frozenset[tuple[str, str, str]]
 
 
 class Discovery:
     """Discovery that keeps the tables of a graph in step with ROS 2."""
 
-    def __init__(self, graph: MemoryGraph, topics: Ros2Topics) -> None:
+    def __init__(self, graph: MemoryGraph, topics: Ros2Topics, services: Ros2Services) -> None:
         self._graph = graph
+        self._services = services
         self._topics = graph.topic_table
         self._ros_topics = topics
         self._connection: Connection | None = None
@@ -98,6 +103,8 @@ class Discovery:
         connection.forget_closed(snapshot.time)
         found = {each.gid: each for each in _of_others(connection, snapshot.endpoints.values())}
         self._apply_endpoints(found)
+        own = connection.own_services
+        self._services.apply(each for each in snapshot.services if each[:2] not in own)
 
     def _apply_nodes(self, nodes: Counter[str]) -> None:
         for name in (nodes - self._nodes).elements():
@@ -176,7 +183,20 @@ def read(connection: Connection) -> Snapshot:
         for each in (*_publishers(connection, topic), *_subscriptions(connection, topic)):
             endpoints[each.gid] = each
     nodes = Counter(name for name in names if not _is_hidden(name))
-    return Snapshot(began, nodes, endpoints)
+    services = frozenset(each for name in {*names} for each in _services(connection, name))
+    return Snapshot(began, nodes, endpoints, services)
+
+
+def _services(connection: Connection, node: str) -> Iterator[tuple[str, str, str]]:
+    try:
+        found = _rclpy.rclpy_get_service_names_and_types_by_node(
+            connection.node, node.rpartition("/")[2], namespace_of(node)
+        )
+    except _rclpy.NodeNameNonExistentError:
+        return  # Left while the graph is read.
+    for service, types in found:
+        for type_name in types:
+            yield node, service, type_name
 
 
 def _publishers(connection: Connection, topic: str) -> Iterator[FoundEndpoint]:

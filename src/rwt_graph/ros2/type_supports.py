@@ -29,7 +29,12 @@ def _library(package: str) -> ctypes.CDLL:
     return ctypes.CDLL(library(f"lib{package}__rosidl_typesupport_c.so"))
 
 
-def _handle(name: str, kind: str) -> int:
+def type_support(name: str, kind: str) -> int:
+    """Return the address of the type support of a `message` or `service`, by its full name.
+
+    Raises:
+        Ros2Error: its package is not installed with ROS 2.
+    """
     package, folder, short = name.split("/")
     symbol = f"rosidl_typesupport_c__get_{kind}_type_support_handle__{package}__{folder}__{short}"
     try:
@@ -47,8 +52,8 @@ def _capsule(pointer: int) -> object:
 
 
 @cache
-def _message_class(name: str) -> Any:
-    metaclass = type("TypeSupport", (type,), {"_TYPE_SUPPORT": _capsule(_handle(name, "message"))})
+def _class(name: str, kind: str) -> Any:
+    metaclass = type("TypeSupport", (type,), {"_TYPE_SUPPORT": _capsule(type_support(name, kind))})
     return metaclass(name.rpartition("/")[2], (), {"__slots__": ()})
 
 
@@ -58,4 +63,13 @@ def message_class(type: MessageType) -> Any:
     Raises:
         Ros2Error: its package is not installed with ROS 2.
     """
-    return _message_class(type.registry.type_name(type))
+    return _class(type.registry.type_name(type), "message")
+
+
+def service_class(name: str) -> Any:
+    """Return the class of a service, by its full name, for services and clients.
+
+    Raises:
+        Ros2Error: its package is not installed with ROS 2.
+    """
+    return _class(name, "service")

@@ -25,6 +25,7 @@ from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 
 from rwt_graph.errors import Ros2Error
 from rwt_graph.ros2.ament import library
+from rwt_graph.ros2.rcl import rcutils
 
 if TYPE_CHECKING:
     from rwt_graph.memory.graph import MemoryGraph
@@ -82,7 +83,7 @@ class Wakeup:
         # The C function itself is the callback, called with the descriptor and the number of events.
         write = ctypes.cast(ctypes.CDLL(None).eventfd_write, ctypes.c_void_p)
         if setter(pointer, write, self.descriptor) != 0:
-            ctypes.CDLL(library("librcutils.so")).rcutils_reset_error()
+            rcutils().rcutils_reset_error()
             return False
         self._clear = partial(setter, pointer, None, None)
         return True
@@ -169,7 +170,11 @@ class Wakeups:
         self._guard.trigger_guard_condition()
 
     def _drain(self) -> None:
-        for descriptor, _ in self._epoll.poll(0):
+        ready = self._epoll.poll(0)
+        if len(ready) > 1:
+            # A goal's feedback before its result, which is a response.
+            ready.sort(key=self._is_of_call)
+        for descriptor, _ in ready:
             wakeup = self._wakeups.get(descriptor)
             if wakeup is None:
                 continue  # Removed by an earlier one of this turn.
@@ -187,6 +192,10 @@ class Wakeups:
                 os.eventfd_write(descriptor, 1)
             elif descriptor in self._polled:
                 self._arm(wakeup)
+
+    def _is_of_call(self, event: tuple[int, int]) -> bool:
+        wakeup = self._wakeups.get(event[0])
+        return wakeup is not None and wakeup.kind != "subscription"
 
     # The thread
 

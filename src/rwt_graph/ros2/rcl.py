@@ -1,0 +1,135 @@
+"""Functions and structures of rcl and the middleware that `rclpy` does not offer."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from typing import Final
+
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
+
+from rwt_graph.errors import Ros2Error
+from rwt_graph.ros2.ament import library
+
+#: Bytes of a GID that ROS 2 compares, of up to 24 that a middleware stores.
+GID_BYTES: Final = 16
+
+#: RCL_RET_…_TAKE_FAILED of subscriptions, clients and services: nothing is waiting.
+_NOTHING: Final = (401, 501, 601)
+
+
+class Gid(ctypes.Structure):
+    """`rmw_gid_t`."""
+
+    _fields_ = (("implementation", ctypes.c_char_p), ("data", ctypes.c_uint8 * 24))
+
+
+class MessageInfo(ctypes.Structure):
+    """`rmw_message_info_t`."""
+
+    _fields_ = (
+        ("source_timestamp", ctypes.c_int64),
+        ("received_timestamp", ctypes.c_int64),
+        ("publication_sequence_number", ctypes.c_uint64),
+        ("reception_sequence_number", ctypes.c_uint64),
+        ("publisher_gid", Gid),
+        ("from_intra_process", ctypes.c_bool),
+    )
+
+
+class RequestId(ctypes.Structure):
+    """`rmw_request_id_t`."""
+
+    _fields_ = (("client", ctypes.c_int8 * GID_BYTES), ("number", ctypes.c_int64))
+
+
+class CallInfo(ctypes.Structure):
+    """`rmw_service_info_t`."""
+
+    _fields_ = (
+        ("source_timestamp", ctypes.c_int64),
+        ("received_timestamp", ctypes.c_int64),
+        ("request_id", RequestId),
+    )
+
+
+class _Allocator(ctypes.Structure):
+    """`rcutils_allocator_t`."""
+
+    _fields_ = tuple(
+        (name, ctypes.c_void_p) for name in ("allocate", "deallocate", "reallocate", "zero_allocate", "state")
+    )
+
+
+class SerialisedMessage(ctypes.Structure):
+    """`rcutils_uint8_array_t`, empty at first, which the middleware enlarges."""
+
+    _fields_ = (
+        ("buffer", ctypes.c_void_p),
+        ("length", ctypes.c_size_t),
+        ("capacity", ctypes.c_size_t),
+        ("allocator", _Allocator),
+    )
+
+    def __init__(self) -> None:
+        default = rcutils().rcutils_get_default_allocator
+        default.restype = _Allocator
+        super().__init__(None, 0, 0, default())
+
+    def contents(self) -> bytes:
+        """Return a copy."""
+        return ctypes.string_at(self.buffer, self.length)
+
+
+@cache
+def rcl() -> ctypes.CDLL:
+    """Return the library rcl; functions without `argtypes` are given Python's integers as `int`."""
+    loaded = ctypes.CDLL(library("librcl.so"))
+    pointer = ctypes.c_void_p
+    loaded.rcl_publisher_get_rmw_handle.restype = pointer
+    loaded.rcl_publisher_get_rmw_handle.argtypes = (pointer,)
+    loaded.rcl_take_serialized_message.argtypes = (pointer,) * 4
+    loaded.rcl_send_request.argtypes = (pointer,) * 3
+    for name in ("rcl_take_response_with_info", "rcl_take_request_with_info", "rcl_send_response"):
+        getattr(loaded, name).argtypes = (pointer,) * 3
+    return loaded
+
+
+@cache
+def rmw() -> ctypes.CDLL:
+    """Return the library of the middleware."""
+    loaded = ctypes.CDLL(library(f"lib{_rclpy.rclpy_get_rmw_implementation_identifier()}.so"))
+    pointer = ctypes.c_void_p
+    loaded.rmw_get_gid_for_publisher.argtypes = (pointer,) * 2
+    loaded.rmw_serialize.argtypes = (pointer,) * 3
+    loaded.rmw_deserialize.argtypes = (pointer,) * 3
+    return loaded
+
+
+@cache
+def rcutils() -> ctypes.CDLL:
+    """Return the library rcutils."""
+    return ctypes.CDLL(library("librcutils.so"))
+
+
+def taken(result: int, what: str) -> bool:
+    """Return True if a function has taken something, and False if nothing was waiting.
+
+    Raises:
+        Ros2Error: it has failed.
+    """
+    if result in _NOTHING:
+        return False
+    check(result, what)
+    return True
+
+
+def check(result: int, what: str) -> None:
+    """Check what a function of rcl or the middleware has returned.
+
+    Raises:
+        Ros2Error: it has failed.
+    """
+    if result != 0:
+        rcutils().rcutils_reset_error()
+        raise Ros2Error(f"{what}: error {result} of ROS 2")
