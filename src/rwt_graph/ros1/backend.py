@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import logging
+from functools import partial
 from typing import TYPE_CHECKING, Self
 
 from rwt_graph.errors import Ros1Error
 from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
 from rwt_graph.ros1.addresses import master_uri, own_address
 from rwt_graph.ros1.discovery import Discovery
+from rwt_graph.ros1.parameters import MasterParameters
 from rwt_graph.ros1.services import Ros1Services
 from rwt_graph.ros1.session import Session
 from rwt_graph.ros1.topics import Ros1Topics
@@ -56,6 +58,7 @@ class Ros1Graph(MemoryGraph):
         if self.distro.serialisation != "ros1":
             raise Ros1Error(f"a graph of {self.distro.name} cannot join ROS 1: use --distro noetic")
         self.master = master_uri(master)
+        self.parameters = self._master_parameters = MasterParameters()
         self._ros_topics = Ros1Topics(self.topic_table)
         self._ros_services = Ros1Services(self.service_table)
         self._session: Session | None = None
@@ -81,7 +84,18 @@ class Ros1Graph(MemoryGraph):
         return self
 
     async def _join(self) -> None:
-        session = self._session = Session(self, self.master, own_address(self.master))
+        try:
+            session = self._session = Session(self, self.master, own_address(self.master))
+        except OSError as error:
+            raise Ros1Error(f"cannot accept connections of ROS 1: {error}") from error
+        parameters = self._master_parameters
+        session.on_parameter = parameters.on_update
+
+        def repeat() -> None:
+            session.registrar.repeat()
+            parameters.resynchronise()
+
+        session.on_forgotten = repeat
         discovery = Discovery(self, session, self._ros_topics, self._ros_services)
         try:
             self._ros_topics.open(session, discovery)
@@ -96,6 +110,7 @@ class Ros1Graph(MemoryGraph):
             logger.info("joined ROS 1 at %s, as %s", self.master, session.address.host)
         self.spawn(session.registrar.run, "registrations at the ROS 1 master")
         self.spawn(discovery.run, "discovery of ROS 1")
+        self.spawn(partial(parameters.run, session), "parameters of ROS 1")
         self.spawn(session.keep_sweeping, "connections of ROS 1")
 
     async def __aexit__(self, *exc: object) -> None:

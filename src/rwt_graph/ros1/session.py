@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -33,6 +34,8 @@ class Session:
         address: address of this process.
         nodes: nodes of this process that ROS 1 sees, by the name that this process uses.
         has_master: False while the master does not answer; None before the first answer.
+        monitor: node without registrations, which asks the master and follows the parameters.
+        on_forgotten: called when the master has lost the registrations.
         on_parameter: called with key and value of a parameter that another node has changed.
     """
 
@@ -46,7 +49,9 @@ class Session:
         self.types = WireTypes(graph.registry)
         self.nodes: dict[str, Ros1Node] = {}
         self.registrar = Registrar(self)
+        self.monitor = Ros1Node(self, f"/rwt_graph_{os.getpid()}")
         self.has_master: bool | None = None
+        self.on_forgotten: Callable[[], None] = self.registrar.repeat
         self.on_parameter: Callable[[str, Value], None] = lambda _key, _value: None
 
     # Nodes
@@ -80,7 +85,7 @@ class Session:
 
     def sweep(self) -> None:
         """Close connections of peers that are silent."""
-        for node in self.nodes.values():
+        for node in (self.monitor, *self.nodes.values()):
             node.sweep()
 
     # Master
@@ -95,7 +100,7 @@ class Session:
         Raises:
             Ros1Error: it does not answer.
         """
-        body = await rpc.fetch(self.master, method, "/rwt", *params)
+        body = await rpc.fetch(self.master, method, self.monitor.name, *params)
         try:
             return rpc.value_of(self.master, method, body)
         except Ros1Error:
@@ -114,10 +119,6 @@ class Session:
             self.on_forgotten()
         self.has_master = True
 
-    def on_forgotten(self) -> None:
-        """Register everything again."""
-        self.registrar.repeat()
-
     async def keep_sweeping(self) -> None:
         """Sweep every second."""
         while True:
@@ -126,6 +127,6 @@ class Session:
 
     def close(self) -> None:
         """Close all connections."""
-        for node in self.nodes.values():
+        for node in (self.monitor, *self.nodes.values()):
             node.close()
         self.nodes.clear()
