@@ -17,7 +17,7 @@ NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/
 
 .PHONY: demo test test-all unit-all quick lowest pythons matrix docs site dist release lint types unit web firefox bench bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
 proxies ros-mcp fuzz mutants conformance \
-client-grades size clean test-ros2
+client-grades size clean test-ros1 test-ros2
 
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
@@ -95,6 +95,15 @@ test-ros2: $(STAMP)-dev $(ROS2)/.$(ROS2_DISTRO)
 	AMENT_PREFIX_PATH=$(abspath $(ROS2)) LD_LIBRARY_PATH=$(abspath $(ROS2))/lib RMW_IMPLEMENTATION=rmw_fastrtps_cpp \
 		PYTHONPATH=src:rwt-rclpy/src:.:$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
 		$(ROS2)/bin/python -m pytest tests/ros2 $(ARGS)
+
+# Tests of the ROS 1 graph against real ROS 1 programs, which Debian 12 packages for its own Python; apt needs root.
+ROS1_PACKAGES := libroscpp-dev g++ $(addprefix python3-,actionlib dynamic-reconfigure geometry-msgs nav-msgs rosbag \
+	roslaunch rosmaster rosnode rosparam rospy rosservice rostopic roswtf sensor-msgs std-msgs std-srvs tf2-ros)
+/usr/bin/rosmaster:
+	apt-get update && apt-get install --yes --no-install-recommends $(ROS1_PACKAGES)
+
+test-ros1: $(STAMP)-dev /usr/bin/rosmaster
+	$(BIN)/python -m pytest tests/ros1 $(ARGS)
 
 # The tests of tests/browser in Firefox, which needs Debian's packages firefox-esr, xvfb, libegl1 and libgl1-mesa-dri,
 # and pulseaudio for those of sound.

@@ -45,5 +45,9 @@ class Ros2Error(GraphError):
     """ROS 2 is not installed or rejects a request; the text says what to change."""
 
 
+class Ros1Error(GraphError):
+    """A ROS 1 program cannot be reached or rejects a request; the text says which, and why."""
+
+
 class WireError(GraphError, ValueError):
-    """Another program sent a key, token or attachment that does not have rmw_zenoh's form."""
+    """Another program sent bytes that do not have the form of its protocol: rmw_zenoh's or ROS 1's."""

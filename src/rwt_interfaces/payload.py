@@ -59,7 +59,7 @@ class Payload(msgspec.Struct, eq=False):
     relaying server never builds objects. Make payloads with the ``from_…`` class methods.
 
     Invariant: at least one form exists: ``_json`` (with ``_string``, if most of the text is one long string),
-    ``_json_parts``, ``_message``, ``_spliced``, or CDR in ``_forms``.
+    ``_json_parts``, ``_message``, ``_spliced``, or a relayed form in ``_forms``.
 
     Attributes:
         type: type of the message.
@@ -232,6 +232,11 @@ class Payload(msgspec.Struct, eq=False):
         return cls(message_type, None, None, None, None, None, {"cdr": (data,)})
 
     @classmethod
+    def relayed_ros1(cls, message_type: MessageType, data: bytes) -> Payload:
+        """Same as :meth:`relayed_cdr`, for ROS 1's serialisation and a type of ROS 1."""
+        return cls(message_type, None, None, None, None, None, {"ros1": (data,)})
+
+    @classmethod
     def from_ros1(cls, message_type: MessageType, data: bytes | memoryview) -> Payload:
         """Decode a message in ROS 1's serialisation, without a length prefix; raises only InvalidMessage."""
         return cls(message_type, None, message_type.from_ros1(data))
@@ -383,7 +388,7 @@ class Payload(msgspec.Struct, eq=False):
         """Return the message as its type's Struct. It is shared: treat it as read-only.
 
         Raises:
-            InvalidMessage: the message was relayed as CDR and does not fit.
+            InvalidMessage: the message was relayed and does not fit.
         """
         message = self._message
         if message is None:
@@ -467,8 +472,8 @@ class Payload(msgspec.Struct, eq=False):
             return spliced.value()
         if self._json is not None or self._json_parts is not None:
             return self.type.json.decode(self.json())
-        assert self._forms is not None  # Invariant: text, message or CDR exists.
-        return self.type.from_cdr(b"".join(self._forms["cdr"]))
+        assert self._forms is not None  # Invariant: text, message or a relayed form exists.
+        return self.type.deserialise(_joined(self._forms[self.type.registry.distro.serialisation]))
 
 
 def _split(

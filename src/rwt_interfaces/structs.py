@@ -239,8 +239,6 @@ class MessageType:
 class ServiceType:
     """Service type; `name` is two-part."""
 
-    __slots__ = ("name", "request", "response")
-
     def __init__(self, name: str, request: MessageType, response: MessageType) -> None:
         self.name = name
         self.request = request
@@ -248,6 +246,12 @@ class ServiceType:
 
     def __repr__(self) -> str:
         return f"<ServiceType {self.name}>"
+
+    @cached_property
+    def md5(self) -> str:
+        """ROS 1's md5 sum, 32 hexadecimal digits."""
+        definition = ServiceDefinition(self.name, self.request.definition, self.response.definition)
+        return hashes.service_md5(definition, self.request.registry)
 
     @property
     def parts(self) -> tuple[MessageType, ...]:

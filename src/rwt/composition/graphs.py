@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from rwt.access.settings import SettingsError
 from rwt.composition.extensions import extension_for
+from rwt.settings.models import GRAPHS
 from rwt_graph.memory.graph import MemoryGraph
 from rwt_interfaces.distro import DISTROS
 from rwt_interfaces.errors import InterfaceError
@@ -58,7 +59,8 @@ def make_graph(
     else:
         _check_registry(registry, settings)
     zenoh = settings.zenoh
-    if settings.graph in ("memory", "ros2") and (zenoh.listen or zenoh.connect):
+    is_ros1 = settings.graph.partition(":")[0] == "ros1"
+    if (is_ros1 or settings.graph in ("memory", "ros2")) and (zenoh.listen or zenoh.connect):
         raise SettingsError(
             '`zenoh`: to join other processes over Zenoh, give --graph zenoh too, or `graph = "zenoh"`'
         )
@@ -69,15 +71,16 @@ def make_graph(
     if settings.graph == "ros2":
         joined: Graph = _ros2().Ros2Graph(registry, clock)
         return joined
+    if is_ros1:
+        from rwt_graph.ros1 import Ros1Graph  # Imported only if configured.
+
+        return Ros1Graph(registry, clock, master=settings.graph if ":" in settings.graph else None)
     if settings.graph != "zenoh":
         # An entry point is a factory, like the argument `graph` of `Server`.
-        make = extension_for("graph", "rwt.graphs", settings.graph, ("memory", "ros2", "zenoh"))
+        make = extension_for("graph", "rwt.graphs", settings.graph, GRAPHS)
         return make(registry, clock)
     try:
-        from rwt_graph.zenoh import (  # An optional dependency, imported only if configured.
-            ZenohGraph,
-            ZenohOptions,
-        )
+        from rwt_graph.zenoh import ZenohGraph, ZenohOptions  # Optional: imported only if configured.
     except ImportError as error:
         raise SettingsError(
             "`graph`: the graph over Zenoh needs more packages: pip install eclipse-zenoh xxhash"

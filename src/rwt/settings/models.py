@@ -25,6 +25,7 @@ from rwt.gateways.http.settings import HttpSettings
 from rwt.gateways.mcp.settings import McpSettings
 from rwt.gateways.rosbridge.settings import BridgeSettings
 from rwt.settings.webrtc import WebRtcSettings
+from rwt_interfaces.distro import DISTROS
 from rwt_protocol.error_text import Expected
 from rwt_protocol.extensions import extension_names
 from rwt_transports.limits import Limits
@@ -42,7 +43,7 @@ T = TypeVar("T", str, tuple[str, ...])
 
 NODES: Final = ("rosapi", "tf2_web_republisher", "web_video_server")
 GATEWAYS: Final = ("foxglove", "http", "mcp")
-GRAPHS: Final = ("memory", "ros2", "zenoh")
+GRAPHS: Final = ("memory", "ros1", "ros2", "zenoh")
 
 
 def _either(names: Iterable[str]) -> str:
@@ -58,7 +59,9 @@ def _named(group: str, builtin: tuple[str, ...], expected: Expected) -> AfterVal
     """Accept built-in names and those of entry points, which are not imported here."""
 
     def check(given: T) -> T:
-        unknown = [name for name in ((given,) if isinstance(given, str) else given) if name not in builtin]
+        names = (given,) if isinstance(given, str) else given
+        # A graph may be given with an address: `ros1://robot:11311`.
+        unknown = [name for name in names if name.partition("://")[0] not in builtin]
         installed = extension_names(group) if unknown else []
         for name in unknown:
             if name not in installed:
@@ -298,7 +301,8 @@ class Settings(BridgeSettings):
         _GRAPH_EXPECTED,
         Field(
             description="`zenoh` shares the graph with other processes and needs the extra `zenoh`;"
-            " `ros2` exchanges topics with the installed ROS 2"
+            " `ros2` exchanges topics with the installed ROS 2; `ros1://robot:11311` joins a ROS 1 master,"
+            ' `ros1` that of ROS_MASTER_URI, both with `distro = "noetic"` by default'
         ),
     ] = "memory"
     zenoh: ZenohSettings = ZenohSettings()
@@ -309,6 +313,19 @@ class Settings(BridgeSettings):
             " needs Linux and the extra `zenoh`"
         ),
     ] = 1
+
+    @model_validator(mode="before")
+    @classmethod
+    def _ros1_is_noetic(cls, given: object) -> object:
+        if isinstance(given, dict) and str(given.get("graph")).partition(":")[0] == "ros1":
+            return {"distro": "noetic", **given}
+        return given
+
+    @model_validator(mode="after")
+    def _graph_fits_distro(self) -> Settings:
+        if self.graph.partition(":")[0] == "ros1" and DISTROS[self.distro].serialisation != "ros1":
+            raise ValueError(f'`distro`: {self.distro!r} cannot join ROS 1: expected "noetic"')
+        return self
 
     @model_validator(mode="after")
     def _agents_have_a_role(self) -> Settings:

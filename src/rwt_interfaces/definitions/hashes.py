@@ -43,6 +43,12 @@ def md5(definition: MessageDefinition, lookup: Registry) -> str:
     return _md5(_md5_text(definition, lookup, {}))
 
 
+def service_md5(definition: ServiceDefinition, lookup: Registry) -> str:
+    """Return ROS 1's MD5 sum of a service, 32 hexadecimal digits; raises UnknownType."""
+    parts = (definition.request, definition.response)
+    return _md5("".join(_md5_text(part, lookup, {}) for part in parts))
+
+
 def _md5(text: str) -> str:
     return hashlib.md5(text.encode(), usedforsecurity=False).hexdigest()
 

@@ -181,9 +181,9 @@ def _add_robot_options(parser: argparse.ArgumentParser) -> None:
 def _add_graph_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--graph",
-        metavar="{memory,zenoh,ros2}",
-        help="keep the graph in this process (default), connect it to others over Zenoh, or join the"
-        " installed ROS 2",
+        metavar="{memory,zenoh,ros2,ros1://HOST:PORT}",
+        help="keep the graph in this process (default), connect it to others over Zenoh, join the"
+        " installed ROS 2, or join a ROS 1 master (`ros1`: that of ROS_MASTER_URI)",
     )
     parser.add_argument(
         "--zenoh-listen",

@@ -1,0 +1,90 @@
+"""Addresses of ROS 1: that of the master, and the one that other programs are given for this process."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+from urllib.parse import urlsplit
+
+from rwt_graph.errors import Ros1Error, WireError
+from rwt_graph.ros1.wire.rpc import address_of
+
+DEFAULT_MASTER: Final = "http://localhost:11311"
+_DEFAULT_PORT: Final = 11311
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """Address of this process.
+
+    Attributes:
+        host: host name or address that other programs are given.
+        bind: address on which connections are accepted.
+        source: where `host` comes from, for messages.
+    """
+
+    host: str
+    bind: str
+    source: str
+
+
+def master_uri(given: str | None, environment: Mapping[str, str] = os.environ) -> str:
+    """Return the URI of the master: the given one, else `ROS_MASTER_URI`, else that of this host.
+
+    Args:
+        given: `http://host:port` or `ros1://host:port`; without port, 11311.
+
+    Raises:
+        Ros1Error: it is not a URI.
+    """
+    text = given or environment.get("ROS_MASTER_URI") or DEFAULT_MASTER
+    try:
+        parts = urlsplit(text)
+        port = parts.port or _DEFAULT_PORT
+    except ValueError:
+        parts, port = urlsplit(""), 0
+    if parts.scheme not in ("http", "ros1") or not parts.hostname:
+        raise Ros1Error(f"{text!r} is not the address of a ROS 1 master: expected ros1://host:11311")
+    host = f"[{parts.hostname}]" if ":" in parts.hostname else parts.hostname
+    return f"http://{host}:{port}/"
+
+
+def own_address(master: str, environment: Mapping[str, str] = os.environ) -> Address:
+    """Return the address of this process: `ROS_HOSTNAME`, `ROS_IP`, or the one that reaches the master.
+
+    The host name would be ROS 1's default, which robots often cannot resolve. It is used only for a master on
+    this host, if it resolves.
+    """
+    for variable in ("ROS_HOSTNAME", "ROS_IP"):
+        host = environment.get(variable)
+        if host:
+            return Address(host, "127.0.0.1" if _is_loopback(host) else "", variable)
+    host = _local_address(master)
+    if _is_loopback(host):
+        name = socket.gethostname()
+        if not _is_loopback(name):
+            return Address(name, "", "the name of this host")
+        return Address(host, "127.0.0.1", "the address of the master")
+    return Address(host, "", "the address from which the master is reached")
+
+
+def _local_address(master: str) -> str:
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.connect(address_of(master))  # Sends nothing.
+            return str(probe.getsockname()[0])
+    except (OSError, WireError):
+        return "127.0.0.1"
+
+
+def _is_loopback(host: str) -> bool:
+    """Return True if a host is this one, or if its name does not resolve."""
+    if host == "localhost":
+        return True
+    try:
+        return socket.gethostbyname(host).startswith("127.")
+    except OSError:
+        return True

@@ -1,0 +1,128 @@
+"""Graph of a ROS 1 robot: the one in memory, joined to that of a ROS 1 master."""
+
+from __future__ import annotations
+
+import logging
+from functools import partial
+from typing import TYPE_CHECKING, Self
+
+from rwt_graph.errors import Ros1Error
+from rwt_graph.memory.graph import MemoryGraph, MemoryParticipant
+from rwt_graph.ros1.addresses import master_uri, own_address
+from rwt_graph.ros1.discovery import Discovery
+from rwt_graph.ros1.parameters import MasterParameters
+from rwt_graph.ros1.services import Ros1Services
+from rwt_graph.ros1.session import Session
+from rwt_graph.ros1.topics import Ros1Topics
+from rwt_interfaces.distro import NOETIC
+from rwt_interfaces.registry import Registry
+from rwt_participant.qos import DEFAULT_QOS, QoS
+
+if TYPE_CHECKING:
+    from rwt_graph.api import Publisher
+    from rwt_graph.clock import Clock
+    from rwt_interfaces.structs import MessageType
+
+logger = logging.getLogger(__name__)
+
+
+class Ros1Participant(MemoryParticipant):
+    """Node whose publishers use the definition that a topic has on ROS 1, not that of the registry."""
+
+    def advertise(self, topic: str, type: MessageType, qos: QoS = DEFAULT_QOS) -> Publisher:
+        info = self._graph.topic(topic)
+        if info is not None and info.type is not None and info.type.name == type.name:
+            type = info.type
+        return super().advertise(topic, type, qos)
+
+
+class Ros1Graph(MemoryGraph):
+    """Graph with nodes in this process and in ROS 1 programs.
+
+    Nodes of one process communicate in memory, as in a :class:`MemoryGraph`. The graph joins ROS 1 when it is
+    entered, also if the master does not answer yet. `ROS_IP` and `ROS_HOSTNAME` apply.
+
+    Args:
+        registry: interfaces of a ROS 1 distribution; by default the standard ones.
+        clock: the wall clock by default.
+        master: `ros1://host:port`; by default `ROS_MASTER_URI`.
+
+    Raises:
+        Ros1Error: the registry is of ROS 2, or `master` is not an address.
+    """
+
+    def __init__(
+        self, registry: Registry | None = None, clock: Clock | None = None, *, master: str | None = None
+    ) -> None:
+        super().__init__(registry or Registry(NOETIC), clock)
+        if self.distro.serialisation != "ros1":
+            raise Ros1Error(f"a graph of {self.distro.name} cannot join ROS 1: use --distro noetic")
+        self.master = master_uri(master)
+        self.parameters = self._master_parameters = MasterParameters()
+        self._ros_topics = Ros1Topics(self.topic_table)
+        self._ros_services = Ros1Services(self.service_table)
+        self._session: Session | None = None
+        self.topic_table.remote = self._ros_topics
+        self.service_table.remote = self._ros_services
+
+    def make_participant(self, name: str) -> MemoryParticipant:
+        return Ros1Participant(self, name)
+
+    async def __aenter__(self) -> Self:
+        """Run on the current event loop, and join ROS 1.
+
+        Raises:
+            Ros1Error: no socket can be opened.
+            NotRunning: the graph was entered before.
+        """
+        await super().__aenter__()
+        try:
+            await self._join()
+        except BaseException:
+            await self.__aexit__()
+            raise
+        return self
+
+    async def _join(self) -> None:
+        try:
+            session = self._session = Session(self, self.master, own_address(self.master))
+        except OSError as error:
+            raise Ros1Error(f"cannot accept connections of ROS 1: {error}") from error
+        parameters = self._master_parameters
+        session.on_parameter = parameters.on_update
+
+        def repeat() -> None:
+            session.registrar.repeat()
+            parameters.resynchronise()
+
+        session.on_forgotten = repeat
+        discovery = Discovery(self, session, self._ros_topics, self._ros_services)
+        try:
+            self._ros_topics.open(session, discovery)
+            self._ros_services.open(session)
+        except OSError as error:
+            raise Ros1Error(f"cannot accept connections of ROS 1: {error}") from error
+        try:
+            await discovery.poll()
+        except Ros1Error as error:
+            session.on_master_error(error)
+        else:
+            logger.info("joined ROS 1 at %s, as %s", self.master, session.address.host)
+        self.spawn(session.registrar.run, "registrations at the ROS 1 master")
+        self.spawn(discovery.run, "discovery of ROS 1")
+        self.spawn(partial(parameters.run, session), "parameters of ROS 1")
+        self.spawn(session.keep_sweeping, "connections of ROS 1")
+
+    async def __aexit__(self, *exc: object) -> None:
+        session = self._session
+        try:
+            self._close_participants()
+            if session is not None:
+                await session.registrar.leave()
+        finally:
+            self._session = None
+            self._ros_topics.close()
+            self._ros_services.close()
+            if session is not None:
+                session.close()
+            await super().__aexit__(*exc)

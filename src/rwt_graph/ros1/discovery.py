@@ -1,0 +1,283 @@
+"""Discovery: nodes, topics and services of other programs, as the master lists them."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Awaitable, Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+import anyio
+
+from rwt_graph.errors import Ros1Error, WireError
+from rwt_graph.memory.topics import RemoteEndpoint, TransientLocalCache
+from rwt_graph.ros1.wire import rpc
+from rwt_graph.ros1.wire.links import exchange_headers, open_link, request_topic
+from rwt_participant.qos import DEFAULT_QOS, Durability, QoS
+
+if TYPE_CHECKING:
+    from rwt_graph.memory.graph import MemoryGraph
+    from rwt_graph.ros1.services import Ros1Services
+    from rwt_graph.ros1.session import Session
+    from rwt_graph.ros1.topics import Ros1Topics
+    from rwt_interfaces.structs import MessageType
+
+logger = logging.getLogger(__name__)
+
+#: Seconds between two readings of the master's tables.
+_POLL_SECONDS: Final = 1.0
+
+#: Maximum types that are asked for at once, and seconds before a node that gave no answer is asked again.
+_MOST_PROBES: Final = 8
+_PROBE_AGAIN_SECONDS: Final = 10.0
+
+#: Readings after which a subscriber without a connection, or a publisher without an update, is reported.
+_PATIENT_READINGS: Final = 4
+
+_LATCHED: Final = QoS(depth=1, durability=Durability.TRANSIENT_LOCAL)
+
+#: Endpoint: topic, node, and True for a publisher.
+Key = tuple[str, str, bool]
+
+
+@dataclass(slots=True)
+class State:
+    """The master's tables: nodes by topic or service."""
+
+    publishers: dict[str, list[str]] = field(default_factory=dict)
+    subscribers: dict[str, list[str]] = field(default_factory=dict)
+    services: dict[str, list[str]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, value: object) -> State:
+        """Return the tables in a response of `getSystemState`.
+
+        Raises:
+            Ros1Error: it has another form.
+        """
+        match value:
+            case [list(publishers), list(subscribers), list(services)]:
+                return cls(*(dict(_entries(each)) for each in (publishers, subscribers, services)))
+        raise Ros1Error("the master's response to getSystemState is malformed")
+
+    def endpoints(self) -> Iterator[Key]:
+        """Yield every publisher and subscriber."""
+        for publishes, table in ((True, self.publishers), (False, self.subscribers)):
+            for topic, nodes in table.items():
+                for node in nodes:
+                    yield topic, node, publishes
+
+
+def _entries(table: list[object]) -> Iterator[tuple[str, list[str]]]:
+    for entry in table:
+        match entry:
+            case [str(name), list(nodes)]:
+                yield name, [node for node in nodes if isinstance(node, str)]
+
+
+class Discovery:
+    """Task that keeps the tables of a graph in step with the master."""
+
+    def __init__(
+        self, graph: MemoryGraph, session: Session, topics: Ros1Topics, services: Ros1Services
+    ) -> None:
+        self._graph = graph
+        self._session = session
+        self._ros_topics = topics
+        self._services = services
+        self._endpoints: dict[Key, tuple[RemoteEndpoint, float]] = {}
+        self._nodes: set[str] = set()
+        self._raw = b""
+        self._state = State()
+        self._probes = anyio.CapacityLimiter(_MOST_PROBES)
+        self._probed: dict[object, float] = {}
+        self._missing: dict[Key, int] = {}
+        self._reported: set[str] = set()
+
+    async def run(self) -> None:
+        """Read the master's tables until the task is cancelled."""
+        while True:
+            try:
+                await self.poll()
+            except Ros1Error as error:
+                self._session.on_master_error(error)
+            await anyio.sleep(_POLL_SECONDS)
+
+    async def poll(self) -> None:
+        """Read the master's tables once; raises Ros1Error."""
+        session, began = self._session, time.monotonic()
+        raw = await rpc.fetch(session.master, "getSystemState", "/rwt")
+        if raw != self._raw:
+            self._state = State.of(rpc.value_of(session.master, "getSystemState", raw))
+            types = await session.call_master("getTopicTypes", "/rwt")
+            if not isinstance(types, list):
+                raise Ros1Error("the master's response to getTopicTypes is malformed")
+            self._apply(dict(each for each in types if _is_pair(each)), began)
+            self._raw = raw
+        session.on_master_answer()
+        self._check_own()
+        await self._check_connections()
+
+    def _apply(self, types: dict[str, str], began: float) -> None:
+        own = self._session.own_names()
+        found = {key for key in self._state.endpoints() if key[1] not in own}
+        for key in found:
+            self._add(key, types.get(key[0], "*"))
+        for key, (endpoint, joined) in tuple(self._endpoints.items()):
+            # A publisher that connected meanwhile may not be in the tables that were read.
+            if key not in found and joined < began:
+                del self._endpoints[key]
+                self._graph.topic_table.remote_left(key[0], endpoint)
+        services = {name: nodes[-1] for name, nodes in self._state.services.items() if nodes}
+        others = {name: node for name, node in services.items() if node not in own}
+        self._services.found(others, self._probe)
+        self._apply_nodes({node for _, node, _ in found} | set(others.values()))
+
+    def _apply_nodes(self, nodes: set[str]) -> None:
+        for node in nodes - self._nodes:
+            self._graph.node_joined(node)
+        for node in self._nodes - nodes:
+            self._graph.node_left(node)
+        self._nodes = nodes
+
+    def _add(self, key: Key, type_name: str) -> None:
+        type_name = "" if type_name == "*" else type_name
+        known = self._endpoints.get(key)
+        if known is None:
+            type = self._session.types.known(type_name) if type_name else None
+            self._join(key, RemoteEndpoint(key[1], type_name, type, DEFAULT_QOS))
+            known = self._endpoints[key]
+        if known[0].type is None and key[2]:
+            self._probe(key, partial(self._probe_topic, key))
+
+    def _join(self, key: Key, endpoint: RemoteEndpoint) -> None:
+        earlier = self._endpoints.get(key)
+        self._endpoints[key] = (endpoint, time.monotonic())
+        self._graph.topic_table.remote_joined(key[0], endpoint, publishes=key[2])
+        if earlier is not None:
+            self._graph.topic_table.remote_left(key[0], earlier[0])
+
+    def found_publisher(
+        self, topic: str, node: str, type: MessageType, *, is_latched: bool
+    ) -> RemoteEndpoint:
+        """Return the endpoint of a publisher whose header has arrived."""
+        key = (topic, node, True)
+        known = self._endpoints.get(key)
+        qos = _LATCHED if is_latched else DEFAULT_QOS
+        if known is None or known[0].type is not type or known[0].qos != qos:
+            self._join(key, RemoteEndpoint(node, type.name, type, qos))
+        endpoint = self._endpoints[key][0]
+        endpoint.cache = TransientLocalCache(qos, self._graph.clock) if is_latched else None
+        return endpoint
+
+    # Types that no registration tells
+
+    def _probe(self, key: object, ask: Callable[[], Awaitable[None]]) -> None:
+        """Ask another node for a type, unless it was asked lately."""
+        now = time.monotonic()
+        if self._probed.get(key, 0.0) <= now:
+            self._probed[key] = now + _PROBE_AGAIN_SECONDS
+            self._session.sockets.spawn(partial(self._ask, ask), f"type of {key}")
+
+    async def _ask(self, ask: Callable[[], Awaitable[None]]) -> None:
+        async with self._probes:
+            try:
+                await ask()
+            except (Ros1Error, WireError) as error:
+                self._raw = b""  # Asked again when the tables are read next.
+                if str(error) not in self._reported:
+                    self._reported.add(str(error))
+                    logger.warning("%s", error)
+
+    async def _probe_topic(self, key: Key) -> None:
+        topic, node, _ = key
+        session = self._session
+        uri = await session.call_master("lookupNode", "/rwt", node)
+        host, port = await request_topic(str(uri), "/rwt", topic)
+        link = await open_link(session.sockets, session.inflow, host, port)
+        fields = {"callerid": "/rwt", "topic": topic, "type": "*", "md5sum": "*"}
+        header = await exchange_headers(link, fields)
+        link.close()
+        type = session.types.find(
+            header.get("type", ""), header.get("md5sum", ""), header.get("message_definition", "")
+        )
+        if key in self._endpoints:
+            self.found_publisher(topic, node, type, is_latched=header.get("latching") == "1").cache = None
+
+    # What should be, and is not
+
+    def _check_own(self) -> None:
+        """Register everything again if the master has forgotten a registration, as after its restart."""
+        tables = {
+            "Publisher": self._state.publishers,
+            "Subscriber": self._state.subscribers,
+            "Service": self._state.services,
+        }
+        for each in self._session.registrar.confirmed:
+            if each.node.name not in tables[each.kind].get(each.name, ()):
+                self._missing[each.name, each.node.name, True] = count = (
+                    self._missing.get((each.name, each.node.name, True), 0) + 1
+                )
+                if count >= 2:  # A registration may be newer than the tables.
+                    logger.warning("the ROS 1 master has no registrations of this process: all are repeated")
+                    self._missing.clear()
+                    self._session.on_forgotten()
+                    return
+
+    async def _check_connections(self) -> None:
+        """Report nodes that cannot connect back, and find publishers without the master's updates."""
+        own = self._session.own_names()
+        missing: dict[Key, int] = {}
+        for node in self._session.nodes.values():
+            for publication in node.publications.values():
+                connected = {link.caller for link in publication.links}
+                for name in self._state.subscribers.get(publication.name, ()):
+                    if name not in connected and name not in own:
+                        key = (publication.name, name, False)
+                        missing[key] = self._missing.get(key, 0) + 1
+        for name, subscription in self._ros_topics.subscriptions.items():
+            others = [node for node in self._state.publishers.get(name, ()) if node not in own]
+            if len(others) > len(subscription.connected):
+                key = (name, "", True)
+                missing[key] = self._missing.get(key, 0) + 1
+                if missing[key] % _PATIENT_READINGS == 0:
+                    await self._find_publishers(name, others)
+        for key, count in missing.items():
+            if count == _PATIENT_READINGS and not key[2]:
+                self._report_unconnected(*key[:2])
+        self._missing = missing
+
+    async def _find_publishers(self, topic: str, nodes: list[str]) -> None:
+        uris = [await self._session.try_master("lookupNode", node) for node in nodes]
+        subscription = self._ros_topics.subscriptions.get(topic)
+        if subscription is not None and subscription.follow_also(uri for uri in uris if isinstance(uri, str)):
+            logger.warning(
+                "the ROS 1 master does not report the publishers of %s: it was told to do so at %s;"
+                " they are found by asking it. %s",
+                topic,
+                subscription.node.uri,
+                self._advice(),
+            )
+
+    def _report_unconnected(self, topic: str, node: str) -> None:
+        logger.warning(
+            "node %s subscribes to %s, but has not connected to this process at %s, the address it was given"
+            " (%s). %s",
+            node,
+            topic,
+            self._session.address.host,
+            self._session.address.source,
+            self._advice(),
+        )
+
+    def _advice(self) -> str:
+        return "Set ROS_IP to an address of this host that the robot reaches, and let no firewall block it."
+
+
+def _is_pair(value: object) -> bool:
+    match value:
+        case [str(), str()]:
+            return True
+    return False

@@ -1,0 +1,142 @@
+"""Parameters of the master, mirrored: reading is synchronous, and changes are sent in order."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections import deque
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Final
+
+import anyio
+
+from rwt_graph.errors import Ros1Error, WireError
+from rwt_graph.parameters.tree import ParameterTree
+from rwt_graph.ros1.wire import xmlrpc
+from rwt_participant.errors import ParameterRejected
+
+if TYPE_CHECKING:
+    from rwt_graph.ros1.session import Session
+    from rwt_participant.messages import ParameterValue
+
+logger = logging.getLogger(__name__)
+
+#: Maximum bytes of the parameters, which contain robot descriptions.
+_MOST_BYTES: Final = 64 * 1024 * 1024
+
+#: Seconds after a change by this process in which an update may be older than it, and is read again.
+_SETTLE_SECONDS: Final = 2.0
+
+#: Seconds between attempts while the master does not answer.
+_RETRY_SECONDS: Final = 1.0
+
+
+class MasterParameters(ParameterTree):
+    """Tree of parameters that follows the master's.
+
+    Values of this process that the master lacks, as before joining and after its restart, are set there.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(max_bytes=_MOST_BYTES)
+        self._own: dict[str, None] = {}
+        # Names whose values are sent, deleted or read, in order.
+        self._requests: deque[tuple[str, str]] = deque()
+        self._wake = anyio.Event()
+        self._is_joined = False
+        self._settled_at = 0.0
+
+    def set(self, name: str, value: ParameterValue) -> None:
+        try:
+            xmlrpc.encode_response(value)
+        except WireError as error:
+            raise ParameterRejected(f"parameter {name[:80]}: {error}") from error
+        super().set(name, value)
+        self._own[name] = None
+        self._request("setParam", name)
+
+    def delete(self, name: str) -> None:
+        super().delete(name)
+        self._own.pop(name, None)
+        self._request("deleteParam", name)
+
+    def _request(self, method: str, name: str) -> None:
+        if self._is_joined:
+            self._requests.append((method, name))
+            self._wake.set()
+
+    def on_update(self, key: str, value: ParameterValue) -> None:
+        """Apply a change by another node; an empty table means that the name was deleted."""
+        name = "/" + key.strip("/")
+        if self._requests or time.monotonic() < self._settled_at:
+            self._request("getParam", name)
+        else:
+            self._apply(name, value)
+
+    def _apply(self, name: str, value: ParameterValue) -> None:
+        try:
+            if value == {} or value is None:
+                if self.has(name):
+                    super().delete(name)
+            else:
+                super().set(name, value)
+        except ParameterRejected as error:
+            logger.warning("parameter %s of the ROS 1 master is not used: %s", name[:200], error)
+
+    def resynchronise(self) -> None:
+        """Read all parameters again, and set those of this process again if they are missing."""
+        self._is_joined = False
+        self._wake.set()
+
+    async def run(self, session: Session) -> None:
+        """Follow the master until the task is cancelled."""
+        while True:
+            self._wake = anyio.Event()
+            try:
+                if not self._is_joined:
+                    await self._join(session)
+                while self._requests and self._is_joined:
+                    await self._send(session, *self._requests[0])
+                    self._requests.popleft()
+                    self._settled_at = time.monotonic() + _SETTLE_SECONDS
+            except Ros1Error as error:
+                session.on_master_error(error)
+                await anyio.sleep(_RETRY_SECONDS)
+                continue
+            if self._is_joined:
+                await self._wake.wait()
+
+    async def _send(self, session: Session, method: str, name: str) -> None:
+        if method == "getParam":
+            self._apply(name, await session.try_master(method, name))
+        elif method == "deleteParam":
+            await session.try_master(method, name)
+        elif self.has(name):
+            await session.call_master(method, session.monitor.name, name, self.get(name))
+
+    async def _join(self, session: Session) -> None:
+        monitor = session.monitor
+        found = await session.call_master("subscribeParam", monitor.name, monitor.uri, "/")
+        self._is_joined = True
+        self._requests.clear()
+        values = dict(_leaves("", found))
+        for name in self.names():
+            if name not in values and not any(_is_below(name, own) for own in self._own):
+                self._apply(name, None)
+        for name, value in values.items():
+            self._apply(name, value)
+        for name in self._own:
+            if not any(_is_below(each, name) for each in values):
+                self._request("setParam", name)
+
+
+def _is_below(name: str, ancestor: str) -> bool:
+    return name == ancestor or name.startswith(ancestor.rstrip("/") + "/")
+
+
+def _leaves(name: str, value: ParameterValue) -> Iterator[tuple[str, ParameterValue]]:
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from _leaves(f"{name}/{key}", item)
+    elif name:
+        yield name, value

@@ -1,0 +1,325 @@
+"""Topics of this process on ROS 1: publications and subscriptions over TCPROS.
+
+Each node publishes for itself. The subscriptions of a topic share one connection to each publisher, which the
+node of the first of them makes.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+import anyio
+
+from rwt_graph.api import Sample
+from rwt_graph.errors import Ros1Error, WireError
+from rwt_graph.ros1.registrar import Registration
+from rwt_graph.ros1.wire.links import exchange_headers, open_link, request_topic
+from rwt_graph.ros1.wire.tcpros import length_prefix
+from rwt_interfaces.payload import Payload
+
+if TYPE_CHECKING:
+    from rwt_graph.memory.topics import MemoryPublisher, RemoteEndpoint, Topic, Topics
+    from rwt_graph.ros1.discovery import Discovery
+    from rwt_graph.ros1.node import Ros1Node
+    from rwt_graph.ros1.session import Session
+    from rwt_graph.ros1.wire.links import Link
+    from rwt_interfaces.structs import MessageType
+
+logger = logging.getLogger(__name__)
+
+#: Maximum publishers of one topic that are connected.
+_MOST_PUBLISHERS: Final = 500
+
+#: Seconds before a publisher is connected again: at first, and at most.
+_SHORTEST_DELAY: Final = 0.25
+_LONGEST_DELAY: Final = 30.0
+
+#: Maximum characters of a definition in a log line.
+_SHOWN_CHARS: Final = 1000
+
+
+class Publication:
+    """Topic that a node of this process publishes.
+
+    Attributes:
+        links: connections of subscribers.
+        publishers: publishers of the node, whose samples are sent.
+    """
+
+    def __init__(self, node: Ros1Node, name: str, type: MessageType) -> None:
+        self.name = name
+        self.type = type
+        self.links: set[Link] = set()
+        self.publishers: dict[MemoryPublisher, None] = {}
+        self.registration = Registration("Publisher", name, type.name, node)
+        self._node = node
+        self._definition = type.registry.full_text(type)
+
+    def add(self, publisher: MemoryPublisher) -> None:
+        """Send the samples of a publisher, and those that it retains."""
+        self.publishers[publisher] = None
+        publisher.on_publish_remote = self._send
+        for link in self.links:
+            self._send_retained(publisher, link)
+
+    def remove(self, publisher: MemoryPublisher) -> None:
+        """Send no more samples of a publisher."""
+        del self.publishers[publisher]
+        publisher.on_publish_remote = None
+
+    def accept(self, link: Link) -> None:
+        """Answer a subscriber, and send it the retained samples."""
+        header = link.header
+        if header["md5sum"] not in ("*", self.type.md5):
+            logger.warning(
+                "node %s cannot subscribe to %s: its %s has the MD5 sum %s, that of %s has %s;"
+                " its definition is %r, that of %s is %r",
+                link.caller[:200],
+                self.name,
+                header.get("type", "type")[:200],
+                header["md5sum"][:32],
+                self._node.name,
+                self.type.md5,
+                header.get("message_definition", "not known")[:_SHOWN_CHARS],
+                self._node.name,
+                self._definition[:_SHOWN_CHARS],
+            )
+            link.refuse(
+                f"topic types do not match: [{header.get('type')}/{header['md5sum']}]"
+                f" vs. [{self.type.name}/{self.type.md5}]"
+            )
+            return
+        is_latched = any(publisher.cache is not None for publisher in self.publishers)
+        link.send_header(
+            {
+                "callerid": self._node.name,
+                "topic": self.name,
+                "type": self.type.name,
+                "md5sum": self.type.md5,
+                "message_definition": self._definition,
+                "latching": "1" if is_latched else "0",
+                "tcp_nodelay": "1",
+            }
+        )
+        link.on_close = self.links.discard
+        self.links.add(link)
+        for publisher in self.publishers:
+            self._send_retained(publisher, link)
+
+    def _send_retained(self, publisher: MemoryPublisher, link: Link) -> None:
+        retained = () if publisher.cache is None else publisher.cache.samples()
+        for sample in retained[-1:]:  # As ROS 1 does: only the last one.
+            link.stream.send(_frame(sample.payload))
+
+    def _send(self, sample: Sample) -> None:
+        if self.links:
+            frame = _frame(sample.payload)
+            for link in tuple(self.links):
+                link.stream.send(frame)
+
+    def close(self) -> None:
+        """Close the connections of subscribers."""
+        for publisher in tuple(self.publishers):
+            self.remove(publisher)
+        for link in tuple(self.links):
+            link.finish()
+        self.links.clear()
+
+
+def _frame(payload: Payload) -> tuple[bytes | memoryview, ...]:
+    parts = payload.serialised_parts()
+    return (length_prefix(sum(map(len, parts))), *parts)
+
+
+class Subscription:
+    """Topic to which this process subscribes.
+
+    Attributes:
+        connected: addresses of the publishers that are connected.
+        updates: number of lists of publishers that were received.
+    """
+
+    def __init__(self, session: Session, discovery: Discovery, topic: Topic, node: Ros1Node) -> None:
+        self.name = topic.name
+        self.type_name = "*" if topic.type is None else topic.type.name
+        self.node = node
+        self.connected: set[str] = set()
+        self.updates = 0
+        self.registration = Registration("Subscriber", topic.name, self.type_name, node)
+        self._session = session
+        self._discovery = discovery
+        self._topic = topic
+        self._now = session.graph.clock.time_ns
+        self._publishers: dict[str, anyio.CancelScope] = {}
+        self._reported: set[str] = set()
+
+    def follow(self, uris: Iterable[str]) -> None:
+        """Connect to these publishers, and to no others."""
+        self.updates += 1
+        wanted = set(uris) - self._session.own_uris()
+        for uri in self._publishers.keys() - wanted:
+            self._publishers.pop(uri).cancel()
+        for uri in sorted(wanted - self._publishers.keys()):
+            if len(self._publishers) < _MOST_PUBLISHERS:
+                scope = self._publishers[uri] = anyio.CancelScope()
+                self._session.sockets.spawn(
+                    partial(self._keep_connected, uri, scope), f"{self.name} at {uri}"
+                )
+
+    def follow_also(self, uris: Iterable[str]) -> bool:
+        """Connect to publishers of which no update came; returns False if all are known."""
+        missing = set(uris) - self._publishers.keys() - self._session.own_uris()
+        if missing:
+            self.follow(missing | self._publishers.keys())
+        return bool(missing)
+
+    async def _keep_connected(self, uri: str, scope: anyio.CancelScope) -> None:
+        delay = _SHORTEST_DELAY
+        with scope:
+            while True:
+                try:
+                    await self._connect(uri)
+                    delay = _SHORTEST_DELAY
+                except Ros1Error as error:
+                    self._report(f"{self.name} is not received from {uri}: {error}")
+                await anyio.sleep(delay)
+                delay = min(2 * delay, _LONGEST_DELAY)
+
+    async def _connect(self, uri: str) -> None:
+        """Receive from a publisher until the connection ends; raises Ros1Error."""
+        session = self._session
+        host, port = await request_topic(uri, self.node.name, self.name)
+        link = await open_link(session.sockets, session.inflow, host, port)
+        link.on_header = self._on_header
+        try:
+            await exchange_headers(
+                link,
+                {
+                    "callerid": self.node.name,
+                    "topic": self.name,
+                    "type": self.type_name,
+                    "md5sum": "*",  # Checked here: a publisher that refuses cannot say what its type is.
+                    "tcp_nodelay": "1",
+                },
+            )
+            self.connected.add(uri)
+            await link.closed.wait()
+        finally:
+            self.connected.discard(uri)
+            link.close()
+
+    def _report(self, text: str) -> None:
+        """Log a text once."""
+        if text not in self._reported and len(self._reported) < _MOST_PUBLISHERS:
+            self._reported.add(text)
+            logger.warning("%s", text)
+
+    def _on_header(self, link: Link) -> None:
+        header = link.header
+        if "error" in header:
+            return  # Raised by the task that connects.
+        name = header.get("type", "")
+        type = self._session.types.find(name, header.get("md5sum", ""), header.get("message_definition", ""))
+        topic = self._topic
+        if topic.type is not None and topic.type.name != type.name:
+            raise WireError(
+                f"node {link.caller} publishes {type.name}, and the topic has type {topic.type.name}"
+            )
+        if topic.type is not None and topic.type is not type and topic.type.md5 != type.md5:
+            self._report(
+                f"node {link.caller} defines {name}, the type of {self.name}, otherwise than this process:"
+                f" {header['message_definition'][:_SHOWN_CHARS]!r} in place of"
+                f" {topic.type.registry.full_text(topic.type)[:_SHOWN_CHARS]!r}"
+            )
+            if not topic.publishers:
+                topic.type = type
+        is_latched = header.get("latching") == "1"
+        endpoint = self._discovery.found_publisher(self.name, link.caller, type, is_latched=is_latched)
+        link.on_frame = partial(self._on_message, type, endpoint)
+
+    def _on_message(self, type: MessageType, endpoint: RemoteEndpoint, _link: Link, body: bytes) -> None:
+        sample = Sample(self.name, Payload.relayed_ros1(type, body), self._now(), endpoint.node)
+        if endpoint.cache is not None:
+            endpoint.cache.add(sample)
+        for subscriber in self._topic.subscribers:
+            subscriber.deliver(sample)
+
+    def close(self) -> None:
+        """Close the connections to publishers."""
+        for scope in self._publishers.values():
+            scope.cancel()
+        self._publishers.clear()
+        for endpoint in self._topic.remote_publishers:
+            endpoint.cache = None  # Sent again to the next subscription.
+
+
+class Ros1Topics:
+    """Topics of this process, offered to ROS 1, and received samples."""
+
+    def __init__(self, topics: Topics) -> None:
+        self._topics = topics
+        self._session: Session | None = None
+        self._discovery: Discovery | None = None
+        self.subscriptions: dict[str, Subscription] = {}
+
+    def open(self, session: Session, discovery: Discovery) -> None:
+        """Offer every topic of this process."""
+        self._session, self._discovery = session, discovery
+        for topic in self._topics.all():
+            self.changed(topic)
+
+    def close(self) -> None:
+        """Close every connection."""
+        if self._session is not None:
+            for node in self._session.nodes.values():
+                for publication in node.publications.values():
+                    publication.close()
+            for subscription in self.subscriptions.values():
+                subscription.close()
+        self._session = None
+
+    def changed(self, topic: Topic) -> None:
+        if self._session is not None and self._discovery is not None:
+            self._follow_publishers(self._session, topic)
+            self._follow_subscribers(self._session, self._discovery, topic)
+
+    def _follow_publishers(self, session: Session, topic: Topic) -> None:
+        publishers = [each for each in topic.publishers if not each.owner.private]
+        for node in session.nodes.values():
+            publication = node.publications.get(topic.name)
+            if publication is not None:
+                for publisher in publication.publishers.keys() - set(publishers):
+                    publication.remove(publisher)
+        for publisher in publishers:
+            node = session.node_of(publisher.owner)
+            publication = node.publications.get(topic.name)
+            if publication is None:
+                publication = node.publications[topic.name] = Publication(node, topic.name, publisher.type)
+                session.registrar.add(publication.registration)
+            if publisher not in publication.publishers:
+                publication.add(publisher)
+        for node in session.nodes.values():
+            publication = node.publications.get(topic.name)
+            if publication is not None and not publication.publishers:
+                del node.publications[topic.name]
+                session.registrar.remove(publication.registration)
+                publication.close()
+
+    def _follow_subscribers(self, session: Session, discovery: Discovery, topic: Topic) -> None:
+        owners = {each.owner.name: each.owner for each in topic.subscribers if not each.owner.private}
+        subscription = self.subscriptions.get(topic.name)
+        if subscription is not None:
+            if any(session.nodes.get(name) is subscription.node for name in owners):
+                return
+            del self.subscriptions[topic.name]
+            del subscription.node.subscriptions[topic.name]
+            session.registrar.remove(subscription.registration)
+            subscription.close()
+        if owners:
+            node = session.node_of(next(iter(owners.values())))
+            subscription = Subscription(session, discovery, topic, node)
+            self.subscriptions[topic.name] = node.subscriptions[topic.name] = subscription
+            session.registrar.add(subscription.registration)

@@ -1,0 +1,283 @@
+"""Sockets on the graph's event loop, asyncio's or trio's: listeners, and streams with a bounded queue.
+
+Data is read by a callback of the event loop: a task per message would cost more than the message.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import logging
+import os
+import socket
+from collections import deque
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+import anyio
+
+if TYPE_CHECKING:
+    from rwt_graph.memory.runtime import Runtime
+
+logger = logging.getLogger(__name__)
+
+#: Bytes that are read at once.
+_READ_BYTES: Final = 256 * 1024
+
+#: Maximum connections that are accepted in one turn of the event loop.
+_ACCEPT_BATCH: Final = 16
+
+#: Maximum bytes that wait for a slow reader before the oldest frames are dropped.
+QUEUE_BYTES: Final = 16 * 1024 * 1024
+
+
+class Sockets:
+    """Callbacks of readable sockets.
+
+    Attributes:
+        spawn: starts a task on the graph's event loop.
+    """
+
+    def __init__(self, graph: Runtime) -> None:
+        self.spawn = graph.spawn
+        self._calls: dict[socket.socket, Callable[[], None]] = {}
+        try:
+            self._loop: asyncio.AbstractEventLoop | None = asyncio.get_running_loop()
+        except RuntimeError:
+            self._loop = None  # On trio.
+
+    def watch(self, sock: socket.socket, call: Callable[[], None]) -> None:
+        """Call a function whenever a socket is readable."""
+        self._calls[sock] = call
+        if self._loop is not None:
+            self._loop.add_reader(sock.fileno(), call)
+        else:
+            self.spawn(partial(self._watch, sock, call), "a socket of ROS 1")
+
+    async def _watch(self, sock: socket.socket, call: Callable[[], None]) -> None:
+        while sock in self._calls:
+            try:
+                await anyio.wait_readable(sock)
+            except (anyio.ClosedResourceError, OSError):
+                return
+            if sock in self._calls:
+                call()
+
+    def close(self, sock: socket.socket) -> None:
+        """Close a socket, watched or not."""
+        if self._calls.pop(sock, None) is not None:
+            if self._loop is not None:
+                self._loop.remove_reader(sock.fileno())
+            else:
+                anyio.notify_closing(sock)
+        sock.close()
+
+    def listen(self, host: str, on_socket: Callable[[socket.socket, str], None], port: int = 0) -> Listener:
+        """Accept connections.
+
+        Args:
+            on_socket: called with each connection and the address of its peer.
+
+        Raises:
+            OSError: the address cannot be used.
+        """
+        return Listener(self, host, port, on_socket)
+
+
+class Listener:
+    """Listening socket; `port` is the one it has got."""
+
+    def __init__(
+        self, sockets: Sockets, host: str, port: int, on_socket: Callable[[socket.socket, str], None]
+    ) -> None:
+        self._sockets = sockets
+        self._on_socket = on_socket
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        try:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            self._socket.bind((host, port))
+            self._socket.listen(128)
+        except BaseException:
+            self._socket.close()
+            raise
+        self._socket.setblocking(False)
+        self.port: int = self._socket.getsockname()[1]
+        sockets.watch(self._socket, self._accept)
+
+    def _accept(self) -> None:
+        for _ in range(_ACCEPT_BATCH):
+            try:
+                accepted, address = self._socket.accept()
+            except OSError:  # None is left, or its peer has gone, or too many files are open.
+                return
+            accepted.setblocking(False)
+            self._on_socket(accepted, address[0])
+
+    def close(self) -> None:
+        """Accept no more connections."""
+        self._sockets.close(self._socket)
+
+
+async def connect(host: str, port: int) -> socket.socket:
+    """Connect to a host.
+
+    Raises:
+        OSError: no address of the host accepts connections.
+    """
+    failure: OSError | None = None
+    for family, kind, protocol, _, address in await anyio.getaddrinfo(host, port, type=socket.SOCK_STREAM):
+        sock = socket.socket(family, kind, protocol)
+        sock.setblocking(False)
+        try:
+            code = sock.connect_ex(address)
+            if code == errno.EINPROGRESS:
+                await anyio.wait_writable(sock)
+                code = sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+            if code:
+                raise OSError(code, os.strerror(code))
+        except OSError as error:
+            sock.close()
+            failure = error
+            continue
+        except BaseException:
+            sock.close()
+            raise
+        return sock
+    raise failure or OSError(f"{host} has no address")
+
+
+class Stream:
+    """TCP connection whose data is passed to a function.
+
+    Frames wait in a queue while the peer does not read; beyond `most_queued` bytes, the oldest is dropped.
+
+    Args:
+        on_data: called with what was read; an exception closes the connection.
+        on_close: called once with the reason, unless this side closes the connection.
+
+    Attributes:
+        dropped: number of dropped frames.
+        read_bytes: maximum bytes of the next read.
+    """
+
+    def __init__(
+        self,
+        sockets: Sockets,
+        sock: socket.socket,
+        on_data: Callable[[bytes], None],
+        on_close: Callable[[str], None],
+        most_queued: int = QUEUE_BYTES,
+    ) -> None:
+        self._sockets = sockets
+        self._socket = sock
+        self._on_data = on_data
+        self._on_close = on_close
+        self._most_queued = most_queued
+        self._queue: deque[tuple[int, tuple[memoryview, ...]]] = deque()
+        self._queued = 0
+        self._finishing = False
+        self.closed = False
+        self.dropped = 0
+        self.read_bytes = _READ_BYTES
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        # Peers that disappear without a word are noticed within a minute.
+        for option, value in (("TCP_KEEPIDLE", 30), ("TCP_KEEPINTVL", 10), ("TCP_KEEPCNT", 3)):
+            if hasattr(socket, option):
+                sock.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        sockets.watch(sock, self._read)
+
+    def _read(self) -> None:
+        try:
+            data = self._socket.recv(self.read_bytes)
+        except BlockingIOError:
+            return
+        except OSError as error:
+            self._lost(str(error))
+            return
+        if not data:
+            self._lost("the other program has closed the connection")
+            return
+        try:
+            self._on_data(data)
+        except Exception as error:
+            logger.debug("a connection of ROS 1 is closed", exc_info=True)
+            self._lost(str(error))
+
+    def send(self, parts: tuple[bytes | memoryview, ...]) -> None:
+        """Send a frame, at once if possible."""
+        if self.closed:
+            return
+        size = sum(map(len, parts))
+        if not self._queue:
+            sent = self._send_now(parts)
+            if sent == size or self.closed:
+                return
+            self._queue.append((size - sent, _without(parts, sent)))
+            self._queued = size - sent
+            self._sockets.spawn(self._flush, "a slow reader on ROS 1")
+            return
+        self._queue.append((size, tuple(map(memoryview, parts))))
+        self._queued += size
+        # The first frame may have been sent in part, and the last is the newest.
+        while self._queued > self._most_queued and len(self._queue) > 2:
+            self._queued -= self._queue[1][0]
+            del self._queue[1]
+            self.dropped += 1
+
+    def _send_now(self, parts: tuple[bytes | memoryview, ...]) -> int:
+        try:
+            return self._socket.sendmsg(parts)
+        except BlockingIOError:
+            return 0
+        except OSError as error:
+            self._lost(str(error))
+            return 0
+
+    async def _flush(self) -> None:
+        while self._queue and not self.closed:
+            try:
+                await anyio.wait_writable(self._socket)
+            except (anyio.ClosedResourceError, OSError):
+                return
+            while self._queue and not self.closed:
+                size, parts = self._queue[0]
+                sent = self._send_now(parts)
+                self._queued -= sent
+                if sent < size:
+                    if not self.closed:
+                        self._queue[0] = size - sent, _without(parts, sent)
+                    break
+                self._queue.popleft()
+        if self._finishing:
+            self.close()
+
+    def finish(self) -> None:
+        """Close the connection after what is queued."""
+        if self._queue:
+            self._finishing = True
+        else:
+            self.close()
+
+    def _lost(self, reason: str) -> None:
+        if not self.closed:
+            self.close()
+            self._on_close(reason)
+
+    def close(self) -> None:
+        """Close the connection; no-op if it is closed."""
+        if not self.closed:
+            self.closed = True
+            self._queue.clear()
+            self._sockets.close(self._socket)
+
+
+def _without(parts: tuple[bytes | memoryview, ...], count: int) -> tuple[memoryview, ...]:
+    """Return parts without their first bytes."""
+    left: list[memoryview] = []
+    for part in parts:
+        if count < len(part):
+            left.append(memoryview(part)[count:])
+        count = max(0, count - len(part))
+    return tuple(left)

@@ -1,0 +1,98 @@
+"""Types that other nodes define in their connection headers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+from rwt_graph.errors import WireError
+from rwt_interfaces.errors import InterfaceError
+from rwt_interfaces.registry import Registry
+
+if TYPE_CHECKING:
+    from rwt_interfaces.structs import MessageType
+
+#: Maximum characters of a definition with its nested ones, of all definitions, and maximum messages in one.
+_DEFINITION_CHARS: Final = 256 * 1024
+_ALL_CHARS: Final = 32 * 1024 * 1024
+_MOST_PARTS: Final = 500
+
+_SEPARATOR: Final = "\n" + "=" * 80 + "\n"
+
+
+class WireTypes:
+    """Types of one graph, by name and MD5 sum.
+
+    A definition of an unknown name is added to the registry. One that contradicts the registry has a registry
+    of its own: both exist at once, and types that are in use do not change.
+    """
+
+    def __init__(self, registry: Registry) -> None:
+        self._registry = registry
+        self._found: dict[tuple[str, str], MessageType] = {}
+        self._chars = 0
+
+    def known(self, name: str) -> MessageType | None:
+        """Return the type of that name in the registry; None if it is unknown."""
+        try:
+            return self._registry.message(name)
+        except InterfaceError:
+            return None
+
+    def find(self, name: str, md5: str, definition: str) -> MessageType:
+        """Return the type of a connection header.
+
+        Raises:
+            WireError: the definition is missing, invalid, too large, or has another MD5 sum.
+        """
+        found = self._found.get((name, md5))
+        if found is None:
+            found = self.known(name)
+            if found is None or found.md5 != md5:
+                found = self._defined(name, md5, definition)
+            self._found[name, md5] = found
+        return found
+
+    def _defined(self, name: str, md5: str, definition: str) -> MessageType:
+        self._chars += len(definition)
+        if len(definition) > _DEFINITION_CHARS or self._chars > _ALL_CHARS:
+            raise WireError(f"the definition of {name[:80]} is too large")
+        parts = _parts(name, definition)
+        own = Registry(self._registry.distro)
+        try:
+            for part, text in parts.items():
+                own.add_text(text, part)
+            found = own.message(name)
+            if found.md5 != md5:
+                raise WireError(
+                    f"the definition of {name} has the MD5 sum {found.md5}, the header says {md5}"
+                )
+            return self._adopted(name, parts, own) or found
+        except InterfaceError as error:
+            raise WireError(f"the definition of {name[:80]} is invalid: {error}") from error
+
+    def _adopted(self, name: str, parts: dict[str, str], own: Registry) -> MessageType | None:
+        """Add the definitions to the registry, unless one of them contradicts it."""
+        unknown: dict[str, str] = {}
+        for part, text in parts.items():
+            known = self.known(part)
+            if known is None:
+                unknown[part] = text
+            elif known.md5 != own.message(part).md5:
+                return None
+        if name not in unknown:
+            return None
+        for part, text in unknown.items():
+            self._registry.add_text(text, part)
+        return self._registry.message(name)
+
+
+def _parts(name: str, definition: str) -> dict[str, str]:
+    """Return the texts of a definition with its nested ones, by name."""
+    first, *others = definition.split(_SEPARATOR)
+    if len(others) >= _MOST_PARTS:
+        raise WireError(f"the definition of {name[:80]} contains more than {_MOST_PARTS} messages")
+    parts = {name: first}
+    for other in others:
+        head, _, text = other.partition("\n")
+        parts[head.removeprefix("MSG:").strip()] = text
+    return parts

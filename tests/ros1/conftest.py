@@ -1,0 +1,137 @@
+"""Tests against real ROS 1 programs: `make test-ros1`.
+
+They are skipped where Debian's packages of ROS 1 are not installed.
+"""
+
+from __future__ import annotations
+
+import shutil
+import socket
+import subprocess
+from collections.abc import AsyncIterator, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Final
+
+import pytest
+
+from rwt_graph.ros1 import Ros1Graph
+from tests.ros1.program import Program
+
+HAS_ROS = shutil.which("rosmaster", path="/usr/bin") is not None
+
+#: Seconds that the master has to answer, and that a tool has to end.
+_PATIENCE: Final = 60
+
+
+@pytest.fixture(autouse=True)
+def needs_ros() -> None:
+    """Skip every test without ROS 1."""
+    if not HAS_ROS:
+        pytest.skip("needs ROS 1: run `make test-ros1`, which installs Debian's packages of it")
+
+
+class Ros:
+    """A ROS 1 master, and programs that use it.
+
+    Attributes:
+        uri: address of the master.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.port = _free_port()
+        self.uri = f"ros1://127.0.0.1:{self.port}"
+        self.environment = {
+            "PATH": "/usr/bin:/bin",
+            "HOME": str(folder),
+            "ROS_HOME": str(folder),
+            "ROS_MASTER_URI": f"http://127.0.0.1:{self.port}",
+            "ROS_IP": "127.0.0.1",
+            "ROS_PACKAGE_PATH": "/usr/share",
+            "PYTHONUNBUFFERED": "1",
+        }
+        self._programs = ExitStack()
+        self._master: subprocess.Popen[bytes] | None = None
+
+    def start_master(self) -> None:
+        """Start the master, and wait until it answers."""
+        self._master = subprocess.Popen(
+            ["/usr/bin/rosmaster", "--core", "-p", str(self.port)],
+            env=self.environment,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        self.tool("rosnode", "list", until_success=True)
+
+    def stop_master(self) -> None:
+        """End the master without a farewell."""
+        if self._master is not None:
+            self._master.kill()
+            self._master.wait()
+            self._master = None
+
+    def program(self, node: str = "program") -> Program:
+        """Start a `rospy` program in the namespace `/robot`, which ends with the test."""
+        program = Program({**self.environment, "ROS_NAMESPACE": "/robot"}, node)
+        self._programs.callback(program.close)
+        program.run("")
+        return program
+
+    def start(self, *command: str) -> subprocess.Popen[str]:
+        """Start a tool that ends with the test."""
+        process = subprocess.Popen(
+            command, env=self.environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        self._programs.callback(_end, process)
+        return process
+
+    def tool(self, *command: str, until_success: bool = False) -> str:
+        """Run a tool of ROS 1 and return its output.
+
+        Raises:
+            AssertionError: it fails.
+        """
+        for _ in range(_PATIENCE):
+            done = subprocess.run(
+                command, env=self.environment, capture_output=True, text=True, timeout=_PATIENCE, check=False
+            )
+            if done.returncode == 0 or not until_success:
+                break
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout + done.stderr
+
+    def close(self) -> None:
+        """End all programs."""
+        self._programs.close()
+        self.stop_master()
+
+
+def _end(process: subprocess.Popen[str]) -> None:
+    process.kill()
+    process.communicate()
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+@pytest.fixture
+def ros(tmp_path: Path) -> Iterator[Ros]:
+    """ROS 1 with a master of its own."""
+    made = Ros(tmp_path)
+    try:
+        made.start_master()
+        yield made
+    finally:
+        made.close()
+
+
+@pytest.fixture
+async def graph(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Ros1Graph]:
+    """A graph that has joined the master."""
+    monkeypatch.setenv("ROS_IP", "127.0.0.1")
+    async with Ros1Graph(master=ros.uri) as joined:
+        yield joined

@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import websockets
+
+from rwt_client import connect
+from tests.processes import running
+from tests.ros1.test_topics import OTHER_STRING, UNKNOWN
+from tests.waiting import until
+
+if TYPE_CHECKING:
+    from tests.ros1.conftest import Ros
+
+pytestmark = pytest.mark.anyio
+
+
+@contextmanager
+def server(ros: Ros) -> Iterator[str]:
+    """The URL of `rwt serve` on the graph of a master."""
+    environment = {"PYTHONPATH": os.environ.get("PYTHONPATH", ""), "ROS_IP": "127.0.0.1"}
+    arguments = ("serve", "--graph", ros.uri, "ws://127.0.0.1:0")
+    with running(*arguments, environment=environment, real=True, stderr=None) as (_, url):
+        yield url
+
+
+async def test_clients_exchange_topics_and_calls_with_ros_1(ros: Ros) -> None:
+    program = ros.program()
+    program.run(UNKNOWN + "\nfrom std_msgs.msg import String\nheard = []")
+    program.run("rospy.Subscriber('/from_client', String, lambda m: heard.append(m.data))")
+    program.run("from std_srvs.srv import Trigger\nrospy.Service('/do', Trigger, lambda _: (True, 'done'))")
+    with server(ros) as url:
+        async with connect(url) as robot:
+            await until(lambda: "rosapi" in ros.tool("rosservice", "list"))
+            values: list[Any] = []
+            robot.subscribe("/strange", values.append, "never_seen/Outer")
+            await until(lambda: values)
+            assert values[0].inner[0].text == "a"
+            publisher = robot.advertise("/from_client", "std_msgs/String")
+            await publisher
+
+            def arrived() -> bool:
+                publisher.publish({"data": "hi"})
+                return "hi" in program.run("result = heard")
+
+            await until(arrived)
+            response = await robot.call("/do", {}, "std_srvs/Trigger")
+            assert response.message == "done"
+            listed = await robot.call("/rosapi/nodes", {}, "rosapi/Nodes")
+            assert "/robot/program" in listed.nodes
+            details = await robot.call("/rosapi/message_details", {"type": "never_seen/Outer"})
+            assert details.typedefs[0].fieldnames == ["number", "inner", "when"]
+    assert ros.tool("rosnode", "list").split() == ["/robot/program"]
+    assert "rosapi" not in ros.tool("rosservice", "list")
+
+
+async def test_a_client_uses_the_definition_of_the_robot(ros: Ros) -> None:
+    program = ros.program()
+    program.run(OTHER_STRING)
+    with server(ros) as url:
+        async with websockets.connect(url) as client:
+            await client.send('{"op": "subscribe", "topic": "/commands", "type": "std_msgs/String"}')
+            await until(lambda: program.run("result = commands.get_num_connections()") == 2)
+            program.run("commands.publish(Other('back', 9))")
+            assert json.loads(await client.recv())["msg"] == {"data": "back", "number": 9}
+            await client.send(
+                '{"op": "publish", "topic": "/commands", "type": "std_msgs/String", "latch": true,'
+                ' "msg": {"data": "go", "number": 3}}'
+            )
+            await until(lambda: program.run("result = received") == [["back", 9], ["go", 3]])
