@@ -26,10 +26,13 @@ const manifest = {
   license: "BSD-3-Clause",
   author: "The Robot Web Tools without ROS authors",
   type: "module",
-  exports: { ".": { types: "./widgets.d.ts", default: "./widgets.js" } },
+  exports: {
+    ".": { types: "./widgets.d.ts", default: "./widgets.js" },
+    "./react": { types: "./react.d.ts" },
+  },
   types: "./widgets.d.ts",
   sideEffects: true,
-  files: ["*.js", "widgets.d.ts", "licenses.txt"],
+  files: ["*.js", "*.d.ts", "licenses.txt"],
 };
 
 rmSync(out, { recursive: true, force: true });

@@ -437,6 +437,12 @@ async def test_a_recording_is_begun_and_ended_from_the_page(browser: Browser, tm
         assert not await page.evaluate("document.querySelector('.recorder .problem')")
         await page.click("text=Stop recording")
         await page.wait(f"{text('.recorder [role=status]')}.startsWith('Last: run_')")
+        await page.evaluate(
+            """globalThis.saved = [];
+            HTMLAnchorElement.prototype.click = function () { saved.push(this.download); }"""
+        )
+        await page.click('[aria-label^="Download run_"]')
+        await page.wait("globalThis.saved[0]?.startsWith('run_')")
         assert await violations(page) == []
     with open_recording(files_in(tmp_path)) as recording:
         assert "/odom" in {topic.name for topic in recording.topics}
@@ -536,3 +542,77 @@ async def test_integers_of_64_bits_and_numbers_that_are_not_finite(browser: Brow
             await until(lambda: heard == [9007199254740993])
             await page.click("text=/odd")
             await page.wait(f"{text('.detail .tree')}.includes('not finite')")
+
+
+async def test_without_transforms_the_missing_frames_are_named_and_one_is_offered(browser: Browser) -> None:
+    async with Server("ws://127.0.0.1:0") as server:
+        node = server.node("laser")
+        scan = node.advertise("/scan", "sensor_msgs/LaserScan", qos=LATCHED)
+        scan.publish(
+            {"header": {"frame_id": "laser"}, "angle_increment": 0.1, "range_max": 9.0, "ranges": [1.0] * 60}
+        )
+        url = server.urls[0].replace("ws", "http", 1) + "/"
+        async with browser.page(f"{url}healthz", 700, 500) as page:
+            await open_panels(page, url, [("scene", {})])
+            await page.wait(f"{text('.scene-lost')}.includes('what is in the frame laser is not drawn')")
+            assert await violations(page) == []
+            await page.click("text=Use laser as fixed frame")
+            await page.wait("!document.querySelector('.scene-lost')")
+            scene = "document.querySelector('.scene-view').robotScene"
+            assert await page.evaluate(f"{scene}.frames.fixed.value") == "laser"
+            assert await page.evaluate(f"{scene}.frames.place('laser').visible")
+
+
+async def test_rates_of_topics_that_nothing_shows_are_measured(browser: Browser) -> None:
+    async with panel(browser, "jazzy", "topics", size=(900, 600)) as (served, page):
+        row = "[...document.querySelectorAll('tr')].find(it => it.textContent.startsWith({!r}))"
+        rate = f"({row.format('/joint_states')}?.querySelector('.rate').textContent ?? '')"
+        await page.wait(f"parseFloat({rate}) > 5")
+        served.node.advertise("/silent", "std_msgs/String")
+        await page.wait(f"{row.format('/silent')}?.querySelector('.rate').textContent === 'idle'")
+
+
+async def test_the_robot_s_own_name_is_in_title_and_header(browser: Browser) -> None:
+    for distro in ("jazzy", "noetic"):
+        async with panel(browser, distro, "topics") as (_, page):
+            await page.wait(f"{text('header h1')} === 'demo_robot'")
+            await page.wait("document.title === 'demo_robot · Robot'")
+
+
+async def test_letters_drive_from_anywhere_but_text_fields(browser: Browser) -> None:
+    async with Server("ws://127.0.0.1:0", demo=True) as server:
+        told: list[float] = []
+        server.node("watcher").subscribe(
+            "/cmd_vel", lambda twist: told.append(twist.linear.x), "geometry_msgs/Twist"
+        )
+        url = server.urls[0].replace("ws", "http", 1) + "/"
+        async with browser.page(f"{url}healthz", 1300, 800) as page:
+            await open_panels(page, url, [("topics", {}), ("teleop", {"topic": "/cmd_vel"})])
+            await page.wait("document.querySelector('.drive-forward:not(:disabled)')")
+            await page.calm()
+            await page.evaluate("document.querySelector('.panel-topics input').focus()")
+            await page.keyboard("press", "w")
+            await anyio.sleep(0.5)
+            assert not any(told)
+            await page.evaluate("document.activeElement.blur()")
+            await page.keyboard("down", "w")
+            await until(lambda: 0.4 in told)
+            await page.keyboard("up", "w")
+            await until(lambda: told[-1] == 0.0)
+
+
+async def test_meshes_load_without_warnings(browser: Browser) -> None:
+    async with Server("ws://127.0.0.1:0", demo=True) as server:
+        url = server.urls[0].replace("ws", "http", 1) + "/"
+        async with browser.page(f"{url}healthz", 700, 500) as page:
+            await open_panels(page, url, [("topics", {})])
+            await page.evaluate(
+                "globalThis.warned = []; console.warn = (first) => void globalThis.warned.push(String(first))"
+            )
+            await page.click('header .menus summary:has-text("Add panel")')
+            await page.click("text=3D")
+            await page.wait("document.querySelector('.scene-view')?.robotScene?.base")
+            meshes = "performance.getEntriesByType('resource').filter(it => it.name.endsWith('.dae')).length"
+            await page.wait(f"{meshes} > 3")
+            await page.calm()
+            assert [each for each in await page.evaluate("warned") if "Loader" in each] == []

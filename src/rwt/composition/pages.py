@@ -277,7 +277,7 @@ def _rows(pairs: Iterable[tuple[str, str]]) -> str:
     return f"<tr><td><code>{rows}".replace(" ", "</code><td>").replace("\n", "<tr><td><code>")
 
 
-_FEATURES: Final = {"/webrtc": "webrtc", "/whep": "whep", "/whip": "whip"}
+_FEATURES: Final = {"/webrtc": "webrtc", "/whep": "whep", "/whip": "whip", "/recordings": "recordings"}
 
 
 def _features(routes: Iterable[Route[GraphView]]) -> Sequence[str]:

@@ -2,6 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { t } from "../i18n/text";
+import { saveAs } from "../panels/component";
 import { type App, readLayout } from "./state";
 
 const LARGEST_FILE = 1024 * 1024;
@@ -112,10 +113,5 @@ function linkTo(name: string): string {
 }
 
 function download(app: App): void {
-  const blob = new Blob([JSON.stringify(app.layout, null, 2)], { type: "application/json" });
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(blob);
-  link.download = "layout.json";
-  link.click();
-  URL.revokeObjectURL(link.href);
+  saveAs(new Blob([JSON.stringify(app.layout, null, 2)], { type: "application/json" }), "layout.json");
 }

@@ -1,6 +1,7 @@
 /** Where the page begins. */
 
 import "./style.css";
+import { effect } from "@preact/signals";
 import { render } from "preact";
 import "../panels/all";
 import { chooseLanguage, speak, t } from "../i18n/text";
@@ -32,6 +33,9 @@ document.documentElement.lang = language;
 const settings = await pageSettings();
 const startWorker = () => new Worker(new URL(DECODE_WORKER, import.meta.url)) as unknown as WorkerPort;
 const app = new App(settings, robotUrl(location, settings), startWorker);
-document.title = `${new URL(app.robot).host} · ${document.title}`;
+const { title } = document;
+effect(() => {
+  document.title = `${app.name.value} · ${title}`;
+});
 render(<Shell app={app} />, place);
 void app.begin(new URLSearchParams(location.search).get("layout"));

@@ -43,7 +43,7 @@ export function Shell({ app }: { app: App }) {
       </a>
       <header>
         <StopButton app={app} />
-        <h1>{robotName(app)}</h1>
+        <h1 title={app.session.url}>{app.name.value}</h1>
         <State app={app} />
         <nav class="menus">
           <Menu label={t("app.add")} sign="+">
@@ -90,11 +90,6 @@ export function Shell({ app }: { app: App }) {
       <Notices app={app} />
     </>
   );
-}
-
-function robotName(app: App): string {
-  const { host, pathname } = new URL(app.robot);
-  return pathname === "/" ? host : host + pathname;
 }
 
 function StopButton({ app }: { app: App }) {

@@ -3,6 +3,7 @@
 import { computed, effect, type ReadonlySignal, type Signal, signal } from "@preact/signals";
 import { t } from "../i18n/text";
 import { type PanelConfig, panelKind, panelKinds } from "../panels/registry";
+import { describedName } from "../robot/description";
 import { Navigation } from "../robot/navigation";
 import { mediaSenders, type Sender } from "../robot/senders";
 import { RobotSession } from "../robot/session";
@@ -82,6 +83,8 @@ export class App {
   readonly session: RobotSession;
   readonly stop: Stop;
   readonly navigation: Navigation;
+  /** What people call the robot: its name, else its address. */
+  readonly name: ReadonlySignal<string>;
   /** Whose cameras and microphones are on. */
   readonly senders: ReadonlySignal<readonly Sender[]>;
   readonly panels: Signal<OpenPanel[]> = signal([]);
@@ -119,6 +122,9 @@ export class App {
     this.stop = new Stop(this.session);
     this.navigation = new Navigation(this.session);
     this.senders = mediaSenders(this.session);
+    const described = describedName(this.session);
+    const { host, pathname } = new URL(robot);
+    this.name = computed(() => described.value || (pathname === "/" ? host : host + pathname));
     effect(() => {
       document.documentElement.dataset.theme = this.dark.value ? "dark" : "light";
     });

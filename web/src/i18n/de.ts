@@ -101,6 +101,7 @@ export const de: Record<TextKey, string> = {
   "topics.name": "Name",
   "topics.type": "Typ",
   "topics.rate": "Rate",
+  "topics.idle": "ruht",
   "topics.bandwidth": "Bandbreite",
   "topics.age": "Alter",
   "topics.watch": "{name} beobachten",
@@ -121,7 +122,7 @@ export const de: Record<TextKey, string> = {
   "teleop.silent":
     "Fahren ist aus: Der Roboter antwortet nicht. Die Steuerung loslassen und neu greifen, sobald er antwortet.",
   "teleop.hint":
-    "Halten bewegt, Loslassen hält an. Hier die Pfeiltasten oder W A S D, oder ein Gamepad mit gehaltener Schultertaste. Sendet auf {topic}.",
+    "Halten bewegt, Loslassen hält an. W A S D auf der ganzen Seite, hier die Pfeiltasten, oder ein Gamepad mit gehaltener Schultertaste. Sendet auf {topic}.",
   "teleop.held": "{name} fährt",
   "teleop.free": "Niemand fährt",
   "teleop.mine": "Sie fahren",
@@ -179,6 +180,11 @@ export const de: Record<TextKey, string> = {
   "scene.handle.plane": "bewegt sich in einer Ebene",
   "scene.handle.turn": "dreht sich",
   "scene.handle.press": "Eingabe drückt darauf",
+  "scene.lost":
+    "Keine Transformation verbindet {frame} mit dem festen System {fixed}: seine Topics werden nicht gezeichnet.",
+  "scene.lost.all":
+    "Auf /tf gibt es keine Transformationen: was im System {frame} liegt, wird nicht gezeichnet.",
+  "scene.lost.use": "{frame} als festes System",
   "scene.layers": "Ebenen",
   "scene.quality": "Qualität",
   "scene.quality.auto": "was der Rechner schafft",
@@ -316,6 +322,8 @@ export const de: Record<TextKey, string> = {
   "recorder.name": "Name (freiwillig)",
   "recorder.state": "{file}: {seconds} s, {messages} Nachrichten, {size} von {most}",
   "recorder.last": "Zuletzt: {file}, {messages} Nachrichten, {size}",
+  "recorder.files": "Aufzeichnungen des Roboters",
+  "recorder.download": "{name} herunterladen",
   "recorder.dropped": "{count} Nachrichten gingen verloren: Die Platte ist zu langsam.",
   "player.refused": "{name} wurde abgelehnt.",
   "widget.robot": "Das Attribut robot ist eine Adresse wie ws://robot:9090, nicht {written}.",

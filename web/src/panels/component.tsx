@@ -40,6 +40,15 @@ export function TopicChoice(props: {
   return <Choice label={label} scan={scan} chosen={chosen} options={all} onChoose={onChoose} />;
 }
 
+/** Have the browser save a file. */
+export function saveAs(content: Blob, name: string): void {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(content);
+  link.download = name;
+  link.click();
+  URL.revokeObjectURL(link.href);
+}
+
 /** The time, told once a second to whoever shows ages. */
 export const now = signal(Date.now());
 setInterval(() => {

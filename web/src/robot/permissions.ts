@@ -14,8 +14,8 @@ export interface RoleAnswer {
   features?: string[];
 }
 
-/** What a server may have beside rosbridge: data channels, video out, video and sound in. */
-export type Feature = "webrtc" | "whep" | "whip";
+/** What a server may have beside rosbridge: data channels, video out, video and sound in, files of recordings. */
+export type Feature = "webrtc" | "whep" | "whip" | "recordings";
 
 /** Whether a glob of fnmatch, in which `*` also matches `/`, fits a name. */
 export function globFits(glob: string, name: string): boolean {

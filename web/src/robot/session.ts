@@ -7,6 +7,7 @@ import { Commands } from "./commands";
 import type { GoalHandle } from "./goals";
 import { shortType } from "./names";
 import { askPermissions, Permissions } from "./permissions";
+import { Rates } from "./rates";
 import { type Message, type OnMessage, type SubscribeOptions, Subscriptions } from "./subscriptions";
 import { type Closed, DecodeWorker, type WorkerPort } from "./transport";
 import { Definitions, type RosapiTypeDef } from "./typedefs";
@@ -96,6 +97,8 @@ export class RobotSession {
 
   /** Everything that acts on the robot; {@link call} itself is for questions. */
   readonly commands: Commands;
+
+  readonly rates = new Rates(this);
 
   private readonly saidVersion = signal(0);
   /** Milliseconds by which the robot's clock is ahead of this page's. */

@@ -31,6 +31,8 @@ interface Transform {
 /** A way up the tree that is longer is taken for a circle. */
 const MOST_ANCESTORS = 100;
 const MOST_FRAMES = 5000;
+/** Milliseconds for which a frame may be missing: transforms often come after the first messages. */
+const LOST_FOR = 2000;
 const USUAL_FIXED = ["map", "odom", "world"];
 
 export class Frames {
@@ -39,12 +41,16 @@ export class Frames {
   readonly changed: Signal<number> = signal(0);
   /** The frame in which everything is drawn. */
   readonly fixed: Signal<string> = signal("");
+  /** Frames in which something is to be drawn, and that no transform has connected to the fixed one for a while. */
+  readonly unreachable: Signal<readonly string[]> = signal([]);
   /** Called when anything moved. */
   onMove: () => void = () => undefined;
 
   private readonly places = new Map<string, Group>();
   private readonly ends: (() => void)[];
   private chosen = false;
+  /** Since when each frame cannot be reached, in milliseconds by this page's clock. */
+  private readonly lostSince = new Map<string, number>();
 
   /** `root` is where the places are added, drawn in the fixed frame. */
   constructor(
@@ -105,15 +111,26 @@ export class Frames {
     for (const [name, place] of this.places) {
       if (!place.children.length) {
         this.places.delete(name);
+        this.lostSince.delete(name);
         this.root.remove(place);
         continue;
       }
       const matrix = this.inFixed(name);
       place.visible = matrix !== null;
-      if (!matrix) continue;
+      if (!matrix) {
+        if (!this.lostSince.has(name)) {
+          this.lostSince.set(name, Date.now());
+          setTimeout(() => this.onMove(), LOST_FOR);
+        }
+        continue;
+      }
+      this.lostSince.delete(name);
       place.matrix.copy(matrix);
       place.matrixWorldNeedsUpdate = true;
     }
+    const due = Date.now() - LOST_FOR;
+    const lost = [...this.lostSince].filter(([, since]) => since <= due).map(([name]) => name);
+    if (lost.join() !== this.unreachable.peek().join()) this.unreachable.value = lost;
   }
 
   /** Where a frame is and how it is turned about z, in the fixed frame. */

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import re
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+import anyio
 import anyio.to_thread
 
 from rwt.nodes.recording.errors import RecordingError, RecordingNotWritten, require
@@ -18,6 +20,7 @@ from rwt.nodes.recording.recorder import Recorder, record_graph
 from rwt.nodes.recording.recording import TopicSelection
 from rwt.nodes.recording.writer import RecordingOptions
 from rwt_graph.nodes.node import Node
+from rwt_transports.http.routes import Audience, HttpExtension, HttpRequest, HttpResponse, Reader, Route
 
 if TYPE_CHECKING:
     from rwt.nodes.recording.writer import RecordingWriter
@@ -30,6 +33,11 @@ logger = logging.getLogger(__name__)
 STATE_SECONDS: Final = 1.0
 """Interval between state messages while recording, in seconds."""
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+_FILE_NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*\.mcap")
+PATH: Final = "/recordings"
+"""Path of the list of recordings; each file is below it."""
+_CHUNK_BYTES: Final = 256 * 1024
+_MAX_LISTED: Final = 1000
 _MAX_TOPICS: Final = 200
 _MAX_NAME_CHARS: Final = 256
 _MAX_FILES_PER_SECOND: Final = 100
@@ -56,7 +64,8 @@ class RecorderNode:
     """Records a graph from a call of ``/recorder/start`` to ``/recorder/stop``, or up to its size limit.
 
     The services are those of ``rwt_recorder_msgs``; ``/recorder/state`` is latched. There is one recording at
-    a time, which continues if its client disconnects.
+    a time, which continues if its client disconnects. Clients that may subscribe to every topic list and
+    download the files of the folder over HTTP.
 
     Args:
         folder: folder of the files, which are named after the request and the time.
@@ -89,6 +98,29 @@ class RecorderNode:
             handler = partial(self._alone, act)
             self._node.advertise_service(f"/recorder/{name}", f"rwt_recorder_msgs/{type}", handler)
         self._publish_state()
+        routes = (
+            Route(PATH, self._list, Audience.EVERY_TOPIC),
+            Route(f"{PATH}/*", self._download, Audience.EVERY_TOPIC),
+        )
+        self.http: Final = HttpExtension(routes)
+
+    # Pages
+
+    async def _list(self, request: HttpRequest, reader: Reader) -> HttpResponse:
+        found = await anyio.to_thread.run_sync(_files_in, self._folder)
+        current = self._state["file"] if self._recorder is not None else None
+        body = [each for each in found if each["name"] != current]
+        return HttpResponse(
+            json.dumps(body).encode(), content_type="application/json", headers={"Cache-Control": "no-store"}
+        )
+
+    async def _download(self, request: HttpRequest, reader: Reader) -> HttpResponse:
+        name = request.path.removeprefix(f"{PATH}/")
+        path = self._folder / name
+        if _FILE_NAME.fullmatch(name) is None or not path.is_file() or path.is_symlink():
+            return HttpResponse(f"there is no recording {name[:80]!a} here\n".encode(), 404)
+        headers = {"Content-Disposition": f'attachment; filename="{name}"', "Cache-Control": "no-store"}
+        return HttpResponse(_chunks_of(path), content_type="application/octet-stream", headers=headers)
 
     # Services
 
@@ -218,6 +250,25 @@ class RecorderNode:
 
 def _refusal(text: str) -> dict[str, object]:
     return {"success": False, "message": text, "file": ""}
+
+
+def _files_in(folder: Path) -> list[dict[str, object]]:
+    """Return name, size and time of the last change of recordings, the newest first."""
+    files = [
+        (each.stat(), each.name)
+        for each in folder.iterdir()
+        if _FILE_NAME.fullmatch(each.name) and each.is_file() and not each.is_symlink()
+    ]
+    files.sort(key=lambda each: -each[0].st_mtime)
+    return [
+        {"name": name, "bytes": stat.st_size, "modified": stat.st_mtime} for stat, name in files[:_MAX_LISTED]
+    ]
+
+
+async def _chunks_of(path: Path) -> AsyncIterator[bytes]:
+    async with await anyio.open_file(path, "rb") as file:
+        while chunk := await file.read(_CHUNK_BYTES):
+            yield chunk
 
 
 def _bytes_in(folder: Path) -> int:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import anyio
+import httpx
 import pytest
 
 from rwt import Server, SettingsError, connect
@@ -182,3 +183,35 @@ async def test_there_are_no_such_services_unless_a_folder_is_named(tmp_path: Pat
             raise AssertionError("it serves")
     with pytest.raises(SettingsError, match="expected `workers = 1`"):
         Server("ws://127.0.0.1:0", recorder={"folder": tmp_path}, workers=2)
+
+
+async def test_recordings_are_listed_and_downloaded_by_who_may_hear_every_topic(tmp_path: Path) -> None:
+    (tmp_path / "secret.txt").write_text("no recording")
+    settings: dict[str, Any] = {
+        "recorder": {"folder": tmp_path},
+        "auth": {
+            "tokens": {"v": {"token": "a-viewer-s-token-0123", "role": "some"}},
+            "default_role": "admin",
+        },
+        "roles": {"some": {"subscribe": ["/odom"]}},
+    }
+    async with Server("ws://127.0.0.1:0", **settings) as server, connect(server.urls[0]) as robot:
+        node = server.node("robot")
+        node.advertise("/place", "geometry_msgs/Point", latch=True).publish({"x": 1.0})
+        await start(robot, "run")
+        await state_when(robot, lambda state: state.messages >= 1)
+        base = server.urls[0].replace("ws", "http", 1)
+        async with httpx.AsyncClient(base_url=base) as http:
+            assert (await http.get("/recordings")).json() == []  # It is being written.
+            name = (await stop(robot)).file
+            (listed,) = (await http.get("/recordings")).json()
+            content = (await http.get(f"/recordings/{name}")).content
+            assert (listed["name"], listed["bytes"], len(content)) == (name, len(content), len(content))
+            for wrong in ("secret.txt", "../secret.txt", "%2e%2e/x.mcap", "none.mcap"):
+                assert (await http.get(f"/recordings/{wrong}")).status_code == 404, wrong
+            bearer = {"Authorization": "Bearer a-viewer-s-token-0123"}
+            for path in ("/recordings", f"/recordings/{name}"):
+                assert (await http.get(path, headers=bearer)).status_code == 403
+    (tmp_path / "copy.mcap").write_bytes(content)
+    with open_recording([tmp_path / "copy.mcap"]) as recording:
+        assert "/place" in {topic.name for topic in recording.topics}

@@ -180,8 +180,16 @@ function takesKeys(event: Event): boolean {
   );
 }
 
-/** Drive by the keys that are held while the keyboard is in an element. */
-export function followKeys(element: HTMLElement | Document, drive: Drive): () => void {
+/**
+ * Drive by the keys that are held while the keyboard is in an element.
+ *
+ * @param counts whether a key that another control has not used drives
+ */
+export function followKeys(
+  element: HTMLElement | Document,
+  drive: Drive,
+  counts: (event: KeyboardEvent) => boolean = () => true,
+): () => void {
   const held = new Set<string>();
   const changed = () => {
     if (held.size) drive.hold("keys", wishOfKeys(held));
@@ -195,6 +203,7 @@ export function followKeys(element: HTMLElement | Document, drive: Drive): () =>
   const down = (event: KeyboardEvent) => {
     const key = keyOf(event);
     if (!(key in KEYS) || takesKeys(event) || event.ctrlKey || event.altKey || event.metaKey) return;
+    if (event.defaultPrevented || !counts(event)) return;
     event.preventDefault();
     // A key that repeats was pressed before: perhaps for a connection that is lost, or before the page was left.
     if (event.repeat) return;

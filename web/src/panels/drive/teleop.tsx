@@ -75,7 +75,16 @@ function Controls({ context, topic }: { context: PanelContext; topic: string }) 
   useLayoutEffect(() => {
     if (!visible.value) drive.releaseAll();
   }, [drive, visible.value]);
-  useLayoutEffect(() => followKeys(pad.current as HTMLElement, drive), [drive]);
+  useLayoutEffect(() => {
+    const here = pad.current as HTMLElement;
+    return followKeys(document, drive, (event) => {
+      if (here.contains(event.target as Node)) return true;
+      // Of several Drive panels one drives. Arrow keys belong to what has the focus.
+      const isFirst = document.querySelector(".panel .drive") === here;
+      const isFree = event.target === document.body || (event.target as HTMLElement).id === "panels";
+      return isFirst && context.visible.peek() && (isFree || event.key.length === 1);
+    });
+  }, [drive, context]);
   const { linear, lateral, angular } = drive.sent.value;
   // Before the robot has said of which type the topic is, a grip would be lost when it does.
   const why = blockText(session, t);

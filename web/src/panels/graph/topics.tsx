@@ -39,6 +39,12 @@ function TopicsPanel({ context }: { context: PanelContext }) {
       .sort(([one], [other]) => (one < other ? -1 : 1));
   });
   const shown = found.value.slice(0, MOST_ROWS);
+  const names = shown.map(([name]) => name);
+  const isVisible = context.visible.value;
+  useEffect(
+    () => (isVisible ? session.rates.watch(names) : undefined),
+    [session, isVisible, names.join("\n")],
+  );
   return (
     <div class="split">
       <div class="list">
@@ -106,11 +112,20 @@ function ShortType({ type }: { type: string }) {
   );
 }
 
+/** How often a topic is published; empty while it is not known. */
+export function rateText({ rates, traffic }: PanelContext["session"], name: string): string {
+  const received = traffic.value.get(name);
+  const hz = rates.known.value.get(name)?.hz ?? (received ? received.messages / received.seconds : null);
+  if (hz === null) return "";
+  return hz === 0 ? t("topics.idle") : `${hz < 99.95 ? hz.toFixed(1) : hz.toFixed(0)} Hz`;
+}
+
 function Traffic({ context, name }: { context: PanelContext; name: string }) {
-  const traffic = context.session.traffic.value.get(name);
+  const { session } = context;
+  const traffic = session.traffic.value.get(name);
   return (
     <>
-      <td class="number rate">{traffic && `${(traffic.messages / traffic.seconds).toFixed(1)} Hz`}</td>
+      <td class="number rate">{rateText(session, name)}</td>
       <td class="number bandwidth">
         {traffic && `${(traffic.bytes / traffic.seconds / 1024).toFixed(1)} KB/s`}
       </td>

@@ -1,12 +1,15 @@
 /** The robot's own recorder: begin, end, and how far it is. */
 
 import { useSignal } from "@preact/signals";
+import { Download } from "lucide";
 import { useEffect } from "preact/hooks";
 import { Commanding } from "../../forms/commanding";
+import { Icon } from "../../forms/icon";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { seconds } from "../../robot/names";
-import { now, Refusal } from "../component";
+import type { RobotSession } from "../../robot/session";
+import { now, Refusal, saveAs } from "../component";
 import type { PanelContext } from "../registry";
 
 const START = "/recorder/start";
@@ -105,7 +108,87 @@ export function Recorder({ context }: { context: PanelContext }) {
         <Problem text={t("recorder.dropped", { count: recorded.dropped })} />
       )}
       {problem.value && <Problem text={problem.value} />}
+      {session.permissions.value.has("recordings") && session.may("subscribe", ANY_TOPIC) && (
+        <Recordings key={`${recorded?.recording} ${recorded?.file}`} session={session} />
+      )}
     </section>
+  );
+}
+
+interface Recording {
+  name: string;
+  bytes: number;
+  /** Seconds since 1970. */
+  modified: number;
+}
+
+/** A name that only roles with every topic may subscribe to: these may read recordings. */
+const ANY_TOPIC = "/*";
+/** Milliseconds for the list to come. */
+const PATIENCE = 10_000;
+
+/** The files that the robot has recorded, to download. */
+function Recordings({ session }: { session: RobotSession }) {
+  const files = useSignal<Recording[]>([]);
+  const busy = useSignal("");
+  const problem = useSignal("");
+  const get = async (path: string, signal: AbortSignal | null) => {
+    const response = await fetch(new URL(path, session.httpBase), { headers: session.httpHeaders, signal });
+    if (!response.ok) throw new Error((await response.text()).trim());
+    return response;
+  };
+  const attempt = async (act: () => Promise<void>) => {
+    try {
+      await act();
+      problem.value = "";
+    } catch (error) {
+      problem.value = (error as Error).message;
+    }
+  };
+  useEffect(() => {
+    void attempt(async () => {
+      files.value = await (await get("recordings", AbortSignal.timeout(PATIENCE))).json();
+    });
+  }, []);
+  // By a request with the token, which a link has not.
+  const download = (name: string) =>
+    attempt(async () => {
+      busy.value = name;
+      try {
+        saveAs(await (await get(`recordings/${encodeURIComponent(name)}`, null)).blob(), name);
+      } finally {
+        busy.value = "";
+      }
+    });
+  return (
+    <>
+      {problem.value && <Problem text={problem.value} />}
+      {files.value.length > 0 && (
+        <table class="recordings">
+          <caption class="hidden">{t("recorder.files")}</caption>
+          <tbody>
+            {files.value.map(({ name, bytes, modified }) => (
+              <tr key={name}>
+                <th scope="row">{name}</th>
+                <td class="faint">{new Date(modified * 1000).toLocaleString()}</td>
+                <td class="number">{sizeText(bytes)}</td>
+                <td>
+                  <button
+                    type="button"
+                    disabled={busy.value !== ""}
+                    aria-label={t("recorder.download", { name })}
+                    title={t("recorder.download", { name })}
+                    onClick={() => download(name)}
+                  >
+                    <Icon of={Download} />
+                  </button>
+                </td>
+              </tr>
+            ))}
+          </tbody>
+        </table>
+      )}
+    </>
   );
 }
 

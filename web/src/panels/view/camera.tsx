@@ -5,7 +5,7 @@ import { OldAge, useOldAge } from "../../elements/video/age";
 import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { CAMERA_TYPES, Camera, cameraTopics } from "../../robot/camera";
-import { componentPanel, Refusal, TopicChoice } from "../component";
+import { componentPanel, Refusal, saveAs, TopicChoice } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 
 export const camera: PanelKind = {
@@ -89,11 +89,7 @@ function View({ context, topic }: { context: PanelContext; topic: string }) {
 
 function saveStill(canvas: HTMLCanvasElement, topic: string): void {
   canvas.toBlob((blob) => {
-    if (!blob) return;
-    const link = document.createElement("a");
-    link.href = URL.createObjectURL(blob);
-    link.download = `${topic.replace(/\W+/g, "_").replace(/^_/, "")}-${new Date().toISOString()}.png`;
-    link.click();
-    URL.revokeObjectURL(link.href);
+    const name = topic.replace(/\W+/g, "_").replace(/^_/, "");
+    if (blob) saveAs(blob, `${name}-${new Date().toISOString()}.png`);
   }, "image/png");
 }

@@ -10,7 +10,7 @@ import { Problem } from "../../forms/problem";
 import { t } from "../../i18n/text";
 import { numberAt, numericPaths } from "../../robot/fields";
 import type { Message } from "../../robot/subscriptions";
-import { componentPanel } from "../component";
+import { componentPanel, saveAs } from "../component";
 import type { PanelContext, PanelKind } from "../registry";
 import { Series } from "./series";
 
@@ -391,10 +391,5 @@ function exportCsv(lines: Line[], series: Series[]): void {
   const rows = Array.from(times, (time, at) =>
     [(time as number).toFixed(6), ...values.map((each) => each[at] ?? "")].join(","),
   );
-  const blob = new Blob([`${[head, ...rows].join("\n")}\n`], { type: "text/csv" });
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(blob);
-  link.download = "plot.csv";
-  link.click();
-  URL.revokeObjectURL(link.href);
+  saveAs(new Blob([`${[head, ...rows].join("\n")}\n`], { type: "text/csv" }), "plot.csv");
 }

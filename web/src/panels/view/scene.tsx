@@ -134,7 +134,9 @@ function Toolbar({ context, scene }: { context: PanelContext; scene: RobotScene 
         label={t("scene.fixed")}
         quiet
         chosen={frames.fixed.value}
-        options={frames.names}
+        options={
+          frames.names.includes(frames.fixed.value) ? frames.names : [frames.fixed.value, ...frames.names]
+        }
         onChoose={(frame) => frames.fix(frame)}
       />
       <Menu label={t("scene.layers")}>
@@ -245,9 +247,23 @@ function HandleButton({ handle }: { handle: Handle }) {
 /** What is wrong with what cannot be drawn. */
 function Problems({ scene }: { scene: RobotScene }) {
   const problems = scene.rows.value.filter(({ layer }) => layer?.problem.value);
-  if (!problems.length) return null;
+  const { frames } = scene;
+  const lost = frames.unreachable.value;
+  if (!problems.length && !lost.length) return null;
   return (
     <div class="scene-problems">
+      {lost.map((frame) => (
+        <p key={frame} class="scene-lost" role="status">
+          {frames.fixed.value
+            ? t("scene.lost", { frame: frame || "–", fixed: frames.fixed.value })
+            : t("scene.lost.all", { frame: frame || "–" })}{" "}
+          {frame && (
+            <button type="button" onClick={() => frames.fix(frame)}>
+              {t("scene.lost.use", { frame })}
+            </button>
+          )}
+        </p>
+      ))}
       {problems.map(({ topic, layer }) => (
         <Problem key={topic} text={`${topic}: ${layer?.problem.value}`} />
       ))}

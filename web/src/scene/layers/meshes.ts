@@ -50,6 +50,8 @@ export function loadMesh(
   return group;
 }
 
+const Z_UP = /<up_axis>\s*Z_UP\s*<\/up_axis>/;
+
 /** A mesh; `material` is for those that bring none. Throws where it is not allowed, or none that can be read. */
 export async function readMesh(url: URL, session: RobotSession, material: Material): Promise<Object3D> {
   if (!isAllowed(session, url)) {
@@ -67,8 +69,12 @@ export async function readMesh(url: URL, session: RobotSession, material: Materi
   }
   if (kind === "dae") {
     const { ColladaLoader } = await import("three/addons/loaders/ColladaLoader.js");
-    const collada = new ColladaLoader(manager).parse(await response.text(), new URL(".", url).href);
+    const text = await response.text();
+    // The loader turns what is Z-up, as robots' meshes are, and warns of it each time: it is turned here.
+    const flat = text.replace(Z_UP, "<up_axis>Y_UP</up_axis>");
+    const collada = new ColladaLoader(manager).parse(flat, new URL(".", url).href);
     if (!collada) throw new Error("this is no Collada file");
+    if (flat !== text) collada.scene.rotation.x = -Math.PI / 2;
     return collada.scene;
   }
   if (kind === "obj") {

@@ -1,0 +1,13 @@
+/** Icons of the page, from Lucide. */
+
+import type { IconNode } from "lucide";
+import { h } from "preact";
+
+/** An icon beside a text, or in a control that has a name. */
+export function Icon({ of, size = 18 }: { of: IconNode; size?: number }) {
+  return (
+    <svg class="icon" width={size} height={size} viewBox="0 0 24 24" aria-hidden="true">
+      {of.map(([tag, attributes]) => h(tag, attributes))}
+    </svg>
+  );
+}
