@@ -473,7 +473,7 @@ class Payload(msgspec.Struct, eq=False):
         if self._json is not None or self._json_parts is not None:
             return self.type.json.decode(self.json())
         assert self._forms is not None  # Invariant: text, message or a relayed form exists.
-        return self.type.deserialise(_joined(self._forms[self.type.registry.distro.serialisation]))
+        return self.type.deserialise(b"".join(self._forms[self.type.registry.distro.serialisation]))
 
 
 def _split(

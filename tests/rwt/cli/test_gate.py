@@ -75,7 +75,10 @@ def run_as(gated: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFi
 
 def test_stop_and_release(run_as: RunAs) -> None:
     stopped = run_as("operator", "stop", "--reason", "a test")
-    assert (stopped.code, stopped.out) == (0, "stopped; commands of clients are rejected until it is released\n")
+    assert (stopped.code, stopped.out) == (
+        0,
+        "stopped; commands of clients are rejected until it is released\n",
+    )
     state = run_as("operator", "topic", "echo", "--once", "/gate/stopped", "--json").json
     assert (state["stopped"], state["reason"]) == (True, "a test")
     refused = run_as("operator", "stop", "--release")
