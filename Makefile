@@ -15,7 +15,7 @@ PAGE := src/rwt/web/static/manifest.json
 PAGE_SOURCES := $(shell find $(WEB)/src $(WEB)/*.mjs $(WEB)/*.json -type f)
 NODE_20 := $(shell node -p 'process.versions.node.split(".")[0] >= 20 || ""' 2>/dev/null)
 
-.PHONY: demo test test-all unit-all quick lowest pythons matrix docs site dist release lint types unit web firefox bench bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
+.PHONY: demo test test-all unit-all quick lowest pythons matrix docs site dist release lint types unit web firefox bench bench-ratchet bench-webrtc nat paper load soak page-soak schemathesis lichtblick \
 proxies ros-mcp fuzz mutants conformance \
 client-grades size clean test-ros1 test-ros2
 
@@ -176,6 +176,11 @@ release: $(STAMP)-dev
 # Whole-process figures beside a yardstick, as ratios; needs Linux. `make bench ARGS=--quick` is the short run.
 bench: $(STAMP)-dev
 	$(BIN)/python -m bench $(ARGS)
+
+# Calls of the project's functions per operation, beside the recorded ones; ARGS='--source DIR' counts in another checkout,
+# ARGS=--record writes bench/ratchet/table.json.
+bench-ratchet: $(STAMP)-dev
+	$(BIN)/python -m bench.ratchet $(ARGS)
 
 # How old /cmd_vel and /odom are over a bad line, by WebSocket and by WebRTC, and images over changing links;
 # needs Linux, root, /dev/net/tun and Chromium. `make bench-webrtc LINK_ARGS='--case cut --runs 1'` is a short run.
