@@ -22,7 +22,7 @@ from rwt_interfaces.struct_fields import compile_sizes, struct_field, time_struc
 
 if TYPE_CHECKING:
     from rwt_interfaces.registry import Registry
-    from rwt_interfaces.serialise.json import JsonCodec
+    from rwt_interfaces.serialise.json import MessageJson
     from rwt_interfaces.serialise.long_lists import Chunks
     from rwt_interfaces.serialise.long_strings import Parts
     from rwt_interfaces.serialise.splice import LengthHead, LongField
@@ -117,11 +117,11 @@ class MessageType:
         return QuickCompletion(self)
 
     @cached_property
-    def json(self) -> JsonCodec:
+    def json(self) -> MessageJson:
         """Encodes and decodes messages of this type in JSON."""
-        from rwt_interfaces.serialise.json import JsonCodec
+        from rwt_interfaces.serialise.json import MessageJson
 
-        return JsonCodec(self)
+        return MessageJson(self)
 
     @cached_property
     def has_sequence(self) -> bool:

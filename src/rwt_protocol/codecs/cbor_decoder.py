@@ -80,7 +80,7 @@ _NOTHING: Final = object()
 """Result of a step that did not decode a complete value."""
 
 
-class _Stream(BytesIO):
+class _CountingStream(BytesIO):
     """Stream of one frame that counts the bytes read outside long strings.
 
     Attributes:
@@ -169,7 +169,7 @@ class LargeFrame:
     """
 
     def __init__(self, data: bytes, limits: WireLimits) -> None:
-        self.stream = _Stream(data, limits.structure_bytes)
+        self.stream = _CountingStream(data, limits.structure_bytes)
         self._data = data
         self._most_heads = limits.structure_bytes // BYTES_OF_A_HEAD
 
