@@ -160,11 +160,13 @@ class MessageType:
         """Return the encoder of one form, and its head of strings and octets."""
         encoder = self._binary_encoders.get(form)
         if encoder is None:
-            from rwt_interfaces.serialise import cbor, wire_rules
+            from rwt_interfaces.serialise import wire_rules
 
             match form:
                 case "cbor":
-                    encoder = self.to_cbor, cbor.length_head
+                    from rwt_interfaces.serialise.cbor import length_head  # Not every client reads CBOR.
+
+                    encoder = self.to_cbor, length_head
                 case "cdr":
                     encoder = self.to_cdr, wire_rules.CDR.length_head
                 case "ros1":
