@@ -260,6 +260,8 @@ class Session:
 
     def _decode_inner(self, data: bytes, now: float) -> Sequence[Op | Refusal]:
         """Read a message that arrived inside another; raises Refused if they are nested too deeply."""
+        # A fragment may complete a `png`, whose image holds a fragment: without a limit, a small frame could
+        # nest decompressions endlessly.
         if self._inside >= _MOST_INSIDE:
             raise Refused(f"messages inside messages, more than {_MOST_INSIDE} deep")
         self._inside += 1

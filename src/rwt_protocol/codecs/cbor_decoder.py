@@ -125,6 +125,8 @@ class _CountingStream(BytesIO):
         head, self._head = self._head, b""
         data = self._last = head + super().read(size - len(head))
         self.left -= len(data) if size > 1 else 2  # Each takes its time, however small it is.
+        # Ends the step in the middle of a value. cbor2 may wrap the exception, so `is_over` tells what it
+        # was.
         if self.left < max(self._least, _SPENT):
             self.is_over = True
             raise _StepOver
@@ -189,6 +191,8 @@ class LargeFrame:
 
         stream = self.stream
         while True:
+            # The head of an array or map of `size` items stands in front of the items, which cbor2 then
+            # decodes together. The stream goes back to the first item if they do not fit into the step.
             stream.begin(head)
             # The garbage collector would take most of the time and find nothing among the new objects.
             collecting = gc.isenabled()

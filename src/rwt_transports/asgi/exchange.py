@@ -77,6 +77,7 @@ class Exchange:
         finally:
             if self._chunks is not None:
                 self._chunks.close()
+            # The app has returned or failed without a body.
             elif self._whole is None:
                 self._status, self._headers, self._whole = 500, [], b"internal error\n"
             self.headed.set()
@@ -98,6 +99,7 @@ class Exchange:
         elif event["type"] == "http.response.body" and self._whole is None:
             chunk, more = bytes(event.get("body", b"")), event.get("more_body", False)
             if self._chunks is None:
+                # A body of one piece: the response gets a length, and no stream.
                 if not more:
                     self._whole = chunk
                     self.started.set()
