@@ -124,9 +124,13 @@ class Payload(msgspec.Struct, eq=False):
             InvalidMessage: the message does not fit, or has too many slow numbers.
         """
         codec, now = message_type.json, now or time.time_ns
+        # From cheap to expensive, so that exact messages pay for nothing else: around a long string; as a
+        # whole, up to `WHOLE_BYTES`; around exact arrays; completed by msgspec; completed value by value, of
+        # which there may be fewer. An attempt returns, or leaves the text to the next one.
         string = yield from codec.cut(raw)
         if string is not None and is_dense and len(string.text) >= LONG_STRING_BYTES:
             string = None
+        # Before any decoder reads a number: a text of slow ones would block the event loop for seconds.
         if not is_trusted:
             yield from require_quick_numbers(raw if string is None else string.text)
         if string is not None:

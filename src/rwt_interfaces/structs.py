@@ -22,7 +22,7 @@ from rwt_interfaces.struct_fields import compile_sizes, struct_field, time_struc
 
 if TYPE_CHECKING:
     from rwt_interfaces.registry import Registry
-    from rwt_interfaces.serialise.json import JsonCodec
+    from rwt_interfaces.serialise.json import MessageJson
     from rwt_interfaces.serialise.long_lists import Chunks
     from rwt_interfaces.serialise.long_strings import Parts
     from rwt_interfaces.serialise.splice import LengthHead, LongField
@@ -117,11 +117,11 @@ class MessageType:
         return QuickCompletion(self)
 
     @cached_property
-    def json(self) -> JsonCodec:
+    def json(self) -> MessageJson:
         """Encodes and decodes messages of this type in JSON."""
-        from rwt_interfaces.serialise.json import JsonCodec
+        from rwt_interfaces.serialise.json import MessageJson
 
-        return JsonCodec(self)
+        return MessageJson(self)
 
     @cached_property
     def has_sequence(self) -> bool:
@@ -160,11 +160,13 @@ class MessageType:
         """Return the encoder of one form, and its head of strings and octets."""
         encoder = self._binary_encoders.get(form)
         if encoder is None:
-            from rwt_interfaces.serialise import cbor, wire_rules
+            from rwt_interfaces.serialise import wire_rules
 
             match form:
                 case "cbor":
-                    encoder = self.to_cbor, cbor.length_head
+                    from rwt_interfaces.serialise.cbor import length_head  # Not every client reads CBOR.
+
+                    encoder = self.to_cbor, length_head
                 case "cdr":
                     encoder = self.to_cdr, wire_rules.CDR.length_head
                 case "ros1":

@@ -33,7 +33,7 @@ class _Pieces:
     texts: dict[int, bytes] = field(default_factory=dict)
 
 
-class Reassembly:
+class MessageReassembly:
     """Fragmented messages of one peer that are still incomplete (FRG-08)."""
 
     __slots__ = ("_limits", "_open", "_size")

@@ -39,6 +39,7 @@ class Frame:
 
         Most frames meet one kind of wire; the results of several kinds (compressed peers) are all kept.
         """
+        # By identity: connections share the function of their kind of wire.
         if self._framing is framing:
             return self._framed
         if self._framing is None:

@@ -317,7 +317,7 @@ class TypedMessage(Encodable, Protocol):
         """Return the message in the robot's serialisation, ROS 1 or CDR (CBR-10, CBR-11), in parts."""
 
 
-class Sample(Protocol):
+class PublishedMessage(Protocol):
     """Published message with its time."""
 
     @property

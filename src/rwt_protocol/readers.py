@@ -19,7 +19,7 @@ from rwt_protocol.profiles import Profile
 _Convert = Callable[[msgspec.Raw | RawPayload], object]
 
 
-class Reader:
+class OpReader:
     """Converts members to one op.
 
     Attributes:
@@ -62,11 +62,11 @@ class Reader:
 
 
 @cache
-def readers(profile: Profile, direction: Direction) -> Mapping[object, Reader]:
+def readers(profile: Profile, direction: Direction) -> Mapping[object, OpReader]:
     """Return the readers of the ops that arrive in one direction, by name."""
     return MappingProxyType(
         {
-            name: Reader(OPS[name], profile.without.get(name, frozenset()))
+            name: OpReader(OPS[name], profile.without.get(name, frozenset()))
             for name in profile.arriving(direction)
         }
     )

@@ -15,7 +15,7 @@ from rwt_protocol.codecs.head_tail_split import head_members
 from rwt_protocol.codecs.quick_publish import QUICK
 from rwt_protocol.error_text import describe, explain
 from rwt_protocol.errors import Level, Refused
-from rwt_protocol.fragments import Reassembly, cut
+from rwt_protocol.fragments import MessageReassembly, cut
 from rwt_protocol.frames import Frame
 from rwt_protocol.limits import WIRE_LIMITS, WireLimits
 from rwt_protocol.ops import ALIASES, OPS, Direction, Fragment, Op, Png, ReplyTo, SetLevel, Status
@@ -111,7 +111,7 @@ class Session:
         self.response: Callable[[str, Encodable, str | int | None], Frame] = outgoing.response
         self.call: Callable[[str, Encodable, str | int], Frame] = outgoing.call
         self._inside = 0
-        self._reassembly = Reassembly(limits)
+        self._reassembly = MessageReassembly(limits)
         self._readers = readers(profile, direction)
         self._level: Level | None = "error" if profile.status is StatusRule.FROM_THE_START else None
         self._can_be_quick = (
@@ -260,6 +260,8 @@ class Session:
 
     def _decode_inner(self, data: bytes, now: float) -> Sequence[Op | Refusal]:
         """Read a message that arrived inside another; raises Refused if they are nested too deeply."""
+        # A fragment may complete a `png`, whose image holds a fragment: without a limit, a small frame could
+        # nest decompressions endlessly.
         if self._inside >= _MOST_INSIDE:
             raise Refused(f"messages inside messages, more than {_MOST_INSIDE} deep")
         self._inside += 1

@@ -8,10 +8,11 @@ from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Final, Protocol
+from typing import TYPE_CHECKING, Final, Protocol
 
 import anyio
 
+from rwt_protocol.extensions import imported_on_call
 from rwt_protocol.frames import Buffer
 from rwt_transports.api import (
     DriverCallbacks,
@@ -38,12 +39,17 @@ from rwt_transports.limits import Limits
 from rwt_transports.outbox import Outbox
 from rwt_transports.turns import REQUESTS_SECONDS, Turns, loop_turns, no_turns
 from rwt_transports.websocket.close_codes import ABNORMAL, GOING_AWAY, INTERNAL_ERROR, POLICY
-from rwt_transports.websocket.deflate import deflate_server
 from rwt_transports.websocket.extensions import DeflateTerms
 from rwt_transports.websocket.wire import SERVER_FRAMING
 from rwt_transports.wires.receive_buffer import ReceiveBufferPool
 
+if TYPE_CHECKING:
+    from rwt_transports.websocket.deflate import DeflateWire
+
 logger = logging.getLogger("rwt_transports")
+
+# Imported with the first client that agrees to compression.
+_deflated: Callable[..., DeflateWire] = imported_on_call("rwt_transports.websocket.deflate:deflate_server")
 
 TICK_SECONDS = 0.5
 
@@ -262,7 +268,7 @@ class Connection:
         self._listener = state
         self._link = link
         self._hang_up_aware = link if isinstance(link, HangUpAware) else None
-        self._inflating = None if terms is None else deflate_server(terms, self, limits, state.buffers)
+        self._inflating = None if terms is None else _deflated(terms, self, limits, state.buffers)
         self._holdable: HoldableWire | None = self._inflating
         self._wire: Wire = self._inflating or state.make_wire(self, limits, state.buffers)
         self._endpoint: Endpoint | None = None

@@ -93,6 +93,7 @@ class DataLane:
             self.cut(queue, max(depth, 1) - 1)
         limits = self._limits
         full = self.size >= limits.data_bytes or self.messages >= limits.data_frames
+        # A notice displaces nothing: it is small, and the server's own.
         if full and not queue.rules.notes:
             self._make_room(queue, size)
         queue.waiting.append((pieces[0], tuple(pieces[1:]), expires_ns))
@@ -155,6 +156,8 @@ class DataLane:
         if not queue.scheduled:
             queue.scheduled = True
             self._entered += 1
+            # Self-clocked fair queueing: a queue that was idle starts at the present position, so that it
+            # cannot save up service, and a large frame postpones its own topic only.
             tag = max(self._position, queue.finish) + queue.next_size()
             heappush(self.schedule, (tag, self._entered, queue))
 
@@ -180,6 +183,7 @@ class DataLane:
     def _largest_queue(self) -> Queue | None:
         """Return the largest queue with more than one message; one with `keep_all` only if there is no
         other."""
+        # Each topic keeps its newest message, whatever the others queue.
         rich = [queue for _, _, queue in self.schedule if len(queue.waiting) > 1]
         return max(rich, key=lambda queue: (not queue.rules.keep_all, queue.size), default=None)
 

@@ -188,6 +188,7 @@ class Outbox:
         ready = self.ready
         if not ready:
             self.wake()
+        # `framed` is cached in the frame: the first receiver joins header and payload for all others.
         if frame.size < self.small:
             ready.append(frame.framed(self.whole))
         else:
@@ -274,6 +275,7 @@ class Outbox:
 
     def push(self, data: Buffer) -> None:
         """Queue bytes of the protocol itself, in front of the lanes: a handshake, a page."""
+        # `room` is negative by the bytes that were pushed without room.
         if self.room < -self._limits.control_bytes:
             self._overflow(
                 f"answers wait unread; the limit is {self._limits.control_bytes} (limits.control_bytes)"
@@ -398,6 +400,7 @@ class Outbox:
         return pieces
 
     def put_back(self, pieces: Sequence[Buffer]) -> None:
+        # In reverse, since each goes to the front: they were taken first, and must leave first.
         for piece in filter(len, reversed(pieces)):
             self._begun.appendleft(memoryview(piece))
             self.taken -= len(piece)
@@ -423,6 +426,7 @@ class Outbox:
         return data
 
     def _make_room(self) -> None:
+        # Frames may bypass the lanes only while nothing waits in them, or they would overtake older ones.
         waiting = self.ready or self._begun or self._control or self._data.schedule
         self.room = 0 if waiting or self._closed else self._limits.ready_bytes
 

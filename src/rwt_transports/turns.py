@@ -164,6 +164,7 @@ class Turns:
         self._used = 0.0
         self._holder = None
         line, held_back = self._line, self.is_held_back
+        # Counted before the work begins, so that work which puts itself off waits for the next turn.
         pieces = min(len(line), 1) if self._one_at_a_time else len(line)
         over = self.monotonic() + self._seconds if pieces > 1 else 0.0
         for piece in range(pieces):

@@ -51,7 +51,7 @@ def test_every_fixture_and_every_argument_of_the_marker_is_listed() -> None:
 TABLES = [
     kind
     for kind in vars(script_file).values()
-    if isinstance(kind, type) and issubclass(kind, script_file.Table)
+    if isinstance(kind, type) and issubclass(kind, script_file.ScriptTable)
 ]
 
 

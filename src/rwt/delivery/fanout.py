@@ -134,6 +134,7 @@ class EncodedStream:
     def sort(self) -> None:
         """Split the gates. Call after a gate was added, removed or reconfigured."""
         self.settle()
+        # A burst belongs to the gates that joined it: a new gate must not get frames from before.
         self._note_sendings()
         self._end_burst()
         self._direct = tuple((gate.join, gate.send) for gate in self._gates if gate.is_open)

@@ -318,6 +318,7 @@ class ConnectedClient(ABC, Generic[T]):
         if len(data) > MAX_STOP_BYTES or not self.graph.is_stop_due:
             return False
         now = self._began = self._monotonic()
+        # Decoded twice: the first time has no effects, so a frame that is not a stop can still wait.
         presses = self._presses_stop(data, binary)
         if presses:
             self.messages += 1
@@ -373,6 +374,7 @@ class ConnectedClient(ABC, Generic[T]):
     def _must_defer(self, size: int) -> bool:
         """Return True if a message of `size` bytes has to wait."""
         received = self.sink.received
+        # More bytes have arrived since the last frame: this is another read, so another turn.
         if received != self._received:
             self._received = received
             self._turn_began = self._worked
@@ -443,6 +445,8 @@ class ConnectedClient(ABC, Generic[T]):
         ):
             self._turns.retry(self._ask_for_turn)
             return
+        # What is put off meanwhile is the rest of the message in progress, so it stays in front of the
+        # others.
         waiting, self._waiting = self._waiting, deque()
         self._turn_began = self._worked
         try:
@@ -459,12 +463,14 @@ class ConnectedClient(ABC, Generic[T]):
                     self._resume(what, now)
                 self._worked += self._monotonic() - now
         finally:
+            # `closed()` has released everything: what is left belongs to nobody.
             if not self._over:
                 self._waiting += waiting
                 self._count_work()
             if self._waiting:
                 self._ask_for_turn()
             else:
+                # Before the connection is resumed, which delivers bytes that it has kept within this call.
                 self._is_held = False
                 if self._flow_control is not None:
                     self._flow_control.resume()

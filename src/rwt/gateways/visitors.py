@@ -161,6 +161,8 @@ class Metered(Awaitable[T]):
                 return result
             finally:
                 self._charge(self._monotonic() - began)
+            # Exceptions and values from the event loop go on to the wrapped awaitable, as `yield from` would
+            # pass them.
             try:
                 sent = yield waited_for
             except BaseException as error:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import builtins
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,6 @@ from pydantic import ValidationError
 from rwt.access.settings import SettingsError
 from rwt.settings.errors import Key, explain, is_list, kind_of
 from rwt.settings.models import Settings
-from rwt.settings.places import line_of
 
 ENVIRONMENT_PREFIX: Final = "RWT_"
 FILE_VARIABLE: Final = "RWT_CONFIG"
@@ -33,6 +32,9 @@ _PART: Final = re.compile(r'"([^"]*)"|([A-Za-z0-9_-]+)')
 
 _DEEPEST: Final = 16
 """Maximum nesting of tables; no setting is as deep."""
+
+#: Maximum number of lines of a file that is searched: each is parsed with all before it.
+_MAX_LINES: Final = 2000
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,3 +251,32 @@ def placed(key: Key, source: str, file: Path | None) -> str:
     lines = (line_of(file, key[:length]) for length in range(len(key), 1, -1))
     line = next((each for each in lines if each is not None), line_of(file, key[:1]))
     return source if line is None else f"{source}:{line}"
+
+
+def line_of(path: Path, key: Sequence[str]) -> int | None:
+    """Return the line at which a setting or its table begins, from 1; None if it is not found.
+
+    Growing parts of the file are parsed until one contains the setting.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+    except (OSError, ValueError):
+        return None
+    begins = 0  # Start of the statement after the last valid part.
+    for number in range(min(len(lines), _MAX_LINES)):
+        try:
+            values = tomllib.loads("".join(lines[: number + 1]))
+        except (ValueError, RecursionError):
+            continue  # Inside a list or a string of several lines.
+        if _has(values, key):
+            return begins + 1
+        begins = number + 1
+    return None
+
+
+def _has(values: object, key: Sequence[str]) -> bool:
+    for part in key:
+        if not isinstance(values, Mapping) or part not in values:
+            return False
+        values = values[part]
+    return True

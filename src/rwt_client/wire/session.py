@@ -191,6 +191,7 @@ class ReconnectingSession:
         self._connect_count += 1
         if self._level is not None:
             self.send(SetLevel(level=self._level))
+        # Before programs learn of the connection: what they send then follows its advertisement.
         for restorable in tuple(self._restorables.values()):
             restorable.restore()
         kind: Literal["connected", "restored"] = "connected" if self._connect_count == 1 else "restored"

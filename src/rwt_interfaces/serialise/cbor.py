@@ -80,7 +80,7 @@ def length_head(length: int, is_text: bool) -> bytes:
 
 
 def compile_encoder(message: MessageType) -> Callable[[msgspec.Struct], bytes]:
-    """Return an encoder for a message type's own Struct and `JsonCodec.sendable`."""
+    """Return an encoder for a message type's own Struct and `MessageJson.sendable`."""
     leaves = list(_leaves(message, "", b""))
     tail = b""
     if leaves and not leaves[-1][1]:

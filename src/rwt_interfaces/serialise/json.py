@@ -40,7 +40,7 @@ _skip = msgspec.json.Decoder(msgspec.Raw).decode
 _BEGINNING = 1 << 19
 
 
-class JsonCodec:
+class MessageJson:
     """One message type in JSON.
 
     Attributes:

@@ -169,6 +169,7 @@ class LargeJson:
         """
         short = self._message.decode_leniently((yield from self._parsed()), now)
         for path, _, _ in self._arrays:
+            # The token is random text, so its quoted form occurs in the encoded message once per array.
             short = put(short, field_types.attributes(path), TOKEN)
         data = memoryview(self._data)
         return _spliced(self._message, short, [(data[span.begin : span.end],) for _, _, span in self._arrays])
@@ -302,6 +303,7 @@ class _Items:
             text = _text(data, start, stop)
             if (yield from _is_unusual(text)):
                 raise Unsplittable
+            # `{}` may stand for a large message: beyond this growth, the lenient decoder counts added fields.
             items = self._completed_quickly(text, completion) if growth_left > 0 else None
             if items is not None and self._message is not None:
                 growth_left -= len(self.encode(items)) - len(text)
@@ -553,6 +555,7 @@ def _walk(data: bytes, begin: int, depth: int) -> Steps[_Span]:
             raise Unsplittable
         value = yield from _walk(data, name.end(), depth + 1)
         key = str(name[1], "utf-8")
+        # Of equal keys the last one wins in a whole text; decoders of parts could not tell.
         if key in members:
             raise Unsplittable
         members[key] = value
@@ -570,6 +573,7 @@ def _end(data: bytes, begin: int, last: int) -> int:
     try:
         _skip(memoryview(data)[begin:last])
     except msgspec.DecodeError as error:
+        # msgspec skips the value and names the first byte behind it: much faster than to search its end here.
         trailing = _TRAILING.search(str(error))
         if trailing is None:
             raise Unsplittable from None
@@ -631,6 +635,7 @@ def _cut_before(data: bytes, begin: int, near: int) -> int:
         if data.count(b"[", begin, comma) != data.count(b"]", begin, comma):
             stop = data.rfind(b"[", begin, comma)  # It may be within an array of the item.
             continue
+        # The comma may be inside a string, or between objects of a nested list: then this is not a list.
         try:
             _skip(_text(data, begin, comma))
         except (msgspec.DecodeError, RecursionError):

@@ -31,7 +31,7 @@ _Write = Callable[[bytearray, Any], None]
 
 
 def compile_encoder(message: MessageType, rules: WireRules) -> Callable[[msgspec.Struct], bytes]:
-    """Return an encoder for a message type's own Struct and `JsonCodec.sendable`."""
+    """Return an encoder for a message type's own Struct and `MessageJson.sendable`."""
     write = _message_writer(message, rules)
     header = rules.header
 

@@ -131,6 +131,7 @@ class SplicedMessage:
     ) -> SplicedMessage | None:
         """Return a message whose text was cut; None if the token is not in a long field of the type."""
         text = string.token.decode()
+        # In a field of octets the short message holds the decoded token.
         octets = pybase64.b64decode(string.token) if string.is_base64 else None
         for field in type.long_fields:
             if field.fetch(short) == (text if field.is_text else octets):

@@ -72,6 +72,7 @@ class QuickCompletion:
         Raises:
             msgspec.MsgspecError, UnicodeDecodeError, RecursionError: the lenient decoder has to look at it.
         """
+        # Each object may lack all of its fields, and objects are counted by their braces.
         if self._fields and bytes(raw).count(b"{") * self._fields > MOST_FIELDS:
             raise msgspec.ValidationError
         _moment.now = now

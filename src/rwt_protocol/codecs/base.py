@@ -10,13 +10,13 @@ from typing import Protocol, TypeVar
 from rwt_protocol.frames import Frame
 from rwt_protocol.limits import WireLimits
 from rwt_protocol.ops import Op
-from rwt_protocol.payloads import Encodable, Sample
+from rwt_protocol.payloads import Encodable, PublishedMessage
 
 T = TypeVar("T")
 Steps = Generator[None, None, T]
 """Work in steps of about a millisecond at most; other work may run between them."""
 
-PublishEncoder = Callable[[Sample], Frame]
+PublishEncoder = Callable[[PublishedMessage], Frame]
 """Encoder of a topic's samples to `publish` frames, which all subscribers share.
 
 Slow encoders also have a method ``steps(sample) -> Iterator[None]``; once it is exhausted, the call is fast.
@@ -92,21 +92,21 @@ class SteppedEncoder(ABC):
     """Encoder of a topic's samples that can work in steps; see :data:`PublishEncoder`."""
 
     def __init__(self) -> None:
-        self._ready: tuple[Sample, Frame] | None = None
+        self._ready: tuple[PublishedMessage, Frame] | None = None
 
     @abstractmethod
-    def encode_in_steps(self, sample: Sample) -> Steps[Frame]:
+    def encode_in_steps(self, sample: PublishedMessage) -> Steps[Frame]:
         """Encode a sample in steps."""
 
-    def encode(self, sample: Sample) -> Frame:
+    def encode(self, sample: PublishedMessage) -> Frame:
         """Encode a sample at once."""
         return finished(self.encode_in_steps(sample))
 
-    def __call__(self, sample: Sample) -> Frame:
+    def __call__(self, sample: PublishedMessage) -> Frame:
         """Return the frame of a sample, which subscribers share."""
         ready, self._ready = self._ready, None
         return ready[1] if ready is not None and ready[0] is sample else self.encode(sample)
 
-    def steps(self, sample: Sample) -> Iterator[None]:
+    def steps(self, sample: PublishedMessage) -> Iterator[None]:
         """Encode a sample in steps and keep the frame for the next call with that sample."""
         self._ready = (sample, (yield from self.encode_in_steps(sample)))

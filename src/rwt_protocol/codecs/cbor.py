@@ -27,7 +27,7 @@ from rwt_protocol.codecs.cbor_decoder import (
 from rwt_protocol.codecs.object_codec import ObjectCodec, members_of
 from rwt_protocol.frames import Buffer, Frame
 from rwt_protocol.limits import WireLimits
-from rwt_protocol.payloads import FEW_BYTES, Sample
+from rwt_protocol.payloads import FEW_BYTES, PublishedMessage
 
 _KIND: Final = (
     "an integer",
@@ -86,7 +86,7 @@ class CborCodec(SteppedCodec, ObjectCodec):
         """Return an encoder for the samples of `topic`, which splices in their CBOR."""
         prefix = publish_prefix(topic)
 
-        def encode(sample: Sample) -> Frame:
+        def encode(sample: PublishedMessage) -> Frame:
             return Frame(prefix, *sample.payload.cbor_parts(), binary=True)
 
         return encode
@@ -96,7 +96,7 @@ def raw_publish_encoder(topic: str) -> PublishEncoder:
     """Return an encoder for samples in the robot's serialisation (CBR-10 to CBR-12)."""
     prefix = publish_prefix(topic)
 
-    def encode(sample: Sample) -> Frame:
+    def encode(sample: PublishedMessage) -> Frame:
         return raw_publish_frame(prefix, sample.payload.serialised_parts(), sample.stamp_ns)
 
     return encode

@@ -80,7 +80,7 @@ _NOTHING: Final = object()
 """Result of a step that did not decode a complete value."""
 
 
-class _Stream(BytesIO):
+class _CountingStream(BytesIO):
     """Stream of one frame that counts the bytes read outside long strings.
 
     Attributes:
@@ -125,6 +125,8 @@ class _Stream(BytesIO):
         head, self._head = self._head, b""
         data = self._last = head + super().read(size - len(head))
         self.left -= len(data) if size > 1 else 2  # Each takes its time, however small it is.
+        # Ends the step in the middle of a value. cbor2 may wrap the exception, so `is_over` tells what it
+        # was.
         if self.left < max(self._least, _SPENT):
             self.is_over = True
             raise _StepOver
@@ -169,7 +171,7 @@ class LargeFrame:
     """
 
     def __init__(self, data: bytes, limits: WireLimits) -> None:
-        self.stream = _Stream(data, limits.structure_bytes)
+        self.stream = _CountingStream(data, limits.structure_bytes)
         self._data = data
         self._most_heads = limits.structure_bytes // BYTES_OF_A_HEAD
 
@@ -189,6 +191,8 @@ class LargeFrame:
 
         stream = self.stream
         while True:
+            # The head of an array or map of `size` items stands in front of the items, which cbor2 then
+            # decodes together. The stream goes back to the first item if they do not fit into the step.
             stream.begin(head)
             # The garbage collector would take most of the time and find nothing among the new objects.
             collecting = gc.isenabled()

@@ -18,7 +18,7 @@ from rwt_protocol.codecs.head_tail_split import LARGE, split_large
 from rwt_protocol.frames import Buffer, Frame
 from rwt_protocol.limits import WireLimits, has_more_brackets
 from rwt_protocol.ops import OPS, Op
-from rwt_protocol.payloads import Encodable, Sample
+from rwt_protocol.payloads import Encodable, PublishedMessage
 
 _decode: Final = DECODER.decode
 
@@ -93,7 +93,7 @@ class JsonCodec:
         """Return an encoder for the samples of `topic`."""
         prefix = publish_prefix(topic)
 
-        def encode(sample: Sample) -> Frame:
+        def encode(sample: PublishedMessage) -> Frame:
             return Frame(prefix, *sample.payload.json_parts(), b"}")
 
         return encode

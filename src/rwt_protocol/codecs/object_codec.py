@@ -11,7 +11,7 @@ from rwt_protocol.codecs.base import DecodeFailure, Members, PublishEncoder
 from rwt_protocol.codecs.envelope import PAYLOADS, RELIED_ON, UNDECODED
 from rwt_protocol.frames import Frame
 from rwt_protocol.ops import CallService, Op, ServiceResponse
-from rwt_protocol.payloads import Decoded, Encodable, Sample
+from rwt_protocol.payloads import Decoded, Encodable, PublishedMessage
 
 
 def members_of(found: Mapping[object, object] | Mapping[str, object], size: int) -> Members:
@@ -93,7 +93,7 @@ class ObjectCodec(ABC):
     def publish_encoder(self, topic: str) -> PublishEncoder:
         """Return an encoder for the samples of `topic`."""
 
-        def encode(sample: Sample) -> Frame:
+        def encode(sample: PublishedMessage) -> Frame:
             return self.frame({"op": "publish", "topic": topic, "msg": sample.payload.plain()})
 
         return encode

@@ -20,7 +20,7 @@ from rwt_protocol.codecs.base import SteppedEncoder, Steps, finished
 from rwt_protocol.codecs.json import publish_prefix
 from rwt_protocol.errors import Refused
 from rwt_protocol.frames import Buffer, Frame
-from rwt_protocol.payloads import Sample
+from rwt_protocol.payloads import PublishedMessage
 
 _SIGNATURE: Final = b"\x89PNG\r\n\x1a\n"
 _HEADER: Final = struct.Struct(">IIBBBBB")
@@ -90,7 +90,7 @@ class PngEncoder(SteppedEncoder):
         super().__init__()
         self._prefix = prefix
 
-    def encode_in_steps(self, sample: Sample) -> Steps[Frame]:
+    def encode_in_steps(self, sample: PublishedMessage) -> Steps[Frame]:
         """Encode a sample in steps of a millisecond at most."""
         text = yield from _joined((self._prefix, *sample.payload.json_parts(), b"}"))
         return (yield from encode_in_steps(text))

@@ -7,13 +7,12 @@ from collections import deque
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from typing import Final
-from urllib.parse import unquote
 
 import anyio
-from anyio.streams.memory import MemoryObjectReceiveStream, MemoryObjectSendStream
 
 from rwt_protocol.frames import Frame
 from rwt_transports.api import FlowControl
+from rwt_transports.asgi.exchange import Exchange, scope_of
 from rwt_transports.asgi.types import App, Event, Scope
 from rwt_transports.background import TaskStarter, background_tasks
 from rwt_transports.endpoint import Endpoint, PeerInfo, Sink
@@ -32,9 +31,6 @@ _EVENT_BYTES: Final = 256
 
 _UNSENT_BYTES: Final = 256 * 1024
 """Maximum unsent bytes of a client; beyond it, the app waits."""
-
-_OURS: Final = frozenset({"content-length", "transfer-encoding", "connection", "date", "content-type"})
-"""Headers that the server writes itself."""
 
 
 class AsgiMount:
@@ -91,33 +87,20 @@ class AsgiMount:
                 request.prefix + scope["path"],
                 request.prefix.encode() + scope["raw_path"],
             )
-        exchange = _Exchange(self._app, scope, request.body)
+        exchange = Exchange(self._app, scope, request.body)
         self._tasks.start_soon(exchange.run)
         try:
             await exchange.started.wait()
         except BaseException:
-            exchange.gone.set()
+            exchange.leave()
             raise
         return exchange.response()
 
     def _scope(
         self, kind: str, scheme: str, target: str, headers: Mapping[str, str], address: str, port: int = 0
     ) -> Scope:
-        path, _, query = target.partition("?")
-        return {
-            "type": kind,
-            "asgi": {"version": "3.0", "spec_version": "2.4"},
-            "http_version": "1.1",
-            "scheme": scheme,
-            "path": unquote(path),
-            "raw_path": path.encode("latin-1"),
-            "query_string": query.encode("latin-1"),
-            "root_path": self.path,
-            "headers": [(name.encode("latin-1"), value.encode("latin-1")) for name, value in headers.items()],
-            "client": (address, port) if address else None,
-            "server": None,
-            "state": dict(self._state),
-        }
+        scope = scope_of(kind, scheme, target, headers, address, port)
+        return {**scope, "root_path": self.path, "state": dict(self._state)}
 
     # -- WebSocket -----------------------------------------------------------------------------------------
 
@@ -181,101 +164,6 @@ class _Lifespan:
     async def end(self) -> None:
         self._ending.set()
         await self._over.wait()
-
-
-class _Exchange:
-    """Request and the app's response.
-
-    Attributes:
-        started: set when the head of the response is known.
-        gone: set when the reader has disconnected.
-    """
-
-    def __init__(self, app: App, scope: Scope, body: bytes) -> None:
-        self._app = app
-        self._scope = scope
-        self._body: bytes | None = body
-        self.started = anyio.Event()
-        self.gone = anyio.Event()
-        self._status = 500
-        self._headers: list[tuple[str, str]] = []
-        self._whole: bytes | None = None
-        self._chunks: MemoryObjectSendStream[bytes] | None = None
-        self._read: MemoryObjectReceiveStream[bytes] | None = None
-
-    async def run(self) -> None:
-        try:
-            await self._app(self._scope, self._receive, self._send)
-        except Exception as error:
-            # An error that the disconnection of the client has caused is not a failure.
-            if not (self.gone.is_set() and _is_leave(error)):
-                logger.exception("a mounted app failed at %s", self._scope["path"])
-        finally:
-            if self._chunks is not None:
-                self._chunks.close()
-            if not self.started.is_set() and self._whole is None:
-                self._status, self._headers, self._whole = 500, [], b"internal error\n"
-            self.started.set()
-
-    async def _receive(self) -> Event:
-        body, self._body = self._body, None
-        if body is not None:
-            return {"type": "http.request", "body": body, "more_body": False}
-        await self.gone.wait()
-        return {"type": "http.disconnect"}
-
-    async def _send(self, event: Event) -> None:
-        if event["type"] == "http.response.start":
-            self._status = event["status"]
-            pairs = event.get("headers", ())
-            self._headers = [(n.decode("latin-1").lower(), v.decode("latin-1")) for n, v in pairs]
-        elif event["type"] == "http.response.body" and self._whole is None:
-            chunk, more = bytes(event.get("body", b"")), event.get("more_body", False)
-            if self._chunks is None:
-                if not more:
-                    self._whole = chunk
-                    self.started.set()
-                    return
-                self._chunks, self._read = anyio.create_memory_object_stream[bytes](0)
-                self.started.set()
-            if self.gone.is_set():
-                raise OSError("the client has gone")  # Required by the specification since version 2.4.
-            if chunk:
-                try:
-                    await self._chunks.send(chunk)
-                except anyio.BrokenResourceError:
-                    raise OSError("the client has gone") from None
-            if not more:
-                self._chunks.close()
-
-    def response(self) -> HttpResponse:
-        content_type = next((value for name, value in self._headers if name == "content-type"), "")
-        headers: dict[str, str] = {}
-        for name, value in self._headers:
-            if name not in _OURS and name != "set-cookie":
-                headers[name] = f"{headers[name]}, {value}" if name in headers else value
-        cookies = tuple(value for name, value in self._headers if name == "set-cookie")
-        body = self._whole if self._read is None else self._stream(self._read)
-        kind = content_type or (
-            "text/plain; charset=utf-8" if not self._headers else "application/octet-stream"
-        )
-        return HttpResponse(body or b"", self._status, kind, headers, cookies)
-
-    async def _stream(self, chunks: MemoryObjectReceiveStream[bytes]) -> AsyncIterator[bytes]:
-        try:
-            async with chunks:
-                async for chunk in chunks:
-                    yield chunk
-        finally:
-            self.gone.set()
-
-
-def _is_leave(error: BaseException) -> bool:
-    """Return True if an error, its cause or a whole group comes from the client's disconnection."""
-    if isinstance(error, BaseExceptionGroup):
-        return all(map(_is_leave, error.exceptions))
-    known = (error, error.__cause__, error.__context__)
-    return any(isinstance(each, OSError) for each in known)
 
 
 class _Socket:

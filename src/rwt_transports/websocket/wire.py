@@ -389,6 +389,8 @@ class WebSocketWire:
     def _fail(self, code: int, reason: str) -> None:
         if self._state is _WireState.ENDED:
             return
+        # Before the change of state, since `close` answers only in OPEN: a CLOSING connection has sent its
+        # close frame.
         answer = self.close(code, reason)
         self._become(_WireState.ENDED)
         self._buffers.release(self)
@@ -404,6 +406,7 @@ class WebSocketWire:
         most = self._max_size
         while end - position >= _LONGEST_USUAL_HEADER and self._is_usual and not self._is_held:
             first = data[position]
+            # Negative if the mask bit is missing, so that the full reader rejects the frame.
             size = data[position + 1] - 0x80
             start = position + 6
             if size == 126:
@@ -414,6 +417,7 @@ class WebSocketWire:
             elif size == 127:
                 return position
             stop = start + size
+            # Only a final text or binary frame without reserved bits; all else goes through `_check`.
             if (first != 0x81 and first != 0x82) or size < 0 or stop > end or size > most:
                 return position
             payload = apply_mask(data[start:stop], data[start - 4 : start])
@@ -503,6 +507,7 @@ class WebSocketWire:
         total = len(self._parts) + size
         if total <= self._max_size:
             return True
+        # While CLOSING nobody can be informed, so a large message ends the connection at once.
         if self._state is not _WireState.OPEN or not self._events.oversized(total):
             raise ProtocolViolation(
                 TOO_BIG,

@@ -17,8 +17,7 @@ from rwt.cli import main
 from rwt.cli.commands.config import show
 from rwt.settings.errors import known_settings
 from rwt.settings.models import Settings
-from rwt.settings.places import line_of
-from rwt.settings.sources import Given, load_settings, read_settings
+from rwt.settings.sources import Given, line_of, load_settings, read_settings
 from rwt_protocol.error_text import annotation_of, expected
 
 TOKEN = "a-token-of-some-length"

@@ -15,6 +15,10 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import ConnectionClosed
 
 from rwt import Server, SettingsError
+from rwt_transports.asgi.mount import AsgiMount
+from rwt_transports.asgi.types import Receive, Scope, Send
+from rwt_transports.http.connection import close_iterator
+from rwt_transports.http.routes import HttpRequest
 from tests.waiting import until
 
 pytestmark = pytest.mark.anyio
@@ -130,6 +134,28 @@ async def test_a_stream_without_end_ends_with_its_reader(client: httpx.AsyncClie
         async for _ in answer.aiter_bytes():
             break
     await until(lambda: "left" in LIVED)
+
+
+async def test_a_stream_that_nobody_reads_ends() -> None:
+    ended = anyio.Event()
+
+    async def app(scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "lifespan":
+            raise RuntimeError("no lifespan")
+        await send({"type": "http.response.start", "status": 200})
+        try:
+            while True:
+                await send({"type": "http.response.body", "body": b"x", "more_body": True})
+        finally:
+            ended.set()
+
+    mount = AsgiMount("/app", app)
+    async with mount.running():
+        response = await mount.handle(HttpRequest("GET", "/app"))
+        assert not isinstance(response.body, bytes)
+        await close_iterator(response.body)
+        with anyio.fail_after(5):
+            await ended.wait()
 
 
 async def test_a_websocket_of_the_app(server: Server) -> None:

@@ -153,7 +153,7 @@ def _changed(
     ]
 
 
-class Change(NamedTuple):
+class ListingChange(NamedTuple):
     """Frames that announce changes of a listing, and the ids of removed channels."""
 
     frames: tuple[Frame, ...]
@@ -170,7 +170,7 @@ class RoleListing:
         self._catalogue = catalogue
         self._welcome: tuple[Frame, ...] | None = None
 
-    def refresh(self) -> Change:
+    def refresh(self) -> ListingChange:
         """Read the graph again."""
         role, catalogue = self.view.role, self._catalogue
         channels = {
@@ -196,7 +196,7 @@ class RoleListing:
         services: Mapping[int, OfferedService],
         new_channels: Mapping[int, TopicChannel],
         new_services: Mapping[int, OfferedService],
-    ) -> Change:
+    ) -> ListingChange:
         """Return the changes for a client that knows these channels and services."""
         gone = channels.keys() - new_channels.keys()
         withdrawn = services.keys() - new_services.keys()
@@ -214,7 +214,7 @@ class RoleListing:
                 [each.announced for id, each in new_services.items() if id not in services],
             ),
         ]
-        return Change(tuple(frames), frozenset(gone))
+        return ListingChange(tuple(frames), frozenset(gone))
 
     @property
     def welcome(self) -> tuple[Frame, ...]:

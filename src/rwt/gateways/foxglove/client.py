@@ -28,7 +28,7 @@ from rwt_transports.endpoint import FlowRules
 if TYPE_CHECKING:
     from rwt.access.client_graph import ClientGraph
     from rwt.access.roles import Role
-    from rwt.gateways.foxglove.catalogue import Change, RoleListing
+    from rwt.gateways.foxglove.catalogue import ListingChange, RoleListing
     from rwt.gateways.foxglove.gateway import FoxgloveGateway
     from rwt_transports.endpoint import PeerInfo, Sink
 
@@ -109,15 +109,15 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
                 return self.publications.publish(message)
             case said.ServiceCallRequest():
                 return self.services.call(message, self.listing.services)
-            case said.Subscribe():
+            case said.SubscribeChannels():
                 channels = self.listing.channels
                 subscribe = partial(self.subscriptions.subscribe, channels=channels)
                 return self._each("subscribe", message.subscriptions, subscribe)
-            case said.Unsubscribe():
+            case said.UnsubscribeChannels():
                 return self._each("unsubscribe", message.subscription_ids, self.subscriptions.unsubscribe)
-            case said.Advertise():
+            case said.AdvertiseChannels():
                 return self._each("advertise", message.channels, self.publications.advertise)
-            case said.Unadvertise():
+            case said.UnadvertiseChannels():
                 return self._each("unadvertise", message.channel_ids, self.publications.unadvertise)
             case said.GetParameters():
                 self.parameters.get(message)
@@ -200,7 +200,7 @@ class FoxgloveClient(ConnectedClient[Iterator[None]]):
 
     # -- to the client -------------------------------------------------------------------------------------
 
-    def take_change(self, change: Change) -> None:
+    def take_change(self, change: ListingChange) -> None:
         """Announce another listing, and end subscriptions of removed channels."""
         self.subscriptions.end(change.gone)
         for frame in change.frames:

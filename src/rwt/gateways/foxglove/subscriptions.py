@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     from rwt.gateways.foxglove.replies import StatusLane
     from rwt.gateways.foxglove.wire.client_messages import ChannelSubscription
     from rwt_protocol.frames import Burst, Frame
-    from rwt_protocol.payloads import Sample
+    from rwt_protocol.payloads import PublishedMessage
     from rwt_transports.endpoint import Flow
 
 
-def _serialised(sample: Sample) -> Frame:
+def _serialised(sample: PublishedMessage) -> Frame:
     return message_data(sample.stamp_ns, sample.payload.serialised_parts())
 
 
-def _in_json(sample: Sample) -> Frame:
+def _in_json(sample: PublishedMessage) -> Frame:
     return message_data(sample.stamp_ns, tuple(sample.payload.json_parts()))
 
 

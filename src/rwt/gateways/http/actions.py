@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from rwt.access.errors import QuotaExceeded
-from rwt.gateways.http.calls import WAITING, approval_body
+from rwt.gateways.http.calls import WAITING, Kept, KeptTable, approval_body
 from rwt.gateways.http.clients import ReaderStream
 from rwt.gateways.http.events import event, payload_event
 from rwt.gateways.http.problems import HttpProblem
@@ -20,13 +20,11 @@ from rwt_transports.http.routes import HttpResponse
 
 if TYPE_CHECKING:
     from rwt.access.graph_view import GraphView
-    from rwt.access.quotas import Charge
     from rwt.gateways.http.clients import Clients, HttpClient
     from rwt.gateways.http.settings import HttpSettings
     from rwt_graph.api import ClientGoal
     from rwt_interfaces.payload import Payload
     from rwt_interfaces.structs import ActionType
-    from rwt_participant.timers import Timer
     from rwt_transports.endpoint import DropReason
     from rwt_transports.http.routes import HttpRequest
 
@@ -43,20 +41,18 @@ _EVENTS: Final = 100
 _RESULT_ID: Final = "result"
 
 
-class HttpGoal:
+class HttpGoal(Kept):
     """Goal, from sending it until it is forgotten.
 
     Attributes:
-        id: 32 hex digits; empty until the graph has given it.
+        action: absolute name of the action.
         failure: reason for ending without a result; None if it has one, or is active.
     """
 
-    def __init__(self, goals: Goals, client: HttpClient, action: str) -> None:
+    def __init__(self, goals: KeptTable[HttpGoal], client: HttpClient, action: str) -> None:
+        super().__init__(client)
         self._goals = goals
-        self.client = client
         self.action = action
-        self.id = ""
-        self.ended = False
         self.failure: CallFailed | None = None
         self.readers: set[GoalEventStream] = set()
         self._sent: ClientGoal | None = None
@@ -65,9 +61,6 @@ class HttpGoal:
         self._result: Payload | None = None
         self._reason = ""
         self._notices: list[str] = []
-        self._charges: dict[str, Charge] = {}
-        self._timer: Timer | None = None
-        client.hold()
 
     def send(self, type: ActionType, payload: Payload) -> None:
         """Send the goal. Raises what :meth:`rwt.access.client_graph.ClientGraph.send_goal` does."""
@@ -78,12 +71,8 @@ class HttpGoal:
             return payload
 
         events = GoalEvents(self._on_result, self._on_feedback, self._on_accepted)
-        try:
-            with self.client.graph.notices() as self._notices:
-                self._sent = self.client.graph.send_goal(self.action, goal_of, events)
-        except BaseException:
-            self.client.release()
-            raise
+        with self.client.graph.notices() as self._notices:
+            self._sent = self.client.graph.send_goal(self.action, goal_of, events)
         self.id = self._sent.id
 
     def body(self) -> dict[str, object]:
@@ -130,7 +119,7 @@ class HttpGoal:
         self._send_all(self.end_event())
         for reader in tuple(self.readers):
             reader.queue.end()
-        self._timer = self.client.graph.clock.call_later(self._goals.keep_seconds, self.forget)
+        self._goals.end(self)
 
     def end_event(self) -> bytes:
         """Return the last event of the goal's streams."""
@@ -139,11 +128,8 @@ class HttpGoal:
 
     def _keep(self, what: str, payload: Payload) -> bool:
         """Charge the client for the stored goal; return False if its quota is exceeded."""
-        charge = self._charges.pop(what, None)
-        if charge is not None:
-            charge.end()
         try:
-            self._charges[what] = self.client.graph.keep(payload.kept_size)
+            self.charge(what, payload)
         except QuotaExceeded as exceeded:
             self._reason = f"its {what} is not kept: {exceeded}"
             return False
@@ -153,19 +139,12 @@ class HttpGoal:
         for reader in tuple(self.readers):
             reader.queue.tell(data)
 
-    def forget(self) -> None:
-        """Release the stored goal; an active goal continues without readers."""
-        if not self._goals.discard(self):
-            return
-        if self._timer is not None:
-            self._timer.cancel()
+    def forgotten(self) -> None:
+        """End the streams; an active goal continues without readers."""
         if not self.ended and self._sent is not None:
             self._sent.abandon()
         for reader in tuple(self.readers):
             reader.queue.close()
-        for charge in self._charges.values():
-            charge.end()
-        self.client.release()
 
 
 class GoalEventStream(ReaderStream):
@@ -193,76 +172,14 @@ class GoalEventStream(ReaderStream):
         super()._close()
 
 
-class Goals:
-    """Goals of all clients of the gateway; those that have ended are kept for `keep_seconds`."""
-
-    def __init__(self, settings: HttpSettings, *, several_processes: bool = False) -> None:
-        self._most = settings.goals
-        self._several_processes = several_processes
-        self.keep_seconds = settings.goal_seconds
-        self._known: dict[tuple[str, str], HttpGoal] = {}
-        self._of_client: dict[HttpClient, dict[HttpGoal, None]] = {}
-
-    def __len__(self) -> int:
-        return len(self._known)
-
-    def find(self, action: str, id: str) -> HttpGoal:
-        """Return a goal by its action and id. Raises HttpProblem if it is unknown or forgotten."""
-        goal = self._known.get((action, id))
-        if goal is None and self._several_processes:
-            raise HttpProblem(
-                "misdirected", f"no goal {id} of {action} is known to this process of the server, which has"
-                " several (workers): each knows those that were sent to it", instead="ask over the connection"
-                " that the goal was sent over, or again over another one",
-            )  # fmt: skip
-        if goal is None:
-            raise HttpProblem(
-                "not-found", f"no goal {id} of {action} is known here; those that have ended are kept for"
-                f" {self.keep_seconds:g} s", instead="send one with POST",
-            )  # fmt: skip
-        return goal
-
-    def make_room(self, client: HttpClient) -> None:
-        """Remove the client's oldest finished goal at its limit. Raises QuotaExceeded if all are active."""
-        own = self._of_client.get(client, {})
-        if len(own) < self._most:
-            return
-        for goal in own:
-            if goal.ended:
-                goal.forget()
-                return
-        raise QuotaExceeded(
-            f"{len(own)} goals of this address run, and {self._most} is the limit (api.goals)"
-        )
-
-    def add(self, goal: HttpGoal) -> None:
-        """Store a goal that was sent."""
-        self._known[goal.action, goal.id] = goal
-        self._of_client.setdefault(goal.client, {})[goal] = None
-
-    def discard(self, goal: HttpGoal) -> bool:
-        """Remove a goal. Returns False if it was not stored."""
-        if self._known.pop((goal.action, goal.id), None) is None:
-            return False
-        own = self._of_client[goal.client]
-        del own[goal]
-        if not own:
-            del self._of_client[goal.client]
-        return True
-
-    def close(self) -> None:
-        """Remove all goals."""
-        for goal in tuple(self._known.values()):
-            goal.forget()
-
-
 class ActionPages:
     """Routes of actions and goals."""
 
     def __init__(self, clients: Clients, settings: HttpSettings, *, several_processes: bool = False) -> None:
         self._clients = clients
         self._settings = settings
-        self.goals = Goals(settings, several_processes=several_processes)
+        self._several_processes = several_processes
+        self.goals: KeptTable[HttpGoal] = KeptTable(settings, "goals of this address run")
 
     def list(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """List the visible actions with their types."""
@@ -281,12 +198,28 @@ class ActionPages:
             raise HttpProblem("not-found", f"no action {name} is here")
         return value_response(request, name_and_type(reader, action))
 
+    def _find(self, action: str, id: str) -> HttpGoal:
+        """Return a goal by its action and id. Raises HttpProblem if it is unknown or forgotten."""
+        goal = self.goals.get(id)
+        if goal is not None and goal.action == action:
+            return goal
+        if self._several_processes:
+            raise HttpProblem(
+                "misdirected", f"no goal {id} of {action} is known to this process of the server, which has"
+                " several (workers): each knows those that were sent to it", instead="ask over the connection"
+                " that the goal was sent over, or again over another one",
+            )  # fmt: skip
+        raise HttpProblem(
+            "not-found", f"no goal {id} of {action} is known here; those that have ended are kept for"
+            f" {self.goals.seconds:g} s", instead="send one with POST",
+        )  # fmt: skip
+
     def _goal(self, request: HttpRequest, reader: GraphView, found: re.Match[str]) -> HttpResponse:
         Query(request)
         action = _action_of(request, found.start())
         reader.require("goals", action)
         media = chosen(request, (JSON, CBOR, EVENTS))
-        goal = self.goals.find(action, found[1])
+        goal = self._find(action, found[1])
         if media != EVENTS:
             return value_response(request, goal.body())
         if goal.ended and request.headers.get("last-event-id") == _RESULT_ID:
@@ -318,7 +251,7 @@ class ActionPages:
             self.goals.add(goal)
         if goal.failure is not None:
             failure = goal.failure
-            goal.forget()
+            self.goals.forget(goal)
             raise failure
         where = f"{request.prefix}{PATH}{action.lstrip('/')}/goals/{goal.id}"
         return value_response(request, goal.body(), 201, {"Location": where, "Cache-Control": "no-store"})
@@ -336,9 +269,9 @@ class ActionPages:
         action = _action_of(request, found.start())
         with self._clients.client_of(request, reader) as client:
             client.graph.require("goals", action)
-            goal = self.goals.find(action, found[1])
+            goal = self._find(action, found[1])
             if goal.ended:
-                goal.forget()
+                self.goals.forget(goal)
                 return HttpResponse(status=204)
             client.graph.cancel_goal(action, goal.id)
             return value_response(request, goal.body(), 202)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Generic, TypeVar
 from uuid import uuid4
 
 import anyio
@@ -55,18 +55,114 @@ def approval_body(approval: Approval) -> dict[str, object]:
     return {"id": approval.id, "roles": approval.approvers, "seconds_left": approval.seconds_left}
 
 
-class HttpCall:
-    """Call of a service, from sending it until its outcome is read.
-
-    A call that requires approval may outlive its request: :meth:`HttpCalls.keep` makes it a resource.
+class Kept:
+    """Call or goal that may outlive its request, as a resource of its client.
 
     Attributes:
         id: 32 hex digits.
-        client: client that calls.
+        client: client that sent it.
+        ended: True if there is an outcome.
+        charges: what is kept of it on the client's account, by what it is.
+        timer: runs from its end until it is forgotten.
+    """
+
+    def __init__(self, client: HttpClient) -> None:
+        self.id = ""
+        self.client = client
+        self.ended = False
+        self.charges: dict[str, Charge] = {}
+        self.timer: Timer | None = None
+
+    def charge(self, what: str, payload: Payload) -> None:
+        """Charge the client for a payload, in place of an earlier one. Raises QuotaExceeded."""
+        charge = self.charges.pop(what, None)
+        if charge is not None:
+            charge.end()
+        self.charges[what] = self.client.graph.keep(payload.kept_size)
+
+    def forgotten(self) -> None:
+        """Release what is left; called once."""
+
+
+K = TypeVar("K", bound=Kept)
+
+
+class KeptTable(Generic[K]):
+    """Calls or goals of all clients, each of which stays present; those that have ended are forgotten after
+    `api.goal_seconds`.
+
+    Args:
+        settings: settings of the gateway.
+        excess: text about a client with as many as it may have, for errors.
+    """
+
+    def __init__(self, settings: HttpSettings, excess: str) -> None:
+        self._most = settings.goals
+        self._excess = excess
+        self.seconds = settings.goal_seconds
+        self._items: dict[str, K] = {}
+        self._of_client: dict[HttpClient, dict[str, K]] = {}
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def get(self, id: str) -> K | None:
+        """Return the call or goal of that id."""
+        return self._items.get(id)
+
+    def make_room(self, client: HttpClient) -> None:
+        """Forget the client's oldest that has ended, if it is at its limit. Raises QuotaExceeded."""
+        own = self._of_client.get(client, {})
+        if len(own) < self._most:
+            return
+        ended = next((each for each in own.values() if each.ended), None)
+        if ended is None:
+            raise QuotaExceeded(f"{len(own)} {self._excess}, and {self._most} is the limit (api.goals)")
+        self.forget(ended)
+
+    def add(self, kept: K) -> None:
+        """Keep a call or goal."""
+        kept.client.hold()
+        self._items[kept.id] = self._of_client.setdefault(kept.client, {})[kept.id] = kept
+        if kept.ended:
+            self.end(kept)
+
+    def end(self, kept: K) -> None:
+        """Forget a call or goal that has ended after a while; no-op if it is not kept."""
+        if kept.id in self._items:
+            kept.timer = kept.client.graph.clock.call_later(self.seconds, partial(self.forget, kept))
+
+    def forget(self, kept: K) -> None:
+        """Remove a call or goal; a second call is a no-op."""
+        if self._items.pop(kept.id, None) is None:
+            return
+        own = self._of_client[kept.client]
+        del own[kept.id]
+        if not own:
+            del self._of_client[kept.client]
+        if kept.timer is not None:
+            kept.timer.cancel()
+        kept.forgotten()
+        for charge in kept.charges.values():
+            charge.end()
+        kept.client.release()
+
+    def close(self) -> None:
+        """Forget all."""
+        for kept in tuple(self._items.values()):
+            self.forget(kept)
+
+
+class HttpCall(Kept):
+    """Call of a service, from sending it until its outcome is read.
+
+    A call that requires approval may outlive its request.
+
+    Attributes:
         service: absolute name of the service.
         outcome: response or error; None while the call is pending.
         notices: notices of the gate about the request, such as clamping.
-        on_end: called with the outcome; set by :class:`HttpCalls`.
+        on_end: called when the call has ended.
 
     Args:
         client: client that calls.
@@ -74,14 +170,22 @@ class HttpCall:
     """
 
     def __init__(self, client: HttpClient, service: str) -> None:
+        super().__init__(client)
         self.id = uuid4().hex
-        self.client = client
         self.service = service
         self.outcome: Payload | CallFailed | None = None
         self.notices: list[str] = []
         self.on_end: Callable[[], None] | None = None
         self._pending: PendingCall | None = None
         self._answered = anyio.Event()
+
+    def keep_outcome(self) -> None:
+        """Charge the client for the response; without quota, the call has failed."""
+        if isinstance(self.outcome, Payload):
+            try:
+                self.charge("response", self.outcome)
+            except QuotaExceeded as exceeded:
+                self.outcome = CallFailed(f"the response is not kept: {exceeded}")
 
     def send(self, payload: Payload, seconds: float) -> None:
         """Send the call. Raises what :meth:`rwt.access.client_graph.ClientGraph.call_service` does."""
@@ -99,6 +203,7 @@ class HttpCall:
 
     def _on_reply(self, outcome: Payload | CallFailed) -> None:
         self.outcome = outcome if isinstance(outcome, CallFailed) else outcome.detach()
+        self.ended = True
         self._answered.set()
         if self.on_end is not None:
             self.on_end()
@@ -138,72 +243,3 @@ class HttpCall:
         where = f"{request.prefix}{PATH}{self.service.lstrip('/')}/calls/{self.id}"
         headers = {"Location": where, "Cache-Control": "no-store", "Retry-After": "1"}
         return value_response(request, body, 202, headers)
-
-
-class HttpCalls:
-    """Calls that outlive their requests; those that have ended are kept for `api.goal_seconds`.
-
-    Args:
-        settings: settings of the gateway.
-    """
-
-    def __init__(self, settings: HttpSettings) -> None:
-        self._most = settings.goals
-        self._keep_seconds = settings.goal_seconds
-        self._of_client: dict[HttpClient, dict[str, HttpCall]] = {}
-        self._kept: dict[HttpCall, tuple[Timer, Charge | None]] = {}
-
-    def keep(self, call: HttpCall) -> None:
-        """Keep a call that is pending.
-
-        Raises:
-            QuotaExceeded: the client has `api.goals` pending calls.
-        """
-        own = self._of_client.setdefault(call.client, {})
-        if len(own) >= self._most:
-            ended = next((each for each in own.values() if each.outcome is not None), None)
-            if ended is None:
-                raise QuotaExceeded(
-                    f"{len(own)} calls of this client wait, and {self._most} is the limit (api.goals)"
-                )
-            self._forget(ended)
-        own[call.id] = call
-        call.client.hold()
-        call.on_end = partial(self._end, call)
-
-    def _end(self, call: HttpCall) -> None:
-        """Keep the outcome of a call for a while, on the client's account."""
-        charge = None
-        if isinstance(call.outcome, Payload):
-            try:
-                charge = call.client.graph.keep(call.outcome.kept_size)
-            except QuotaExceeded as exceeded:
-                call.outcome = CallFailed(f"the response is not kept: {exceeded}")
-        timer = call.client.graph.clock.call_later(self._keep_seconds, partial(self._forget, call))
-        self._kept[call] = timer, charge
-
-    def _forget(self, call: HttpCall) -> None:
-        timer, charge = self._kept.pop(call)
-        timer.cancel()
-        if charge is not None:
-            charge.end()
-        own = self._of_client[call.client]
-        del own[call.id]
-        if not own:
-            del self._of_client[call.client]
-        call.client.release()
-
-    def find(self, client: HttpClient, service: str, id: str) -> HttpCall:
-        """Return a call of a client. Raises HttpProblem if it is unknown or forgotten."""
-        call = self._of_client.get(client, {}).get(id)
-        if call is None or call.service != service:
-            raise HttpProblem(
-                "not-found", f"no call {id} of {service} by this client is known here; those that have ended"
-                f" are kept for {self._keep_seconds:g} s", instead="call again with POST",
-            )  # fmt: skip
-        return call
-
-    def close(self) -> None:
-        """Forget the calls that have ended; the others end with their clients."""
-        for call in tuple(self._kept):
-            self._forget(call)

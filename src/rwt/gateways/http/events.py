@@ -16,7 +16,7 @@ from rwt_transports.endpoint import DropReason
 if TYPE_CHECKING:
     from rwt_interfaces.payload import Payload
     from rwt_protocol.frames import Buffer, Burst
-    from rwt_protocol.payloads import Sample
+    from rwt_protocol.payloads import PublishedMessage
     from rwt_transports.endpoint import FlowRules
 
 KEEP_ALIVE_SECONDS: Final = 15.0
@@ -48,10 +48,10 @@ def payload_event(payload: Payload, name: str) -> bytes:
     return f"event: {name}\ndata: ".encode() + one_line(payload.json()) + b"\n\n"
 
 
-def _sample_encoder(topic: str) -> Callable[[Sample], Frame]:
+def _sample_encoder(topic: str) -> Callable[[PublishedMessage], Frame]:
     """Return the encoder of samples as events; the event id is the time of publishing in nanoseconds."""
 
-    def encode(sample: Sample) -> Frame:
+    def encode(sample: PublishedMessage) -> Frame:
         head = b"id: %d\ndata: " % sample.stamp_ns
         return Frame(head, *map(one_line, sample.payload.json_parts()), b"\n\n")
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
-from rwt.gateways.http.calls import PATH, HttpCall, HttpCalls, notice_headers, preferred_wait
+from rwt.gateways.http.calls import PATH, HttpCall, KeptTable, notice_headers, preferred_wait
 from rwt.gateways.http.problems import CallWaits, HttpProblem
 from rwt.gateways.http.representations import payload_response, value_response
 from rwt.gateways.http.requests import Query, name_and_type, name_below, payload_of
@@ -33,7 +34,7 @@ class ServicePages:
     def __init__(self, clients: Clients, settings: HttpSettings) -> None:
         self._clients = clients
         self._settings = settings
-        self.calls = HttpCalls(settings)
+        self.calls: KeptTable[HttpCall] = KeptTable(settings, "calls of this client wait")
 
     def list(self, request: HttpRequest, reader: GraphView) -> HttpResponse:
         """List the visible services with their types."""
@@ -78,9 +79,15 @@ class ServicePages:
         """
         await call.wait(preferred_wait(request, self._settings.wait_seconds))
         if call.outcome is None:
-            self.calls.keep(call)
+            self.calls.make_room(call.client)
+            call.on_end = partial(self._end, call)
+            self.calls.add(call)
             raise CallWaits(call.state(request))
         return call.response()
+
+    def _end(self, call: HttpCall) -> None:
+        call.keep_outcome()
+        self.calls.end(call)
 
     async def _call(self, request: HttpRequest, reader: GraphView, found: re.Match[str]) -> HttpResponse:
         """Return the outcome of a call that required approval, or its state."""
@@ -88,7 +95,12 @@ class ServicePages:
         name = name_below(replace(request, path=request.path[: found.start()]), PATH, "service")
         with self._clients.client_of(request, reader) as client:
             client.graph.require("call", name)
-            call = self.calls.find(client, name, found[1])
+            call = self.calls.get(found[1])
+            if call is None or call.client is not client or call.service != name:
+                raise HttpProblem(
+                    "not-found", f"no call {found[1]} of {name} by this client is known here; those that have"
+                    f" ended are kept for {self.calls.seconds:g} s", instead="call again with POST",
+                )  # fmt: skip
             await call.wait(preferred_wait(request, self._settings.wait_seconds))
             if call.outcome is None:
                 return call.state(request)

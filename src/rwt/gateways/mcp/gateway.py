@@ -27,7 +27,7 @@ from rwt.access.roles import glob_pattern
 from rwt.access.settings import LINGER_SECONDS
 from rwt.gateways.base import MAX_STOP_BYTES, Gateway
 from rwt.gateways.mcp.agent import Agent
-from rwt.gateways.mcp.asgi import Exchange
+from rwt.gateways.mcp.asgi import AgentExchange
 from rwt.gateways.mcp.client_robot import ClientRobot
 from rwt.gateways.mcp.errors import ToolError
 from rwt.gateways.mcp.goals import GoalTable
@@ -240,7 +240,7 @@ class McpGateway(Gateway):
             session.under_way += 1
             # Bound to its owner: a session's id alone does not authorise its use.
         user = AuthenticatedUser(AccessToken(token="", client_id=caller.owner, scopes=[]))
-        exchange = Exchange(
+        exchange = AgentExchange(
             self._manager.asgi_app,
             request,
             {_CALLER: caller, "user": user},

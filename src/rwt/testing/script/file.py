@@ -16,27 +16,27 @@ Count = Annotated[int, Field(ge=0, le=10**9)]
 AtLeastOne = Annotated[int, Field(ge=1, le=10**9)]
 
 
-class Table(BaseModel):
+class ScriptTable(BaseModel):
     """Table of the file."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
-class Recorded(Table):
+class Recorded(ScriptTable):
     """Message with its time."""
 
     at: Annotated[Seconds, Field(description="seconds of the robot's clock from the beginning")]
     msg: Annotated[Fields, Field(description="the message")]
 
 
-def _only_one(table: Table, keys: tuple[str, ...]) -> list[str]:
+def _only_one(table: ScriptTable, keys: tuple[str, ...]) -> list[str]:
     given = [key for key in keys if key in table.model_fields_set]
     if len(given) > 1:
         raise ValueError(f"expected one of {' and '.join(f'`{key}`' for key in given)}, not both")
     return given
 
 
-class TopicScript(Table):
+class TopicScript(ScriptTable):
     """Topic. Without `latched`, `messages`, `recorded` and `file`, it only has a type."""
 
     type: Annotated[str, Field(description="message type, for example `std_msgs/String`")]
@@ -75,7 +75,7 @@ class TopicScript(Table):
 _ANSWERS = ("returns", "fails", "never_answers")
 
 
-class AnswerScript(Table):
+class AnswerScript(ScriptTable):
     """Answer to a call."""
 
     returns: Annotated[
@@ -114,7 +114,7 @@ class ServiceScript(AnswerScript):
         return self
 
 
-class ActionScript(Table):
+class ActionScript(ScriptTable):
     """Action and the course of its goals. By default they succeed with a default result."""
 
     type: Annotated[str, Field(description="action type, for example `example_interfaces/Fibonacci`")]
@@ -133,7 +133,7 @@ class ActionScript(Table):
         return self
 
 
-class FaultScript(Table):
+class FaultScript(ScriptTable):
     """Fault: one of `drop`, `delay`, `duplicate`, `refuse` and `slow_reader`."""
 
     drop: Annotated[str | None, Field(description="glob of topics, services or actions to lose")] = None
@@ -163,7 +163,7 @@ class FaultScript(Table):
         return self
 
 
-class Script(Table):
+class Script(ScriptTable):
     """Script file."""
 
     name: Annotated[str, Field(description="name of the robot's node")] = "robot"

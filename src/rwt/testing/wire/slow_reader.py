@@ -17,7 +17,7 @@ MOST_WAITING = 10_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Waiting:
+class _QueuedMessage:
     """Queued message; `flow` is None for a reply, which is never dropped."""
 
     send: Callable[[], None]
@@ -36,7 +36,7 @@ class SlowReader:
     def __init__(self, clock: Clock, read_rate: Callable[[], float | None]) -> None:
         self._clock = clock
         self._read_rate = read_rate
-        self._waiting: deque[_Waiting] = deque()
+        self._waiting: deque[_QueuedMessage] = deque()
         self._ticking = False
 
     @property
@@ -62,7 +62,7 @@ class SlowReader:
             self._make_room(flow, depth)
         if flow is not None and len(self._waiting) >= MOST_WAITING:
             self._drop_oldest(lambda each: each.flow is not None, DropReason.BACKLOG)
-        self._waiting.append(_Waiting(send, flow, on_drop))
+        self._waiting.append(_QueuedMessage(send, flow, on_drop))
         if not self._ticking:
             self._tick()
 
@@ -70,7 +70,7 @@ class SlowReader:
         while sum(each.flow is flow for each in self._waiting) >= max(1, depth):
             self._drop_oldest(lambda each: each.flow is flow, DropReason.QUEUE)
 
-    def _drop_oldest(self, is_meant: Callable[[_Waiting], bool], reason: DropReason) -> None:
+    def _drop_oldest(self, is_meant: Callable[[_QueuedMessage], bool], reason: DropReason) -> None:
         oldest = next((each for each in self._waiting if is_meant(each)), None)
         if oldest is None:
             return

@@ -131,17 +131,17 @@ def test_what_clients_say_in_bytes(data: str, message: said.Binary) -> None:
     [
         (
             '{"op":"subscribe","subscriptions":[{"id":1,"channelId":10},{"id":2,"channelId":20}]}',
-            said.Subscribe([said.ChannelSubscription(1, 10), said.ChannelSubscription(2, 20)]),
+            said.SubscribeChannels([said.ChannelSubscription(1, 10), said.ChannelSubscription(2, 20)]),
         ),
-        ('{"op":"unsubscribe","subscriptionIds":[1,2,3]}', said.Unsubscribe([1, 2, 3])),
+        ('{"op":"unsubscribe","subscriptionIds":[1,2,3]}', said.UnsubscribeChannels([1, 2, 3])),
         (
             (
                 '{"op":"advertise","channels":[{"id":1,"topic":"/t","encoding":"json","schemaName":"s",'
                 '"schemaEncoding":"ros2msg","schema":"int32 x"}]}'
             ),
-            said.Advertise([said.ClientChannel(1, "/t", "json", "s")]),
+            said.AdvertiseChannels([said.ClientChannel(1, "/t", "json", "s")]),
         ),
-        ('{"op":"unadvertise","channelIds":[1]}', said.Unadvertise([1])),
+        ('{"op":"unadvertise","channelIds":[1]}', said.UnadvertiseChannels([1])),
         ('{"op":"getParameters","parameterNames":["a"],"id":"x"}', said.GetParameters(["a"], "x")),
         (
             '{"op":"setParameters","parameters":[{"name":"a","value":1.5,"type":"float64"},{"name":"b"}]}',

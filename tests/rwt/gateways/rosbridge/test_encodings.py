@@ -26,7 +26,7 @@ from rwt_interfaces.registry import Registry
 from rwt_protocol import codecs
 from rwt_protocol.codecs import CODECS, Encoding, PublishEncoder
 from rwt_protocol.frames import Frame
-from rwt_protocol.payloads import Sample
+from rwt_protocol.payloads import PublishedMessage
 from tests.rwt.gateways.rosbridge.recording_client import Client
 
 SHARED = json.loads((Path(__file__).parents[3] / "protocol" / "examples.json").read_text())
@@ -252,7 +252,7 @@ def test_one_encode_for_each_encoding_whatever_the_number_of_clients(
         def encoder(topic: str) -> PublishEncoder:
             encode = encoding.publish_encoder(topic)
 
-            def count(sample: Sample) -> Frame:
+            def count(sample: PublishedMessage) -> Frame:
                 encoded.append(encoding.name)
                 return encode(sample)
 

@@ -20,7 +20,7 @@ from rwt.gateways.rosbridge.bridge import Bridge
 from rwt_protocol import codecs
 from rwt_protocol.codecs import CODECS, PublishEncoder
 from rwt_protocol.frames import Frame
-from rwt_protocol.payloads import Sample
+from rwt_protocol.payloads import PublishedMessage
 from rwt_transports.drivers.asyncio_protocol import WATCHED_BYTES
 from rwt_transports.endpoint import Endpoint, PeerInfo
 from rwt_transports.limits import Limits
@@ -30,15 +30,15 @@ from tests.rwt.gateways.rosbridge.recording_client import Client
 
 
 @pytest.fixture
-def encoded(monkeypatch: pytest.MonkeyPatch) -> list[Sample]:
+def encoded(monkeypatch: pytest.MonkeyPatch) -> list[PublishedMessage]:
     """Every sample that was encoded, in order."""
-    samples: list[Sample] = []
+    samples: list[PublishedMessage] = []
     real = CODECS["none"]
 
     def encoder(topic: str) -> PublishEncoder:
         encode = real.publish_encoder(topic)
 
-        def counting(sample: Sample) -> Frame:
+        def counting(sample: PublishedMessage) -> Frame:
             samples.append(sample)
             return encode(sample)
 
@@ -54,7 +54,7 @@ def _publish(client: Client, count: int) -> None:
 
 
 def test_one_encode_per_publish_whatever_the_number_of_clients(
-    encoded: list[Sample], client: Client, connect: Callable[[], Client]
+    encoded: list[PublishedMessage], client: Client, connect: Callable[[], Client]
 ) -> None:
     listeners = [connect() for _ in range(20)]
     for number, listener in enumerate(listeners):
@@ -65,14 +65,14 @@ def test_one_encode_per_publish_whatever_the_number_of_clients(
     assert all(len(listener.frames) == 5 for listener in listeners[::2])
 
 
-def test_nothing_is_encoded_when_nobody_listens(encoded: list[Sample], client: Client) -> None:
+def test_nothing_is_encoded_when_nobody_listens(encoded: list[PublishedMessage], client: Client) -> None:
     client.say("subscribe", topic="/n", type="std_msgs/Int32")
     client.say("unsubscribe", topic="/n")
     _publish(client, 5)
     assert encoded == []
 
 
-def test_nothing_is_encoded_for_gates_that_are_shut(encoded: list[Sample], client: Client) -> None:
+def test_nothing_is_encoded_for_gates_that_are_shut(encoded: list[PublishedMessage], client: Client) -> None:
     client.say("subscribe", topic="/n", type="std_msgs/Int32", throttle_rate=1000)
     _publish(client, 5)
     assert len(encoded) == 1

@@ -57,25 +57,25 @@ class Parameter(Struct, frozen=True):
     type: Literal["byte_array", "float64", "float64_array"] | UnsetType | None = UNSET
 
 
-class Subscribe(Struct, frozen=True, tag_field="op", tag="subscribe"):
+class SubscribeChannels(Struct, frozen=True, tag_field="op", tag="subscribe"):
     """Request to subscribe to channels."""
 
     subscriptions: list[ChannelSubscription]
 
 
-class Unsubscribe(Struct, frozen=True, rename="camel", tag_field="op", tag="unsubscribe"):
+class UnsubscribeChannels(Struct, frozen=True, rename="camel", tag_field="op", tag="unsubscribe"):
     """Request to end subscriptions."""
 
     subscription_ids: list[Id]
 
 
-class Advertise(Struct, frozen=True, tag_field="op", tag="advertise"):
+class AdvertiseChannels(Struct, frozen=True, tag_field="op", tag="advertise"):
     """Advertisement of channels on which the client will publish."""
 
     channels: list[ClientChannel]
 
 
-class Unadvertise(Struct, frozen=True, rename="camel", tag_field="op", tag="unadvertise"):
+class UnadvertiseChannels(Struct, frozen=True, rename="camel", tag_field="op", tag="unadvertise"):
     """Request to withdraw advertised channels."""
 
     channel_ids: list[Id]
@@ -156,10 +156,10 @@ class PlaybackControlRequest(Struct, frozen=True):
 
 
 Text = (
-    Subscribe
-    | Unsubscribe
-    | Advertise
-    | Unadvertise
+    SubscribeChannels
+    | UnsubscribeChannels
+    | AdvertiseChannels
+    | UnadvertiseChannels
     | GetParameters
     | SetParameters
     | SubscribeParameterUpdates
